@@ -1,0 +1,47 @@
+"""Runout assessment of landslides, rock-ice avalanches and debris flows with a sparse material point method.
+
+The public names are listed in ``__all__``; they are imported on first use, so that ``import runout`` stays quick.
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Terrain": "runout.model.terrain",
+    "Release": "runout.model.release",
+    "Placement": "runout.model.release",
+    "Material": "runout.model.materials",
+    "Elastic": "runout.model.materials",
+    "DruckerPrager": "runout.model.materials",
+    "Cone": "runout.model.materials",
+    "Particles": "runout.model.particles",
+    "Scene": "runout.model.scene",
+    "simulate": "runout.simulation",
+    "Result": "runout.result",
+    "Site": "runout.config.site",
+    "read_site": "runout.config.site",
+    "RunoutError": "runout.errors",
+    "DemError": "runout.errors",
+    "ReleaseError": "runout.errors",
+    "ConfigError": "runout.errors",
+    "MaterialError": "runout.errors",
+    "CapacityError": "runout.errors",
+    "StabilityError": "runout.errors",
+    "DeviceError": "runout.errors",
+}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'runout' has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])
