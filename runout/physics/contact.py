@@ -1,0 +1,54 @@
+"""Frictional contact of a particle with the ground: one impulse per contact particle.
+
+The impulse acts on the grid before velocities return to the particles. Everything is per particle: the velocity u that
+the particle would receive, the normal n, the gap, and the lumped compliance A = sum_n w_n S_n / m_n [1/kg] where S_n is
+the sum of the weights of all contact particles at node n.
+"""
+
+import math
+from typing import Any
+
+from runout.physics.tensors import dot, real, vec
+
+
+def in_contact(gap: Any, normal_velocity: Any, dt: Any, band: Any):
+    """Whether a particle touches the ground within the step; ``band`` [m] is the tolerance."""
+    approach = normal_velocity
+    if approach > real(0.0):
+        approach = real(0.0)
+    return gap + dt * approach < band
+
+
+def impulse(u: Any, n: Any, gap: Any, compliance: Any, friction: Any, dt: Any):
+    """Impulse [N s] of the ground on a particle: unilateral, with Coulomb friction on the whole tangential vector.
+
+    Normal: u.n after the step is at least -gap/dt, so that the gap closes but never turns negative; it never pulls.
+    Tangential: sticks if the friction cone admits it, else slides (Coulomb).
+    """
+    closing = gap
+    if closing < real(0.0):
+        closing = real(0.0)
+    un = dot(u, n)
+    normal = (-closing / dt - un) / compliance
+    if normal <= real(0.0):
+        return vec(real(0.0), real(0.0), real(0.0))
+    tx = u[0] - un * n[0]
+    ty = u[1] - un * n[1]
+    tz = u[2] - un * n[2]
+    slip = math.sqrt(tx * tx + ty * ty + tz * tz)
+    s = real(1.0) / compliance
+    if slip > friction * normal * compliance:
+        s = friction * normal / slip
+    return vec(normal * n[0] - s * tx, normal * n[1] - s * ty, normal * n[2] - s * tz)
+
+
+def work(push: Any, before: Any, u: Any, compliance: Any):
+    """Work [J] of an impulse, with the mean of the particle's velocities before the step and after it.
+
+    ``u`` is the velocity that it would have without the impulse. Gravity, internal force and impulse act in one step;
+    the mean over the whole step books none of the work that the ground does against forces that it cancels.
+    """
+    x = before[0] + u[0] + compliance * push[0]
+    y = before[1] + u[1] + compliance * push[1]
+    z = before[2] + u[2] + compliance * push[2]
+    return real(0.5) * (push[0] * x + push[1] * y + push[2] * z)

@@ -1,0 +1,132 @@
+"""Isotropic Hencky elasticity without eigenvectors.
+
+The state is B = b_e - I: in float32 it keeps small strains to 4e-6 over 1e5 steps where b_e itself loses half of them.
+Stress is Kirchhoff stress tau = lambda tr(h) I + 2 mu h of the log strain h = 1/2 log(b_e)
+(Xiao & Chen 2002, Acta Mech. 157:51, eq. 3.5), so that V0 tau = V sigma.
+"""
+
+import math
+from typing import Any
+
+from runout.physics.tensors import added, inverse, isotropic, norm, product, real, scaled, shifted, sym, trace
+
+
+def lame_lambda(youngs_modulus: Any, nu: Any):
+    """First Lame parameter [Pa]."""
+    return youngs_modulus * nu / ((real(1.0) + nu) * (real(1.0) - real(2.0) * nu))
+
+
+def shear_modulus(youngs_modulus: Any, nu: Any):
+    """Shear modulus [Pa]."""
+    return youngs_modulus / (real(2.0) * (real(1.0) + nu))
+
+
+def wave_speed(lam: Any, mu: Any, density: Any):
+    """Speed of pressure waves [m/s]."""
+    return math.sqrt((lam + real(2.0) * mu) / density)
+
+
+def trial_strain(B: Any, L: Any):
+    """B after a step with velocity gradient times dt ``L``: B + G + G^T + G L^T with G = L (I + B).
+
+    Nothing is added to the identity: (I + L) B (I + L)^T in float32 loses the small step in I + L, 0.2 % of the strain
+    in 1e5 steps where this form loses 1e-5 to 1e-4.
+    """
+    g0 = L[0] + L[0] * B[0] + L[1] * B[3] + L[2] * B[5]
+    g1 = L[1] + L[0] * B[3] + L[1] * B[1] + L[2] * B[4]
+    g2 = L[2] + L[0] * B[5] + L[1] * B[4] + L[2] * B[2]
+    g3 = L[3] + L[3] * B[0] + L[4] * B[3] + L[5] * B[5]
+    g4 = L[4] + L[3] * B[3] + L[4] * B[1] + L[5] * B[4]
+    g5 = L[5] + L[3] * B[5] + L[4] * B[4] + L[5] * B[2]
+    g6 = L[6] + L[6] * B[0] + L[7] * B[3] + L[8] * B[5]
+    g7 = L[7] + L[6] * B[3] + L[7] * B[1] + L[8] * B[4]
+    g8 = L[8] + L[6] * B[5] + L[7] * B[4] + L[8] * B[2]
+    return sym(
+        B[0] + (real(2.0) * g0 + (g0 * L[0] + g1 * L[1] + g2 * L[2])),
+        B[1] + (real(2.0) * g4 + (g3 * L[3] + g4 * L[4] + g5 * L[5])),
+        B[2] + (real(2.0) * g8 + (g6 * L[6] + g7 * L[7] + g8 * L[8])),
+        B[3] + (g1 + g3 + (g0 * L[3] + g1 * L[4] + g2 * L[5])),
+        B[4] + (g5 + g7 + (g3 * L[6] + g4 * L[7] + g5 * L[8])),
+        B[5] + (g2 + g6 + (g0 * L[6] + g1 * L[7] + g2 * L[8])),
+    )
+
+
+def log_strain_series(B: Any):
+    """1/2 log(I + B) for |B| <= 0.1: atanh(Z) = Z + Z^3/3 + ... + Z^9/9 with Z = B (2I + B)^-1."""
+    Z = product(B, inverse(shifted(B, real(2.0))))
+    S = product(Z, Z)
+    P = shifted(scaled(S, real(1.0) / real(9.0)), real(1.0) / real(7.0))
+    P = shifted(product(S, P), real(1.0) / real(5.0))
+    P = shifted(product(S, P), real(1.0) / real(3.0))
+    P = product(S, P)
+    return added(Z, product(Z, P))
+
+
+def square_root(b: Any):
+    """Square root of a positive definite tensor (Denman & Beavers 1976; ten steps serve eigenvalues of 1e-3 to 1e3)."""
+    Y = b
+    Z = isotropic(real(1.0))
+    for _step in range(10):
+        X = scaled(added(Y, inverse(Z)), real(0.5))
+        Z = scaled(added(Z, inverse(Y)), real(0.5))
+        Y = X
+    return Y
+
+
+def log_strain_scaled(B: Any):
+    """1/2 log(I + B) for large strain, by six square roots: log b = 64 log(b^(1/64)) (Higham 2008, alg. 11.9)."""
+    b = shifted(B, real(1.0))
+    for _root in range(6):
+        b = square_root(b)
+    return scaled(log_strain_series(shifted(b, real(-1.0))), real(64.0))
+
+
+def log_strain(B: Any):
+    """Hencky strain h = 1/2 log(I + B) [1]."""
+    if norm(B) <= real(0.1):
+        return log_strain_series(B)
+    return log_strain_scaled(B)
+
+
+def strain_series(X: Any):
+    """exp(X) - I for |X| <= 0.1, to the eighth order."""
+    P = shifted(scaled(X, real(1.0) / real(8.0)), real(1.0))
+    P = shifted(scaled(product(X, P), real(1.0) / real(7.0)), real(1.0))
+    P = shifted(scaled(product(X, P), real(1.0) / real(6.0)), real(1.0))
+    P = shifted(scaled(product(X, P), real(1.0) / real(5.0)), real(1.0))
+    P = shifted(scaled(product(X, P), real(1.0) / real(4.0)), real(1.0))
+    P = shifted(scaled(product(X, P), real(1.0) / real(3.0)), real(1.0))
+    P = shifted(scaled(product(X, P), real(0.5)), real(1.0))
+    return product(X, P)
+
+
+def strain_of_log(h: Any):
+    """B = exp(2h) - I of a Hencky strain; large ones by scaling and squaring, |h| up to 3."""
+    if norm(h) <= real(0.05):
+        return strain_series(scaled(h, real(2.0)))
+    Y = strain_series(scaled(h, real(2.0) / real(64.0)))
+    for _doubling in range(6):
+        Y = added(scaled(Y, real(2.0)), product(Y, Y))
+    return Y
+
+
+def kirchhoff_stress(h: Any, mat: Any):
+    """Kirchhoff stress tau [Pa], tension positive."""
+    return added(isotropic(mat.lame_lambda * trace(h)), scaled(h, real(2.0) * mat.shear_modulus))
+
+
+def energy_density(h: Any, mat: Any):
+    """Stored energy per stress-free volume [J/m3]."""
+    t = trace(h)
+    n = norm(h)
+    return real(0.5) * mat.lame_lambda * t * t + mat.shear_modulus * n * n
+
+
+def update(B: Any, L: Any, history: Any, mat: Any):
+    """One step of the law.
+
+    Returns the new B, the Hencky strain that gives its stress, the history variable and the energy
+    dissipated per stress-free volume [J/m3].
+    """
+    trial = trial_strain(B, L)
+    return trial, log_strain(trial), history, real(0.0)

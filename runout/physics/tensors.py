@@ -1,0 +1,98 @@
+"""Vectors and tensors as opaque values: build them with ``vec``, ``sym`` and ``tens``, index them, never operate on them.
+
+As plain Python they are tuples; warp binds them to its vector types. Components of a symmetric tensor are ordered
+xx, yy, zz, xy, yz, zx; of a general one by rows.
+"""
+
+import math
+from typing import Any
+
+real = float
+i64 = int
+
+
+def vec(x, y, z):
+    return (x, y, z)
+
+
+def sym(xx, yy, zz, xy, yz, zx):
+    return (xx, yy, zz, xy, yz, zx)
+
+
+def tens(xx, xy, xz, yx, yy, yz, zx, zy, zz):
+    return (xx, xy, xz, yx, yy, yz, zx, zy, zz)
+
+
+def dot(a: Any, b: Any):
+    """Scalar product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def trace(a: Any):
+    """Trace of a symmetric tensor."""
+    return a[0] + a[1] + a[2]
+
+
+def isotropic(a: Any):
+    """Symmetric tensor a I."""
+    return sym(a, a, a, real(0.0), real(0.0), real(0.0))
+
+
+def shifted(a: Any, s: Any):
+    """a + s I."""
+    return sym(a[0] + s, a[1] + s, a[2] + s, a[3], a[4], a[5])
+
+
+def scaled(a: Any, s: Any):
+    """s a."""
+    return sym(s * a[0], s * a[1], s * a[2], s * a[3], s * a[4], s * a[5])
+
+
+def added(a: Any, b: Any):
+    """a + b."""
+    return sym(a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
+
+
+def contracted(a: Any, b: Any):
+    """Double contraction a : b of two symmetric tensors."""
+    shear = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + real(2.0) * shear
+
+
+def norm(a: Any):
+    """Frobenius norm of a symmetric tensor."""
+    shear = a[3] * a[3] + a[4] * a[4] + a[5] * a[5]
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + real(2.0) * shear)
+
+
+def deviator(a: Any):
+    """a - tr(a)/3 I."""
+    return shifted(a, -trace(a) / real(3.0))
+
+
+def product(a: Any, b: Any):
+    """Product of two symmetric tensors that commute (functions of one tensor), again symmetric."""
+    return sym(
+        a[0] * b[0] + a[3] * b[3] + a[5] * b[5],
+        a[3] * b[3] + a[1] * b[1] + a[4] * b[4],
+        a[5] * b[5] + a[4] * b[4] + a[2] * b[2],
+        a[0] * b[3] + a[3] * b[1] + a[5] * b[4],
+        a[3] * b[5] + a[1] * b[4] + a[4] * b[2],
+        a[5] * b[0] + a[4] * b[3] + a[2] * b[5],
+    )
+
+
+def inverse(a: Any):
+    """Inverse of a symmetric tensor that is not singular."""
+    xx = a[1] * a[2] - a[4] * a[4]
+    xy = a[5] * a[4] - a[3] * a[2]
+    zx = a[3] * a[4] - a[1] * a[5]
+    d = real(1.0) / (a[0] * xx + a[3] * xy + a[5] * zx)
+    return sym(
+        xx * d,
+        (a[0] * a[2] - a[5] * a[5]) * d,
+        (a[0] * a[1] - a[3] * a[3]) * d,
+        xy * d,
+        (a[3] * a[5] - a[0] * a[4]) * d,
+        zx * d,
+    )
