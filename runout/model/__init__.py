@@ -1,0 +1,1 @@
+"""What all backends agree on: frozen dataclasses over NumPy, no loops."""

@@ -1,0 +1,127 @@
+"""Materials: what a user states, checked once; angles in degrees at this edge."""
+
+import math
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import ClassVar
+
+from runout.errors import MaterialError
+from runout.physics import drucker_prager, elastic
+
+
+class Cone(StrEnum):
+    """How the Drucker-Prager cone meets the Mohr-Coulomb surface."""
+
+    TRIAXIAL_COMPRESSION = "triaxial_compression"
+    TRIAXIAL_EXTENSION = "triaxial_extension"
+    PLANE_STRAIN = "plane_strain"
+    PLANE_STRAIN_ASSOCIATED = "plane_strain_associated"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """Linear Hencky elasticity, the base of every law.
+
+    Parameters
+    ----------
+    density : float
+        Bulk density [kg m-3], > 0.
+    youngs_modulus : float
+        Young's modulus [Pa], > 0.
+    poisson_ratio : float
+        Poisson's ratio [1], 0 <= nu < 0.5.
+
+    Raises
+    ------
+    MaterialError
+        Names the parameter, its value and its range.
+    """
+
+    law: ClassVar[str] = "elastic"
+    density: float
+    youngs_modulus: float
+    poisson_ratio: float = 0.3
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if isinstance(value, int | float) and not isinstance(value, bool) and not math.isfinite(value):
+                raise MaterialError(f"{f.name} is {value}; it must be a finite number")
+        self._require("density", 0.0, math.inf, " kg m-3", open_low=True)
+        self._require("youngs_modulus", 0.0, math.inf, " Pa", open_low=True)
+        self._require("poisson_ratio", 0.0, 0.495, "")
+
+    def _require(self, name: str, low: float, high: float, unit: str, open_low: bool = False) -> None:
+        value = getattr(self, name)
+        if value < low or value > high or (open_low and value == low):
+            allowed = f"above {low:g}{unit}" if open_low else f"between {low:g}{unit} and {high:g}{unit}"
+            raise MaterialError(f"{name} is {value:g}{unit}; it must lie {allowed}")
+
+    @property
+    def lame_lambda(self) -> float:
+        """First Lame parameter [Pa]."""
+        return elastic.lame_lambda(self.youngs_modulus, self.poisson_ratio)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus [Pa]."""
+        return elastic.shear_modulus(self.youngs_modulus, self.poisson_ratio)
+
+    @property
+    def wave_speed(self) -> float:
+        """Speed of pressure waves [m/s]."""
+        return elastic.wave_speed(self.lame_lambda, self.shear_modulus, self.density)
+
+    def record(self) -> dict[str, float]:
+        """Parameters of the law by name, SI and radians."""
+        return {"lame_lambda": self.lame_lambda, "shear_modulus": self.shear_modulus}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Elastic(Material):
+    """Hencky elasticity without failure."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DruckerPrager(Material):
+    """Hencky elasticity with a non-dilatant Drucker-Prager cone.
+
+    Parameters
+    ----------
+    friction_angle : float
+        Internal friction angle of Mohr-Coulomb [deg], 0 to 60.
+    cohesion : float
+        Cohesion of Mohr-Coulomb [Pa], >= 0.
+    cone : Cone
+        How the cone is matched to Mohr-Coulomb.
+    volume_correction : bool
+        Material that expanded at the apex must recompress before it carries load (Tampubolon et al. 2017, sec. 4.3.4).
+    """
+
+    law: ClassVar[str] = "drucker_prager"
+    friction_angle: float
+    cohesion: float = 0.0
+    cone: Cone = Cone.PLANE_STRAIN
+    volume_correction: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("friction_angle", 0.0, 60.0, " deg")
+        self._require("cohesion", 0.0, math.inf, " Pa")
+        if self.friction_angle == 0 and self.cohesion == 0:
+            raise MaterialError("friction_angle and cohesion are both 0; such a material has no strength, set one of them")
+        try:
+            object.__setattr__(self, "cone", Cone(self.cone))
+        except ValueError:
+            raise MaterialError(f"cone is {self.cone!r}; choose one of {', '.join(Cone)}") from None
+
+    def record(self) -> dict[str, float]:
+        """Parameters of the law by name, SI and radians."""
+        phi, c = math.radians(self.friction_angle), self.cohesion
+        slope, intercept = getattr(drucker_prager, f"cone_{self.cone}")(phi, c)
+        return {
+            **super().record(),
+            "cone_slope": slope,
+            "cone_intercept": intercept,
+            "volume_correction": float(self.volume_correction),
+        }

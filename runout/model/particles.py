@@ -1,0 +1,95 @@
+"""Particles as the backends exchange them: arrays in float64, one table of their types."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+ARRAYS = {  # name: (dtype, trailing shape)
+    "node": (np.int32, (3,)),
+    "offset": (np.float64, (3,)),
+    "velocity": (np.float64, (3,)),
+    "affine": (np.float64, (3, 3)),
+    "strain": (np.float64, (6,)),
+    "history": (np.float64, ()),
+    "mass": (np.float64, ()),
+    "volume": (np.float64, ()),
+    "radius": (np.float64, ()),
+    "release": (np.int32, ()),
+    "identity": (np.int64, ()),
+}
+
+
+@dataclass
+class Particles:
+    """State of ``n`` particles.
+
+    Attributes
+    ----------
+    node : (n, 3) int32
+        First of the three grid nodes an axis that the particle sees.
+    offset : (n, 3) float64
+        Offset from that node [cells], 0.5 <= offset < 1.5. Position = (node + offset) * spacing.
+    velocity : (n, 3) [m/s]
+    affine : (n, 3, 3)
+        Velocity gradient C of APIC [1/s], ``C[i, j] = dv_i/dx_j``.
+    strain : (n, 6)
+        Elastic left Cauchy-Green tensor minus identity, B = b_e - I [1]; xx, yy, zz, xy, yz, zx.
+    history : (n,)
+        History variable of the law (Drucker-Prager: log volume gained at the apex [1]).
+    mass : (n,) [kg]
+    volume : (n,)
+        Volume in the stress-free state [m3].
+    radius : (n,)
+        Half the particle's size normal to the ground [m].
+    release : (n,) int32
+        Index of the release it belongs to.
+    identity : (n,) int64
+        Number that stays with the particle.
+    """
+
+    node: np.ndarray
+    offset: np.ndarray
+    velocity: np.ndarray
+    affine: np.ndarray
+    strain: np.ndarray
+    history: np.ndarray
+    mass: np.ndarray
+    volume: np.ndarray
+    radius: np.ndarray
+    release: np.ndarray
+    identity: np.ndarray
+
+    @classmethod
+    def zeros(cls, n: int) -> "Particles":
+        """``n`` particles with every array zero, numbered."""
+        arrays = {name: np.zeros((n, *shape), dtype) for name, (dtype, shape) in ARRAYS.items()}
+        arrays["identity"] = np.arange(n, dtype=np.int64)
+        return cls(**arrays)
+
+    @classmethod
+    def at(cls, position: np.ndarray, spacing: np.ndarray) -> "Particles":
+        """Particles at local positions (n, 3) [m] on a grid of ``spacing`` (3,) [m]; all else zero."""
+        q = np.asarray(position, np.float64) / np.asarray(spacing, np.float64)
+        particles = cls.zeros(len(q))
+        first = np.floor(q - 0.5)
+        particles.node[:] = first
+        particles.offset[:] = q - first
+        return particles
+
+    def __len__(self) -> int:
+        return len(self.mass)
+
+    def position(self, spacing: np.ndarray) -> np.ndarray:
+        """Local positions (n, 3) [m], float64."""
+        return (self.node + self.offset) * np.asarray(spacing, np.float64)
+
+    def take(self, index: np.ndarray) -> "Particles":
+        """The particles of an index or mask."""
+        return Particles(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+    @staticmethod
+    def concatenate(parts: "list[Particles]") -> "Particles":
+        """All particles of several sets, numbered anew."""
+        arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ARRAYS}
+        arrays["identity"] = np.arange(len(arrays["mass"]), dtype=np.int64)
+        return Particles(**arrays)

@@ -1,0 +1,142 @@
+"""Release: the mass that starts to move, as thickness over the terrain's cells."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.model.materials import Material
+from runout.model.terrain import Terrain
+
+
+class Placement(StrEnum):
+    """Where the released mass lies."""
+
+    EXCAVATED = "excavated"  # below the surface: the elevation minus the thickness is the sliding surface
+    ON_SURFACE = "on_surface"  # on top of the elevation
+
+    @classmethod
+    def of(cls, value: "Placement | str") -> "Placement":
+        """The placement of that name; ReleaseError lists the names."""
+        try:
+            return cls(value)
+        except ValueError:
+            raise ReleaseError(f"placement is {value!r}; choose one of {', '.join(cls)}") from None
+
+
+@dataclass(frozen=True)
+class Release:
+    """Vertical thickness of a released mass on the cells of a terrain.
+
+    Parameters
+    ----------
+    thickness : ndarray (rows, columns)
+        Mean vertical thickness over each cell of the terrain [m], >= 0; cells cut by the outline carry
+        the covered fraction. ``sum(thickness) * cell_area`` is the volume.
+    terrain : Terrain
+        The terrain it lies on.
+    outline : shapely geometry or None
+        Polygon or multipolygon in map coordinates; sharpens the edge when particles are sampled.
+    placement : Placement
+        Below the surface or on top of it.
+    basal_friction_angle : float or None
+        Replaces the friction angle of the run for this mass [rad].
+    material : Material or None
+        Replaces the material of the run for this mass.
+    name, source : str
+        For messages and products.
+    changes : tuple of str
+        What was assumed or changed on the way in, one sentence each.
+    """
+
+    thickness: np.ndarray
+    terrain: Terrain
+    outline: Any = None
+    placement: Placement = Placement.EXCAVATED
+    basal_friction_angle: float | None = None
+    material: Material | None = None
+    name: str = "release"
+    source: str = "array"
+    changes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        t = np.array(self.thickness, dtype=np.float64)
+        if t.shape != self.terrain.shape:
+            raise ReleaseError(
+                f"{self.source}: thickness has shape {t.shape}, the terrain {self.terrain.shape}; give it on the terrain's cells"
+            )
+        if not np.isfinite(t).all():
+            count = int((~np.isfinite(t)).sum())
+            raise ReleaseError(f"{self.source}: {count} cells have no thickness; write 0 where nothing is released")
+        if t.min() < 0:
+            raise ReleaseError(
+                f"{self.source}: {int((t < 0).sum())} cells have a negative thickness (smallest {t.min():g} m); it must be >= 0"
+            )
+        if t.max() == 0:
+            raise ReleaseError(f"{self.source}: the release is empty; its thickness is 0 everywhere")
+        t.setflags(write=False)
+        object.__setattr__(self, "thickness", t)
+        object.__setattr__(self, "placement", Placement.of(self.placement))
+
+    @classmethod
+    def from_vector(
+        cls,
+        path: str | PathLike[str],
+        terrain: Terrain,
+        thickness: float | str | None = None,
+        volume: float | None = None,
+        placement: Placement | str = Placement.EXCAVATED,
+        **choices: Any,
+    ) -> "Release":
+        """Release of the polygons of a GeoPackage, Shapefile or GeoJSON.
+
+        ``thickness`` [m] is a number or the name of an attribute; ``volume`` [m3] fixes it instead, or is checked
+        against it (1 %). ``choices`` are ``layer``, ``name``, ``material``, ``basal_friction_angle_deg``.
+        """
+        from runout.release.read import read_vector
+
+        return read_vector(path, terrain, thickness=thickness, volume=volume, placement=placement, **choices)
+
+    @classmethod
+    def from_raster(
+        cls,
+        path: str | PathLike[str],
+        terrain: Terrain,
+        volume: float | None = None,
+        placement: Placement | str = Placement.EXCAVATED,
+        **choices: Any,
+    ) -> "Release":
+        """Release of a thickness raster [m] on any grid in the terrain's coordinate system, resampled conservatively.
+
+        ``choices`` are ``sign`` ("negative" for a raster of elevation loss), ``name``, ``material``, ``basal_friction_angle_deg``.
+        """
+        from runout.release.read import read_raster
+
+        return read_raster(path, terrain, volume=volume, placement=placement, **choices)
+
+    @classmethod
+    def from_array(
+        cls, thickness: np.ndarray, terrain: Terrain, placement: Placement | str = Placement.EXCAVATED, **choices: Any
+    ) -> "Release":
+        """Release of a thickness array [m] on the cells of the terrain, north-west corner first.
+
+        ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``source``.
+        """
+        from runout.release.read import release_from_array
+
+        return release_from_array(thickness, terrain, placement=placement, **choices)
+
+    @property
+    def volume(self) -> float:
+        """Released volume [m3]."""
+        return float(self.thickness.sum() * self.terrain.cell_area)
+
+    @property
+    def area(self) -> float:
+        """Plan area [m2]: of the outline where there is one, else of the cells with thickness."""
+        if self.outline is not None:
+            return float(self.outline.area)
+        return float((self.thickness > 0).sum() * self.terrain.cell_area)

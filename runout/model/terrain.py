@@ -1,0 +1,118 @@
+"""Terrain: a checked elevation raster with its place on the map."""
+
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from runout.errors import DemError
+from runout.model.frame import LocalFrame
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Elevation on a regular raster, north up.
+
+    Parameters
+    ----------
+    elevation : ndarray (rows, columns)
+        Elevation of the cell centres [m], float64; ``[0, 0]`` is the north-west corner; NaN where unknown.
+    cell_size : tuple of float
+        Size of a cell ``(east-west, north-south)`` [m], both positive.
+    west, south : float
+        Map coordinates of the outer south-west corner [m].
+    crs : str or None
+        Projected coordinate reference system as WKT; None for a local one.
+    source : str
+        Where the elevations come from.
+    changes : tuple of str
+        Every change that was made on the way in, one sentence each.
+
+    Raises
+    ------
+    DemError
+        If the array is not two-dimensional, too small, wholly empty, or a size is not positive.
+    """
+
+    elevation: np.ndarray
+    cell_size: tuple[float, float]
+    west: float = 0.0
+    south: float = 0.0
+    crs: str | None = None
+    source: str = "array"
+    changes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        z = np.array(self.elevation, dtype=np.float64)
+        if z.ndim != 2 or min(z.shape) < 3:
+            raise DemError(f"{self.source}: elevation has shape {z.shape}; a raster of at least 3 x 3 cells is needed")
+        if not np.isfinite(z).any():
+            raise DemError(f"{self.source}: none of the {z.size} cells has an elevation; check the nodata value")
+        if np.isinf(z).any():
+            raise DemError(f"{self.source}: {int(np.isinf(z).sum())} cells are infinite; mark unknown cells as nodata")
+        if not (len(self.cell_size) == 2 and all(np.isfinite(s) and s > 0 for s in self.cell_size)):
+            raise DemError(f"{self.source}: cell size {self.cell_size} m; both sizes must be positive")
+        z.setflags(write=False)
+        object.__setattr__(self, "elevation", z)
+        object.__setattr__(self, "cell_size", (float(self.cell_size[0]), float(self.cell_size[1])))
+
+    @classmethod
+    def from_array(
+        cls,
+        elevation: np.ndarray,
+        cell_size: float | tuple[float, float],
+        crs: str | None = None,
+        origin: tuple[float, float] = (0.0, 0.0),
+    ) -> "Terrain":
+        """Terrain of an array (rows, columns), north-west corner first.
+
+        ``cell_size`` [m] is one number or ``(east-west, north-south)``; ``origin`` is the map position
+        ``(easting, northing)`` [m] of the outer south-west corner; ``crs`` anything that names a projected
+        coordinate system.
+        """
+        from runout.terrain.read import terrain_from_array
+
+        return terrain_from_array(elevation, cell_size, crs, origin)
+
+    @classmethod
+    def from_raster(cls, path: str | PathLike[str], crs: Any = None) -> "Terrain":
+        """Terrain of any raster that GDAL reads; ``crs`` names the system of a file that states none."""
+        from runout.terrain.read import read_terrain
+
+        return read_terrain(path, crs)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.elevation.shape  # type: ignore[return-value]
+
+    @property
+    def frame(self) -> LocalFrame:
+        """Local frame: origin at the outer south-west corner."""
+        return LocalFrame(self.west, self.south, self.crs)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Extent east-west and north-south [m]."""
+        return self.shape[1] * self.cell_size[0], self.shape[0] * self.cell_size[1]
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Outer edges ``(west, south, east, north)`` [m], map coordinates."""
+        return self.west, self.south, self.west + self.size[0], self.south + self.size[1]
+
+    @property
+    def easting(self) -> np.ndarray:
+        """Easting of the cell centres (columns,) [m], ascending."""
+        return self.west + (np.arange(self.shape[1]) + 0.5) * self.cell_size[0]
+
+    @property
+    def northing(self) -> np.ndarray:
+        """Northing of the cell centres (rows,) [m], descending."""
+        return self.south + (self.shape[0] - 0.5 - np.arange(self.shape[0])) * self.cell_size[1]
+
+    @property
+    def cell_area(self) -> float:
+        """Plan area of a cell [m2]."""
+        return self.cell_size[0] * self.cell_size[1]

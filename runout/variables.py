@@ -1,0 +1,183 @@
+"""One table of every variable that runout writes: name -> unit, long name, CF standard name, type, valid range.
+
+Files are described from this table alone. A standard name is given only where the CF table has one; there is none for
+debris, deposit, impact pressure or arrival, and none is borrowed from floods.
+"""
+
+from dataclasses import dataclass
+
+FILL = -9999.0
+FILL_BY_DTYPE = {"float32": FILL, "float64": None, "int16": -9999, "int32": -9999, "int64": None, "uint8": 255, "str": None}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a file says about a variable.
+
+    Parameters
+    ----------
+    units : str
+        UDUNITS unit; "1" for a pure number, "" for text.
+    long_name : str
+        Name for people, as in a legend.
+    standard_name : str or None
+        Name of the CF table, only where one exists.
+    dtype : str
+        Type in files; maps are float32, with -9999 where there is no value.
+    valid_min, valid_max : float or None
+        Range of the values; what lies outside is read as missing by a GIS.
+    cell_methods : str or None
+        CF cell methods: how a value stands for its cell. Extremes over time or members are told by the long name, for
+        these are no coordinates of a map.
+    comment : str or None
+        What a reader has to know to use the values.
+    """
+
+    units: str
+    long_name: str
+    standard_name: str | None = None
+    dtype: str = "float32"
+    valid_min: float | None = None
+    valid_max: float | None = None
+    cell_methods: str | None = None
+    comment: str | None = None
+
+    @property
+    def fill(self) -> float | int | None:
+        """Value that marks a missing one; None where none may be missing."""
+        return FILL_BY_DTYPE[self.dtype]
+
+    def attributes(self) -> dict[str, str]:
+        """Text attributes of the variable in a file."""
+        named = {
+            "units": self.units,
+            "long_name": self.long_name,
+            "standard_name": self.standard_name,
+            "cell_methods": self.cell_methods,
+            "comment": self.comment,
+        }
+        return {key: text for key, text in named.items() if text}
+
+
+def _positive(units: str, long_name: str, comment: str | None = None) -> Variable:
+    return Variable(units, long_name, valid_min=0.0, comment=comment)
+
+
+def _series(units: str, long_name: str, comment: str | None = None) -> Variable:
+    return Variable(units, long_name, dtype="float64", comment=comment)
+
+
+def _count(long_name: str, comment: str | None = None) -> Variable:
+    return Variable("1", long_name, dtype="int32", valid_min=0, comment=comment)
+
+
+_FRACTION = "fraction of the ensemble's weight, given that the release happens; not an annual probability"
+
+_MEMBER_MAPS = {
+    "max_flow_thickness": _positive("m", "maximum flow thickness, vertical"),
+    "max_speed": _positive("m s-1", "maximum speed of the flow"),
+    "max_pressure": _positive("Pa", "maximum dynamic pressure (density times speed squared)"),
+    "arrival_time": _positive("s", "time from the release to the arrival of the flow", comment="missing where no flow arrives"),
+    "deposit_thickness": _positive("m", "thickness of the deposit at the end of the run, vertical"),
+    "flow_thickness": _positive("m", "flow thickness, vertical"),
+    "speed": _positive("m s-1", "speed of the flow"),
+}
+
+_TERRAIN_MAPS = {
+    "elevation": Variable("m", "ground elevation", "surface_altitude", cell_methods="area: mean"),
+    "ground_slope": Variable("degree", "slope of the ground", "ground_slope_angle", valid_min=0.0, valid_max=90.0),
+    "release_thickness": _positive("m", "thickness of the release, vertical", comment="before any sampled factor"),
+}
+
+
+def _exceedance(quantity: str) -> dict[str, Variable]:
+    return {
+        f"{quantity}_exceedance_probability": Variable(
+            "1",
+            f"conditional probability that the maximum {quantity} exceeds the threshold",
+            valid_min=0.0,
+            valid_max=1.0,
+            comment=_FRACTION,
+        ),
+        f"{quantity}_exceedance_standard_error": Variable(
+            "1",
+            f"standard error of the conditional probability that the maximum {quantity} exceeds the threshold",
+            valid_min=0.0,
+            valid_max=1.0,
+            comment="sampling error alone, sqrt(p (1 - p) / effective_sample_size); it is 0 where no or every member exceeds",
+        ),
+    }
+
+
+_HAZARD_MAPS = {
+    "inundation_probability": Variable(
+        "1",
+        "conditional probability that the maximum flow thickness exceeds the lowest threshold",
+        valid_min=0.0,
+        valid_max=1.0,
+        comment=_FRACTION,
+    ),
+    **_exceedance("thickness"),
+    **_exceedance("speed"),
+    **_exceedance("pressure"),
+    "flow_thickness_percentile": _positive("m", "percentile over the members of the maximum flow thickness"),
+    "speed_percentile": _positive("m s-1", "percentile over the members of the maximum speed"),
+    "pressure_percentile": _positive("Pa", "percentile over the members of the maximum dynamic pressure"),
+    "deposit_thickness_percentile": _positive("m", "percentile over the members of the deposit's thickness"),
+    "peak_flow_thickness": _positive("m", "largest flow thickness of any member"),
+    "peak_speed": _positive("m s-1", "largest speed of any member"),
+    "peak_pressure": _positive("Pa", "largest dynamic pressure of any member"),
+    "peak_deposit_thickness": _positive("m", "largest deposit of any member"),
+    "mean_deposit_thickness": _positive("m", "weighted mean over the members of the deposit's thickness"),
+    "first_arrival_time": _positive("s", "earliest arrival of any member", comment="missing where no member arrives"),
+    "members_reached": _count(
+        "number of valid members that inundate the cell", "maximum flow thickness above the lowest threshold"
+    ),
+}
+
+_ENSEMBLE = {
+    "members_planned": _count("number of planned members"),
+    "members_valid": _count("number of valid members, on which every map rests"),
+    "members_failed": _count("number of members that failed"),
+    "members_missing": _count("number of members that have not run"),
+    "effective_sample_size": Variable("1", "effective number of members, 1 / sum of squared weights", dtype="float64"),
+    "weight": Variable("1", "weight of the member, of a sum of 1 over all planned members", dtype="float64", valid_min=0.0),
+    "seed": Variable("1", "seed of the member's random numbers", dtype="int64"),
+    "status": Variable("", "valid, failed or missing", dtype="str"),
+    "failure_reason": Variable("", "why the member failed", dtype="str"),
+    "basal_friction_angle_deg": Variable("degree", "basal friction angle", dtype="float64"),
+    "friction_angle_deg": Variable("degree", "internal friction angle", dtype="float64"),
+    "cohesion": Variable("Pa", "cohesion", dtype="float64"),
+    "density": Variable("kg m-3", "bulk density", dtype="float64"),
+    "youngs_modulus": Variable("Pa", "Young's modulus", dtype="float64"),
+    "release_volume_factor": Variable("1", "factor on the thickness of the release", dtype="float64"),
+}
+
+_COORDINATES = {
+    "thickness_threshold": Variable("m", "threshold of the maximum flow thickness", dtype="float64"),
+    "speed_threshold": Variable("m s-1", "threshold of the maximum speed", dtype="float64"),
+    "pressure_threshold": Variable("Pa", "threshold of the maximum dynamic pressure", dtype="float64"),
+    "percentile": Variable("percent", "percentile over the members, by weight", dtype="float64"),
+    "realization": Variable("1", "number of the ensemble member", "realization", dtype="int32"),
+    "time": Variable("s", "time since the release", dtype="float64"),
+}
+
+_LEDGER = {
+    "mass": _series("kg", "moving and resting mass inside the domain"),
+    "escaped_mass": _series("kg", "mass that left the domain"),
+    "kinetic_energy": _series("J", "kinetic energy"),
+    "potential_energy": _series("J", "potential energy above the local origin"),
+    "elastic_energy": _series("J", "elastic energy"),
+    "escaped_energy": _series("J", "energy of the mass that left the domain"),
+    "basal_dissipation": _series("J", "energy dissipated by friction at the ground"),
+    "plastic_dissipation": _series("J", "energy dissipated by plastic flow"),
+    "numerical_dissipation": _series("J", "energy lost by the numerical scheme", "the remainder that closes the energy balance"),
+    "momentum_x": _series("kg m s-1", "momentum towards the east"),
+    "momentum_y": _series("kg m s-1", "momentum towards the north"),
+    "momentum_z": _series("kg m s-1", "momentum upwards"),
+    "active_blocks": Variable("1", "number of active blocks of the grid", dtype="int64"),
+    "contact_particles": Variable("1", "number of particles in contact with the ground", dtype="int64"),
+    "dt": _series("s", "time step"),
+}
+
+VARIABLES: dict[str, Variable] = {**_MEMBER_MAPS, **_TERRAIN_MAPS, **_HAZARD_MAPS, **_ENSEMBLE, **_COORDINATES, **_LEDGER}
