@@ -1,0 +1,1 @@
+"""Backends decide where nodes live; see :mod:`runout.backends.protocol`."""

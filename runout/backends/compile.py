@@ -1,0 +1,193 @@
+"""Binds the plain functions of :mod:`runout.physics` and the kernels of a backend to a compiler.
+
+Each function is copied with its globals extended, so that ``real``, ``i64``, ``vec``, ``sym``, ``tens`` and every physics
+function it calls mean the compiled ones; then numba or warp compiles the copy. The sources of physics are read by two
+compilers and by plain Python, and are written once.
+
+Numba's cache stamps only the file of a kernel. A change of a law would leave stale machine code behind, so the cache
+folder carries a hash of every source that a binding uses.
+"""
+
+import contextlib
+import hashlib
+import inspect
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache, partial
+from pathlib import Path
+from types import FunctionType, ModuleType, SimpleNamespace
+from typing import Any
+
+from runout.physics import blocks, bspline, contact, drucker_prager, elastic, heightfield, tensors, timestep
+
+PHYSICS = (tensors, bspline, heightfield, elastic, drucker_prager, contact, blocks, timestep)
+CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
+
+
+def functions_of(module: ModuleType) -> list[FunctionType]:
+    """Functions that a module defines, in the order of definition."""
+    return [f for f in vars(module).values() if inspect.isfunction(f) and f.__module__ == module.__name__]
+
+
+def rebound(function: FunctionType, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any]) -> FunctionType:
+    """Copy of a function whose globals mean the compiled functions, and ``names`` first of all."""
+    scope = {
+        name: compiled[value] if inspect.isfunction(value) and value in compiled else value
+        for name, value in function.__globals__.items()
+    }
+    copy = FunctionType(function.__code__, {**scope, **names}, function.__name__, function.__defaults__)
+    copy.__annotations__ = dict(function.__annotations__)
+    copy.__qualname__ = function.__qualname__
+    copy.__module__ = function.__module__
+    copy.__doc__ = function.__doc__
+    return copy
+
+
+def _bind(
+    modules: tuple[ModuleType, ...], names: Mapping[str, Any], compile_one: Callable[[FunctionType], Any]
+) -> tuple[SimpleNamespace, dict[FunctionType, Any]]:
+    compiled: dict[FunctionType, Any] = {}
+    spaces = SimpleNamespace()
+    for module in modules:
+        space = SimpleNamespace()
+        for function in functions_of(module):
+            if function.__name__ in names:
+                compiled[function] = names[function.__name__]
+            else:
+                compiled[function] = compile_one(rebound(function, names, compiled))
+            setattr(space, function.__name__, compiled[function])
+        setattr(spaces, module.__name__.rsplit(".", 1)[-1], space)
+    return spaces, compiled
+
+
+class NumbaBinding:
+    """Physics compiled by numba for one number type.
+
+    Parameters
+    ----------
+    real : type
+        ``numpy.float32`` or ``numpy.float64``.
+    contract : bool
+        Allow fused multiply-add. Off, float64 results equal plain Python bit by bit.
+    """
+
+    def __init__(self, real: type, contract: bool = True):
+        import numba
+
+        self.real = real
+        self.options: dict[str, Any] = {"error_model": "numpy", "boundscheck": False}
+        if contract:
+            self.options["fastmath"] = {"contract"}
+        names = {"real": real, "i64": numba.int64}
+        for name in CONSTRUCTORS:
+            names[name] = numba.njit(forceinline=True, **self.options)(getattr(tensors, name))
+        inline = numba.njit(forceinline=True, **self.options)
+        spaces, self._compiled = _bind(PHYSICS, names, inline)
+        self.names = names
+        self.__dict__.update(vars(spaces))
+
+    def kernels(self, *modules: ModuleType, **names: Any) -> SimpleNamespace:
+        """Functions of kernel modules, compiled in order.
+
+        Names that start with an underscore are inlined, the others are kernels: parallel if they call ``prange``,
+        and cached on disk. ``names`` replace globals of the modules (the law, for one). Later modules see the
+        kernels of earlier ones.
+        """
+        import numba
+
+        key = source_key((*PHYSICS, *modules), self.real.__name__, *(f"{k}={_label(v)}" for k, v in sorted(names.items())))
+        inline = numba.njit(forceinline=True, **self.options)
+        compiled = dict(self._compiled)
+        space = SimpleNamespace()
+        with cache_folder(key):
+            for module in modules:
+                for function in functions_of(module):
+                    copy = rebound(function, {**self.names, **names}, compiled)
+                    if function.__name__.startswith("_"):
+                        compiled[function] = inline(copy)
+                    else:
+                        parallel = "prange" in function.__code__.co_names
+                        compiled[function] = numba.njit(parallel=parallel, cache=True, **self.options)(copy)
+                        setattr(space, function.__name__, compiled[function])
+        return space
+
+
+@cache
+def numba_binding(real: type, contract: bool = True) -> NumbaBinding:
+    """The numba binding of a number type, made once a process."""
+    return NumbaBinding(real, contract)
+
+
+def warp_binding(real: Any) -> SimpleNamespace:
+    """Physics compiled by warp for ``warp.float32`` or ``warp.float64``, one name space per module."""
+    import warp as wp
+
+    module = wp.get_module(f"runout.physics.{real.__name__}")
+    module.options["max_unroll"] = 1
+    module.options["enable_backward"] = False
+    names = {
+        "real": real,
+        "i64": wp.int64,
+        "vec": wp.types.vector(length=3, dtype=real),
+        "sym": wp.types.vector(length=6, dtype=real),
+        "tens": wp.types.vector(length=9, dtype=real),
+    }
+    compile_one: Callable[[FunctionType], Any] = partial(wp.func, module=module)
+    spaces, _ = _bind(PHYSICS, names, compile_one)
+    spaces.names = names
+    return spaces
+
+
+def warp_record(law_name: str, fields: tuple[str, ...], real: Any) -> Any:
+    """Warp struct with the parameter fields of a law."""
+    import warp as wp
+
+    record = type(f"{law_name}_{real.__name__}", (), {"__annotations__": dict.fromkeys(fields, real)})
+    return wp.struct(record)
+
+
+def source_key(modules: tuple[ModuleType, ...], *labels: str) -> str:
+    """Hash of the sources of modules and of labels: what compiled code depends on."""
+    import numba
+    import numpy
+
+    digest = hashlib.sha256("|".join((numba.__version__, numpy.__version__, *labels)).encode())
+    for module in (*modules, inspect.getmodule(source_key)):
+        digest.update(Path(inspect.getfile(module)).read_bytes())  # type: ignore[arg-type]
+    return digest.hexdigest()[:16]
+
+
+def _label(value: Any) -> str:
+    return getattr(value, "__module__", "") + "." + getattr(value, "__qualname__", repr(value))
+
+
+@contextlib.contextmanager
+def cache_folder(key: str) -> Iterator[None]:
+    """Numba caches what is decorated inside in a folder of its own; a temporary one where the cache is unwritable."""
+    from numba import config as settings
+
+    config: Any = settings
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(_writable_cache() / key)
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
+
+
+@cache
+def _writable_cache() -> Path:
+    home = os.environ.get("RUNOUT_CACHE") or os.environ.get("NUMBA_CACHE_DIR") or os.path.join(_user_cache(), "runout")
+    folder = Path(home) / "numba"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        folder = Path(tempfile.mkdtemp(prefix="runout-numba-"))
+    return folder
+
+
+def _user_cache() -> str:
+    return os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
