@@ -1,0 +1,279 @@
+"""Reference backend: one dense grid around all particles, NumPy in float64.
+
+Slow and obvious; the other backends are tested against it. Quadratic B-splines, APIC with the stress packed into the
+affine matrix (Hu et al. 2018, ACM TOG 37:150, eq. 16 to 29), symplectic Euler, one ground impulse per contact particle.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from runout.backends.compile import numba_binding
+from runout.backends.protocol import Columns, Counters, LedgerRow
+from runout.backends.reference import particles as loops_source
+from runout.errors import CapacityError, StabilityError
+from runout.model.laws import LAWS
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+from runout.physics import blocks, bspline, timestep
+
+LARGEST_GRID = 30_000_000  # nodes; about 3 GB
+MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
+STENCIL = np.array([(i, j, k) for i in range(3) for j in range(3) for k in range(3)])
+
+
+@cache
+def compiled_loops(law: str) -> SimpleNamespace:
+    """Loops over particles for one law, float64, without fused operations: bitwise what plain Python gives."""
+    binding = numba_binding(np.float64, False)
+    module = LAWS[law].module.__name__.rsplit(".", 1)[-1]
+    return binding.kernels(loops_source, update=getattr(binding, module).update)
+
+
+def create(threads: int | None = None) -> "ReferenceBackend":
+    """A reference backend; it runs on one thread, whatever ``threads`` says."""
+    return ReferenceBackend()
+
+
+class Stencils:
+    """The 27 nodes that each particle sees on a dense grid around all particles, and its weights there.
+
+    Attributes
+    ----------
+    first : (3,) int
+        Grid node of the first corner; may be negative.
+    size : int
+        Number of nodes of the grid.
+    node : (n, 27) int
+        Position of the nodes in the flattened grid.
+    weight : (n, 27) [1]
+    arm : (n, 27, 3) [m]
+        Vectors from the particle to the nodes.
+    """
+
+    def __init__(self, particles: Particles, spacing: np.ndarray):
+        self.first = particles.node.min(axis=0).astype(np.int64)
+        shape = particles.node.max(axis=0) + 3 - self.first
+        self.size = int(np.prod(shape))
+        if self.size > LARGEST_GRID:
+            raise CapacityError(
+                f"the reference backend would need {self.size} grid nodes, its limit is {LARGEST_GRID}; use backend='scan'"
+            )
+        i, j, k = np.moveaxis((particles.node - self.first)[:, None, :] + STENCIL, -1, 0)
+        self.node = (i * shape[1] + j) * shape[2] + k
+        w = np.stack(bspline.weights(particles.offset), axis=-1)
+        self.weight = w[:, 0, STENCIL[:, 0]] * w[:, 1, STENCIL[:, 1]] * w[:, 2, STENCIL[:, 2]]
+        self.arm = (STENCIL - particles.offset[:, None, :]) * spacing
+
+    def scatter(self, values: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
+        """Weighted sum over particles of values (n, k) or at their nodes (n, 27, k): (nodes, k)."""
+        parts = self.weight[chosen][..., None] * (values if values.ndim == 3 else values[:, None, :])
+        place = self.node[chosen].ravel()
+        return np.stack([np.bincount(place, part.ravel(), self.size) for part in np.moveaxis(parts, -1, 0)], axis=-1)
+
+    def gather(self, values: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
+        """Weighted mean of nodal values (nodes, k) at the particles: (n, k)."""
+        return np.einsum("pn,pnk->pk", self.weight[chosen], values[self.node[chosen]])
+
+
+class ReferenceBackend:
+    """Plain implementation of :class:`runout.backends.protocol.Backend`."""
+
+    def __init__(self) -> None:
+        self.counters = Counters()
+
+    def load(self, scene: Scene, particles: Particles) -> None:
+        """Take over a scene and its particles; sums and counters start anew."""
+        self.counters = Counters()
+        self.scene = scene
+        self.spacing = np.array(scene.spacing, np.float64)
+        self.inverse_inertia = bspline.inverse_inertia(self.spacing)
+        self.loops = compiled_loops(scene.law.name)
+        self.table = scene.law.table(scene.materials)
+        self.friction = np.array(scene.friction, np.float64)
+        self._p = particles.take(np.argsort(particles.identity, kind="stable"))
+        self._log = np.zeros((len(particles), 6))
+        self.loops.take_log(self._p.strain, self._log)
+        self._contacts = 0
+        self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
+        self._basal_impulse = np.zeros(3)
+
+    def stable_step(self) -> float:
+        """Largest admissible time step [s] from the acoustic and the particle limit."""
+        h = float(self.spacing.min())
+        speed = self._max_speed()
+        limit = timestep.acoustic_limit(self.scene.cfl, h, self.scene.wave_speed, speed)
+        return min(limit, timestep.particle_limit(h, speed)) if speed > 0.0 else limit
+
+    def step(self, dt: float) -> None:
+        """One explicit step of ``dt`` [s]."""
+        self.counters.steps += 1
+        self.counters.particle_steps += len(self._p)
+        self._contacts = 0
+        if not len(self._p):
+            return
+        self.counters.rebuilds += 1
+        stencils = Stencils(self._p, self.spacing)
+        mass, velocity = self._particles_to_grid(stencils, dt)
+        if self.scene.surface is not None:
+            self._touch_ground(stencils, mass, velocity, dt)
+        self._grid_to_particles(stencils, velocity, dt)
+        self._move(dt)
+        self._let_escape()
+
+    def particles(self) -> Particles:
+        """The particles as they are, in the order of their identity."""
+        return self._p.take(np.arange(len(self._p)))
+
+    def ledger(self) -> LedgerRow:
+        """Sums of the present state."""
+        p = self._p
+        kinetic, potential, elastic = self._energies()
+        return LedgerRow(
+            mass=float(p.mass.sum()),
+            escaped_mass=self._escaped_mass,
+            momentum=p.mass @ p.velocity,
+            kinetic_energy=float(kinetic.sum()),
+            potential_energy=float(potential.sum()),
+            elastic_energy=float(elastic.sum()),
+            basal_dissipation=self._basal,
+            plastic_dissipation=self._plastic,
+            escaped_energy=self._escaped_energy,
+            basal_impulse=self._basal_impulse.copy(),
+            max_speed=self._max_speed(),
+            active_blocks=len(np.unique(blocks.block_of(p.node), axis=0)),
+            contact_particles=self._contacts,
+        )
+
+    def columns(self) -> Columns:
+        """Sums over the columns of the raster's cells; a particle covers one grid cell in plan, centred on it."""
+        raster, p = self.scene.raster, self._p
+        x = p.position(self.spacing)
+        columns = _overlaps(x[:, 0], self.spacing[0], raster.cell_size[0], raster.columns)
+        lines = _overlaps(x[:, 1], self.spacing[1], raster.cell_size[1], raster.rows)
+        density = np.array([m.density for m in self.scene.materials])[p.release]
+        values = np.column_stack([p.mass / density, p.mass, p.mass[:, None] * p.velocity])
+        sums = np.zeros((raster.rows * raster.columns, 5))
+        for column, across in columns:
+            for line, along in lines:
+                place = (raster.rows - 1 - line) * raster.columns + column
+                np.add.at(sums, place, (across * along)[:, None] * values)
+        cells = sums.reshape(raster.rows, raster.columns, 5)
+        return Columns(volume=cells[..., 0].copy(), mass=cells[..., 1].copy(), momentum=cells[..., 2:].copy())
+
+    def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Nodal mass (nodes,) [kg] and velocity (nodes, 3) [m/s] with internal force and gravity."""
+        p = self._p
+        stress, _ = self._stress_and_energy()
+        force = (dt * p.volume)[:, None, None] * stress[:, MATRIX] * self.inverse_inertia
+        packed = p.mass[:, None, None] * p.affine - force
+        momentum = (p.mass[:, None] * p.velocity)[:, None, :] + np.einsum("pij,pnj->pni", packed, stencils.arm)
+        mass = stencils.scatter(p.mass[:, None])[:, 0]
+        occupied = mass > 0.0  # a node at the very rim of a stencil has weight zero
+        velocity = np.zeros((stencils.size, 3))
+        velocity[occupied] = stencils.scatter(momentum)[occupied] / mass[occupied, None] + dt * np.array(self.scene.gravity)
+        return mass, velocity
+
+    def _touch_ground(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
+        """Change nodal velocities by one impulse of the ground per contact particle."""
+        gap, normal = self._gap()
+        touches = np.zeros(len(gap), np.bool_)
+        approach = np.einsum("pi,pi->p", self._p.velocity, normal)
+        self.loops.find_contacts(gap, approach, dt, self.scene.contact_band * self.spacing.min(), touches)
+        chosen = np.flatnonzero(touches)
+        self._contacts = len(chosen)
+        if not len(chosen):
+            return
+        share = np.divide(1.0, mass, out=np.zeros_like(mass), where=mass > 0.0)[:, None]
+        compliance = stencils.gather(stencils.scatter(np.ones((len(chosen), 1)), chosen) * share, chosen)[:, 0]
+        impulses, work = np.zeros((len(chosen), 3)), np.zeros(len(chosen))
+        p = self._p.take(chosen)
+        self.loops.take_impulses(
+            p.velocity,
+            stencils.gather(velocity, chosen),
+            normal[chosen],
+            gap[chosen],
+            compliance,
+            self.friction[p.release],
+            dt,
+            impulses,
+            work,
+        )
+        velocity += stencils.scatter(impulses, chosen) * share
+        self._basal -= float(work.sum())
+        self._basal_impulse += impulses.sum(axis=0)
+
+    def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float) -> None:
+        p = self._p
+        seen = velocity[stencils.node]
+        p.velocity = stencils.gather(velocity)
+        p.affine = np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia
+        work = np.zeros(len(p))
+        self.loops.follow_law(p.strain, dt * p.affine, p.history, p.release, self.table, self._log, work)
+        self._plastic += float(p.volume @ work)
+
+    def _move(self, dt: float) -> None:
+        p = self._p
+        cells = dt * p.velocity / self.spacing
+        if not np.abs(cells).max() < 1.0:  # not a number is refused too
+            raise StabilityError(
+                f"a particle moved {np.abs(cells).max():.3g} cells in step {self.counters.steps} of {dt:.3g} s; use a smaller cfl"
+            )
+        offset = p.offset + cells
+        shift = np.floor(offset - 0.5)
+        p.offset = offset - shift
+        p.node = (p.node + shift).astype(p.node.dtype)
+
+    def _let_escape(self) -> None:
+        """Remove what has left the raster's outline and book its mass and energy."""
+        raster = self.scene.raster
+        x = self._p.position(self.spacing)[:, :2]
+        edge = np.array([raster.columns * raster.cell_size[0], raster.rows * raster.cell_size[1]])
+        inside = np.all((x >= 0.0) & (x <= edge), axis=1)
+        if inside.all():
+            return
+        self._escaped_mass += float(self._p.mass[~inside].sum())
+        self._escaped_energy += float(sum(energy[~inside].sum() for energy in self._energies()))
+        self._p = self._p.take(inside)
+        self._log = self._log[inside]
+
+    def _gap(self) -> tuple[np.ndarray, np.ndarray]:
+        """Distance (n,) [m] between particles and ground, and the ground's unit normals (n, 3)."""
+        x = self._p.position(self.spacing)
+        elevation, east, north = self.scene.surface.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
+        gap, normal = x[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))])
+        self.loops.take_gap(self._p.radius, gap, normal)
+        return gap, normal
+
+    def _stress_and_energy(self) -> tuple[np.ndarray, np.ndarray]:
+        """Kirchhoff stress (n, 6) [Pa] and stored energy (n,) [J/m3]."""
+        stress, energy = np.zeros((len(self._p), 6)), np.zeros(len(self._p))
+        self.loops.take_stress(self._log, self._p.release, self.table, stress, energy)
+        return stress, energy
+
+    def _energies(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Kinetic (with the affine part), potential and elastic energy (n,) [J] of each particle."""
+        p = self._p
+        affine = (p.affine**2 / self.inverse_inertia).sum(axis=(1, 2))
+        kinetic = 0.5 * p.mass * ((p.velocity**2).sum(axis=1) + affine)
+        potential = -p.mass * (p.position(self.spacing) @ np.array(self.scene.gravity))
+        return kinetic, potential, p.volume * self._stress_and_energy()[1]
+
+    def _max_speed(self) -> float:
+        return float(np.linalg.norm(self._p.velocity, axis=1).max(initial=0.0))
+
+
+def _overlaps(x: np.ndarray, width: float, cell: float, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Cells along one axis that intervals of ``width`` [m] around x (n,) [m] cover, and the covered shares.
+
+    What lies beyond the first and the last of ``count`` cells belongs to them.
+    """
+    low, high = x - 0.5 * width, x + 0.5 * width
+    first = np.floor(low / cell).astype(np.int64)
+    shares = []
+    for k in range(int(np.ceil(width / cell)) + 1):
+        covered = np.minimum(high, (first + k + 1) * cell) - np.maximum(low, (first + k) * cell)
+        shares.append((np.clip(first + k, 0, count - 1), np.maximum(covered, 0.0) / width))
+    return shares

@@ -1,0 +1,140 @@
+"""Runs a function of physics on rows of arguments as plain Python, through numba and through warp on the CPU."""
+
+import importlib.util
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+from types import ModuleType, SimpleNamespace
+
+import numba
+import numpy as np
+import warp as wp
+from parity_cases import CASES, LENGTH, MATERIAL, Case
+
+from runout.backends.compile import numba_binding, warp_binding, warp_record
+
+WARP_TYPES = {"s": "real", "v": "vec", "y": "sym", "t": "tens", "i": "wp.int32", "k": "wp.int64"}
+
+
+def integral(case: Case) -> bool:
+    """Whether the results are integers."""
+    return case.results in ("i", "k", "b")
+
+
+def plain(case: Case, arguments: list[np.ndarray]) -> np.ndarray:
+    """Results (n, length) of the function as it stands in its module."""
+    material = SimpleNamespace(**MATERIAL)
+    rows = []
+    for p in range(len(arguments[0])):
+        row = [a[p].tolist() for a in arguments]
+        values = [r[0] if LENGTH[kind] == 1 else tuple(r) for r, kind in zip(row, case.arguments, strict=False)]
+        result = case.function(*values, *([material] if "m" in case.arguments else []))
+        parts = result if len(case.results) > 1 else (result,)
+        rows.append(np.concatenate([np.atleast_1d(part) for part in parts]))
+    return np.array(rows, np.int64 if integral(case) else np.float64)
+
+
+def through_numba(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:
+    """Results (n, length) of the function compiled by numba."""
+    binding = numba_binding(real, False)
+    module, function = case.function.__module__.rsplit(".", 1)[-1], case.function.__name__
+    record = np.array([tuple(MATERIAL.values())], dtype=[(name, real) for name in MATERIAL])
+    scope = {"f": getattr(getattr(binding, module), function)}
+    exec(_numba_source(case), scope)
+    out = _results(case, len(arguments[0]), real)
+    numba.njit(scope["run"], error_model="numpy")(*(_typed(a, real) for a in arguments), record, out)
+    return out
+
+
+def through_warp(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:
+    """Results (n, length) of the function compiled by warp, on the CPU."""
+    kernels = _warp_kernels(real)
+    scalar = wp.float32 if real is np.float32 else wp.float64
+    material = kernels.record()
+    for name, value in MATERIAL.items():
+        setattr(material, name, value)
+    types = {"s": scalar, "i": wp.int32, "k": wp.int64, **{c: getattr(kernels, WARP_TYPES[c]) for c in "vyt"}}
+    inputs = [
+        wp.array(_typed(a, real) if LENGTH[kind] > 1 else _typed(a, real)[:, 0], dtype=types[kind], device="cpu")
+        for a, kind in zip(arguments, case.arguments, strict=False)
+    ]
+    n = len(arguments[0])
+    out = wp.array(_results(case, n, real), device="cpu")
+    wp.launch(getattr(kernels, case.name), dim=n, inputs=[*inputs, material, out], device="cpu")
+    return out.numpy()
+
+
+def _results(case: Case, n: int, real: type) -> np.ndarray:
+    return np.zeros((n, sum(LENGTH[kind] for kind in case.results)), np.int64 if integral(case) else real)
+
+
+def _typed(a: np.ndarray, real: type) -> np.ndarray:
+    return np.ascontiguousarray(a if a.dtype.kind == "i" else a.astype(real))
+
+
+def _numba_source(case: Case) -> str:
+    names = [f"a{k}" for k in range(len(case.samplers))]
+    values = []
+    for name, kind in zip(names, case.arguments, strict=False):
+        parts = [f"{name}[p, {k}]" for k in range(LENGTH[kind])]
+        values.append(parts[0] if len(parts) == 1 else f"({', '.join(parts)})")
+    values += ["material[0]"] if "m" in case.arguments else []
+    lines = [f"def run({', '.join(names)}, material, out):", "    for p in range(len(out)):", f"        r = f({', '.join(values)})"]
+    place = 0
+    for k, kind in enumerate(case.results):
+        part = f"r[{k}]" if len(case.results) > 1 else "r"
+        for j in range(LENGTH[kind]):
+            lines.append(f"        out[p, {place}] = {part}" + (f"[{j}]" if LENGTH[kind] > 1 else ""))
+            place += 1
+    return "\n".join(lines)
+
+
+@cache
+def _warp_kernels(real: type) -> ModuleType:
+    """A module with one kernel per case; warp reads its source from a file."""
+    wp.config.quiet = True
+    path = Path(mkdtemp(prefix="runout-parity-")) / f"parity_kernels_{real.__name__}.py"
+    path.write_text("import warp as wp\n" + "\n".join(_warp_source(case) for case in CASES))
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    scalar = wp.float32 if real is np.float32 else wp.float64
+    binding = warp_binding(scalar)
+    names = {name: binding.names[name] for name in ("vec", "sym", "tens")}
+    names |= {"real": scalar, "record": warp_record("parity", tuple(MATERIAL), scalar)}
+    names |= {f"f_{case.name}": _function(binding, case) for case in CASES}
+    module.__dict__.update(names)
+    spec.loader.exec_module(module)
+    module.__dict__.update(names)
+    return module
+
+
+def _function(binding: SimpleNamespace, case: Case):
+    return getattr(getattr(binding, case.function.__module__.rsplit(".", 1)[-1]), case.function.__name__)
+
+
+def _warp_source(case: Case) -> str:
+    names = [f"a{k}" for k in range(len(case.samplers))]
+    typed = [f"{name}: wp.array(dtype={WARP_TYPES[kind]})" for name, kind in zip(names, case.arguments, strict=False)]
+    out = "wp.int64" if integral(case) else "real"
+    values = [f"{name}[p]" for name in names] + (["material"] if "m" in case.arguments else [])
+    parts = [f"r{k}" for k in range(len(case.results))]
+    lines = [
+        "@wp.kernel(enable_backward=False)",
+        f"def {case.name}({', '.join(typed)}, material: record, out: wp.array2d(dtype={out})):",
+        "    p = wp.tid()",
+        f"    {', '.join(parts)} = f_{case.name}({', '.join(values)})",
+    ]
+    place = 0
+    for part, kind in zip(parts, case.results, strict=True):
+        for j in range(LENGTH[kind]):
+            lines.append(f"    out[p, {place}] = {_warp_value(case, part, kind, j)}")
+            place += 1
+    return "\n".join(lines) + "\n"
+
+
+def _warp_value(case: Case, part: str, kind: str, j: int) -> str:
+    if kind == "b":
+        return f"wp.where({part}, wp.int64(1), wp.int64(0))"
+    if integral(case):
+        return f"wp.int64({part})"
+    return f"{part}[{j}]" if LENGTH[kind] > 1 else part

@@ -1,0 +1,145 @@
+"""One case per function of physics: the kinds of its arguments and results, and random arguments in its range.
+
+Kinds: ``s`` real, ``v`` vector, ``y`` symmetric tensor, ``t`` tensor, ``i`` 32-bit integer, ``k`` 63-bit key, ``b`` truth,
+``m`` record of material parameters.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import FunctionType
+
+import numpy as np
+
+from runout.physics import blocks, bspline, contact, drucker_prager, elastic, heightfield, tensors, timestep
+
+LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
+MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "cone_slope": 0.75, "cone_intercept": 2.0e3, "volume_correction": 1.0}
+Sampler = Callable[[np.random.Generator, int], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Case:
+    function: FunctionType
+    arguments: str
+    results: str
+    samplers: tuple[Sampler, ...]
+    single_precision: float = 1e-6  # difference from float64, relative to the largest result
+
+    @property
+    def name(self) -> str:
+        return f"{self.function.__module__.rsplit('.', 1)[-1]}_{self.function.__name__}"
+
+    def sample(self, n: int = 400, seed: int = 3) -> list[np.ndarray]:
+        """Arguments (n, length) without the material record."""
+        rng = np.random.default_rng(seed)
+        return [draw(rng, n).reshape(n, -1) for draw in self.samplers]
+
+
+def between(low: float, high: float, length: int = 1) -> Sampler:
+    return lambda rng, n: rng.uniform(low, high, (n, length))
+
+
+def whole(low: int, high: int) -> Sampler:
+    return lambda rng, n: rng.integers(low, high, (n, 1), endpoint=True)
+
+
+def spread(size: float, length: int) -> Sampler:
+    """Normal numbers whose size varies over four decades up to ``size``."""
+    return lambda rng, n: rng.normal(0.0, 1.0, (n, length)) * size * 10.0 ** rng.uniform(-4, 0, (n, 1))
+
+
+def positive_definite(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Symmetric tensors with eigenvalues of 0.2 to 5."""
+    q = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+    a = np.einsum("pij,pj,pkj->pik", q, np.exp(rng.uniform(-1.6, 1.6, (n, 3))), q)
+    return np.stack([a[:, 0, 0], a[:, 1, 1], a[:, 2, 2], a[:, 0, 1], a[:, 1, 2], a[:, 2, 0]], axis=1)
+
+
+def stretched(rng: np.random.Generator, n: int) -> np.ndarray:
+    """B = b - I of large strains."""
+    return positive_definite(rng, n) - np.array([1, 1, 1, 0, 0, 0])
+
+
+def loaded(rng: np.random.Generator, n: int) -> np.ndarray:
+    """B of mostly compressed material: elastic, on the cone and beyond the apex."""
+    return spread(0.01, 6)(rng, n) + np.array([1, 1, 1, 0, 0, 0]) * rng.uniform(-0.02, 0.002, (n, 1))
+
+
+def remembered(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Log volume gained at the apex, none for half of the material."""
+    return np.maximum(rng.uniform(-0.02, 0.02, (n, 1)), 0.0)
+
+
+def unit_vector(rng: np.random.Generator, n: int) -> np.ndarray:
+    v = rng.normal(size=(n, 3))
+    return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def key(rng: np.random.Generator, n: int) -> np.ndarray:
+    return np.array([[blocks.block_key(*map(int, xyz))] for xyz in rng.integers(-(2**20), 2**20, (n, 3))])
+
+
+angle, number, tensor, node = between(0.0, 1.0), between(-3.0, 3.0), between(-3.0, 3.0, 6), whole(-(2**30), 2**30)
+vector, strain, modulus, ratio = between(-3.0, 3.0, 3), spread(0.005, 6), between(1e5, 1e8), between(0.0, 0.45)
+rate = spread(0.005, 9)
+step, speed, block = between(1e-4, 1e-2), between(0.0, 50.0), whole(-(2**20), 2**20 - 1)
+
+CASES = [
+    Case(tensors.dot, "vv", "s", (vector, vector)),
+    Case(tensors.trace, "y", "s", (tensor,)),
+    Case(tensors.isotropic, "s", "y", (number,)),
+    Case(tensors.shifted, "ys", "y", (tensor, number)),
+    Case(tensors.scaled, "ys", "y", (tensor, number)),
+    Case(tensors.added, "yy", "y", (tensor, tensor)),
+    Case(tensors.contracted, "yy", "s", (tensor, tensor)),
+    Case(tensors.norm, "y", "s", (tensor,)),
+    Case(tensors.deviator, "y", "y", (tensor,)),
+    Case(tensors.product, "yy", "y", (tensor, tensor)),
+    Case(tensors.inverse, "y", "y", (positive_definite,)),
+    Case(elastic.lame_lambda, "ss", "s", (modulus, ratio)),
+    Case(elastic.shear_modulus, "ss", "s", (modulus, ratio)),
+    Case(elastic.wave_speed, "sss", "s", (modulus, modulus, between(500, 3000))),
+    Case(elastic.trial_strain, "yt", "y", (strain, rate)),
+    Case(elastic.log_strain_series, "y", "y", (strain,)),
+    Case(elastic.square_root, "y", "y", (positive_definite,)),
+    Case(elastic.log_strain_scaled, "y", "y", (stretched,), 5e-5),  # six roots, then times 64
+    Case(elastic.log_strain, "y", "y", (strain,)),
+    Case(elastic.strain_series, "y", "y", (strain,)),
+    Case(elastic.strain_of_log, "y", "y", (spread(0.5, 6),)),
+    Case(elastic.kirchhoff_stress, "ym", "y", (strain,)),
+    Case(elastic.energy_density, "ym", "s", (strain,)),
+    Case(elastic.update, "ytsm", "yyss", (strain, rate, ratio)),
+    Case(drucker_prager.cone_triaxial_compression, "ss", "ss", (angle, modulus)),
+    Case(drucker_prager.cone_triaxial_extension, "ss", "ss", (angle, modulus)),
+    Case(drucker_prager.cone_plane_strain, "ss", "ss", (angle, modulus)),
+    Case(drucker_prager.cone_plane_strain_associated, "ss", "ss", (angle, modulus)),
+    Case(drucker_prager.pressure, "ym", "s", (strain,)),
+    Case(drucker_prager.deviatoric_stress, "ym", "s", (strain,)),
+    Case(drucker_prager.return_to_cone, "ym", "y", (loaded,)),
+    Case(drucker_prager.update, "ytsm", "yyss", (loaded, rate, remembered)),
+    Case(contact.in_contact, "ssss", "b", (between(-0.1, 0.1), between(-5.0, 5.0), step, between(0.001, 0.02))),
+    Case(
+        contact.impulse,
+        "vvssss",
+        "v",
+        (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.0, 1.0), between(0.01, 0.1)),
+    ),
+    Case(contact.work, "vvvs", "s", (vector, vector, vector, between(0.01, 0.1))),
+    Case(bspline.first_node, "s", "i", (between(-50.0, 50.0),)),
+    Case(bspline.weights, "s", "v", (between(0.5, 1.5),)),
+    Case(bspline.weight_slopes, "s", "v", (between(0.5, 1.5),)),
+    Case(bspline.inverse_inertia, "s", "s", (between(0.1, 50.0),)),
+    Case(heightfield.quasi_interpolant, "sss", "s", (number, number, number)),
+    Case(heightfield.interpolate, "vsss", "s", (vector, number, number, number)),
+    Case(heightfield.normal_z, "ss", "s", (number, number)),
+    Case(heightfield.distance, "ss", "s", (number, angle)),
+    Case(blocks.block_of, "i", "i", (node,)),
+    Case(blocks.place_in_block, "i", "i", (node,)),
+    Case(blocks.local_index, "iii", "i", (node, node, node)),
+    Case(blocks.block_key, "iii", "k", (block, block, block)),
+    Case(blocks.key_x, "k", "k", (key,)),
+    Case(blocks.key_y, "k", "k", (key,)),
+    Case(blocks.key_z, "k", "k", (key,)),
+    Case(timestep.acoustic_limit, "ssss", "s", (angle, step, speed, between(1.0, 300.0))),
+    Case(timestep.particle_limit, "ss", "s", (step, between(0.1, 50.0))),
+]

@@ -1,0 +1,67 @@
+"""The key of compiled code follows the sources: a changed law is never served from a stale cache."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from runout.backends import compile as binding
+from runout.physics import elastic
+
+
+@pytest.fixture
+def law_file(tmp_path):
+    path = tmp_path / "some_law.py"
+    path.write_text("def twice(a):\n    return a + a\n")
+    return path
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location("some_law", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_key_changes_with_the_source_of_a_law(law_file):
+    before = binding.source_key((load(law_file),), "float32")
+    assert binding.source_key((load(law_file),), "float32") == before
+    law_file.write_text("def twice(a):\n    return a + a + a\n")
+    assert binding.source_key((load(law_file),), "float32") != before
+
+
+def test_key_differs_between_number_types(law_file):
+    module = load(law_file)
+    assert binding.source_key((module,), "float32") != binding.source_key((module,), "float64")
+
+
+def test_changed_kernel_is_compiled_anew_not_taken_from_the_cache(law_file, tmp_path, monkeypatch):
+    monkeypatch.setenv("RUNOUT_CACHE", str(tmp_path / "cache"))
+    binding._writable_cache.cache_clear()
+    try:
+        numbers = binding.numba_binding(np.float64, False)
+        assert numbers.kernels(load(law_file)).twice(2.0) == 4.0
+        law_file.write_text("def twice(a):\n    return a + a + a\n")
+        assert numbers.kernels(load(law_file)).twice(2.0) == 6.0
+        assert any((tmp_path / "cache").rglob("*.nbi"))
+    finally:
+        binding._writable_cache.cache_clear()
+
+
+def test_unwritable_cache_folder_falls_back_to_a_temporary_one(tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    monkeypatch.setenv("RUNOUT_CACHE", str(blocked))
+    binding._writable_cache.cache_clear()
+    try:
+        folder = binding._writable_cache()
+        assert folder.is_dir()
+        assert blocked not in folder.parents
+    finally:
+        binding._writable_cache.cache_clear()
+
+
+def test_rebinding_leaves_the_plain_function_as_it_was():
+    before = elastic.update.__globals__["real"]
+    binding.numba_binding(np.float32)
+    assert elastic.update.__globals__["real"] is before is float
