@@ -1,0 +1,187 @@
+"""From a raster as its file states it to a terrain: north up, in metres, unknown cells NaN; every change is reported."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from runout.errors import DemError, InputError
+from runout.model.terrain import Terrain
+from runout.terrain import crs as coordinate_systems
+from runout.terrain.fill import filled
+from runout.terrain.raster import ElevationRaster
+
+LOWEST, HIGHEST = -500.0, 9000.0  # of land on Earth, with room [m]
+NODATA_VALUES = (-9999.0, -99999.0, -999999.0, -32768.0, -32767.0, 32767.0, 65535.0)  # in use without being declared
+LARGEST_NUMBER = 1e6  # beyond this a number marks an unknown cell: -3.4e38, 1e20, 9.97e36
+METRES = {
+    "": 1.0, "m": 1.0, "1": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "unknown": 1.0,
+    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "international foot": 0.3048, "international feet": 0.3048,
+    "us-ft": 1200 / 3937, "ussft": 1200 / 3937, "ftus": 1200 / 3937, "us survey foot": 1200 / 3937,
+    "us survey feet": 1200 / 3937, "survey foot": 1200 / 3937, "foot us": 1200 / 3937,
+    "cm": 0.01, "centimetre": 0.01, "dm": 0.1, "decimetre": 0.1, "km": 1000.0, "kilometre": 1000.0,
+}  # fmt: skip
+
+
+def terrain(raster: ElevationRaster) -> Terrain:
+    """Terrain of a raster as its file states it.
+
+    Rows are put in order, unknown cells become NaN, units become metres, and a raster that is geographic, in feet or
+    in a system that distorts distances is projected to UTM. DemError for what cannot be mended without guessing.
+    """
+    raster = north_up(raster)
+    values, changes = known_or_nan(raster.values, raster.source)
+    raster = replace(raster, values=values, changes=(*raster.changes, *changes))
+    raster = in_metres(raster)
+    require_plausible(raster)
+    raster = on_metric_map(raster)
+    dx, dy = raster.cell
+    if abs(dx - dy) > 1e-6 * dx:
+        raster = raster.noted(f"cells are unequal, {dx:.6g} m east-west by {dy:.6g} m north-south; kept as they are")
+    west, _, _, north = raster.bounds
+    south = north - raster.values.shape[0] * dy  # rounds so that south + rows * dy gives back north to the last bit
+    wkt = None if raster.crs is None else raster.crs.to_wkt()
+    return Terrain(raster.values, (dx, dy), west, south, wkt, raster.source, raster.changes)
+
+
+def north_up(raster: ElevationRaster) -> ElevationRaster:
+    """The raster with its first row in the north and its first column in the west; DemError if it is rotated."""
+    a, b, c, d, e, f = raster.transform
+    rows, columns = raster.values.shape
+    if max(abs(b), abs(d)) > 1e-9 * max(abs(a), abs(e)):
+        angle = np.degrees(np.arctan2(d, a))
+        remedy = f"resample it north up, for example `gdalwarp -r cubic {raster.source} north_up.tif`"
+        raise DemError(f"{raster.source}: the raster is rotated or sheared (by {angle:.3g} deg); {remedy}")
+    if e > 0:
+        flipped = (a, 0.0, c, 0.0, -e, f + e * rows)
+        raster = raster.changed("rows ran from south to north; put in order", values=raster.values[::-1], transform=flipped)
+    if a < 0:
+        flipped = (-a, 0.0, c + a * columns, 0.0, raster.transform[4], raster.transform[5])
+        raster = raster.changed("columns ran from east to west; put in order", values=raster.values[:, ::-1], transform=flipped)
+    return raster
+
+
+def known_or_nan(values: np.ndarray, source: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Values with NaN for numbers that usually mark unknown cells though the file does not say so, and what was done."""
+    disguised = np.isin(values, NODATA_VALUES) | (np.abs(values) > LARGEST_NUMBER)
+    if not disguised.any():
+        return values, ()
+    numbers = ", ".join(f"{number:g}" for number in np.unique(values[disguised])[:4])
+    blank = ElevationRaster(np.where(disguised, np.nan, values), (1, 0, 0, 0, -1, 0), None, None, source)
+    blank = blank.changed(f"{int(disguised.sum())} cells hold {numbers}, which is not declared as nodata; taken as unknown")
+    return blank.values, blank.changes
+
+
+def in_metres(raster: ElevationRaster) -> ElevationRaster:
+    """The raster with elevations in metres; DemError if the unit is unknown, or unstated where metres are unlikely."""
+    upward = coordinate_systems.vertical(raster.crs)
+    unit = raster.unit or (upward.axis_info[0].unit_name if upward is not None else None)
+    word = (unit or "").strip().lower().replace("_", " ")
+    if word not in METRES:
+        known = "m, ft, us-ft, cm, dm or km"
+        raise DemError(f"{raster.source}: elevations are in {unit!r}; {known} are understood, convert them with `gdal_calc.py`")
+    if unit is None and raster.crs is not None and _is_in_feet(raster.crs):
+        remedy = "state it, for example `gdal_edit.py -units ft` (or us-ft, or m)"
+        reason = f"the map is in feet ({raster.crs.name}) and the unit of the elevations is not stated"
+        raise DemError(f"{raster.source}: {reason}; {remedy}")
+    if METRES[word] == 1.0:
+        return raster
+    return raster.changed(f"elevations were in {unit}; multiplied by {METRES[word]:.10g}", values=raster.values * METRES[word])
+
+
+def require_plausible(raster: ElevationRaster) -> None:
+    """DemError if elevations [m] lie outside what the Earth offers."""
+    absurd = (raster.values < LOWEST) | (raster.values > HIGHEST)
+    if absurd.any():
+        row, column = np.argwhere(absurd)[0]
+        value = raster.values[row, column]
+        remedy = f"declare nodata (`gdal_translate -a_nodata {value:g}`) or correct the unit (`gdal_edit.py -units ft`)"
+        place = f"the first {value:g} at row {row}, column {column}"
+        raise DemError(f"{raster.source}: {int(absurd.sum())} elevations outside {LOWEST:g} to {HIGHEST:g} m, {place}; {remedy}")
+
+
+def on_metric_map(raster: ElevationRaster) -> ElevationRaster:
+    """The raster on a projected map in metres, or in local metres if it states no coordinate system."""
+    if raster.crs is None or coordinate_systems.is_local(raster.crs):
+        _require_not_degrees(raster)
+        return raster.noted("no coordinate system is stated; coordinates are taken as local metres", crs=None)
+    system = coordinate_systems.horizontal(raster.crs)
+    coordinate_systems.require_east_and_north(system, raster.source)
+    raster = replace(raster, crs=system)
+    if system.is_geographic:
+        return _to_utm(raster, f"geographic coordinates ({system.name})")
+    if coordinate_systems.metres_per_unit(system) != 1.0:
+        return _to_utm(raster, f"coordinates in {system.axis_info[0].unit_name} ({system.name})")
+    error = coordinate_systems.scale_error(system, *raster.centre)
+    sentence = f"{system.name} gives distances wrong by {100 * error:.1f} % here"
+    if error > coordinate_systems.LARGEST_SCALE_ERROR:
+        return _to_utm(raster, sentence)
+    return raster.noted(f"{sentence}; kept as it is") if error > coordinate_systems.REMARKABLE_SCALE_ERROR else raster
+
+
+def require_known(terrain: Terrain, mask: np.ndarray, what: str) -> None:
+    """Nothing, if all cells of ``mask`` (rows, columns) have an elevation; else DemError with their number and place.
+
+    ``what`` names the cells in the message, for example "the release 'scar'".
+    """
+    unknown = np.isnan(terrain.elevation) & mask
+    if not unknown.any():
+        return
+    first = np.argwhere(unknown)[:3]
+    places = "; ".join(f"row {r}, column {c} ({terrain.easting[c]:.1f} E, {terrain.northing[r]:.1f} N)" for r, c in first)
+    remedy = "fill them, for example `gdal_fillnodata.py`, use another elevation raster, or crop it to the known part"
+    count = f"{int(unknown.sum())} of {int(mask.sum())} cells of {what} have no elevation"
+    raise DemError(f"{terrain.source}: {count}, first {places}; {remedy}")
+
+
+def reachable(terrain: Terrain, thickness: np.ndarray, angle: float) -> np.ndarray:
+    """Cells (rows, columns) that a mass can reach if it loses height at tan(``angle``) per metre travelled.
+
+    Energy line (Heim 1932; Hsu 1975, GSA Bull. 86:129) from the highest point of the mass, distances counted from the nearest
+    cell of the release; of the cells below that line those that hang together with the release. Conservative: a path
+    is never shorter than the straight line. Unknown cells count with the elevation of the nearest known one.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    thickness : ndarray (rows, columns)
+        Released thickness [m]; the mass starts where it is positive.
+    angle : float
+        Smallest angle of the energy line [rad], 0 <= angle < pi/2: the smallest basal friction angle of the ensemble or less.
+    """
+    from scipy import ndimage
+
+    released = np.asarray(thickness) > 0
+    if released.shape != terrain.shape or not 0 <= angle < np.pi / 2:
+        given = f"thickness has shape {released.shape} on a terrain of {terrain.shape}, angle is {angle:g} rad"
+        raise InputError(f"{terrain.source}: {given}; the shapes must agree and 0 <= angle < pi/2")
+    if not released.any():
+        return released
+    dx, dy = terrain.cell_size
+    ground = filled(terrain.elevation, terrain.cell_size)
+    distance = ndimage.distance_transform_edt(~released, sampling=(dy, dx))
+    # a mass may start at the rim of its cell and needs to touch only the rim of the other
+    line = (ground + thickness)[released].max() - np.tan(angle) * np.maximum(distance - np.hypot(dx, dy), 0.0)
+    parts, _ = ndimage.label((ground <= line) | released, structure=np.ones((3, 3)))
+    return np.isin(parts, np.unique(parts[released]))
+
+
+def _to_utm(raster: ElevationRaster, reason: str) -> ElevationRaster:
+    from runout.terrain.reproject import to_utm
+
+    return to_utm(raster, reason)
+
+
+def _is_in_feet(crs: object) -> bool:
+    system = coordinate_systems.horizontal(crs)
+    return system.is_projected and coordinate_systems.metres_per_unit(system) != 1.0
+
+
+def _require_not_degrees(raster: ElevationRaster) -> None:
+    """A mountain that is higher than its map is wide is a map in degrees."""
+    west, south, east, north = raster.bounds
+    relief = np.nanmax(raster.values) - np.nanmin(raster.values) if np.isfinite(raster.values).any() else 0.0
+    on_globe = max(abs(south), abs(north)) <= 90 and max(abs(west), abs(east)) <= 360
+    if on_globe and relief > 5 * max(east - west, north - south):
+        extent = f"{raster.values.shape[1]} x {raster.values.shape[0]} cells of {raster.cell[0]:.6g}, {relief:.0f} m of relief"
+        reason = f"no coordinate system is stated and the map looks like degrees ({extent})"
+        raise DemError(f"{raster.source}: {reason}; state crs: EPSG:4326")

@@ -1,0 +1,159 @@
+"""Reading elevation rasters: GeoTIFF, ESRI ASCII, NetCDF, anything GDAL reads, arrays, and the sample of matplotlib."""
+
+import difflib
+import warnings
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import DemError
+from runout.model.terrain import Terrain
+from runout.terrain import crs as coordinate_systems
+from runout.terrain import prepare
+from runout.terrain.raster import ElevationRaster
+
+SAMPLE = "matplotlib:jacksboro_fault_dem"
+NETCDF_SUFFIXES = (".nc", ".nc4", ".cdf")
+
+
+def read_terrain(path: str | PathLike[str], crs: Any = None) -> Terrain:
+    """Terrain of an elevation raster, checked and in metres.
+
+    Parameters
+    ----------
+    path : path or str
+        GeoTIFF, ESRI ASCII grid, NetCDF or anything else that GDAL opens, or ``"matplotlib:jacksboro_fault_dem"``
+        for the sample that matplotlib ships.
+    crs : anything that pyproj understands, optional
+        Coordinate reference system of a raster that states none.
+
+    Returns
+    -------
+    Terrain
+        North up, elevation in metres (float64), NaN where unknown. ``changes`` lists what was done on the way.
+
+    Raises
+    ------
+    DemError
+        If the file is missing or unreadable, or its georeference, units or values cannot be used as they are.
+    """
+    text = fspath(path)
+    if text.startswith("matplotlib:"):
+        raster = _sample(text)
+    elif text.lower().endswith(NETCDF_SUFFIXES) and not _is_gdal_name(text):
+        from runout.terrain.netcdf import read_netcdf
+
+        raster = read_netcdf(_existing(text))
+    else:
+        raster = _read_gdal(text if _is_gdal_name(text) else _existing(text))
+    return prepare.terrain(coordinate_systems.with_stated(raster, crs))
+
+
+def terrain_from_array(
+    elevation: np.ndarray, cell_size: float | tuple[float, float], crs: Any = None, origin: tuple[float, float] = (0.0, 0.0)
+) -> Terrain:
+    """Terrain of an array (rows, columns) [m], north-west corner first; masked cells and usual nodata values become NaN.
+
+    ``cell_size`` [m] is one number or ``(east-west, north-south)``; ``origin`` is the map position [m] of the outer
+    south-west corner; ``crs`` names a projected system in metres.
+    """
+    dx, dy = (float(size) for size in np.broadcast_to(np.asarray(cell_size, np.float64), 2))
+    if len(origin) != 2 or not np.isfinite(origin).all():
+        raise DemError(f"array: origin is {origin}; it must be the finite easting and northing of the south-west corner")
+    values = np.ma.filled(np.ma.asarray(elevation).astype(np.float64), np.nan)
+    values, changes = prepare.known_or_nan(values, "array")
+    wkt = None if crs is None else coordinate_systems.projected_in_metres(coordinate_systems.parse(crs, "array"), "array").to_wkt()
+    return Terrain(values, (dx, dy), float(origin[0]), float(origin[1]), wkt, "array", changes)
+
+
+def _is_gdal_name(text: str) -> bool:
+    drive, colon, _ = text.partition(":")
+    return text.startswith("/vsi") or (bool(colon) and len(drive) > 1 and not Path(text).exists())
+
+
+def _existing(text: str) -> str:
+    path = Path(text)
+    if path.is_file():
+        return text
+    if path.is_dir() and (path / "hdr.adf").is_file():  # an ESRI grid is a folder
+        return text
+    if path.is_dir():
+        raise DemError(f"{text}: is a folder; name the raster file in it")
+    near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else [], 1)
+    remedy = f"did you mean {near[0]!r}?" if near else "check the path of the elevation raster"
+    raise DemError(f"{text}: no such file; {remedy}")
+
+
+def _read_gdal(text: str) -> ElevationRaster:
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError, RasterioIOError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(text) as dataset:
+                return _elevation_of(dataset, text)
+    except (RasterioIOError, RasterioError) as error:
+        raise DemError(f"{text}: cannot be read as a raster ({error}); check it with `gdalinfo`") from error
+
+
+def _elevation_of(dataset: Any, text: str) -> ElevationRaster:
+    from rasterio.enums import ColorInterp
+
+    alpha = [index for index, meaning in zip(dataset.indexes, dataset.colorinterp, strict=True) if meaning == ColorInterp.alpha]
+    _require_one_band(dataset, text, dataset.count - len(alpha))
+    _require_georeference(dataset, text)
+    band = dataset.read(1, masked=True)
+    values = np.ma.filled(band.astype(np.float64), np.nan)
+    for index in alpha:  # GDAL itself heeds transparency only where it is stored as whole numbers
+        values[dataset.read(index) == 0] = np.nan
+    system = coordinate_systems.of_raster(dataset.crs, text) if dataset.crs else None
+    raster = ElevationRaster(values, tuple(dataset.transform)[:6], system, dataset.units[0] or None, text)
+    scale, offset = dataset.scales[0], dataset.offsets[0]
+    if (scale, offset) != (1.0, 0.0):
+        packing = f"the file stores packed numbers; elevation = {scale:g} x number + {offset:g}"
+        raster = raster.noted(packing, values=values * scale + offset)
+    elif np.issubdtype(band.dtype, np.integer):
+        raster = raster.noted(f"elevations are whole numbers ({band.dtype}); slopes are stepped by one unit a cell")
+    return raster
+
+
+def _require_one_band(dataset: Any, text: str, bands: int) -> None:
+    if dataset.subdatasets and bands == 0:
+        names = dataset.subdatasets
+        raise DemError(f"{text}: holds {len(names)} rasters; name one of them, for example {names[0]!r}")
+    if bands != 1:
+        remedy = f"`gdal_translate -b 1 {text} elevation.tif`"
+        raise DemError(f"{text}: has {bands} bands and does not say which is the elevation; extract it, for example {remedy}")
+    if dataset.dtypes[0].startswith("complex"):
+        raise DemError(f"{text}: holds complex numbers ({dataset.dtypes[0]}); an elevation raster is needed")
+
+
+def _require_georeference(dataset: Any, text: str) -> None:
+    if dataset.transform.is_identity:
+        remedy = f"`gdal_translate -a_ullr WEST NORTH EAST SOUTH -a_srs EPSG:CODE {text} elevation.tif`"
+        points = " (only ground control points; warp it first)" if dataset.gcps[0] else ""
+        raise DemError(f"{text}: has no georeference{points}; add one, for example {remedy}")
+
+
+def _sample(text: str) -> ElevationRaster:
+    """Jacksboro fault, Tennessee, as matplotlib ships it: geographic, 3 arc-seconds, whole metres.
+
+    The file's ``ymin`` exceeds its ``ymax``; the two are read as exchanged. Landmarks contradict the file: its summit (1076 m)
+    matches Cross Mountain (1077 m; 36.1983 N, 84.2306 W) to a cell if ``ymax`` is the northern edge, 31.8 km further south.
+    """
+    from matplotlib.cbook import get_sample_data
+    from pyproj import CRS
+
+    if text != SAMPLE:
+        raise DemError(f"{text}: not an elevation sample of matplotlib; the only one is {SAMPLE!r}")
+    with np.load(get_sample_data(text.partition(":")[2] + ".npz", asfileobj=False)) as sample:
+        values = sample["elevation"].astype(np.float64)
+        west, north = float(sample["xmin"]), float(max(sample["ymin"], sample["ymax"]))
+        dx, dy = float(sample["dx"]), float(sample["dy"])
+    raster = ElevationRaster(values, (dx, 0.0, west, 0.0, -dy, north), CRS.from_epsg(4326), "m", text)
+    raster = raster.noted("the file's ymin exceeds its ymax; read as exchanged, the larger one is the northern edge of row 0")
+    raster = raster.noted("landmarks say that the sample truly lies 31.8 km further south; the numbers of the file are kept")
+    return raster.noted("elevations are whole numbers (int16); slopes are stepped by one unit a cell")

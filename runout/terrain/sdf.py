@@ -1,0 +1,110 @@
+"""The sliding surface and the signed distance to it."""
+
+from types import FunctionType
+
+import numpy as np
+
+from runout.errors import DemError
+from runout.model.surface import Surface
+from runout.model.terrain import Terrain
+from runout.physics import heightfield, tensors
+from runout.terrain.fill import filled
+from runout.terrain.prepare import require_known
+
+# the one formula there with a square root, for arrays
+_normal_z = FunctionType(heightfield.normal_z.__code__, {**heightfield.normal_z.__globals__, "math": np})
+
+
+def sliding_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, spacing: tuple[float, float]) -> Surface:
+    """Surface on which the mass slides: elevation minus what is excavated.
+
+    Cells finer than ``spacing`` are averaged in whole blocks to just below it: the grid cannot resolve what is smaller, and
+    noisy normals disturb contact. The means are turned into values at the blocks' middles, so that planes and parabolas
+    stay exact and averaging costs no accuracy. Cells without an elevation take that of the nearest known one; whoever runs
+    physics there has to refuse them first, see :func:`runout.terrain.prepare.reachable`.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    thickness_excavated : ndarray (rows, columns) or None
+        Vertical thickness of the masses that lie below the surface [m].
+    spacing : tuple of float
+        Horizontal spacing of the grid, east and north [m].
+
+    Raises
+    ------
+    DemError
+        If a cell that is excavated has no elevation, the shapes differ, or a spacing is not positive.
+    """
+    if len(spacing) != 2 or not all(np.isfinite(h) and h > 0 for h in spacing):
+        raise DemError(f"{terrain.source}: spacing of the sliding surface is {spacing} m; both numbers must be positive")
+    z = filled(terrain.elevation, terrain.cell_size) - _excavated(terrain, thickness_excavated)
+    lattice = z[::-1].T  # (nx, ny), index 0 west and south
+    sizes = []
+    for axis in (0, 1):
+        cell = terrain.cell_size[axis]
+        count = min(max(1, int(spacing[axis] / cell * (1.0 + 1e-9))), lattice.shape[axis] // 3)
+        lattice = np.moveaxis(_block_middles(np.moveaxis(lattice, axis, 0), count), 0, axis)
+        sizes.append(count * cell)
+    return Surface.through(lattice, (sizes[0], sizes[1]), (sizes[0] / 2, sizes[1] / 2))
+
+
+def distance(surface: Surface, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Signed distance [m] from a surface, positive above, and its upward unit normal.
+
+    First order, gap times n_z, leads to a foot point; the distance to the tangent plane of the surface there is the result.
+    Within two cells h of a surface with slopes to 43 deg and a radius of curvature of 3.4 h (6.8 h) the error is 0.0013 h
+    (0.0002 h) rms. Exact for planes.
+
+    Parameters
+    ----------
+    surface : Surface
+    x, y, z : ndarray
+        Local positions [m] of any common shape.
+
+    Returns
+    -------
+    distance : ndarray (...)
+        Signed distance [m].
+    normal : ndarray (..., 3)
+        Upward unit normal at the foot point [1].
+    """
+    ground, normal = _tangent_plane(surface, x, y)
+    first = heightfield.distance(np.asarray(z, np.float64) - ground, normal[2])
+    foot = [np.asarray(p, np.float64) - first * n for p, n in zip((x, y, z), normal, strict=True)]
+    ground, normal_at_foot = _tangent_plane(surface, foot[0], foot[1])
+    result = first * tensors.dot(normal, normal_at_foot) + heightfield.distance(foot[2] - ground, normal_at_foot[2])
+    return result, np.stack(np.broadcast_arrays(*normal_at_foot), axis=-1)
+
+
+def _excavated(terrain: Terrain, thickness: np.ndarray | None) -> np.ndarray:
+    if thickness is None:
+        return np.zeros(terrain.shape)
+    t = np.asarray(thickness, dtype=np.float64)
+    if t.shape != terrain.shape or not np.isfinite(t).all() or t.min() < 0:
+        reason = f"shape {t.shape} on a terrain of {terrain.shape}, {int((~(t >= 0)).sum())} values negative or NaN"
+        raise DemError(f"{terrain.source}: the excavated thickness does not fit ({reason}); give one number >= 0 for each cell")
+    require_known(terrain, t > 0, "the excavated mass")
+    return t
+
+
+def _block_middles(values: np.ndarray, count: int) -> np.ndarray:
+    """Values at the middles of blocks of ``count`` cells along axis 0; the last block may reach beyond the raster.
+
+    The mean of point values of a parabola over a block exceeds its middle by (1 - 1/count^2)/24 of its second difference
+    from block to block.
+    """
+    if count == 1:
+        return values
+    missing = -len(values) % count
+    values = np.pad(values, ((0, missing), (0, 0)), mode="reflect", reflect_type="odd")
+    means = values.reshape(-1, count, values.shape[1]).mean(axis=1)
+    around = np.pad(means, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    return means - (1.0 - 1.0 / count**2) / 24.0 * (around[:-2] - 2.0 * means + around[2:])
+
+
+def _tangent_plane(surface: Surface, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Elevation [m] and upward unit normal of the surface under a point."""
+    elevation, east, north = surface.evaluate(x, y)
+    n_z = _normal_z(east, north)
+    return elevation, (-east * n_z, -north * n_z, n_z)
