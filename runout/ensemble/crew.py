@@ -1,0 +1,153 @@
+"""Who runs the members: this process, or the worker processes of a local dask cluster."""
+
+import logging
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from runout.ensemble.member import Member
+from runout.errors import CapacityError, ConfigError, DeviceError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+LOGGER = logging.getLogger(__name__)
+MEMORY_SHARE = 0.9  # of the machine, for all workers together
+RESTART_SECONDS = 60  # to wait for a new worker in place of a dead one
+THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+CLUSTER_SETTINGS = {
+    "distributed.worker.multiprocessing-method": "spawn",  # a fork after numba has started its threads kills the child
+    "distributed.scheduler.allowed-failures": 0,  # the retry is ours: dask would also blame members that waited nearby
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,  # a paused worker would wait for ever: a member frees nothing before its end
+    "distributed.worker.memory.terminate": 0.95,
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A member that is finished, with its error if it failed."""
+
+    member: Member
+    error: BaseException | None = None
+
+
+class WorkerDeathError(CapacityError):
+    """A member whose worker process died, most often because memory ran out."""
+
+
+def worker_count(workers: int | None, threads_per_worker: int) -> int:
+    """Number of workers that the cores allow, at most ``workers``.
+
+    Raises
+    ------
+    ConfigError
+        If a number is below 1.
+    """
+    from dask.system import CPU_COUNT
+
+    for name, number in (("workers", workers), ("threads_per_worker", threads_per_worker)):
+        if number is not None and number < 1:
+            raise ConfigError(f"{name} is {number}; at least 1 is needed")
+    most = max(1, CPU_COUNT // threads_per_worker)
+    if workers is not None and workers > most:
+        text = "%d workers of %d threads need more than the %d cores; %d are used"
+        LOGGER.warning(text, workers, threads_per_worker, CPU_COUNT, most)
+    return most if workers is None else min(workers, most)
+
+
+def in_process(task: Callable[[Member], None], members: Sequence[Member]) -> Generator[Outcome, None, None]:
+    """Outcomes of ``task`` for every member, run here one after the other."""
+    from dask.local import synchronous_executor
+
+    for member in members:
+        error = synchronous_executor.submit(task, member).exception()
+        if error is not None and not isinstance(error, Exception):
+            raise error  # an interrupt ends the run, a failed member does not
+        yield Outcome(member, error)
+
+
+def in_cluster(
+    task: Callable[[Member], None], members: Sequence[Member], workers: int, threads: int
+) -> Generator[Outcome, None, None]:
+    """Outcomes of ``task`` for every member as they come, run in worker processes of ``threads`` threads each."""
+    import dask
+    from distributed import Client, LocalCluster
+    from distributed.system import MEMORY_LIMIT
+
+    workers = min(workers, len(members))
+    memory = int(MEMORY_SHARE * MEMORY_LIMIT / workers)
+    with (
+        _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))),
+        dask.config.set(CLUSTER_SETTINGS),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=memory,
+            dashboard_address="127.0.0.1:0",  # any free port: with None dask warns when its usual port is taken
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield from _feed(client, task, members, workers, memory)
+
+
+def _feed(
+    client: "Client", task: Callable[[Member], None], members: Sequence[Member], workers: int, memory: int
+) -> Generator[Outcome, None, None]:
+    """Outcomes of members, never more under way than workers alive; a member whose worker dies is tried once more."""
+    from distributed import KilledWorker, wait
+
+    waiting, died, running = deque(members), set[int](), dict["Future", Member]()
+    while waiting or running:
+        while waiting and len(running) < workers:
+            member = waiting.popleft()
+            running[client.submit(task, member, pure=False)] = member
+        for future in wait(list(running), return_when="FIRST_COMPLETED").done:
+            member, error = running.pop(future), future.exception()
+            if not isinstance(error, KilledWorker):
+                yield Outcome(member, error and error.with_traceback(future.traceback()))
+                continue
+            workers = _workers_again(client, workers)
+            if member.number in died:
+                yield Outcome(member, _death(memory))
+            else:
+                LOGGER.warning("the worker of member %d died; the member is tried once more", member.number)
+                died.add(member.number)
+                waiting.append(member)
+
+
+def _workers_again(client: "Client", workers: int) -> int:
+    """Number of workers alive after waiting for a new one in place of a dead one."""
+    try:
+        client.wait_for_workers(workers, timeout=RESTART_SECONDS)
+    except TimeoutError:
+        workers = len(client.nthreads())
+    if workers == 0:
+        raise DeviceError("no worker process could be started again after the last one died; run again with fewer workers")
+    return workers
+
+
+def _death(memory: int) -> WorkerDeathError:
+    return WorkerDeathError(
+        f"its process died twice, most often because memory ran out (each worker may use {memory / 2**30:.1f} GiB); "
+        "use fewer workers, a larger cell_size or fewer particles_per_cell"
+    )
+
+
+@contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Set environment variables that new processes see when they start; dask adds some of its own. All are undone."""
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name in set(os.environ) - set(before):
+            del os.environ[name]
+        os.environ.update(before)

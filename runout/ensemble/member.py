@@ -1,0 +1,139 @@
+"""One member: what it is, the key that says whether its result is still right, and how it is run."""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout import __version__
+from runout.ensemble.design import member_table
+from runout.errors import InputError
+from runout.io.atomic import whole_file
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.result import Result
+
+# sections of site.yaml that do not change what a member computes (its own parameters and seed are in the key)
+NOT_IN_KEY = ("name", "title", "ensemble", "hazard", "budget")
+
+
+@dataclass(frozen=True)
+class Member:
+    """One scenario of an ensemble.
+
+    Attributes
+    ----------
+    number : int
+        Row of the table of members, from 0.
+    parameters : dict of str to float
+        Sampled parameters in the units of ``site.yaml``.
+    seed : int
+        Seed of the particle sampling.
+    key : str
+        Checksum of everything that its result depends on.
+    """
+
+    number: int
+    parameters: dict[str, float]
+    seed: int
+    key: str
+
+    def file(self, results: Path) -> Path:
+        """Where its result goes."""
+        return members_folder(results) / f"{self.number:04d}.nc"
+
+    def failure_file(self, results: Path) -> Path:
+        """Where the reason goes when it fails."""
+        return members_folder(results) / f"{self.number:04d}.failed.json"
+
+
+def members_folder(results: Path) -> Path:
+    """Folder of the members' files."""
+    return Path(results) / "members"
+
+
+def plan_members(site: "Site") -> list[Member]:
+    """All members of a site with their keys.
+
+    Raises
+    ------
+    InputError
+        If an input file cannot be read.
+    """
+    table = member_table(site.settings.ensemble)
+    names = [c for c in table.columns if c not in ("weight", "seed")]
+    common = _common_key(site)
+    samples = [{name: float(row[name]) for name in names} for _, row in table.iterrows()]
+    seeds = [int(s) for s in table["seed"]]
+    return [
+        Member(i, p, s, _checksum({"site": common, "parameters": p, "seed": s}))
+        for i, p, s in zip(range(len(table)), samples, seeds, strict=True)
+    ]
+
+
+def _common_key(site: "Site") -> str:
+    """Checksum of what all members share: input contents, configuration, version of the solver."""
+    configuration = {k: v for k, v in site.resolved().items() if k not in NOT_IN_KEY}
+    inputs = [_contents(path) for path in site.inputs()]
+    return _checksum({"inputs": inputs, "configuration": configuration, "version": __version__})
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _contents(path: Path) -> str:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as cause:
+        raise InputError(f"{path}: the input cannot be read ({cause.strerror}); put it there or mend site.yaml") from cause
+
+
+def stored_key(path: Path) -> str | None:
+    """Key that a member's file carries; None if there is no whole file."""
+    from netCDF4 import Dataset
+
+    from runout.io.netcdf import LOCK
+
+    if not path.is_file():
+        return None
+    try:
+        with LOCK, Dataset(path) as file:
+            return str(file.getncattr("member_key"))
+    except (OSError, AttributeError, RuntimeError):  # not NetCDF, or not of a member
+        return None
+
+
+def simulate_member(
+    site: "Site", member: Member, results: Path, *, simulate: "Callable[..., Result] | None" = None, threads: int = 1
+) -> None:
+    """Simulate one member and write its file, whole or not at all; runs in a worker process.
+
+    Parameters
+    ----------
+    simulate : callable, optional
+        Takes the place of :func:`runout.simulate`; importable by name, since it travels to other processes.
+    threads : int
+        Threads of the simulation.
+    """
+    if stored_key(member.file(results)) == member.key:
+        return  # finished just before its worker died, and handed out again
+    if simulate is None:
+        import runout
+
+        simulate = runout.simulate
+    arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": threads}
+    result = simulate(**arguments)
+    attributes = {
+        "member": member.number,
+        "member_key": member.key,
+        "parameters": json.dumps(member.parameters),
+        "seed": member.seed,
+        "site": site.name,
+    }
+    with whole_file(member.file(results)) as temporary:
+        result.to_netcdf(temporary, attrs=attributes)

@@ -1,0 +1,225 @@
+"""Running an ensemble: resumes, never runs an unchanged member again, and no bad member ends it."""
+
+import logging
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runout.ensemble.crew import Outcome, in_cluster, in_process, worker_count
+from runout.ensemble.member import Member, members_folder, plan_members, simulate_member
+from runout.ensemble.status import LASTING, Failure, State, member_state
+from runout.errors import RunoutError, StorageError
+from runout.io.atomic import remove_stale, storage_error
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.result import Result
+
+LOGGER = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class EnsembleReport:
+    """What a run of an ensemble did.
+
+    Attributes
+    ----------
+    done : tuple of int
+        Members simulated now.
+    skipped : tuple of int
+        Members whose result was there already.
+    failed : dict of int to str
+        Members without a result, with the reason.
+    """
+
+    done: tuple[int, ...] = ()
+    skipped: tuple[int, ...] = ()
+    failed: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def valid(self) -> tuple[int, ...]:
+        """All members with a result."""
+        return tuple(sorted(self.done + self.skipped))
+
+    def __str__(self) -> str:
+        total = len(self.valid) + len(self.failed)
+        return f"{total} members: {len(self.done)} simulated, {len(self.skipped)} already there, {len(self.failed)} failed"
+
+
+@dataclass(frozen=True)
+class EnsembleProgress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    finished, of : int
+        Members finished (failed ones too, and those already there), and all members.
+    failed : int
+        Members that failed so far.
+    seconds : float
+        Time since the start [s].
+    remaining : float or None
+        Time left at the present rate [s]; None before the first member is finished.
+    """
+
+    finished: int
+    of: int
+    failed: int
+    seconds: float
+    remaining: float | None
+
+    @property
+    def fraction(self) -> float:
+        """Finished part, 0 to 1."""
+        return self.finished / self.of
+
+
+def run_ensemble(
+    site: "Site",
+    results: Path,
+    *,
+    workers: int | None = None,
+    threads_per_worker: int = 1,
+    progress: Callable[[EnsembleProgress], None] | None = None,
+    retry_failed: bool = False,
+    simulate: "Callable[..., Result] | None" = None,
+) -> EnsembleReport:
+    """Report of an ensemble after running all members that have no valid result yet.
+
+    Results go to ``results/members/0003.nc``, reasons of failure to ``results/members/0003.failed.json``. May be killed at any
+    moment and called again. With more than one worker the members run in processes of a local cluster, so the
+    calling script needs ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    site : Site
+    results : Path
+        Folder of the results; made when absent.
+    workers : int, optional
+        Members at a time, by default as many as there are cores for; never more. 1 runs in this process.
+    threads_per_worker : int
+        Threads of each simulation.
+    progress : callable, optional
+        Called in this process at the start and after every member.
+    retry_failed : bool
+        Try also those members again that would fail again on any machine.
+    simulate : callable, optional
+        Takes the place of :func:`runout.simulate`; importable by name, since it travels to other processes.
+
+    Raises
+    ------
+    StorageError
+        If the folder cannot be written or another run works in it.
+    InputError
+        If an input of the site cannot be read, or the ensemble has no member.
+    """
+    results = Path(results)
+    members = plan_members(site)
+    with _exclusive(members_folder(results)) as folder:
+        remove_stale(folder)
+        tally = _Tally(members, results, retry_failed, progress)
+        if tally.waiting:
+            crew = worker_count(workers, threads_per_worker)
+            task = partial(simulate_member, site, results=results, simulate=simulate, threads=threads_per_worker)
+            todo = len(tally.waiting)
+            LOGGER.info("%d of %d members to simulate, %d at a time", todo, len(members), min(crew, todo))
+            run = in_process(task, tally.waiting) if crew == 1 else in_cluster(task, tally.waiting, crew, threads_per_worker)
+            with closing(run) as outcomes:
+                tally.collect(outcomes)
+    LOGGER.info("%s", tally.report())
+    return tally.report()
+
+
+class _Tally:
+    """Books members and tells how far the run is."""
+
+    def __init__(
+        self, members: list[Member], results: Path, retry_failed: bool, progress: Callable[[EnsembleProgress], None] | None
+    ):
+        self.results, self.progress, self.of = results, progress, len(members)
+        self.start = time.perf_counter()
+        self.done: list[int] = []
+        self.skipped: list[int] = []
+        self.failed: dict[int, str] = {}
+        self.waiting: list[Member] = []
+        for member in members:
+            self._sort(member, retry_failed)
+        self._tell(finished_now=0)
+
+    def _sort(self, member: Member, retry_failed: bool) -> None:
+        state, reason = member_state(member, self.results)
+        failure = Failure.read(member.failure_file(self.results)) if state is State.FAILED else None
+        if state is State.DONE:
+            self.skipped.append(member.number)
+            member.failure_file(self.results).unlink(missing_ok=True)  # killed between writing one and removing the other
+        elif failure and failure.lasting and not retry_failed:
+            self.failed[member.number] = reason
+        else:
+            self.waiting.append(member)
+
+    def collect(self, outcomes: Iterator[Outcome]) -> None:
+        """Book every outcome as it comes."""
+        for finished_now, outcome in enumerate(outcomes, start=1):
+            number = outcome.member.number
+            if outcome.error is None:
+                self.done.append(number)
+                outcome.member.failure_file(self.results).unlink(missing_ok=True)
+            else:
+                failure = _failure(outcome.member, outcome.error)
+                self.failed[number] = failure.reason
+                failure.write(outcome.member.failure_file(self.results))
+                outcome.member.file(self.results).unlink(missing_ok=True)  # of an older configuration
+                LOGGER.warning("member %d failed: %s", number, failure.reason)
+            self._tell(finished_now)
+
+    def _tell(self, finished_now: int) -> None:
+        if self.progress is None:
+            return
+        seconds = time.perf_counter() - self.start
+        left = len(self.waiting) - finished_now
+        remaining = seconds / finished_now * left if finished_now else (None if left else 0.0)
+        self.progress(EnsembleProgress(self.of - left, self.of, len(self.failed), seconds, remaining))
+
+    def report(self) -> EnsembleReport:
+        """What was done."""
+        return EnsembleReport(tuple(sorted(self.done)), tuple(self.skipped), dict(sorted(self.failed.items())))
+
+
+def _failure(member: Member, error: BaseException) -> Failure:
+    """Why a member failed; what runout raises itself is meant to be read, anything else is a bug with its traceback."""
+    known = isinstance(error, RunoutError)
+    reason = str(error) if known else f"{type(error).__name__}: {error} (an error inside runout; please report it)"
+    return Failure(
+        member=member.number,
+        reason=reason,
+        type=type(error).__name__,
+        key=member.key,
+        lasting=isinstance(error, LASTING),
+        parameters=member.parameters,
+        seed=member.seed,
+        traceback="" if known else "".join(traceback.format_exception(error)),
+    )
+
+
+@contextmanager
+def _exclusive(folder: Path) -> Iterator[Path]:
+    """The folder, made when absent and locked against a second run; the lock ends with this process, however it ends."""
+    import locket
+
+    lock = locket.lock_file(str(folder / ".lock"), timeout=0)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except locket.LockError:
+        raise StorageError(f"{folder}: another run is working there; wait for it, or choose another folder with --out") from None
+    except OSError as cause:
+        raise storage_error(folder, cause) from cause
+    try:
+        yield folder
+    finally:
+        lock.release()

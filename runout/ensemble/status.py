@@ -1,0 +1,98 @@
+"""What has become of every member: done, failed with its reason, or left to do."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runout.ensemble.member import Member, plan_members, stored_key
+from runout.errors import InputError, StabilityError
+from runout.io.atomic import write_json
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from runout.config.site import Site
+
+# these would fail again on any machine; every other failure may be due to memory, disk, device or a mended bug
+LASTING = (InputError, StabilityError)
+
+
+class State(StrEnum):
+    """State of a member."""
+
+    DONE = "done"
+    FAILED = "failed"
+    LEFT = "left"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a member failed.
+
+    Attributes
+    ----------
+    member : int
+    reason : str
+        What a user reads.
+    type : str
+        Name of the error's class.
+    key : str
+        Key of the member that failed; a member with another key is tried anew.
+    lasting : bool
+        True if it would fail again on any machine, so that it is not tried again.
+    parameters : dict of str to float
+    seed : int
+    traceback : str
+        For errors that are bugs, else empty.
+    """
+
+    member: int
+    reason: str
+    type: str
+    key: str
+    lasting: bool
+    parameters: dict[str, float] = field(default_factory=dict)
+    seed: int = 0
+    traceback: str = ""
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON, whole."""
+        write_json(asdict(self), path)
+
+    @classmethod
+    def read(cls, path: Path) -> "Failure | None":
+        """The failure of a file; None if there is none that can be read."""
+        try:
+            return cls(**json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            return None
+
+
+def member_state(member: Member, results: Path) -> tuple[State, str]:
+    """State of a member and its reason (empty when done)."""
+    key = stored_key(member.file(results))
+    if key == member.key:
+        return State.DONE, ""
+    failure = Failure.read(member.failure_file(results))
+    if failure and failure.key == member.key:
+        return State.FAILED, failure.reason
+    return State.LEFT, "inputs, settings or parameters changed since it was run" if key or failure else "not run yet"
+
+
+def member_status(site: "Site", results: Path) -> "pd.DataFrame":
+    """Table of all members: their parameters, ``state`` (done, failed, left) and ``reason``; indexed by ``member``."""
+    import pandas as pd
+
+    members = plan_members(site)
+    states = [member_state(m, results) for m in members]
+    table = pd.DataFrame([m.parameters for m in members], index=pd.Index([m.number for m in members], name="member"))
+    table["state"] = [str(state) for state, _ in states]
+    table["reason"] = [reason for _, reason in states]
+    return table
+
+
+def member_files(site: "Site", results: Path) -> dict[int, Path]:
+    """Files of the members that are done, by number; files of an older configuration are not among them."""
+    return {m.number: m.file(results) for m in plan_members(site) if stored_key(m.file(results)) == m.key}

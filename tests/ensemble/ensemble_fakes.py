@@ -1,0 +1,133 @@
+"""A site and a simulation that take no time, for tests of the ensemble; picklable, since they travel to workers."""
+
+import os
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from runout.errors import MaterialError, StorageError
+
+# ensemble members sample each of these values exactly once (see test_ensemble_design)
+EIGHT = SimpleNamespace(distribution="discrete", values=[float(v) for v in range(8)], frequencies=[0.125] * 8)
+
+
+@dataclass(frozen=True)
+class FakeSite:
+    """What the ensemble asks of a site; ``faults`` maps a basal friction angle to what goes wrong there."""
+
+    folder: Path
+    members: int = 8
+    seed: int = 1
+    parameters: dict[str, Any] = field(default_factory=lambda: {"basal_friction_angle_deg": EIGHT})
+    cell_size: float = 20.0
+    title: str = "first title"
+    faults: dict[float, str] = field(default_factory=dict)
+    pause: float = 0.0
+    name: str = "fake"
+
+    @property
+    def settings(self):
+        return SimpleNamespace(ensemble=SimpleNamespace(members=self.members, seed=self.seed, parameters=self.parameters))
+
+    def inputs(self):
+        return [self.folder / "dem.txt"]
+
+    def resolved(self):
+        return {
+            "name": self.name,
+            "title": self.title,
+            "simulation": {"cell_size": self.cell_size},
+            "ensemble": {"members": self.members},
+            "hazard": {"thickness_thresholds": [0.1]},
+        }
+
+    def member_arguments(self, sample):
+        angle = sample.get("basal_friction_angle_deg", 20.0)
+        return {
+            "basal_friction_angle": angle,
+            "cell_size": self.cell_size,
+            "fault": self.faults.get(angle, ""),
+            "pause": self.pause,
+            "calls": self.folder / "calls",
+            "seed": 0,
+        }
+
+
+class FakeResult:
+    def __init__(self, value, threads):
+        self.value, self.threads = value, threads
+
+    def to_netcdf(self, path, attrs=None):
+        import xarray as xr
+
+        environment = {"numba_threads": os.environ.get("NUMBA_NUM_THREADS", "unset"), "pid": os.getpid(), "threads": self.threads}
+        xr.Dataset({"max_speed": (("y", "x"), np.full((3, 4), self.value))}, attrs={**environment, **attrs}).to_netcdf(path)
+
+
+def simulate(*, basal_friction_angle, cell_size, fault, pause, calls, seed, threads):
+    """A result with the friction angle as its speed, after leaving a trace of the call."""
+    (calls / f"{basal_friction_angle:g}-{seed}-{time.time_ns()}").touch()
+    time.sleep(pause)
+    if fault:
+        FAULTS[fault]()
+    return FakeResult(basal_friction_angle, threads)
+
+
+def _material():
+    raise MaterialError("density is -3 kg m-3; it must lie above 0 kg m-3")
+
+
+def _storage():
+    raise StorageError("members: the disk is full")
+
+
+def _bug():
+    return {}["no such key"]
+
+
+def _exit():
+    os._exit(7)
+
+
+def _memory():
+    hoard = np.ones(200_000_000)  # 1.6 GB
+    time.sleep(30)
+    return hoard
+
+
+def _interrupt():
+    raise KeyboardInterrupt
+
+
+FAULTS = {"material": _material, "storage": _storage, "bug": _bug, "exit": _exit, "memory": _memory, "interrupt": _interrupt}
+
+
+def site(folder, **choices):
+    """A fake site in a folder."""
+    folder = Path(folder)
+    (folder / "calls").mkdir(exist_ok=True)
+    dem = folder / "dem.txt"
+    if not dem.exists():
+        dem.write_text("1 2 3")
+    return FakeSite(folder, **choices)
+
+
+def calls(site):
+    """Friction angles of all simulations that were started, sorted."""
+    return sorted(float(p.name.split("-")[0]) for p in (site.folder / "calls").iterdir())
+
+
+def main():
+    """Run a slow ensemble of two workers; started as a process of its own, to be killed."""
+    import dask.system
+
+    from runout.ensemble.run import run_ensemble
+
+    dask.system.CPU_COUNT = 2
+    folder, pause = Path(sys.argv[1]), float(sys.argv[2])
+    run_ensemble(site(folder, pause=pause), folder / "results", workers=2, simulate=simulate)

@@ -1,0 +1,321 @@
+"""Running an ensemble: nothing is lost, nothing is run twice, no bad member ends it."""
+
+import itertools
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import dask.system
+import pytest
+from distributed.system import MEMORY_LIMIT
+from ensemble_fakes import calls, simulate, site
+from netCDF4 import Dataset
+
+from runout.ensemble import crew
+from runout.ensemble.member import plan_members, stored_key
+from runout.ensemble.run import run_ensemble
+from runout.ensemble.status import member_files, member_status
+from runout.errors import ConfigError, InputError, StorageError
+
+HERE = Path(__file__).parent
+ANGLE = "basal_friction_angle_deg"
+
+
+@pytest.fixture
+def two_cores(monkeypatch):
+    monkeypatch.setattr(dask.system, "CPU_COUNT", 2)
+
+
+def run(place, **choices):
+    return run_ensemble(place, place.folder / "results", **{"workers": 1, "simulate": simulate, **choices})
+
+
+def angles(place, numbers):
+    plan = plan_members(place)
+    return sorted(plan[i].parameters[ANGLE] for i in numbers)
+
+
+def attributes(place, number):
+    with Dataset(place.folder / "results" / "members" / f"{number:04d}.nc") as file:
+        return {name: file.getncattr(name) for name in file.ncattrs()}
+
+
+def files(place):
+    return sorted(p.name for p in (place.folder / "results" / "members").iterdir() if p.name != ".lock")
+
+
+def test_every_member_gets_a_file_that_says_what_it_is(tmp_path):
+    place = site(tmp_path)
+    report = run(place)
+    assert report.done == tuple(range(8))
+    assert files(place) == [f"{i:04d}.nc" for i in range(8)]
+    for member in plan_members(place):
+        stored = attributes(place, member.number)
+        assert (stored["member"], stored["member_key"], stored["seed"]) == (member.number, member.key, member.seed)
+        assert json.loads(stored["parameters"]) == member.parameters
+        with Dataset(member.file(tmp_path / "results")) as file:
+            assert (file["max_speed"][:] == member.parameters[ANGLE]).all()
+
+
+def test_second_run_runs_nothing(tmp_path):
+    place = site(tmp_path)
+    run(place)
+    again = run(place)
+    assert (again.done, again.skipped, again.failed) == ((), tuple(range(8)), {})
+    assert calls(place) == list(range(8))
+    assert str(again) == "8 members: 0 simulated, 8 already there, 0 failed"
+
+
+def test_more_members_run_only_the_new_ones(tmp_path):
+    run(site(tmp_path, members=4))
+    report = run(site(tmp_path, members=8))
+    assert (report.skipped, report.done) == ((0, 1, 2, 3), (4, 5, 6, 7))
+
+
+def test_fewer_members_keep_the_files_of_the_others_but_do_not_count_them(tmp_path):
+    run(site(tmp_path, members=8))
+    fewer = site(tmp_path, members=4)
+    assert run(fewer).skipped == (0, 1, 2, 3)
+    assert list(member_files(fewer, tmp_path / "results")) == [0, 1, 2, 3]
+    assert len(files(fewer)) == 8
+
+
+def test_changed_value_reruns_only_the_members_that_have_it(tmp_path):
+    place = site(tmp_path)
+    run(place)
+    values = [0.0, 1.0, 2.0, 33.0, 4.0, 5.0, 6.0, 7.0]
+    other = SimpleNamespace(distribution="discrete", values=values, frequencies=[0.125] * 8)
+    changed = site(tmp_path, parameters={ANGLE: other})
+    report = run(changed)
+    assert angles(changed, report.done) == [33.0]
+    assert calls(place) == [0, 1, 2, 3, 4, 5, 6, 7, 33]
+
+
+@pytest.mark.parametrize("change", ["setting", "input", "seed", "version"])
+def test_change_that_matters_to_all_reruns_all(tmp_path, monkeypatch, change):
+    run(site(tmp_path, members=2))
+    if change == "input":
+        (tmp_path / "dem.txt").write_text("1 2 4")
+    if change == "version":
+        monkeypatch.setattr("runout.ensemble.member.__version__", "99.0")
+    place = site(tmp_path, members=2, **{"setting": {"cell_size": 10.0}, "seed": {"seed": 2}}.get(change, {}))
+    assert member_status(place, tmp_path / "results")["reason"].str.contains("changed").all()
+    assert run(place).done == (0, 1)
+
+
+def test_change_of_the_title_reruns_nothing(tmp_path):
+    run(site(tmp_path))
+    assert run(site(tmp_path, title="another title")).done == ()
+
+
+def test_file_that_is_no_netcdf_is_not_taken_for_a_result(tmp_path):
+    place = site(tmp_path, members=2)
+    run(place)
+    (tmp_path / "results" / "members" / "0001.nc").write_bytes(b"CDF garbage")
+    assert run(place).done == (1,)
+
+
+def test_failed_members_are_recorded_with_their_reason_and_the_others_run(tmp_path):
+    place = site(tmp_path, faults={2.0: "material", 5.0: "bug"})
+    report = run(place)
+    assert angles(place, report.done) == [0, 1, 3, 4, 6, 7]
+    assert angles(place, report.failed) == [2, 5]
+    bad, bug = sorted(report.failed, key=lambda i: plan_members(place)[i].parameters[ANGLE])
+    assert report.failed[bad] == "density is -3 kg m-3; it must lie above 0 kg m-3"
+    record = json.loads((tmp_path / "results" / "members" / f"{bad:04d}.failed.json").read_text())
+    assert (record["type"], record["key"], record["traceback"]) == ("MaterialError", plan_members(place)[bad].key, "")
+    assert record["parameters"] == {ANGLE: 2.0}
+    record = json.loads((tmp_path / "results" / "members" / f"{bug:04d}.failed.json").read_text())
+    assert record["type"] == "KeyError"
+    assert "_bug" in record["traceback"]
+    assert "please report" in report.failed[bug]
+
+
+def test_failure_that_lasts_is_not_tried_again_and_one_of_the_machine_is(tmp_path):
+    place = site(tmp_path, faults={2.0: "material", 5.0: "storage"})
+    first = run(place)
+    again = run(place)
+    assert again.failed == first.failed
+    assert calls(place) == [0, 1, 2, 3, 4, 5, 5, 6, 7]
+    run(place, retry_failed=True)
+    assert calls(place) == [0, 1, 2, 2, 3, 4, 5, 5, 5, 6, 7]
+
+
+def test_member_that_succeeds_later_loses_its_record_of_failure(tmp_path):
+    run(site(tmp_path, faults={5.0: "storage"}))
+    healed = site(tmp_path)
+    assert len(run(healed).done) == 1
+    assert files(healed) == [f"{i:04d}.nc" for i in range(8)]
+
+
+def test_failing_member_leaves_no_file_of_an_older_configuration(tmp_path):
+    run(site(tmp_path))
+    changed = site(tmp_path, cell_size=10.0, faults={5.0: "material"})
+    (number,) = run(changed).failed
+    assert f"{number:04d}.nc" not in files(changed)
+
+
+def test_interrupt_ends_the_run_and_it_resumes(tmp_path):
+    broken = site(tmp_path, faults={5.0: "interrupt"})
+    with pytest.raises(KeyboardInterrupt):
+        run(broken)
+    finished = len(files(broken))
+    assert 0 < finished < 8
+    report = run(site(tmp_path))
+    assert (len(report.skipped), len(report.done), report.failed) == (finished, 8 - finished, {})
+
+
+def test_progress_tells_how_far_the_run_is_and_what_is_left(tmp_path):
+    run(site(tmp_path, members=2))
+    seen = []
+    run(site(tmp_path, members=6, faults={5.0: "material"}, pause=0.02), progress=seen.append)
+    assert [p.finished for p in seen] == [2, 3, 4, 5, 6]
+    assert {p.of for p in seen} == {6}
+    assert seen[0].remaining is None
+    assert seen[2].remaining == pytest.approx(seen[2].seconds / 2 * 2)
+    assert seen[-1].remaining == 0.0
+    assert seen[-1].fraction == 1.0
+    assert all(a.seconds <= b.seconds for a, b in itertools.pairwise(seen))
+
+
+def test_status_lists_members_done_failed_and_left(tmp_path):
+    run(site(tmp_path, members=4, faults={float(v): "material" for v in range(4)}))
+    status = member_status(site(tmp_path, members=8), tmp_path / "results")
+    assert status["state"].tolist()[4:] == ["left"] * 4
+    assert status["reason"].tolist()[4:] == ["not run yet"] * 4
+    first = status.iloc[:4]
+    assert (first["state"] == "failed").tolist() == (first[ANGLE] < 4).tolist()
+    assert (first["state"] == "done").sum() == (first[ANGLE] >= 4).sum()
+    assert first.loc[first["state"] == "failed", "reason"].str.startswith("density is -3").all()
+
+
+def test_missing_input_is_refused_by_name(tmp_path):
+    place = site(tmp_path)
+    (tmp_path / "dem.txt").unlink()
+    with pytest.raises(InputError, match=r"dem\.txt: the input cannot be read"):
+        run(place)
+
+
+def test_second_run_at_the_same_time_is_refused(tmp_path):
+    place = site(tmp_path, members=1)
+    refused = []
+
+    def start_another(progress):
+        if progress.finished == 0:
+            with started(tmp_path, 0.0) as other:
+                refused.append(other.communicate(timeout=60)[0])
+
+    assert run(place, progress=start_another).done == (0,)
+    (text,) = refused
+    assert "StorageError" in text
+    assert "another run is working there" in text
+    assert len(calls(place)) == 1
+
+
+def test_results_that_cannot_be_written_are_refused(tmp_path):
+    place = site(tmp_path)
+    (tmp_path / "results").write_text("a file in the way")
+    with pytest.raises(StorageError, match="choose another"):
+        run(place)
+
+
+def test_more_workers_than_cores_are_not_started(two_cores, caplog):
+    with caplog.at_level(logging.WARNING):
+        assert crew.worker_count(5, 1) == 2
+    assert "5 workers of 1 threads need more than the 2 cores" in caplog.text
+    assert crew.worker_count(None, 1) == 2
+    assert crew.worker_count(None, 2) == crew.worker_count(None, 8) == 1
+    with pytest.raises(ConfigError, match="workers is 0"):
+        crew.worker_count(0, 1)
+
+
+def test_cluster_survives_workers_that_die_of_memory_or_at_once(tmp_path, two_cores, monkeypatch, capfd):
+    monkeypatch.setattr(crew, "MEMORY_SHARE", 1.4e9 / MEMORY_LIMIT)  # 700 MB for each of two
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    before = dict(os.environ)
+    place = site(tmp_path, faults={1.0: "exit", 3.0: "memory", 5.0: "material", 6.0: "bug"}, pause=0.1)
+    seen = []
+    report = run(place, workers=2, progress=seen.append)
+    assert angles(place, report.done) == [0, 2, 4, 7]
+    assert angles(place, report.failed) == [1, 3, 5, 6]
+    assert calls(place) == [0, 1, 1, 2, 3, 3, 4, 5, 6, 7]  # a death is tried once more, nothing else
+    reasons = {plan_members(place)[i].parameters[ANGLE]: reason for i, reason in report.failed.items()}
+    for angle in (1.0, 3.0):
+        assert "its process died twice" in reasons[angle]
+        assert "0.7 GiB" in reasons[angle]
+    assert "KeyError" in reasons[6.0]
+    assert [p.finished for p in seen] == list(range(9))
+    assert {attributes(place, i)["numba_threads"] for i in report.done} == {"1"}
+    assert os.getpid() not in {attributes(place, i)["pid"] for i in report.done}
+    assert dict(os.environ) == before
+    assert capfd.readouterr().err == ""
+    healed = run(site(tmp_path))
+    assert angles(place, healed.done) == [1, 3, 6]  # not the one that would fail again
+
+
+def started(tmp_path, pause):
+    site(tmp_path)
+    code = "import ensemble_fakes; ensemble_fakes.main()"
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path), str(pause)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent.parent)])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_until(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "nothing happened in time"
+        time.sleep(0.05)
+
+
+def process_group(leader):
+    listing = subprocess.run(["ps", "-eo", "pid,pgid,stat"], capture_output=True, text=True, check=True).stdout
+    rows = [line.split() for line in listing.splitlines()[1:]]
+    return [pid for pid, group, state in rows if int(group) == leader and not state.startswith("Z")]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_run_killed_half_way_finishes_only_what_is_left(tmp_path):
+    process = started(tmp_path, 0.6)
+    members = tmp_path / "results" / "members"
+    wait_until(lambda: len(list(members.glob("*.nc"))) >= 3)
+    process.kill()
+    process.wait()
+    wait_until(lambda: not process_group(process.pid))  # workers end with it
+    finished = {int(p.stem) for p in members.glob("*.nc")}
+    assert 3 <= len(finished) < 8
+    stale = members / ".0007.nc.abc.part"
+    stale.mkdir()
+    (stale / "0007.nc").write_bytes(b"half a file")
+    place = site(tmp_path)
+    report = run(place)
+    assert set(report.skipped) == finished
+    assert set(report.done) == set(range(8)) - finished
+    assert files(place) == [f"{i:04d}.nc" for i in range(8)]
+    assert all(stored_key(m.file(tmp_path / "results")) == m.key for m in plan_members(place))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_run_interrupted_from_the_keyboard_ends_soon_and_resumes(tmp_path):
+    process = started(tmp_path, 1.0)
+    members = tmp_path / "results" / "members"
+    wait_until(lambda: list(members.glob("*.nc")))
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
+    output, _ = process.communicate(timeout=30)
+    assert "KeyboardInterrupt" in output
+    wait_until(lambda: not process_group(process.pid))
+    finished = {int(p.stem) for p in members.glob("*.nc")}
+    assert 1 <= len(finished) < 8
+    assert not list(members.glob("*.failed.json"))
+    assert set(run(site(tmp_path)).skipped) == finished

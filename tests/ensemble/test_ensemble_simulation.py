@@ -1,0 +1,73 @@
+"""The ensemble with the real simulation on a tiny slope, in worker processes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import dask.system
+import numpy as np
+import pytest
+from netCDF4 import Dataset
+
+from runout.ensemble.member import plan_members
+from runout.ensemble.run import run_ensemble
+from runout.model.materials import DruckerPrager
+from runout.model.release import Release
+from runout.model.terrain import Terrain
+
+pytest.importorskip("runout.simulation", reason="the simulation is not there yet")
+
+SLOPE = 0.5
+ANGLES = SimpleNamespace(distribution="discrete", values=[5.0, 25.0], frequencies=[1.0, 1.0])
+DENSITY = SimpleNamespace(distribution="discrete", values=[2000.0, -2000.0], frequencies=[3.0, 1.0])
+
+
+@dataclass(frozen=True)
+class SlopeSite:
+    """A block on an even slope that falls to the east; one density in four cannot be."""
+
+    folder: Path
+    name: str = "slope"
+
+    @property
+    def settings(self):
+        parameters = {"basal_friction_angle_deg": ANGLES, "density": DENSITY}
+        return SimpleNamespace(ensemble=SimpleNamespace(members=4, seed=1, parameters=parameters))
+
+    def inputs(self):
+        return []
+
+    def resolved(self):
+        return {"simulation": {"cell_size": 5.0}}
+
+    def member_arguments(self, sample):
+        elevation = np.tile(100.0 - SLOPE * 5.0 * np.arange(24), (16, 1))
+        terrain = Terrain(elevation, (5.0, 5.0))
+        thickness = np.zeros(terrain.shape)
+        thickness[6:10, 4:8] = 5.0
+        return {
+            "terrain": terrain,
+            "release": [Release(thickness, terrain, placement="on_surface")],
+            "material": DruckerPrager(density=sample["density"], youngs_modulus=1e6, friction_angle=30.0),
+            "basal_friction_angle": sample["basal_friction_angle_deg"],
+            "cell_size": 5.0,
+            "end_time": 2.0,
+            "stop": False,
+        }
+
+
+def test_members_of_a_slope_run_faster_with_less_friction_and_bad_ones_are_recorded(tmp_path, monkeypatch):
+    monkeypatch.setattr(dask.system, "CPU_COUNT", 2)
+    site = SlopeSite(tmp_path)
+    report = run_ensemble(site, tmp_path / "results", workers=2)
+    speeds = {}
+    for member in plan_members(site):
+        if member.parameters["density"] < 0:
+            assert report.failed[member.number].startswith("density is -2000 kg m-3")
+            continue
+        assert member.number in report.done
+        with Dataset(member.file(tmp_path / "results")) as file:
+            speeds.setdefault(member.parameters["basal_friction_angle_deg"], []).append(float(file["max_speed"][:].max()))
+    assert len(report.failed) == 1
+    assert min(speeds[5.0]) > 1.5 * max(speeds[25.0]) > 0
+    assert run_ensemble(site, tmp_path / "results", workers=2).done == ()
