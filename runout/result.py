@@ -1,0 +1,103 @@
+"""The result of one run."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.model.particles import Particles
+from runout.model.terrain import Terrain
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass
+class Result:
+    """What :func:`runout.simulate` returns.
+
+    Attributes
+    ----------
+    steps, n_particles : int
+        Time steps done; particles at the start.
+    timing : dict
+        Seconds by stage: setup (with compilation), index, p2g, contact, g2p, sort, observers, total.
+    stop_reason : str
+        "at rest", "end time" or "all mass has left the domain".
+    """
+
+    terrain: Terrain
+    fields: Mapping[str, np.ndarray]
+    series: Mapping[str, np.ndarray]
+    state: Particles
+    spacing: tuple[float, float, float]
+    steps: int
+    n_particles: int
+    timing: dict[str, float]
+    stop_reason: str
+    snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
+
+    @cached_property
+    def maps(self) -> "xr.Dataset":
+        """Maps on the cells of the elevation raster, with its coordinate system.
+
+        ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``arrival_time`` [s] (missing where
+        the flow never came) and ``deposit_thickness`` [m]; thickness is vertical.
+        """
+        from runout.io.netcdf import map_dataset
+
+        return map_dataset(self.terrain, self.fields, title="Runout of one scenario", attrs=self._attributes())
+
+    @cached_property
+    def ledger(self) -> "xr.Dataset":
+        """Sums over the whole mass against ``time`` [s]: mass, momentum, energies, dissipation, step and work."""
+        import xarray as xr
+
+        from runout.variables import VARIABLES
+
+        series = {k: ("time", v, VARIABLES[k].attributes()) for k, v in self.series.items() if k != "time"}
+        return xr.Dataset(series, coords={"time": ("time", self.series["time"], VARIABLES["time"].attributes())})
+
+    @cached_property
+    def particles(self) -> "xr.Dataset":
+        """Positions in map coordinates [m], float64, velocities [m/s] and release of the particles at the end."""
+        import xarray as xr
+
+        position = self.terrain.frame.to_map(self.state.position(np.array(self.spacing)))
+        columns = {
+            "easting": position[:, 0],
+            "northing": position[:, 1],
+            "elevation": position[:, 2],
+            "velocity_x": self.state.velocity[:, 0],
+            "velocity_y": self.state.velocity[:, 1],
+            "velocity_z": self.state.velocity[:, 2],
+            "mass": self.state.mass,
+            "release": self.state.release,
+        }
+        series = {name: ("particle", values) for name, values in columns.items()}
+        return xr.Dataset(series, coords={"particle": self.state.identity})
+
+    def snapshot_maps(self) -> "xr.Dataset":
+        """Thickness [m] and speed [m/s] at the snapshot times, (time, y, x)."""
+        from runout.io.netcdf import add_map, map_dataset
+
+        dataset = map_dataset(self.terrain, {}, title="Snapshots of one scenario")
+        dataset = dataset.assign_coords(time=("time", [t for t, _, _ in self.snapshots]))
+        add_map(dataset, "flow_thickness", np.array([h for _, h, _ in self.snapshots]), ("time",))
+        add_map(dataset, "speed", np.array([v for _, _, v in self.snapshots]), ("time",))
+        return dataset
+
+    def to_netcdf(self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None) -> None:
+        """Write maps, ledger and snapshots to one file, whole or not at all."""
+        from runout.io.netcdf import write
+
+        groups = {"ledger": self.ledger}
+        if self.snapshots:
+            groups["snapshots"] = self.snapshot_maps()
+        write(self.maps.assign_attrs(dict(attrs or {})), path, groups=groups)
+
+    def _attributes(self) -> dict[str, Any]:
+        return {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}

@@ -1,0 +1,230 @@
+"""The time loop: step size, steps, observers, stop rule. It knows no physics and no array layout."""
+
+import math
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from runout.backends.protocol import Backend, get_backend
+from runout.errors import ConfigError, ReleaseError
+from runout.model.materials import Material
+from runout.model.particles import Particles
+from runout.model.release import Placement, Release
+from runout.model.scene import Raster, Scene
+from runout.model.terrain import Terrain
+from runout.observers import AtRest, Ledger, PeakMaps, flow_fields
+from runout.result import Result
+
+OBSERVATIONS = 200  # at least so many over the whole time
+CROSSING = 0.5  # and one whenever the fastest particle crosses so much of a cell of the raster
+STEP_RATIO = 1.04  # steps of time change in these ratios, so that records are repacked rarely
+
+
+@dataclass(frozen=True)
+class Course:
+    """How a run goes on in time: times in seconds."""
+
+    end_time: float
+    stop: bool = True
+    arrival_threshold: float = 0.1
+    snapshot_times: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.end_time) and self.end_time > 0):
+            raise ConfigError(f"end_time is {self.end_time:g} s; it must be positive")
+        if not self.arrival_threshold > 0:
+            raise ConfigError(f"arrival_threshold is {self.arrival_threshold:g} m; it must be positive")
+
+
+def simulate(
+    terrain: Terrain,
+    release: Release | Sequence[Release],
+    material: Material,
+    *,
+    basal_friction_angle: float = 20.0,
+    cell_size: float | tuple[float, float, float],
+    particles_per_cell: int | tuple[int, int, int] = 8,
+    end_time: float,
+    backend: str = "scan",
+    device: str = "cpu",
+    precision: str = "float32",
+    seed: int = 0,
+    cfl: float = 0.4,
+    threads: int | None = None,
+    stop: bool = True,
+    arrival_threshold: float = 0.1,
+    snapshot_times: Sequence[float] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Run one scenario.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    release : Release or sequence of Release
+        What starts to move; several must not overlap.
+    material : Material
+        Of every release that brings none of its own.
+    basal_friction_angle : float
+        Coulomb friction angle at the ground [deg], of every release that brings none; 0 to 60.
+    cell_size : float or (dx, dy, dz)
+        Spacing of the grid [m].
+    particles_per_cell : int or (nx, ny, nz)
+    end_time : float
+        Latest time [s].
+    backend, device : str
+        "scan" (CPU, numba) or "reference" (CPU, NumPy, slow); device "cpu".
+    precision : str
+        "float32" or "float64".
+    seed : int
+        Of the particles' positions.
+    cfl : float
+        Courant number, at most 0.6. A smaller one is not more accurate: the transfer damps once a step.
+    threads : int, optional
+        Threads of the CPU; all by default. The result does not depend on it.
+    stop : bool
+        Stop as soon as the flow has come to rest.
+    arrival_threshold : float
+        Thickness from which a cell counts as reached [m].
+    snapshot_times : sequence of float
+        Times [s] at which thickness and speed are kept.
+    progress : callable, optional
+        Called with the fraction of the time that is done, 0 to 1.
+
+    Raises
+    ------
+    DemError, ReleaseError, MaterialError, ConfigError
+        For an input that cannot be used; names the place, the value and the remedy.
+    StabilityError, CapacityError, DeviceError
+        For a run that cannot go on.
+    """
+    started = clock.perf_counter()
+    course = Course(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
+    engine = get_backend(backend, device, threads)
+    scene, particles = build_scene(
+        terrain, release, material, basal_friction_angle, cell_size, particles_per_cell, seed=seed, cfl=cfl, precision=precision
+    )
+    engine.load(scene, particles)
+    loaded = clock.perf_counter()
+    run = _Run(engine, scene, course, progress)
+    run.go()
+    total = clock.perf_counter() - started
+    timing = {"setup": loaded - started, **engine.counters.seconds, "observers": run.observing, "total": total}
+    return Result(
+        terrain=terrain,
+        fields=run.peaks.maps(),
+        series={"time": np.array(run.ledger.time), **run.ledger.series()},
+        state=engine.particles(),
+        spacing=scene.spacing,
+        steps=engine.counters.steps,
+        n_particles=len(particles),
+        timing=timing,
+        stop_reason=run.reason,
+        snapshots=run.snapshots,
+    )
+
+
+def compile_kernels(material: Material, backend: str = "scan", precision: str = "float32") -> None:
+    """Compile what a run needs by running a scene of a few cells, so that several processes find it in the cache."""
+    terrain = Terrain.from_array(np.zeros((6, 6)), 1.0)
+    thickness = np.zeros((6, 6))
+    thickness[2:4, 2:4] = 1.0
+    release = Release.from_array(thickness, terrain, placement=Placement.ON_SURFACE)
+    scene, particles = build_scene(terrain, release, material, 20.0, 1.0, precision=precision)
+    engine = get_backend(backend, threads=1)
+    engine.load(scene, particles)
+    for dt in (1e-6, 2e-6):
+        engine.step(dt)
+    engine.columns(), engine.ledger()
+
+
+def build_scene(
+    terrain: Terrain,
+    release: Release | Sequence[Release],
+    material: Material,
+    basal_friction_angle: float,
+    cell_size: float | tuple[float, float, float],
+    particles_per_cell: int | tuple[int, int, int] = 8,
+    *,
+    seed: int = 0,
+    cfl: float = 0.4,
+    precision: str = "float32",
+) -> tuple[Scene, Particles]:
+    """Scene and particles of a scenario; parameters as in :func:`simulate`."""
+    from runout.release.sample import sample_particles
+    from runout.terrain import prepare, sdf
+
+    releases = [release] if isinstance(release, Release) else list(release)
+    if not releases:
+        raise ReleaseError("no release is given; at least one is needed")
+    materials = [r.material or material for r in releases]
+    angles = [math.radians(basal_friction_angle) if r.basal_friction_angle is None else r.basal_friction_angle for r in releases]
+    if not all(0 <= a <= math.radians(60) for a in angles):
+        worst = max(angles, key=lambda a: abs(a - 0.5))
+        raise ConfigError(f"basal_friction_angle is {math.degrees(worst):g} deg; it must lie between 0 and 60 deg")
+    spacing = _spacing(cell_size)
+    released = np.sum([r.thickness for r in releases], axis=0)
+    prepare.require_known(terrain, prepare.reachable(terrain, released, min(angles)), "the area that the flow can reach")
+    dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
+    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if dug else None, spacing[:2])
+    particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed)
+    raster = Raster(*terrain.shape, terrain.cell_size)
+    friction = tuple(math.tan(a) for a in angles)
+    return Scene(spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision), particles
+
+
+def _spacing(cell_size: float | tuple[float, float, float]) -> tuple[float, float, float]:
+    sizes = np.broadcast_to(np.asarray(cell_size, float), 3)
+    return float(sizes[0]), float(sizes[1]), float(sizes[2])
+
+
+class _Run:
+    """One run from time zero to its end."""
+
+    def __init__(self, engine: Backend, scene: Scene, course: Course, progress: Callable[[float], None] | None):
+        self.engine, self.scene, self.course, self.progress = engine, scene, course, progress
+        self.peaks = PeakMaps(scene.raster, course.arrival_threshold)
+        self.ledger, self.rest = Ledger(), AtRest()
+        self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self.pending = list(course.snapshot_times)
+        self.time, self.dt, self.observing, self.reason = 0.0, 0.0, 0.0, ""
+
+    def go(self) -> None:
+        """Step until the end time or rest."""
+        due = self._observe()
+        while not self.reason:
+            self.dt = min(_on_ladder(self.engine.stable_step()), self._next_stop() - self.time)
+            self.engine.step(self.dt)
+            self.time += self.dt
+            if self.time >= min(due, self._next_stop()) - 1e-12 * self.course.end_time:
+                due = self._observe()
+
+    def _next_stop(self) -> float:
+        return min([self.course.end_time, *self.pending[:1]])
+
+    def _observe(self) -> float:
+        """Record the present state; returns when the next observation is due [s]."""
+        started = clock.perf_counter()
+        columns, row = self.engine.columns(), self.engine.ledger()
+        self.peaks.observe(self.time, columns)
+        self.ledger.record(self.time, self.dt, row)
+        while self.pending and self.time >= self.pending[0] - 1e-12 * self.course.end_time:
+            thickness, speed, _ = flow_fields(columns, self.scene.raster)
+            self.snapshots.append((self.pending.pop(0), thickness, speed))
+        if self.course.stop and self.rest.reached(row):
+            self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
+        elif self.time >= self.course.end_time * (1 - 1e-12):
+            self.reason = "end time"
+        if self.progress:
+            self.progress(1.0 if self.reason else self.time / self.course.end_time)
+        self.observing += clock.perf_counter() - started
+        crossing = CROSSING * min(self.scene.raster.cell_size) / max(row.max_speed, 1e-3)
+        return self.time + min(self.course.end_time / OBSERVATIONS, crossing)
+
+
+def _on_ladder(limit: float) -> float:
+    """Largest step of a geometric ladder that does not exceed the limit."""
+    return float(STEP_RATIO ** math.floor(math.log(limit) / math.log(STEP_RATIO)))
+
