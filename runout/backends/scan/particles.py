@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import get_thread_id, prange
@@ -38,7 +39,9 @@ class Store:
     @classmethod
     def empty(cls, n: int, dtype: type) -> "Store":
         """Room for ``n`` particles."""
-        rec, state, radius = np.zeros((n, 16), dtype), np.zeros((n, 8), dtype), np.zeros(n, dtype)
+        rec: Any = np.zeros((n, 16), dtype)
+        state: Any = np.zeros((n, 8), dtype)
+        radius: Any = np.zeros(n, dtype)
         return cls(rec, state, radius, np.zeros(n, np.int32), np.zeros(n, np.int64))
 
     @classmethod
