@@ -1,0 +1,160 @@
+"""Which members of an ensemble are valid, and their maps stacked into one file."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.errors import StorageError
+from runout.io import netcdf
+from runout.io.atomic import storage_error, whole_file
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import netCDF4
+    import pandas as pd
+    import xarray as xr
+
+MEMBER_MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """The planned members of an ensemble and what became of them.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        One row a planned member, indexed by its number: sampled parameters, ``weight`` and ``seed``.
+    files : mapping of int to Path
+        Files of the valid members.
+    failed : mapping of int to str
+        Reasons of the failed ones.
+    """
+
+    table: "pd.DataFrame"
+    files: Mapping[int, Path]
+    failed: Mapping[int, str]
+
+    @classmethod
+    def of(cls, results: Path, table: "pd.DataFrame", states: Mapping[int, str] | None = None) -> "Ensemble":
+        """The members of a results folder.
+
+        ``states`` says of each member "done", "failed" or "left"; a file of a member that is not done is of an older
+        configuration and does not count. Without it the files decide. Reasons come from ``*.failed.json``.
+        """
+        folder = Path(results) / "members"
+        reasons = {int(m): _stated_reason(folder / f"{m:04d}.failed.json") for m in table.index}
+        if states is None:
+            states = {m: "done" if reason is None else "failed" for m, reason in reasons.items()}
+        files = {int(m): folder / f"{m:04d}.nc" for m in table.index if states.get(m) == "done"}
+        failed = {m: reason or "no reason is stated" for m, reason in reasons.items() if states.get(m) == "failed"}
+        return cls(table, {m: path for m, path in files.items() if path.is_file()}, failed)
+
+    @property
+    def missing(self) -> list[int]:
+        """Members that have not run."""
+        return [int(m) for m in self.table.index if m not in self.files and m not in self.failed]
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights of the valid members, of sum 1."""
+        w = self.table.loc[list(self.files), "weight"].to_numpy(np.float64)
+        return w / w.sum()
+
+    def statement(self) -> str:
+        """How many members the maps rest on, and why others do not count."""
+        text = f"{len(self.files)} of {len(self.table)} members are valid"
+        if self.failed:
+            text += f"; {len(self.failed)} failed: " + "; ".join(f"member {m}: {reason}" for m, reason in self.failed.items())
+        if self.missing:
+            text += f"; {len(self.missing)} have not run: {', '.join(map(str, self.missing))}"
+        return text + ("; the weights of the valid members are scaled to a sum of 1" if self.failed or self.missing else "")
+
+    def counts(self) -> dict[str, int]:
+        """Numbers of planned, valid, failed and missing members by the names of the products."""
+        return {
+            "members_planned": len(self.table),
+            "members_valid": len(self.files),
+            "members_failed": len(self.failed),
+            "members_missing": len(self.missing),
+        }
+
+
+def write_members(ensemble: Ensemble, path: str | os.PathLike[str], attrs: Mapping[str, Any]) -> Path:
+    """The path, after writing every planned member's maps as one realization each, with the table of parameters.
+
+    Maps are copied member by member, so that one layer is in memory at a time; those of members that failed or have not
+    run hold no values.
+
+    Raises
+    ------
+    StorageError
+        If a member's file cannot be read, the disk is full, or the folder cannot be written.
+    """
+    import netCDF4
+
+    skeleton = member_table(ensemble).assign_attrs(attrs)
+    with netcdf.LOCK, whole_file(path) as temporary:
+        netcdf.write(skeleton, temporary)
+        try:
+            with netCDF4.Dataset(temporary, "a") as file:
+                for name in MEMBER_MAPS:
+                    _copy_layers(file, name, ensemble)
+        except RuntimeError as cause:  # what the netCDF library makes of a full disk
+            raise storage_error(path, cause) from cause
+    return Path(path)
+
+
+def member_table(ensemble: Ensemble) -> "xr.Dataset":
+    """Sampled parameters, weight, seed, status and reason of failure over ``realization``, on the members' grid."""
+    dataset = netcdf.read_grid(next(iter(ensemble.files.values())))
+    dataset = dataset.assign_coords(realization=ensemble.table.index.to_numpy(np.int32))
+    for column in ensemble.table.columns:
+        if column not in VARIABLES:
+            raise ValueError(f"{column!r} is not in runout/variables.py; add it there, with its unit")
+        dataset[column] = ("realization", ensemble.table[column].to_numpy())
+    states = ["valid" if m in ensemble.files else "failed" if m in ensemble.failed else "missing" for m in ensemble.table.index]
+    dataset["status"] = ("realization", np.array(states, dtype=object))
+    reasons = [ensemble.failed.get(m, "") for m in ensemble.table.index]
+    dataset["failure_reason"] = ("realization", np.array(reasons, dtype=object))
+    return dataset
+
+
+def _copy_layers(file: "netCDF4.Dataset", name: str, ensemble: Ensemble) -> None:
+    variable = VARIABLES[name]
+    rows, columns = len(file.dimensions["y"]), len(file.dimensions["x"])
+    chunks = (1, min(netcdf.CHUNK, rows), min(netcdf.CHUNK, columns))
+    layers = file.createVariable(
+        name,
+        np.float32,
+        ("realization", "y", "x"),
+        fill_value=variable.fill,
+        zlib=True,
+        complevel=1,
+        shuffle=True,
+        chunksizes=chunks,
+    )
+    layers.setncatts(variable.attributes() | {"valid_min": np.float32(0.0)})
+    if "crs" in file.variables:
+        layers.grid_mapping = "crs"
+    for index, member in enumerate(ensemble.table.index):
+        if member not in ensemble.files:
+            continue
+        layer = netcdf.read_rows(ensemble.files[member], name, slice(None))
+        if layer.shape != (rows, columns):
+            raise StorageError(f"{ensemble.files[member]}: its grid is not that of the other members; remove it and run again")
+        layers[index] = np.ma.masked_invalid(layer)
+
+
+def _stated_reason(path: Path) -> str | None:
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["reason"])
+    except FileNotFoundError:
+        return None
+    except (ValueError, KeyError, TypeError):  # written by something else
+        return ""

@@ -1,0 +1,214 @@
+"""The products of an ensemble: hazard.nc, members.nc, maps/*.tif with styles, outlines.gpkg and run.json."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from runout.errors import PartialEnsembleError, StorageError
+from runout.hazard.exceedance import QUANTITIES, aggregate
+from runout.hazard.members import Ensemble, write_members
+from runout.hazard.style import class_edges, qml
+from runout.io import netcdf
+from runout.io.atomic import write_json, write_text
+from runout.io.geotiff import write_cog
+from runout.io.provenance import provenance
+from runout.io.vector import write_outlines
+from runout.model.release import Release
+from runout.model.terrain import Terrain
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from runout.config.site import Site
+
+HEADLINE_MAPS = (
+    "inundation_probability",
+    "peak_flow_thickness",
+    "peak_speed",
+    "peak_pressure",
+    "first_arrival_time",
+    "mean_deposit_thickness",
+    "peak_deposit_thickness",
+    "members_reached",
+)
+
+
+class EnsembleReport(Protocol):
+    """What the run of an ensemble says of its members."""
+
+    @property
+    def valid(self) -> Sequence[int]:
+        """Members with a result."""
+
+    @property
+    def failed(self) -> Mapping[int, str]:
+        """Members without one, and why."""
+
+
+def write_products(
+    site: "Site", results: Path, members: "pd.DataFrame", report: EnsembleReport | Mapping[int, str] | None = None
+) -> list[Path]:
+    """Paths of all products, after writing each as a whole; ``run.json`` comes last.
+
+    Parameters
+    ----------
+    site : Site
+        Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``inputs()`` and ``resolved()`` are used.
+    results : Path
+        Folder that holds ``members/0003.nc`` and takes the products.
+    members : pandas.DataFrame
+        One row a planned member, indexed by its number: sampled parameters, ``weight`` and ``seed``.
+    report : EnsembleReport or mapping of int to str, optional
+        Which members are valid and which failed, or the state of each ("done", "failed", "left"). Without it every
+        file in ``members/`` counts.
+
+    Raises
+    ------
+    PartialEnsembleError
+        If no member is valid.
+    StorageError
+        If a member's file cannot be read or a product cannot be written.
+    """
+    results = Path(results)
+    ensemble = Ensemble.of(results, members, _states(report))
+    if not ensemble.files:
+        raise PartialEnsembleError(
+            f"{results / 'members'}: {ensemble.statement()}; no map can be made, mend what failed and run again"
+        )
+    terrain = site.terrain()
+    releases = site.releases(terrain)
+    origin = _origin(site, ensemble, terrain, releases)
+    hazard = hazard_dataset(site, ensemble, terrain, releases, _attributes(site, ensemble, origin))
+    outdated = _earlier_products(results)
+    paths = [
+        netcdf.write(hazard, results / "hazard.nc"),
+        write_members(ensemble, results / "members.nc", hazard.attrs | {"title": f"{_title(site)}: members of the ensemble"}),
+        *_write_maps(hazard, results / "maps"),
+        _write_outlines(hazard, ensemble, terrain, releases, results / "outlines.gpkg"),
+    ]
+    paths.append(_write_origin(origin, paths, results))
+    for path in outdated - set(paths):
+        path.unlink(missing_ok=True)
+    return paths
+
+
+def hazard_dataset(
+    site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], attrs: Mapping[str, Any]
+) -> "xr.Dataset":
+    """The content of ``hazard.nc``: maps over the valid members, counts, terrain and release."""
+    settings = site.settings.hazard
+    thresholds = {name: getattr(settings, f"{name}_thresholds") for name in QUANTITIES}
+    maps = {
+        "elevation": terrain.elevation,
+        "ground_slope": ground_slope(terrain),
+        "release_thickness": np.sum([release.thickness for release in releases], axis=0),
+    }
+    dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
+    over_members = aggregate(list(ensemble.files.values()), ensemble.weights, thresholds, settings.percentiles)
+    if not (np.array_equal(over_members["x"], dataset["x"]) and np.array_equal(over_members["y"], dataset["y"])):
+        first = next(iter(ensemble.files.values()))
+        raise StorageError(f"{first}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")
+    return dataset.merge(over_members, join="exact", compat="override", combine_attrs="override").assign(ensemble.counts())
+
+
+def ground_slope(terrain: Terrain) -> np.ndarray:
+    """Slope of the ground (rows, columns) [degree], NaN beside unknown cells."""
+    dx, dy = terrain.cell_size
+    south, east = np.gradient(terrain.elevation, dy, dx)
+    return np.degrees(np.arctan(np.hypot(south, east)))
+
+
+def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float]]]:
+    """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
+    for name in HEADLINE_MAPS:
+        yield name, name, {}
+    for quantity in QUANTITIES:
+        dimension, variable = f"{quantity}_threshold", f"{quantity}_exceedance_probability"
+        for value in hazard[dimension].values if dimension in hazard.coords else ():
+            yield f"{variable}_over_{value:g}", variable, {dimension: float(value)}
+        for value in hazard["percentile"].values:
+            variable = QUANTITIES[quantity].percentile
+            yield f"{variable}_{value:g}", variable, {"percentile": float(value)}
+
+
+def _write_maps(hazard: "xr.Dataset", folder: Path) -> list[Path]:
+    paths = []
+    for stem, name, selection in map_layers(hazard):
+        paths.append(write_cog(hazard, name, folder / f"{stem}.tif", **selection))
+        largest = float(np.nanmax(hazard[name].values, initial=0.0))
+        style = qml(class_edges(name, _thresholds_of(hazard, name), largest or 1.0), VARIABLES[name].units, name)
+        paths.append(write_text(style, folder / f"{stem}.qml"))
+    return paths
+
+
+def _thresholds_of(hazard: "xr.Dataset", name: str) -> list[float]:
+    """Thresholds of the quantity that a map shows; none for times and counts."""
+    quantity = next((q for q in QUANTITIES if q in name), None)
+    return hazard[f"{quantity}_threshold"].values.tolist() if f"{quantity}_threshold" in hazard.coords else []
+
+
+def _write_outlines(hazard: "xr.Dataset", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], path: Path) -> Path:
+    attributes = {"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | ensemble.counts()
+    return write_outlines(path, terrain, releases, hazard["inundation_probability"].values, attributes=attributes)
+
+
+def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release]) -> dict[str, Any]:
+    settings = site.settings
+    origin = provenance(
+        name=site.name,
+        folder=site.folder,
+        inputs=site.inputs(),
+        configuration=site.resolved(),
+        seed=settings.ensemble.seed,
+        device=settings.simulation.device,
+    )
+    state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
+    changes = [*terrain.changes, *(change for release in releases for change in release.changes)]
+    return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
+
+
+def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> dict[str, Any]:
+    description = getattr(site.settings, "description", None) or ""
+    return {
+        "summary": f"{description} ".lstrip()
+        + "Hazard maps of a gravitational mass movement from an ensemble of three-dimensional material point simulations. "
+        "Probabilities are conditional on the release and on the stated distributions of the parameters.",
+        "site": site.name,
+        "ensemble": ensemble.statement(),
+        "seed": np.int64(origin["seed"] or 0),
+        "configuration_sha256": origin["configuration_sha256"],
+        "inputs": json.dumps(origin["inputs"]),
+        "changes_of_inputs": "; ".join(origin["changes"]) or "none",
+        "versions": json.dumps(origin["versions"]),
+        "device": origin["device"],
+        "command": origin["command"],
+    }
+
+
+def _write_origin(origin: Mapping[str, Any], products: Iterable[Path], results: Path) -> Path:
+    names = [path.relative_to(results).as_posix() for path in products]
+    return write_json(dict(origin) | {"products": names}, results / "run.json")
+
+
+def _earlier_products(results: Path) -> set[Path]:
+    """Maps that an earlier run of other thresholds wrote here, as its ``run.json`` lists them."""
+    try:
+        names = json.loads((results / "run.json").read_text(encoding="utf-8"))["products"]
+        return {results / "maps" / Path(name).name for name in names if Path(name).parent.name == "maps"}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def _states(report: EnsembleReport | Mapping[int, str] | None) -> Mapping[int, str] | None:
+    if report is None or isinstance(report, Mapping):
+        return report
+    return dict.fromkeys(report.valid, "done") | dict.fromkeys(report.failed, "failed")
+
+
+def _title(site: "Site") -> str:
+    return getattr(site.settings, "title", None) or site.name

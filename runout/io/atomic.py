@@ -1,0 +1,87 @@
+"""Files that are either whole or absent."""
+
+import errno
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from runout.errors import StorageError
+
+STALE = ".*.part"  # folders that a killed process leaves behind match this pattern
+
+_FREE = "free some space or choose another folder with --out, then run again (finished work is kept)"
+_REMEDY = {
+    errno.ENOSPC: f"the disk is full; {_FREE}",
+    errno.EDQUOT: f"your disk quota is used up; {_FREE}",
+    errno.EFBIG: f"the file is larger than the system allows; {_FREE}",
+    errno.EACCES: "no permission to write there; change the permissions of the folder or choose another with --out",
+    errno.EPERM: "no permission to write there; change the permissions of the folder or choose another with --out",
+    errno.EROFS: "the file system is read-only; choose another folder with --out",
+    errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder with --out",
+    errno.EEXIST: "a part of the path is a file, not a folder; choose another folder with --out",
+    errno.EISDIR: "there is a folder of that name; remove it or choose another folder with --out",
+}
+
+
+def storage_error(path: str | os.PathLike[str], cause: Exception) -> StorageError:
+    """The error to raise when ``path`` cannot be written, with the remedy."""
+    number = getattr(cause, "errno", None)
+    reason = os.strerror(number) if number and number > 0 else str(cause)
+    remedy = _REMEDY.get(number or 0, f"the disk may be full; {_FREE}")
+    return StorageError(f"{path}: cannot be written ({reason}); {remedy}")
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Temporary path to write to; it becomes ``path`` when the block ends, and vanishes when the block fails.
+
+    The temporary file has the final name, in a new folder ``.name.*.part`` beside it: format drivers see the suffix
+    they expect, no pattern such as ``*.nc`` finds it, and side files of a driver go with it.
+
+    Raises
+    ------
+    StorageError
+        If the folder cannot be made or written, or the disk is full. An older file of that name stays as it is.
+    """
+    path = Path(path)
+    folder: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = tempfile.mkdtemp(prefix=f".{path.name}.", suffix=STALE[2:], dir=path.parent)
+        temporary = Path(folder) / path.name
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as cause:
+        raise storage_error(path, cause) from cause
+    finally:
+        if folder:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def write_text(text: str, path: str | os.PathLike[str]) -> Path:
+    """The path, after writing UTF-8 text to it as a whole."""
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def write_json(content: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
+    """The path, after writing a mapping to it as indented JSON; paths and NumPy numbers become text and numbers."""
+    return write_text(json.dumps(content, indent=2, ensure_ascii=False, default=_plain) + "\n", path)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def remove_stale(folder: str | os.PathLike[str]) -> int:
+    """Number of temporary folders of killed processes removed from ``folder``; call it while nobody writes there."""
+    stale = [p for p in Path(folder).glob(STALE) if p.is_dir()]
+    for p in stale:
+        shutil.rmtree(p, ignore_errors=True)
+    return len(stale)

@@ -1,0 +1,87 @@
+"""Cloud-optimised GeoTIFFs of single maps."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout.io.atomic import storage_error, whole_file
+from runout.variables import FILL_BY_DTYPE, VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from rasterio.crs import CRS
+    from rasterio.transform import Affine
+
+_CREATION = {"driver": "COG", "compress": "DEFLATE", "predictor": "YES", "blocksize": 256, "bigtiff": "IF_SAFER"}
+
+
+def write_cog(dataset: "xr.Dataset", name: str, path: str | os.PathLike[str], **selection: float) -> Path:
+    """The path, after writing one map of a dataset as a whole cloud-optimised GeoTIFF, north up.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        As :func:`runout.io.netcdf.map_dataset` makes it.
+    name : str
+        Name of the map.
+    selection : float
+        For a map with more dimensions the coordinate to take, for example ``thickness_threshold=0.5``.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or the folder cannot be written; an older file stays as it is.
+    """
+    layer = dataset[name].sel(selection) if selection else dataset[name]
+    with whole_file(path) as temporary:
+        temporary.write_bytes(_encoded(layer, raster_crs(dataset), _tags(dataset, layer, selection)))
+    return Path(path)
+
+
+def raster_crs(dataset: "xr.Dataset") -> "CRS | None":
+    """Coordinate reference system of a dataset; None for a local one."""
+    from rasterio.crs import CRS
+
+    return CRS.from_wkt(dataset["crs"].attrs["crs_wkt"]) if "crs" in dataset.variables else None
+
+
+def raster_transform(dataset: "xr.Dataset") -> "Affine":
+    """Affine transform from column and row to map coordinates [m], taken from the cell centres."""
+    from rasterio.transform import Affine
+
+    x, y = dataset["x"].values, dataset["y"].values
+    dx, dy = (x[-1] - x[0]) / (x.size - 1), (y[-1] - y[0]) / (y.size - 1)
+    return Affine(dx, 0.0, x[0] - dx / 2, 0.0, dy, y[0] - dy / 2)
+
+
+def _encoded(layer: "xr.DataArray", crs: "CRS | None", tags: dict[str, Any]) -> bytes:
+    """The file's bytes: made in memory, for GDAL only logs a disk that fills while it closes a file."""
+    from rasterio.errors import RasterioError
+    from rasterio.io import MemoryFile
+
+    dtype = VARIABLES[str(layer.name)].dtype
+    fill = FILL_BY_DTYPE[dtype]
+    cells = layer.fillna(fill).values.astype(dtype)
+    shape = {"height": cells.shape[0], "width": cells.shape[1], "count": 1, "dtype": dtype, "nodata": fill}
+    shape |= {"overview_resampling": "AVERAGE" if dtype.startswith("float") else "NEAREST"}
+    try:
+        with MemoryFile() as memory:
+            with memory.open(**_CREATION, **shape, crs=crs, transform=raster_transform(layer.to_dataset())) as raster:
+                raster.write(cells, 1)
+                raster.set_band_description(1, tags["long_name"])
+                raster.set_band_unit(1, tags["units"])
+                raster.update_tags(**tags)
+            return bytes(memory.getbuffer())
+    except RasterioError as cause:
+        raise storage_error(str(layer.name), cause) from cause
+
+
+def _tags(dataset: "xr.Dataset", layer: "xr.DataArray", selection: dict[str, float]) -> dict[str, Any]:
+    variable = VARIABLES[str(layer.name)]
+    stated = {
+        key: dataset.attrs[key]
+        for key in ("title", "source", "license", "ensemble", "configuration_sha256")
+        if key in dataset.attrs
+    }
+    chosen = {dim: f"{value:g} {VARIABLES[dim].units}" for dim, value in selection.items()}
+    return {"TIFFTAG_IMAGEDESCRIPTION": variable.long_name} | variable.attributes() | chosen | stated

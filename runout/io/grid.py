@@ -1,0 +1,84 @@
+"""The place of a raster on the map as CF and GDAL both understand it."""
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.model.terrain import Terrain
+
+if TYPE_CHECKING:
+    import pyproj
+    import xarray as xr
+
+
+def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
+    """Coordinates of the cell centres: ``x`` ascending, ``y`` descending [m], and ``crs`` unless the system is local."""
+    import xarray as xr
+
+    coordinates = {
+        "x": xr.Variable("x", terrain.easting, _axis("x", "easting of the cell centre")),
+        "y": xr.Variable("y", terrain.northing, _axis("y", "northing of the cell centre")),
+    }
+    if terrain.crs is not None:
+        attributes = grid_mapping(terrain.crs) | {"GeoTransform": geo_transform(terrain)}
+        coordinates["crs"] = xr.Variable((), np.int32(0), attributes)
+    return coordinates
+
+
+def _axis(name: str, long_name: str) -> dict[str, str]:
+    standard_name = f"projection_{name}_coordinate"  # without it a checker takes an axis for longitude or latitude
+    return {"units": "m", "axis": name.upper(), "standard_name": standard_name, "long_name": long_name}
+
+
+def geo_transform(terrain: Terrain) -> str:
+    """GDAL's affine transform as text: west, width, 0, north, 0, minus height [m]."""
+    west, _, _, north = terrain.extent
+    dx, dy = terrain.cell_size
+    return " ".join(repr(float(v)) for v in (west, dx, 0.0, north, 0.0, -dy))
+
+
+def grid_mapping(crs: str) -> dict[str, Any]:
+    """Attributes of the grid mapping variable: CF parameters, and the WKT for whatever CF cannot hold."""
+    from pyproj.exceptions import CRSError
+
+    horizontal = horizontal_crs(crs)
+    with warnings.catch_warnings():  # Swiss LV95 loses a parameter in CF; crs_wkt and spatial_ref keep it
+        warnings.simplefilter("ignore", UserWarning)
+        attributes = horizontal.to_cf()
+    if "azimuth_of_central_line" in attributes:
+        attributes["azimuth"] = attributes["azimuth_of_central_line"]
+    try:
+        attributes["spatial_ref"] = horizontal.to_wkt("WKT1_GDAL")
+    except CRSError:  # systems that WKT1 cannot express; crs_wkt says it all
+        attributes["spatial_ref"] = horizontal.to_wkt()
+    return attributes | {"long_name": f"coordinate reference system: {horizontal.name}"}
+
+
+def horizontal_crs(crs: str) -> "pyproj.CRS":
+    """The horizontal part of a coordinate reference system."""
+    from pyproj import CRS
+
+    system = CRS.from_user_input(crs)
+    return system.sub_crs_list[0] if system.is_compound else system
+
+
+def extent_attributes(terrain: Terrain) -> dict[str, Any]:
+    """Geographic extent and vertical datum for the global attributes; empty for a local system."""
+    from pyproj import CRS, Transformer
+
+    if terrain.crs is None:
+        return {"geospatial_bounds_crs": "none: local coordinates in metres"}
+    to_geographic = Transformer.from_crs(horizontal_crs(terrain.crs), CRS("EPSG:4326"), always_xy=True)
+    west, south, east, north = to_geographic.transform_bounds(*terrain.extent)
+    system = CRS.from_user_input(terrain.crs)
+    vertical = system.sub_crs_list[1].name if system.is_compound else "as in the elevation raster; not stated"
+    return {
+        "geospatial_lat_min": south,
+        "geospatial_lat_max": north,
+        "geospatial_lat_units": "degrees_north",
+        "geospatial_lon_min": west,
+        "geospatial_lon_max": east,
+        "geospatial_lon_units": "degrees_east",
+        "vertical_datum": vertical,
+    }

@@ -1,0 +1,212 @@
+"""NetCDF that opens right in a GIS: CF-1.11, north up, described from the table of variables."""
+
+import os
+import threading
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout import __version__
+from runout.errors import StorageError
+from runout.io.atomic import storage_error, whole_file
+from runout.io.grid import extent_attributes, grid_coordinates
+from runout.model.terrain import Terrain
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LOCK = threading.RLock()  # the netCDF library crashes when several threads use it, even on different files
+CHUNK = 256
+MAP_DIMS = ("y", "x")
+CONVENTIONS = "CF-1.11, ACDD-1.3"
+
+
+def map_dataset(
+    terrain: Terrain, maps: Mapping[str, np.ndarray], *, title: str, attrs: Mapping[str, Any] | None = None
+) -> "xr.Dataset":
+    """Maps on the cells of a terrain with coordinates, coordinate system and descriptions.
+
+    Parameters
+    ----------
+    terrain : Terrain
+        Its cells become ``x`` (ascending) and ``y`` (descending: north up), its CRS the variable ``crs``.
+    maps : mapping of str to ndarray (rows, columns)
+        Values by the names of :data:`runout.variables.VARIABLES`, row 0 in the north; NaN where there is none.
+    title : str
+        Title of the file.
+    attrs : mapping, optional
+        Further global attributes; they win over the standard ones.
+
+    Raises
+    ------
+    ValueError
+        If a map has another shape than the terrain, or its name is not in the table.
+    """
+    import xarray as xr
+
+    dataset = xr.Dataset(coords=grid_coordinates(terrain), attrs=global_attributes(terrain, title) | dict(attrs or {}))
+    for name, values in maps.items():
+        add_map(dataset, name, values)
+    return dataset
+
+
+def add_map(dataset: "xr.Dataset", name: str, values: np.ndarray, dims: tuple[str, ...] = ()) -> None:
+    """Put values (\\*dims, rows, columns) into a dataset of :func:`map_dataset` under a name of the table."""
+    if name not in VARIABLES:
+        raise ValueError(f"{name!r} is not in runout/variables.py; add it there, with its unit")
+    variable = VARIABLES[name]
+    array = np.asarray(values).astype(variable.dtype, copy=False)
+    rows_columns = (dataset.sizes["y"], dataset.sizes["x"])
+    if array.shape[-2:] != rows_columns or array.ndim != len(dims) + 2:
+        raise ValueError(f"{name} has shape {array.shape}; the terrain has {rows_columns[0]} rows and {rows_columns[1]} columns")
+    dataset[name] = ((*dims, *MAP_DIMS), array, variable.attributes())
+    if "crs" in dataset.coords:
+        dataset[name].encoding["grid_mapping"] = "crs"
+
+
+def global_attributes(terrain: Terrain, title: str) -> dict[str, Any]:
+    """Global attributes that every file carries (CF and ACDD)."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return {
+        "Conventions": CONVENTIONS,
+        "title": title,
+        "summary": "Runout of a gravitational mass movement, simulated with a three-dimensional material point method",
+        "source": f"runout {__version__}, material point method",
+        "institution": "not stated",
+        "references": "see run.json beside this file",
+        "comment": "thicknesses are vertical; y descends from north to south",
+        "license": "not stated; the licences of the inputs apply",
+        "keywords": "landslide, runout, hazard",
+        "date_created": now,
+        "history": f"{now} written by runout {__version__}",
+    } | extent_attributes(terrain)
+
+
+def write(
+    dataset: "xr.Dataset",
+    path: str | os.PathLike[str],
+    *,
+    groups: "Mapping[str, xr.Dataset] | None" = None,
+) -> Path:
+    """The path, after writing the dataset to it as a whole; safe to call from several threads.
+
+    Units, names, types, fill values and ranges come from :data:`runout.variables.VARIABLES`; attributes that a
+    variable already has are kept. Maps are compressed in chunks of 256 x 256 cells.
+
+    Parameters
+    ----------
+    groups : mapping of str to xarray.Dataset, optional
+        Further datasets, each in a group of that name.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or the folder cannot be written; an older file stays as it is.
+    """
+    with LOCK, whole_file(path) as temporary:
+        try:
+            _encoded(dataset).to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            for group, content in (groups or {}).items():
+                _encoded(content).to_netcdf(temporary, mode="a", group=group, engine="netcdf4")
+        except RuntimeError as cause:  # what the netCDF library makes of a full disk
+            raise storage_error(path, cause) from cause
+    return Path(path)
+
+
+def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset":
+    """The dataset of a file (or of one of its groups), loaded; ``crs`` is a coordinate, missing values are NaN.
+
+    Raises
+    ------
+    StorageError
+        If there is no such file or group, or it is not NetCDF.
+    """
+    import xarray as xr
+
+    try:
+        with LOCK, xr.open_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_timedelta=False) as dataset:
+            return dataset.load()
+    except OSError as cause:
+        where = f"{path}, group {group}" if group else f"{path}"
+        raise StorageError(f"{where}: cannot be read ({cause}); remove it and run again") from cause
+
+
+def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
+    """Only ``x``, ``y`` and ``crs`` of a file of maps.
+
+    Raises
+    ------
+    StorageError
+        If there is no such file, or it is not NetCDF.
+    """
+    import xarray as xr
+
+    try:
+        with LOCK, xr.open_dataset(path, engine="netcdf4", decode_coords="all", decode_timedelta=False) as dataset:
+            wanted = [name for name in ("x", "y", "crs") if name in dataset.coords]
+            return xr.Dataset(coords={name: dataset.coords[name].variable.load() for name in wanted})
+    except OSError as cause:
+        raise StorageError(f"{path}: cannot be read ({cause}); remove it and run again") from cause
+
+
+def read_rows(path: str | os.PathLike[str], name: str, rows: slice) -> np.ndarray:
+    """Some rows (rows, columns) of one map of a file, NaN where there is no value.
+
+    Raises
+    ------
+    StorageError
+        If there is no such file or map, or it is not NetCDF.
+    """
+    import netCDF4
+
+    try:
+        with LOCK, netCDF4.Dataset(path) as file:
+            return np.ma.filled(file[name][rows], np.nan)
+    except (OSError, IndexError, RuntimeError) as cause:
+        raise StorageError(f"{path}: {name} cannot be read ({cause}); remove the file and run again") from cause
+
+
+def _encoded(dataset: "xr.Dataset") -> "xr.Dataset":
+    dataset = dataset.copy()
+    if "crs" in dataset.data_vars:
+        dataset = dataset.set_coords("crs")
+    for name in dataset.variables:
+        _describe(dataset[name], str(name))
+    for name in dataset.data_vars:
+        _encode_map(dataset[name], "crs" in dataset.coords)
+    return dataset
+
+
+def _describe(array: "xr.DataArray", name: str) -> None:
+    """Attributes, type and missing value of the table, for names that are in it."""
+    array.encoding.setdefault("_FillValue", None)
+    if name not in VARIABLES:
+        return
+    variable = VARIABLES[name]
+    array.attrs = variable.attributes() | array.attrs
+    if variable.dtype == "str":
+        return
+    always_there = name in array.dims or array.ndim == 0
+    array.encoding |= {"dtype": variable.dtype, "_FillValue": None if always_there else variable.fill}
+    for bound in ("valid_min", "valid_max"):
+        value = getattr(variable, bound)
+        if value is not None:
+            array.attrs[bound] = np.dtype(variable.dtype).type(value)
+
+
+def _encode_map(array: "xr.DataArray", has_crs: bool) -> None:
+    encoding = array.encoding
+    encoding["coordinates"] = encoding.get("coordinates")
+    if array.ndim == 0 or array.dtype.kind not in "fiu":
+        return
+    is_map = array.dims[-2:] == MAP_DIMS
+    ahead = (1,) * (array.ndim - 2) if is_map else ()
+    sizes = array.shape[len(ahead) :]
+    encoding |= {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": ahead + tuple(max(1, min(CHUNK, n)) for n in sizes)}
+    if is_map and has_crs:
+        array.attrs.pop("grid_mapping", None)
+        encoding["grid_mapping"] = "crs"

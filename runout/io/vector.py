@@ -1,0 +1,117 @@
+"""Outlines of a release and of inundation as a GeoPackage."""
+
+import os
+import warnings
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.io.atomic import storage_error, whole_file
+from runout.io.grid import horizontal_crs
+from runout.model.release import Release
+from runout.model.terrain import Terrain
+
+if TYPE_CHECKING:
+    import geopandas as gpd
+    from shapely import MultiPolygon
+
+PROBABILITY_LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+_ROUNDING = 1e-6  # a probability of 0.95 as float32 is still 0.95
+
+
+def write_outlines(
+    path: str | os.PathLike[str],
+    terrain: Terrain,
+    releases: Sequence[Release],
+    probability: np.ndarray,
+    *,
+    levels: Iterable[float] = PROBABILITY_LEVELS,
+    attributes: dict[str, Any] | None = None,
+) -> Path:
+    """The path, after writing a GeoPackage with the layers ``release`` and ``inundation`` in the terrain's system.
+
+    Parameters
+    ----------
+    probability : ndarray (rows, columns)
+        Probability of inundation [1].
+    levels : iterable of float
+        Probabilities [1]; each becomes one multipolygon of the cells with at least that probability. Levels that no
+        cell reaches are left out.
+    attributes : dict, optional
+        Further columns of the layer ``inundation``, the same for every level.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or the folder cannot be written; an older file stays as it is.
+    """
+    layers = {
+        "release": _release_frame(terrain, releases),
+        "inundation": _inundation_frame(terrain, np.asarray(probability), levels, attributes or {}),
+    }
+    with whole_file(path) as temporary, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="'crs' was not provided")  # a local system has none
+        try:
+            for name, frame in layers.items():
+                frame.to_file(temporary, layer=name, driver="GPKG", engine="pyogrio", geometry_type="MultiPolygon")
+        except RuntimeError as cause:  # pyogrio's errors of a data source, layer or feature
+            raise storage_error(path, cause) from cause
+    return Path(path)
+
+
+def outline(mask: np.ndarray, terrain: Terrain) -> "MultiPolygon":
+    """Outline of the true cells (rows, columns) along the cell edges, in map coordinates [m]; holes are kept."""
+    from rasterio.features import shapes
+    from rasterio.transform import Affine
+    from shapely import MultiPolygon, union_all
+    from shapely.geometry import shape
+
+    transform = Affine(terrain.cell_size[0], 0.0, terrain.extent[0], 0.0, -terrain.cell_size[1], terrain.extent[3])
+    cells = np.ascontiguousarray(mask, dtype=np.uint8)
+    merged = union_all([shape(polygon) for polygon, _ in shapes(cells, mask=cells > 0, transform=transform)])
+    return merged if merged.geom_type == "MultiPolygon" else MultiPolygon([] if merged.is_empty else [merged])
+
+
+def _release_frame(terrain: Terrain, releases: Sequence[Release]) -> "gpd.GeoDataFrame":
+    rows = [
+        {
+            "name": release.name,
+            "source": Path(release.source).name,
+            "placement": str(release.placement),
+            "volume_m3": release.volume,
+            "area_m2": release.area,
+            "mean_thickness_m": release.volume / release.area,
+            "max_thickness_m": float(release.thickness.max()),
+            "geometry": _multi(release.outline) if release.outline is not None else outline(release.thickness > 0, terrain),
+        }
+        for release in releases
+    ]
+    return _frame(rows, terrain)
+
+
+def _inundation_frame(
+    terrain: Terrain, probability: np.ndarray, levels: Iterable[float], attributes: dict[str, Any]
+) -> "gpd.GeoDataFrame":
+    rows = []
+    for level in sorted(levels):
+        inundated = probability >= level - _ROUNDING
+        if inundated.any():
+            area = float(inundated.sum() * terrain.cell_area)
+            rows.append({"probability": level, "area_m2": area, **attributes, "geometry": outline(inundated, terrain)})
+    return _frame(rows, terrain, ["probability", "area_m2", *attributes, "geometry"])
+
+
+def _frame(rows: list[dict[str, Any]], terrain: Terrain, columns: Sequence[str] | None = None) -> "gpd.GeoDataFrame":
+    import geopandas as gpd
+
+    return gpd.GeoDataFrame(
+        rows, columns=columns, geometry="geometry", crs=None if terrain.crs is None else horizontal_crs(terrain.crs)
+    )
+
+
+def _multi(geometry: Any) -> "MultiPolygon":
+    from shapely import MultiPolygon
+
+    return geometry if geometry.geom_type == "MultiPolygon" else MultiPolygon([geometry])

@@ -1,0 +1,141 @@
+"""A small synthetic ensemble: members whose maps are known by formula, and a site that owns them."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pyproj
+
+from runout.io import netcdf
+from runout.io.atomic import write_json
+from runout.model.release import Release
+from runout.model.terrain import Terrain
+
+SHAPE = (37, 53)  # odd and unequal, so that a transposed or flipped map cannot pass
+CELL = (10.0, 12.0)
+WEST, SOUTH = 738_000.0, 4_020_000.0
+MARKER = 9.5  # flow thickness of every member in the north-west corner [m]
+
+
+def make_terrain(crs: str | None = "EPSG:32616") -> Terrain:
+    """Plane that dips to the south-east, with one unknown cell in the south-east corner."""
+    rows, columns = np.indices(SHAPE)
+    elevation = 1000.0 - 3.0 * rows - 2.0 * columns
+    elevation[-1, -1] = np.nan
+    return Terrain(
+        elevation, CELL, WEST, SOUTH, pyproj.CRS(crs).to_wkt() if crs else None, source="dem.tif", changes=("turned north up",)
+    )
+
+
+def member_maps(number: int) -> dict[str, np.ndarray]:
+    """Maps of member ``number``: a tongue of 4 + 4 * number rows; thickness number + 1 [m]; the marker in the corner."""
+    wet = np.zeros(SHAPE, bool)
+    wet[2 : 6 + 4 * number, 5:20] = True
+    thickness = np.where(wet, 1.0 + number, 0.0)
+    thickness[0, 0] = MARKER
+    wet[0, 0] = True
+    speed = np.where(wet, 2.0 * (1 + number), 0.0)
+    arrival = np.where(wet, np.indices(SHAPE)[0] * 2.0 + number, np.nan)
+    return {
+        "max_flow_thickness": thickness,
+        "max_speed": speed,
+        "max_pressure": 2000.0 * speed**2,
+        "arrival_time": arrival,
+        "deposit_thickness": thickness / 2,
+    }
+
+
+def write_member(folder: Path, number: int, terrain: Terrain) -> Path:
+    """The member's file as a run of the ensemble leaves it."""
+    maps = netcdf.map_dataset(terrain, member_maps(number), title=f"member {number}", attrs={"member_key": f"key {number}"})
+    return netcdf.write(maps, folder / f"{number:04d}.nc")
+
+
+@dataclass(frozen=True)
+class FakeSite:
+    """The part of a site that the products use."""
+
+    folder: Path
+    crs: str | None = "EPSG:32616"
+    name: str = "valley"
+    settings: SimpleNamespace = field(
+        default_factory=lambda: SimpleNamespace(
+            title="A made-up valley",
+            description="A hypothetical release.",
+            hazard=SimpleNamespace(
+                thickness_thresholds=[0.1, 1.0, 2.0],
+                speed_thresholds=[1.0, 5.0],
+                pressure_thresholds=[3e3, 3e4],
+                percentiles=[5, 50, 95],
+            ),
+            ensemble=SimpleNamespace(seed=7),
+            simulation=SimpleNamespace(device="cpu"),
+        )
+    )
+
+    def terrain(self) -> Terrain:
+        """The terrain of the members."""
+        return make_terrain(self.crs)
+
+    def releases(self, terrain: Terrain) -> list[Release]:
+        """A block in the north-west."""
+        thickness = np.zeros(SHAPE)
+        thickness[2:5, 6:10] = 5.0
+        return [Release(thickness, terrain, name="scar")]
+
+    def inputs(self) -> list[Path]:
+        """The elevation raster."""
+        return [self.folder / "inputs" / "dem.tif"]
+
+    def resolved(self) -> dict:
+        """A plain configuration."""
+        return {"name": self.name, "simulation": {"cell_size": 20.0}}
+
+
+MEMBERS = 5
+FAILED, MISSING = 3, 4
+
+
+def make_table(weights: list[float] | None = None) -> pd.DataFrame:
+    """The table of five members."""
+    return pd.DataFrame(
+        {
+            "basal_friction_angle_deg": np.linspace(12, 22, MEMBERS),
+            "weight": weights or [1 / MEMBERS] * MEMBERS,
+            "seed": np.arange(MEMBERS) + 100,
+        },
+        index=pd.Index(range(MEMBERS), name="member"),
+    )
+
+
+def make_site(folder: Path, crs: str | None = "EPSG:32616") -> tuple[FakeSite, Path]:
+    """A site and its results folder with members 0 to 2 valid, 3 failed, 4 not run."""
+    site, results = FakeSite(folder / "site", crs), folder / "site" / "results"
+    (site.folder / "inputs").mkdir(parents=True)
+    (site.folder / "inputs" / "dem.tif").write_bytes(b"elevations")
+    for number in range(3):
+        write_member(results / "members", number, make_terrain(crs))
+    write_json(
+        {"reason": "the time step fell below 1e-6 s", "type": "StabilityError", "key": "k"},
+        results / "members" / "0003.failed.json",
+    )
+    return site, results
+
+
+@dataclass(frozen=True)
+class Products:
+    """A site whose products were written."""
+
+    site: FakeSite
+    results: Path
+    paths: list[Path]
+
+
+def write_all(folder: Path, crs: str | None) -> Products:
+    """Products of a fresh site."""
+    from runout.hazard.products import write_products
+
+    site, results = make_site(folder, crs)
+    return Products(site, results, write_products(site, results, make_table(), None))

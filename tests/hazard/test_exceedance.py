@@ -1,0 +1,151 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic_ensemble import MARKER, SHAPE, make_terrain, member_maps, write_member
+
+from runout.errors import StorageError
+from runout.hazard import exceedance
+from runout.hazard.exceedance import aggregate, effective_sample_size, normalised, weighted_percentiles
+from runout.io import netcdf
+from runout.model.terrain import Terrain
+
+THRESHOLDS = {"thickness": [0.1, 1.0, 2.0], "speed": [1.0, 5.0], "pressure": [3e3, 3e4]}
+PERCENTILES = [5, 50, 95]
+NAMES = {"thickness": "max_flow_thickness", "speed": "max_speed", "pressure": "max_pressure"}
+
+
+@pytest.fixture
+def members(tmp_path: Path) -> list[Path]:
+    """Files of members 0 to 3."""
+    return [write_member(tmp_path, number, make_terrain()) for number in range(4)]
+
+
+def stack(name: str) -> np.ndarray:
+    """One map of the four members, (4, rows, columns)."""
+    return np.stack([member_maps(number)[name].astype(np.float32) for number in range(4)])
+
+
+@pytest.mark.parametrize("weights", [[1, 1, 1, 1], [0.4, 0.3, 0.2, 0.1]])
+def test_exceedance_is_the_summed_weight_of_the_members_above(members: list[Path], weights: list[float]) -> None:
+    maps = aggregate(members, weights, THRESHOLDS, PERCENTILES)
+    w = np.array(weights) / np.sum(weights)
+    for quantity, limits in THRESHOLDS.items():
+        for k, limit in enumerate(limits):
+            p = np.tensordot(w, stack(NAMES[quantity]) > limit, axes=1)
+            np.testing.assert_allclose(maps[f"{quantity}_exceedance_probability"][k], p, atol=1e-7)
+            error = np.sqrt(np.clip(p * (1 - p), 0, None) * np.sum(w**2))
+            np.testing.assert_allclose(maps[f"{quantity}_exceedance_standard_error"][k], error, atol=1e-6)
+    np.testing.assert_array_equal(maps["inundation_probability"], maps["thickness_exceedance_probability"][0])
+    assert float(maps["effective_sample_size"]) == pytest.approx(1 / np.sum(w**2))
+
+
+def test_a_value_at_the_threshold_does_not_exceed_it(members: list[Path]) -> None:
+    maps = aggregate(members, [1, 1, 1, 1], THRESHOLDS, PERCENTILES)
+    # in row 3, column 6 the four members are 1, 2, 3 and 4 m thick
+    np.testing.assert_allclose(maps["thickness_exceedance_probability"][:, 3, 6], [1.0, 0.75, 0.5])
+
+
+@pytest.mark.parametrize("weights", [[1, 1, 1, 1], [0.4, 0.3, 0.2, 0.1]])
+def test_percentiles_agree_with_numpy_everywhere(members: list[Path], weights: list[float]) -> None:
+    maps = aggregate(members, weights, THRESHOLDS, PERCENTILES)
+    names = {"flow_thickness": "max_flow_thickness", "speed": "max_speed", "deposit_thickness": "deposit_thickness"}
+    for product, name in names.items():
+        w = np.broadcast_to(np.reshape(weights, (4, 1, 1)), (4, *SHAPE))
+        expected = np.quantile(stack(name), np.array(PERCENTILES) / 100, axis=0, weights=w, method="inverted_cdf")
+        np.testing.assert_array_equal(maps[f"{product}_percentile"], expected)
+
+
+@given(
+    values=st.lists(st.floats(0, 100, width=32), min_size=1, max_size=12),
+    heaviness=st.lists(st.integers(1, 20), min_size=12, max_size=12),
+    percentile=st.floats(0, 100),
+)
+@settings(max_examples=200, deadline=None)
+def test_a_weighted_percentile_splits_the_weight(values: list[float], heaviness: list[int], percentile: float) -> None:
+    v, w = np.array(values), np.array(heaviness[: len(values)], float)
+    w /= w.sum()
+    (found,) = weighted_percentiles(v[:, None], w, [percentile])[:, 0:1].ravel()
+    assert found in v
+    assert w[v <= found].sum() >= percentile / 100 - 1e-9
+    assert w[v < found].sum() <= percentile / 100 + 1e-9
+
+
+def test_extremes_first_arrival_and_counts(members: list[Path]) -> None:
+    maps = aggregate(members, [1, 1, 1, 1], THRESHOLDS, PERCENTILES)
+    np.testing.assert_array_equal(maps["peak_flow_thickness"], stack("max_flow_thickness").max(0))
+    np.testing.assert_array_equal(maps["peak_pressure"], stack("max_pressure").max(0))
+    np.testing.assert_allclose(maps["mean_deposit_thickness"], stack("deposit_thickness").mean(0), rtol=1e-6)
+    np.testing.assert_array_equal(maps["first_arrival_time"], np.fmin.reduce(stack("arrival_time")))
+    np.testing.assert_array_equal(maps["members_reached"], (stack("max_flow_thickness") > 0.1).sum(0))
+    assert np.isnan(maps["first_arrival_time"].values[-1, -1])
+    assert maps["peak_flow_thickness"].values[0, 0] == MARKER
+
+
+def test_a_heavier_member_counts_for_more(members: list[Path]) -> None:
+    light = aggregate(members, [1, 1, 1, 0.001], THRESHOLDS, PERCENTILES)
+    row, column = 16, 6  # only member 3 gets there
+    assert float(light["inundation_probability"][row, column]) == pytest.approx(0.001 / 3.001, rel=1e-5)
+    assert light["members_reached"].values[row, column] == 1
+
+
+def test_blocks_of_rows_change_nothing_and_bound_what_is_read(members: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = aggregate(members, [1, 2, 3, 4], THRESHOLDS, PERCENTILES)
+    read, most = netcdf.read_rows, []
+
+    def watched(path: Path, name: str, rows: slice) -> np.ndarray:
+        most.append(rows.stop - rows.start)
+        return read(path, name, rows)
+
+    monkeypatch.setattr(exceedance.netcdf, "read_rows", watched)
+    in_blocks = aggregate(members, [1, 2, 3, 4], THRESHOLDS, PERCENTILES, block_bytes=1)
+    assert max(most) == 16 < SHAPE[0]
+    for name in whole.data_vars:
+        np.testing.assert_array_equal(in_blocks[name], whole[name])
+
+
+def test_a_cell_that_a_member_leaves_undefined_is_undefined(tmp_path: Path) -> None:
+    terrain = make_terrain()
+    holed = {**member_maps(1), "max_speed": np.where(np.indices(SHAPE)[0] == 4, np.nan, member_maps(1)["max_speed"])}
+    paths = [
+        write_member(tmp_path, 0, terrain),
+        netcdf.write(netcdf.map_dataset(terrain, holed, title="t"), tmp_path / "0001.nc"),
+    ]
+    maps = aggregate(paths, [1, 1], THRESHOLDS, PERCENTILES)
+    for name in ("speed_exceedance_probability", "speed_exceedance_standard_error", "speed_percentile", "peak_speed"):
+        assert np.isnan(maps[name].values[..., 4, :]).all()
+        assert np.isfinite(maps[name].values[..., 5, :]).all()
+    assert np.isfinite(maps["inundation_probability"]).all()
+
+
+def test_a_probability_never_passes_one(tmp_path: Path) -> None:
+    paths = [write_member(tmp_path, 1, make_terrain())] * 7
+    maps = aggregate(paths, [0.1, 0.7, 0.3, 0.9, 0.2, 0.6, 0.1], THRESHOLDS, PERCENTILES)
+    assert maps["inundation_probability"].max() == 1.0
+    assert maps["thickness_exceedance_standard_error"].max() < 1e-7
+
+
+def test_members_on_another_raster_are_refused(members: list[Path], tmp_path: Path) -> None:
+    terrain = make_terrain()
+    moved = Terrain(terrain.elevation, terrain.cell_size, terrain.west + 1.0, terrain.south, terrain.crs)
+    other = write_member(tmp_path / "other", 9, moved)
+    with pytest.raises(StorageError, match=r"0009\.nc: its grid.*is not that of 0000\.nc.*run the ensemble again"):
+        aggregate([*members, other], [1] * 5, THRESHOLDS, PERCENTILES)
+
+
+@pytest.mark.parametrize("weights", [[], [1, 1, 1], [1, 1, 1, -1], [0, 0, 0, 0], [1, 1, 1, np.nan]])
+def test_weights_that_do_not_fit_are_refused(members: list[Path], weights: list[float]) -> None:
+    with pytest.raises(ValueError, match="weights"):
+        aggregate(members, weights, THRESHOLDS, PERCENTILES)
+
+
+def test_inundation_needs_a_threshold(members: list[Path]) -> None:
+    with pytest.raises(ValueError, match="no threshold of the flow thickness"):
+        aggregate(members, [1] * 4, {**THRESHOLDS, "thickness": []}, PERCENTILES)
+
+
+def test_equal_weights_count_as_many_members() -> None:
+    assert effective_sample_size(normalised([2.0] * 8, 8)) == pytest.approx(8.0)
+    assert effective_sample_size(normalised([1.0, 0.0], 2)) == pytest.approx(1.0)
