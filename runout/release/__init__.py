@@ -1,0 +1,6 @@
+"""Releases: reading polygons and thickness rasters, checking their volume, sampling particles.
+
+``read`` makes a :class:`runout.model.release.Release`; ``polygons`` and ``crs`` check vector files, ``ground`` checks a
+release against its terrain, ``volume`` against what was stated; ``coverage`` holds the exact areas and the conservative
+regridding; ``sample`` fills the release with particles. Only ``read``, ``polygons`` and ``crs`` need GDAL.
+"""

@@ -1,0 +1,52 @@
+"""A release against the ground it lies on: inside the terrain, and on known elevations."""
+
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.model.terrain import Terrain
+
+SHOWN = 3  # cells named in a message
+
+
+def require_inside(outline: Any, terrain: Terrain, source: str) -> None:
+    """ReleaseError unless a polygon in map coordinates lies wholly inside the terrain; says how far and where it leaves it."""
+    import shapely
+
+    west, south, east, north = terrain.extent
+    window = shapely.box(west, south, east, north)
+    if window.covers(outline):
+        return
+    inside = shapely.intersection(outline, window).area / outline.area
+    w, s, e, n = outline.bounds
+    beyond = {"west": west - w, "south": south - s, "east": e - east, "north": n - north}
+    sides = ", ".join(f"{by:.6g} m beyond the {side} edge" for side, by in beyond.items() if by > 0)
+    extents = f"release {_extent(w, s, e, n)}, terrain {_extent(west, south, east, north)}"
+    if inside == 0:
+        raise ReleaseError(f"{source} lies outside the terrain {terrain.source} ({extents}); check the coordinate system of both")
+    raise ReleaseError(
+        f"{source} reaches {sides} of the terrain {terrain.source} ({1 - inside:.1%} of its area; {extents}); "
+        "use a larger DEM or cut the polygon"
+    )
+
+
+def _extent(west: float, south: float, east: float, north: float) -> str:
+    return f"easting {west:.2f} to {east:.2f}, northing {south:.2f} to {north:.2f}"
+
+
+def require_elevation(thickness: np.ndarray, terrain: Terrain, source: str) -> None:
+    """ReleaseError if a cell with thickness (rows, columns) has no elevation; names the first of them."""
+    unknown = (thickness > 0) & np.isnan(terrain.elevation)
+    if not unknown.any():
+        return
+    rows, columns = np.nonzero(unknown)
+    cells = "; ".join(
+        f"row {r}, column {c} (easting {terrain.easting[c]:.2f}, northing {terrain.northing[r]:.2f})"
+        for r, c in zip(rows[:SHOWN], columns[:SHOWN], strict=True)
+    )
+    more = f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else ""
+    raise ReleaseError(
+        f"{terrain.source}: {len(rows)} of {int((thickness > 0).sum())} cells under the release {source} have no elevation: "
+        f"{cells}{more}; fill them (gdal_fillnodata.py) or move the release"
+    )

@@ -1,0 +1,197 @@
+"""Release polygons of a vector file: read, checked, in map coordinates of the terrain."""
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.model.terrain import Terrain
+from runout.release.crs import crs_name, require_terrain_crs, stated_crs
+
+OVERLAP = 1e-6  # share of a polygon below which an overlap is round-off of shared borders
+
+
+@dataclass(frozen=True)
+class PolygonLayer:
+    """Polygons of a layer.
+
+    Attributes
+    ----------
+    source : Path
+        The file.
+    polygons : ndarray (n,) of shapely Polygon or MultiPolygon
+        Valid, two-dimensional, in the terrain's map coordinates.
+    attributes : pandas.DataFrame
+        One row a polygon.
+    changes : tuple of str
+        What was assumed or changed on the way in, one sentence each.
+    """
+
+    source: Path
+    polygons: np.ndarray
+    attributes: Any
+    changes: tuple[str, ...] = ()
+
+    def numbers(self, attribute: str, what: str) -> np.ndarray:
+        """Values (n,) of a numeric attribute; ReleaseError if it is missing, not a number, or empty somewhere."""
+        import pandas
+
+        if attribute not in self.attributes:
+            raise ReleaseError(f"{self.source}: no attribute {attribute!r} for the {what}{self._nearest(attribute)}")
+        values = pandas.to_numeric(self.attributes[attribute], errors="coerce").to_numpy(np.float64)
+        unusable = np.flatnonzero(~np.isfinite(values))
+        if len(unusable):
+            first = unusable[0]
+            raise ReleaseError(
+                f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {self.attributes[attribute].iloc[first]!r}; "
+                f"every polygon needs a number for its {what}"
+            )
+        return values
+
+    def numeric_attributes(self) -> str:
+        """Names of the numeric attributes, for messages."""
+        return ", ".join(self.attributes.select_dtypes("number").columns) or "none"
+
+    def _nearest(self, attribute: str) -> str:
+        near = difflib.get_close_matches(attribute, map(str, self.attributes.columns), n=1, cutoff=0.4)
+        asked = f"; did you mean {near[0]!r}?" if near else ";"
+        return f"{asked} numeric attributes: {self.numeric_attributes()}"
+
+
+def read_polygons(path: Path, terrain: Terrain, layer: str | None = None) -> PolygonLayer:
+    """Polygons of a GeoPackage, Shapefile, GeoJSON or whatever else GDAL reads.
+
+    Raises
+    ------
+    ReleaseError
+        Missing or unreadable file, unknown layer, another coordinate system, no features, points or lines,
+        features without a geometry, or polygons that cross themselves (with the place).
+    """
+    frame, driver = _read(path, layer)
+    if len(frame) == 0:
+        raise ReleaseError(f"{path}: the layer is empty; draw at least one release polygon")
+    frame, changes = _in_terrain_crs(path, frame, driver, terrain)
+    geometry = frame.geometry.force_2d().to_numpy()
+    _require_polygons(path, geometry)
+    _require_valid(path, geometry)
+    return PolygonLayer(path, geometry, frame.drop(columns=frame.geometry.name), changes)
+
+
+def _read(path: Path, layer: str | None) -> tuple[Any, str]:
+    """Frame of the layer and the name of the GDAL driver."""
+    import geopandas
+    import pyogrio
+    import shapely
+
+    if not path.exists():
+        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], n=1)
+        raise ReleaseError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else "; check the path"))
+    try:
+        layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
+        layer = _layer(path, layers, layer)
+        frame = geopandas.read_file(path, layer=layer, engine="pyogrio", on_invalid="raise")
+        return frame, pyogrio.read_info(path, layer=layer)["driver"]
+    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError) as error:
+        raise ReleaseError(f"{path}: cannot be read as a vector file ({error}); use GeoPackage, Shapefile or GeoJSON") from error
+    except shapely.errors.GEOSException as error:
+        raise ReleaseError(f"{path}: holds a broken geometry ({error}); close every ring, with four points or more") from error
+
+
+def _layer(path: Path, layers: list[str], layer: str | None) -> str:
+    if not layers:
+        raise ReleaseError(f"{path}: holds a table but no geometries; write the release polygons into it")
+    if layer is None and len(layers) > 1:
+        names = ", ".join(layers)
+        raise ReleaseError(f"{path}: holds {len(layers)} layers ({names}); name the one with the release: layer={layers[0]!r}")
+    if layer is not None and layer not in layers:
+        near = difflib.get_close_matches(layer, layers, n=1, cutoff=0.4)
+        asked = f"did you mean {near[0]!r}? " if near else ""
+        raise ReleaseError(f"{path}: no layer {layer!r}; {asked}layers: {', '.join(layers)}")
+    return layer or layers[0]
+
+
+def _in_terrain_crs(path: Path, frame: Any, driver: str, terrain: Terrain) -> tuple[Any, tuple[str, ...]]:
+    """The frame in the terrain's coordinates. GeoJSON that names no system is in degrees by RFC 7946, and only then reprojected."""
+    crs = frame.crs.to_wkt() if frame.crs else None
+    if driver != "GeoJSON" or stated_crs(crs) is None or not stated_crs(crs).is_geographic:
+        return frame, require_terrain_crs(path, crs, terrain, "ogr2ogr")
+    wanted = stated_crs(terrain.crs)
+    west, south, east, north = frame.total_bounds
+    in_degrees = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
+    if wanted is None:
+        change = f"{path} states no coordinate system; its coordinates are taken as the terrain's."
+        return frame.set_crs(None, allow_override=True), (change,)
+    if not in_degrees:
+        change = f"{path} states no coordinate system and cannot be in degrees; taken to be in the terrain's, {crs_name(wanted)}."
+        return frame.set_crs(wanted, allow_override=True), (change,)
+    change = f"{path}: reprojected from longitude and latitude, the system of GeoJSON, to {crs_name(wanted)}."
+    return frame.to_crs(wanted), (change,)
+
+
+def _require_polygons(path: Path, geometry: np.ndarray) -> None:
+    import shapely
+
+    empty = np.flatnonzero(shapely.is_missing(geometry) | shapely.is_empty(geometry))
+    if len(empty):
+        raise ReleaseError(f"{path}: feature {empty[0] + 1} has no geometry; delete it or draw its polygon")
+    other = sorted({g.geom_type for g in geometry} - {"Polygon", "MultiPolygon"})
+    if other:
+        raise ReleaseError(f"{path}: holds {' and '.join(other)}; a release needs polygons around what starts to move")
+
+
+def _require_valid(path: Path, geometry: np.ndarray) -> None:
+    import shapely
+
+    for number in np.flatnonzero(~shapely.is_valid(geometry)):
+        reason, _, place = shapely.is_valid_reason(geometry[number]).rstrip("]").partition("[")
+        at = f" at easting {place.split()[0]}, northing {place.split()[1]}" if len(place.split()) >= 2 else ""
+        raise ReleaseError(
+            f"{path}: polygon {number + 1} is not valid, {reason.strip().lower()}{at}; mend it in the GIS (QGIS: Fix geometries) "
+            f"or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose or gain area"
+        )
+
+
+def without_overlap(layer: PolygonLayer, thickness: np.ndarray | None) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Polygons (n,) of which no two overlap, and the sentence that says so; an overlap belongs to the first of its polygons.
+
+    Parameters
+    ----------
+    thickness : ndarray (n,) or None
+        Thickness of the polygons [m], None for one common thickness.
+
+    Raises
+    ------
+    ReleaseError
+        If polygons of different thickness overlap: which one holds there is not for a program to say.
+    """
+    import shapely
+
+    polygons = layer.polygons.copy()
+    first, second = shapely.STRtree(polygons).query(polygons, predicate="intersects")
+    pairs = first < second
+    first, second = first[pairs], second[pairs]
+    common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
+    counts = common > OVERLAP * np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
+    for i, j, area in zip(first[counts], second[counts], common[counts], strict=True):
+        if thickness is not None and thickness[i] != thickness[j]:
+            raise ReleaseError(
+                f"{layer.source}: polygons {i + 1} ({thickness[i]:g} m) and {j + 1} ({thickness[j]:g} m) overlap by {area:.6g} m2; "
+                "cut one of them back so that every place has one thickness"
+            )
+    for i, j in sorted(zip(first.tolist(), second.tolist(), strict=True), key=lambda pair: pair[1]):
+        polygons[j] = _polygonal(shapely.difference(polygons[j], polygons[i]))
+    if not counts.any():
+        return polygons, ()
+    total = shapely.area(layer.polygons).sum() - shapely.area(polygons).sum()
+    return polygons, (f"{layer.source}: {int(counts.sum())} pairs of polygons overlap; the common {total:.6g} m2 count once.",)
+
+
+def _polygonal(geometry: Any) -> Any:
+    """The polygons of a geometry; cutting along a shared border can leave points and lines."""
+    import shapely
+
+    parts = [g for g in shapely.get_parts(geometry) if g.geom_type == "Polygon"]
+    return shapely.MultiPolygon(parts)

@@ -1,0 +1,285 @@
+"""Releases of vector files, thickness rasters and arrays."""
+
+import logging
+import math
+from enum import StrEnum
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.model.materials import Material
+from runout.model.release import Placement, Release
+from runout.model.terrain import Terrain
+from runout.release.coverage import SAME_EDGE, covered_area, regrid
+from runout.release.ground import require_elevation, require_inside
+from runout.release.polygons import PolygonLayer, read_polygons, without_overlap
+from runout.release.volume import checked_number, matched
+
+log = logging.getLogger(__name__)
+
+STEEPEST_FRICTION_DEG = 60.0
+LOST_VOLUME = 1e-6  # share of a raster's volume that may fall outside the terrain by round-off of its header
+
+
+class Sign(StrEnum):
+    """How a raster states the thickness of what fails."""
+
+    POSITIVE = "positive"
+    NEGATIVE = "negative"  # as a loss of elevation
+
+
+def read_vector(
+    path: str | PathLike[str],
+    terrain: Terrain,
+    *,
+    thickness: float | str | None = None,
+    volume: float | None = None,
+    placement: Placement | str = Placement.EXCAVATED,
+    layer: str | None = None,
+    name: str | None = None,
+    material: Material | None = None,
+    basal_friction_angle_deg: float | str | None = None,
+) -> Release:
+    """Release of the polygons of a vector file, united.
+
+    Cells cut by the outline carry the share that it covers. Overlapping polygons count once.
+
+    Parameters
+    ----------
+    path : path
+        GeoPackage, Shapefile, GeoJSON or what else GDAL reads, in the terrain's coordinate system. GeoJSON that states
+        none is in longitude and latitude by RFC 7946 and is reprojected.
+    thickness : float or str or None
+        Vertical thickness [m], or the name of the attribute that holds it. None: taken from the volume.
+    volume : float or None
+        Volume of all polygons together [m3].
+    layer : str or None
+        Needed if the file has several.
+    name : str or None
+        The file's name by default.
+    basal_friction_angle_deg : float or str or None
+        Angle [deg] or attribute; replaces the friction of the run for this release.
+
+    Raises
+    ------
+    ReleaseError
+        With the place, the value and the remedy.
+    """
+    source = Path(path)
+    polygons = read_polygons(source, terrain, layer)
+    depths = _polygon_thickness(polygons, thickness, volume)
+    parts, overlaps = without_overlap(polygons, depths)
+    outline = _united(parts, f"release {source}", terrain)
+    if depths is None:
+        depths = np.full(len(parts), checked_number(volume or 0.0, "volume", "m3", str(source)) / outline.area)
+    cells, scaled = matched(_on_cells(parts, depths, terrain), terrain.cell_area, volume, str(source))
+    friction = _polygon_friction(polygons, basal_friction_angle_deg)
+    return _release(
+        cells, terrain, source=str(source), outline=outline, placement=placement, name=name or source.stem, material=material,
+        basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled,
+    )  # fmt: skip
+
+
+def read_raster(
+    path: str | PathLike[str],
+    terrain: Terrain,
+    *,
+    volume: float | None = None,
+    placement: Placement | str = Placement.EXCAVATED,
+    sign: Sign | str = Sign.POSITIVE,
+    name: str | None = None,
+    material: Material | None = None,
+    basal_friction_angle_deg: float | None = None,
+) -> Release:
+    """Release of a raster of vertical thickness [m]; nodata means that nothing is released there.
+
+    A raster on another grid than the terrain's is resampled by area, so that its volume stays.
+
+    Parameters
+    ----------
+    path : path
+        Any raster that GDAL reads, north up or south up, in the terrain's coordinate system.
+    volume : float or None
+        Stated volume [m3], checked against the raster's.
+    sign : Sign
+        ``"negative"`` for a raster that states what fails as a loss of elevation.
+
+    Raises
+    ------
+    ReleaseError
+        With the place, the value and the remedy.
+    """
+    from runout.release.raster import read_thickness
+
+    source = Path(path)
+    values, edges, changes = read_thickness(source, terrain)
+    values = _positive(values, str(source), sign)
+    on_terrain = _same_cells(edges, _terrain_edges(terrain))
+    cells = _from_south_west(values if on_terrain else regrid(values, edges, _terrain_edges(terrain)))
+    held, kept = _volume(values, edges), float(cells.sum() * terrain.cell_area)
+    if not on_terrain and kept < held * (1 - LOST_VOLUME):
+        raise ReleaseError(
+            f"{source}: {1 - kept / held:.1%} of its {held:.6g} m3 lies outside the terrain {terrain.source}; "
+            "use a larger DEM or cut the release"
+        )
+    if not on_terrain:
+        changes += (f"{source}: resampled by area to the cells of the terrain; its {kept:.6g} m3 are kept.",)
+    cells, scaled = matched(cells, terrain.cell_area, volume, str(source))
+    return _release(
+        cells, terrain, source=str(source), placement=placement, name=name or source.stem, material=material,
+        basal_friction_angle=_friction(basal_friction_angle_deg, str(source)), changes=changes + scaled,
+    )  # fmt: skip
+
+
+def release_from_array(
+    thickness: np.ndarray,
+    terrain: Terrain,
+    *,
+    volume: float | None = None,
+    placement: Placement | str = Placement.EXCAVATED,
+    name: str = "release",
+    material: Material | None = None,
+    basal_friction_angle_deg: float | None = None,
+    source: str = "array",
+) -> Release:
+    """Release of vertical thickness (rows, columns) [m] on the cells of the terrain, north-west corner first."""
+    friction = _friction(basal_friction_angle_deg, source)
+    release = Release(thickness, terrain, None, Placement.of(placement), friction, material, name, source)
+    cells, scaled = matched(release.thickness, terrain.cell_area, volume, source)
+    return _release(
+        cells,
+        terrain,
+        source=source,
+        placement=placement,
+        name=name,
+        material=material,
+        basal_friction_angle=friction,
+        changes=scaled,
+    )
+
+
+def _release(
+    cells: np.ndarray, terrain: Terrain, *, source: str, placement: Placement | str, changes: tuple[str, ...], **rest: Any
+) -> Release:
+    """The release after the last checks; logs what was changed on the way."""
+    release = Release(cells, terrain, source=source, placement=Placement.of(placement), changes=changes, **rest)
+    require_elevation(release.thickness, terrain, source)
+    for change in changes:
+        log.warning(change)
+    return release
+
+
+def _polygon_thickness(layer: PolygonLayer, thickness: float | str | None, volume: float | None) -> np.ndarray | None:
+    """Thickness (n,) [m] of the polygons; None where the volume decides."""
+    source = str(layer.source)
+    if thickness is None:
+        if volume is None:
+            raise ReleaseError(
+                f"{source}: neither thickness nor volume is stated; give a thickness [m], the attribute that holds it "
+                f"(numeric attributes: {layer.numeric_attributes()}), or a volume [m3]"
+            )
+        return None
+    if not isinstance(thickness, str):
+        return np.full(len(layer.polygons), checked_number(thickness, "thickness", "m", source))
+    values = layer.numbers(thickness, "thickness")
+    for i in np.flatnonzero(values <= 0):
+        raise ReleaseError(f"{source}: attribute {thickness!r} of polygon {i + 1} is {values[i]:g} m; thickness must be above 0")
+    return values
+
+
+def _polygon_friction(layer: PolygonLayer, angle_deg: float | str | None) -> float | None:
+    """Basal friction angle [rad] of all polygons."""
+    if not isinstance(angle_deg, str):
+        return _friction(angle_deg, str(layer.source))
+    values = np.unique(layer.numbers(angle_deg, "basal friction angle"))
+    if len(values) > 1:
+        raise ReleaseError(
+            f"{layer.source}: attribute {angle_deg!r} differs among the polygons ({values[0]:g} to {values[-1]:g} deg); "
+            "a release has one basal friction angle, so write the polygons to one file or layer each"
+        )
+    return _friction(float(values[0]), str(layer.source))
+
+
+def _friction(angle_deg: float | None, source: str) -> float | None:
+    """Basal friction angle [rad]."""
+    if angle_deg is None:
+        return None
+    if not 0 <= angle_deg <= STEEPEST_FRICTION_DEG:
+        raise ReleaseError(
+            f"{source}: basal_friction_angle_deg is {angle_deg:g}; it must be 0 to {STEEPEST_FRICTION_DEG:g} degrees"
+        )
+    return math.radians(angle_deg)
+
+
+def _united(parts: np.ndarray, what: str, terrain: Terrain) -> Any:
+    import shapely
+
+    outline = shapely.union_all(parts)
+    require_inside(outline, terrain, what)
+    return outline
+
+
+def _on_cells(parts: np.ndarray, depths: np.ndarray, terrain: Terrain) -> np.ndarray:
+    """Mean thickness (rows, columns) [m] of polygons that do not overlap; one pass for each different thickness."""
+    import shapely
+
+    edges = _terrain_edges(terrain)
+    volume = np.zeros((len(edges[0]) - 1, len(edges[1]) - 1))
+    for depth in np.unique(depths):
+        united = shapely.union_all(parts[depths == depth])
+        if united.is_empty:
+            continue
+        local = shapely.transform(united, terrain.frame.to_local)
+        first = [max(int(np.searchsorted(e, low, "right")) - 1, 0) for e, low in zip(edges, local.bounds[:2], strict=True)]
+        last = [int(np.searchsorted(e, high, "left")) for e, high in zip(edges, local.bounds[2:], strict=True)]
+        window = tuple(slice(a, max(b, a + 1)) for a, b in zip(first, last, strict=True))
+        area = covered_area(local, *(e[w.start : w.stop + 1] for e, w in zip(edges, window, strict=True)))
+        volume[window] += depth * area * (united.area / area.sum())
+    return _from_south_west(volume / terrain.cell_area)
+
+
+def _positive(values: np.ndarray, source: str, sign: Sign | str) -> np.ndarray:
+    """Thickness [m], positive whichever way the raster states it."""
+    try:
+        values = values * (-1.0 if Sign(sign) is Sign.NEGATIVE else 1.0) + 0.0
+    except ValueError:
+        raise ReleaseError(f"{source}: sign is {sign!r}; choose one of {', '.join(Sign)}") from None
+    if not values.any():
+        raise ReleaseError(f"{source}: the release is empty; the raster is 0 or nodata everywhere")
+    wrong, right = int((values < 0).sum()), int((values > 0).sum())
+    if wrong and right:
+        raise ReleaseError(
+            f"{source}: {right} cells are a thickness and {wrong} have the other sign; "
+            "a raster of both erosion and deposition is no release, so cut it to the source area"
+        )
+    if wrong:
+        other = Sign.NEGATIVE if Sign(sign) is Sign.POSITIVE else Sign.POSITIVE
+        stated = "negative" if other is Sign.NEGATIVE else "positive"
+        raise ReleaseError(
+            f"{source}: all {wrong} cells with thickness are {stated}; "
+            f"if the raster states what fails that way, say so: sign={str(other)!r}"
+        )
+    return values
+
+
+def _terrain_edges(terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:
+    """Local edges of the terrain's columns from the west and of its rows from the south [m]."""
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    return np.arange(columns + 1) * dx, np.arange(rows + 1) * dy
+
+
+def _same_cells(edges: tuple[np.ndarray, np.ndarray], others: tuple[np.ndarray, np.ndarray]) -> bool:
+    """Whether two lattices are one, up to the digits of a header."""
+    return all(len(a) == len(b) and np.abs(a - b).max() < SAME_EDGE * (b[1] - b[0]) for a, b in zip(edges, others, strict=True))
+
+
+def _from_south_west(cells: np.ndarray) -> np.ndarray:
+    """(rows, columns) from the north-west of (nx, ny) from the south-west."""
+    return np.ascontiguousarray(cells.T[::-1])
+
+
+def _volume(values: np.ndarray, edges: tuple[np.ndarray, np.ndarray]) -> float:
+    return float(np.diff(edges[0]) @ values @ np.diff(edges[1]))

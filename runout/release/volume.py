@@ -1,0 +1,53 @@
+"""Thickness and volume of a release against what is stated."""
+
+import numpy as np
+
+from runout.errors import ReleaseError
+
+TOLERANCE = 0.01  # a computed volume may differ from the stated one by this share
+PRINTED = 1e-6  # a smaller difference is the rounding of a printed volume and not reported
+
+
+def checked_number(value: float, what: str, unit: str, source: str) -> float:
+    """The value itself; ReleaseError unless it is a finite number above zero."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ReleaseError(f"{source}: {what} is {value!r}; it must be a number in {unit}") from None
+    if not np.isfinite(number) or number <= 0:
+        raise ReleaseError(f"{source}: {what} is {number:g} {unit}; it must be above 0")
+    return number
+
+
+def matched(thickness: np.ndarray, cell_area: float, volume: float | None, source: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Thickness whose volume is the stated one, and a sentence if it had to be scaled for that.
+
+    Parameters
+    ----------
+    thickness : ndarray
+        Mean thickness over cells of one size [m].
+    cell_area : float
+        [m2]
+    volume : float or None
+        Stated volume [m3]; None leaves the thickness as it is.
+
+    Raises
+    ------
+    ReleaseError
+        If both differ by more than 1 %.
+    """
+    if volume is None:
+        return thickness, ()
+    stated, computed = checked_number(volume, "volume", "m3", source), float(thickness.sum() * cell_area)
+    if computed == 0:
+        raise ReleaseError(f"{source}: the volume is stated as {stated:.6g} m3, but the thickness is 0 everywhere")
+    difference = computed / stated - 1.0
+    if abs(difference) > TOLERANCE:
+        raise ReleaseError(
+            f"{source}: area and thickness give {computed:.6g} m3, the stated volume is {stated:.6g} m3 ({difference:+.1%}); "
+            f"correct one of them, or leave one out ({TOLERANCE:.0%} is allowed)"
+        )
+    if abs(difference) < PRINTED:
+        return thickness * (stated / computed), ()
+    factor = stated / computed
+    return thickness * factor, (f"{source}: thickness scaled by {factor:.7g} to the stated {stated:.6g} m3.",)

@@ -1,0 +1,166 @@
+"""Vector files that cannot be a release: each refused with place, value and remedy."""
+
+import numpy as np
+import pandas
+import pyogrio
+import pytest
+import shapely
+
+from runout.errors import ReleaseError
+from runout.model.release import Release
+from runout.model.terrain import Terrain
+
+SQUARE = shapely.box(50.0, 50.0, 100.0, 100.0)
+
+
+def refused(path, terrain, *words, **choices):
+    """Asserts that the file is refused and that the message holds the words; returns the message."""
+    choices = choices or {"thickness": 1.0}
+    with pytest.raises(ReleaseError) as caught:
+        Release.from_vector(path, terrain, **choices)
+    for word in (path.name, *words):
+        assert word in str(caught.value)
+    return str(caught.value)
+
+
+def test_self_intersecting_polygon_names_the_place_and_the_fix(write_polygons, terrain):
+    bow_tie = shapely.Polygon([(50, 50), (100, 100), (100, 50), (50, 100)])
+    path = write_polygons([SQUARE, bow_tie])
+    refused(path, terrain, "polygon 2", "self-intersection", "easting 500075", "northing 4000075", "ogr2ogr -makevalid")
+
+
+def test_hole_outside_its_shell_is_refused(write_polygons, terrain):
+    path = write_polygons([shapely.Polygon(SQUARE.exterior, [shapely.box(200, 50, 210, 60).exterior])])
+    refused(path, terrain, "polygon 1", "hole lies outside shell")
+
+
+def test_another_crs_names_both_and_the_command(write_polygons, terrain):
+    refused(
+        write_polygons([SQUARE], crs="EPSG:32617"), terrain,
+        "EPSG:32617 (WGS 84 / UTM zone 17N)", "plane.tif", "EPSG:32616 (WGS 84 / UTM zone 16N)", "ogr2ogr -t_srs EPSG:32616",
+    )  # fmt: skip
+    refused(write_polygons([SQUARE], "degrees.gpkg", crs="EPSG:4326"), terrain, "EPSG:4326", "ogr2ogr -t_srs EPSG:32616")
+
+
+def test_degrees_on_a_local_terrain_are_refused(write_polygons, terrain):
+    local = Terrain(terrain.elevation, terrain.cell_size, source="local.asc")
+    refused(write_polygons([SQUARE], crs="EPSG:4326"), local, "in degrees", "local.asc", "terrain.crs")
+
+
+def test_release_outside_the_terrain_is_refused_with_both_extents(write_polygons, terrain):
+    path = write_polygons([shapely.box(1000, 50, 1100, 100)])
+    refused(path, terrain, "outside the terrain plane.tif", "easting 501000.00 to 501100.00", "easting 500000.00 to 500300.00")
+
+
+def test_release_partly_outside_says_where_and_how_far(write_polygons, terrain):
+    path = write_polygons([shapely.box(-20.0, 50.0, 60.0, 100.0)])
+    refused(path, terrain, "20 m beyond the west edge", "25.0% of its area", "larger DEM")
+
+
+def test_nodata_under_the_release_names_file_cells_and_fix(write_polygons, terrain):
+    z = terrain.elevation.copy()
+    z[24, 12] = z[25, 13] = z[0, 0] = np.nan
+    holed = Terrain(z, terrain.cell_size, terrain.west, terrain.south, terrain.crs, "holed.tif")
+    refused(
+        write_polygons([SQUARE]), holed,
+        "holed.tif: 2 of 100 cells", "row 24, column 12 (easting 500062.50, northing 4000077.50)", "gdal_fillnodata",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("thickness", [0.0, -3.0, float("nan"), float("inf")])
+def test_thickness_must_be_above_zero(write_polygons, terrain, thickness):
+    refused(write_polygons([SQUARE]), terrain, "thickness", "above 0", thickness=thickness)
+
+
+def test_negative_thickness_of_a_polygon_is_named(write_polygons, terrain):
+    path = write_polygons([SQUARE, shapely.box(0, 0, 10, 10)], depth=[2.0, -1.0])
+    refused(path, terrain, "'depth' of polygon 2 is -1 m", thickness="depth")
+
+
+def test_empty_attribute_of_a_polygon_is_named(write_polygons, terrain):
+    path = write_polygons([SQUARE, shapely.box(0, 0, 10, 10)], depth=[2.0, None])
+    refused(path, terrain, "'depth' of polygon 2", "every polygon needs a number", thickness="depth")
+
+
+def test_missing_attribute_suggests_the_nearest(write_polygons, terrain):
+    path = write_polygons([SQUARE], thickness=[2.0], owner=["canton"])
+    refused(path, terrain, "'thicknes'", "did you mean 'thickness'?", thickness="thicknes")
+
+
+def test_neither_thickness_nor_volume_lists_the_attributes(write_polygons, terrain):
+    refused(write_polygons([SQUARE], depth=[2.0]), terrain, "neither thickness nor volume", "depth", thickness=None)
+
+
+@pytest.mark.parametrize("volume", [2500.0 / 1.011, 2500.0 / 0.989])
+def test_volume_that_disagrees_by_more_than_one_percent_is_refused(write_polygons, terrain, volume):
+    refused(write_polygons([SQUARE]), terrain, "give 2500 m3", f"{volume:.6g} m3", "1.1%", thickness=1.0, volume=volume)
+
+
+@pytest.mark.parametrize("volume", [0.0, -5.0])
+def test_volume_must_be_above_zero(write_polygons, terrain, volume):
+    refused(write_polygons([SQUARE]), terrain, f"volume is {volume:g} m3", volume=volume)
+
+
+def test_overlap_of_different_thickness_is_refused(write_polygons, terrain):
+    path = write_polygons([SQUARE, shapely.box(90, 50, 140, 100)], depth=[2.0, 3.0])
+    refused(path, terrain, "polygons 1 (2 m) and 2 (3 m) overlap by 500 m2", thickness="depth")
+
+
+def test_points_and_lines_are_refused(write_polygons, terrain):
+    refused(write_polygons([shapely.Point(60, 60)], "point.gpkg"), terrain, "holds Point", "polygons")
+    refused(write_polygons([shapely.LineString([(60, 60), (70, 80)])], "line.gpkg"), terrain, "holds LineString")
+
+
+def test_empty_layer_and_table_without_geometry_are_refused(write_polygons, terrain, tmp_path):
+    path = write_polygons([SQUARE])
+    empty = tmp_path / "empty.gpkg"
+    pyogrio.write_dataframe(pyogrio.read_dataframe(path).iloc[:0], empty, geometry_type="Polygon")
+    refused(empty, terrain, "empty")
+    table = tmp_path / "table.csv"
+    pandas.DataFrame({"thickness": [1.0]}).to_csv(table, index=False)
+    refused(table, terrain, "no geometries")
+
+
+def test_feature_without_geometry_is_named(write_polygons, terrain):
+    refused(write_polygons([SQUARE, None]), terrain, "feature 2 has no geometry")
+
+
+def test_missing_file_suggests_a_neighbour(write_polygons, terrain):
+    path = write_polygons([SQUARE])
+    refused(path.with_name("realease.gpkg"), terrain, "no such file", "did you mean", "release.gpkg")
+
+
+def test_file_of_another_kind_is_refused(tmp_path, terrain):
+    path = tmp_path / "release.gpkg"
+    path.write_text("not a database")
+    refused(path, terrain, "cannot be read as a vector file")
+
+
+def test_shapefile_without_its_index_is_refused(write_polygons, terrain):
+    path = write_polygons([SQUARE], "release.shp")
+    path.with_suffix(".shx").unlink()
+    refused(path, terrain, ".shx")
+
+
+def test_several_layers_must_be_named_and_a_wrong_name_is_corrected(write_polygons, terrain):
+    path = write_polygons([SQUARE])
+    pyogrio.write_dataframe(pyogrio.read_dataframe(path), path, layer="deposit")
+    refused(path, terrain, "2 layers (release, deposit)", "layer=")
+    refused(path, terrain, "did you mean 'deposit'", layer="deposits", thickness=1.0)
+
+
+def test_friction_angle_out_of_range_or_different_among_polygons_is_refused(write_polygons, terrain):
+    path = write_polygons([SQUARE, shapely.box(0, 0, 10, 10)], friction=[10.0, 20.0])
+    refused(path, terrain, "basal_friction_angle_deg is 75", thickness=1.0, basal_friction_angle_deg=75.0)
+    refused(path, terrain, "10 to 20 deg", thickness=1.0, basal_friction_angle_deg="friction")
+
+
+def test_unknown_placement_lists_the_choices(write_polygons, terrain):
+    with pytest.raises(ReleaseError, match="placement is 'below'; choose one of excavated, on_surface"):
+        Release.from_vector(write_polygons([SQUARE]), terrain, thickness=1.0, placement="below")
+
+
+def test_ring_that_does_not_close_is_refused(tmp_path, terrain):
+    path = tmp_path / "open.geojson"
+    path.write_text('{"type": "Polygon", "coordinates": [[[500050, 4000050], [500060, 4000050], [500060, 4000060]]]}')
+    refused(path, terrain)
