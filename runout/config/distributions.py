@@ -1,0 +1,232 @@
+"""Distributions of sampled parameters, and what may be sampled."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, create_model, model_validator
+from pydantic_core import PydanticCustomError
+
+LARGEST_RADIANS = 1.5708  # an angle that is not above a quarter turn in radians was hardly meant in degrees
+FAR_TAIL = 4.0  # standard deviations; one sample in 30 000 lies further out
+
+
+class Settings(BaseModel):
+    """Base of all settings: frozen, unknown keys refused, no value turned into another type."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def quantity(description: str, default: Any = ..., *, unit: str = "", hint: str = "", **bounds: Any) -> Any:
+    """A field of a settings model: description (also the comment in a new site.yaml), unit, bounds, hint for wrong values."""
+    extra: Any = {"unit": unit, "hint": hint}
+    return Field(default, description=description, json_schema_extra=extra, **bounds)
+
+
+def refuse(message: str, fix: str, key: str = "") -> PydanticCustomError:
+    """The error that a validator raises: the place (below its own), what is wrong, the remedy."""
+    context = {"message": message, "fix": fix, "key": key}
+    return PydanticCustomError("runout", "{message}; {fix}", context)
+
+
+@dataclass(frozen=True)
+class Range:
+    """Valid range of a parameter."""
+
+    low: float
+    high: float
+    unit: str
+    hint: str = ""
+    open_low: bool = False
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies in the range."""
+        return self.low <= value <= self.high and not (self.open_low and value == self.low)
+
+    def field(self, description: str, default: Any = ...) -> Any:
+        """A field of a settings model with this range."""
+        low = {"gt" if self.open_low else "ge": self.low}
+        return quantity(description, default, unit=self.unit, hint=self.hint, le=self.high, **low)
+
+
+PARAMETERS = {
+    "basal_friction_angle_deg": Range(low=0, high=60, unit="deg"),
+    "friction_angle_deg": Range(low=0, high=60, unit="deg"),
+    "cohesion": Range(low=0, high=1e9, unit="Pa", hint="1 kPa is 1.0e3"),
+    "density": Range(low=100, high=5000, unit="kg m-3", hint="2 g/cm3 is 2000"),
+    "youngs_modulus": Range(low=1e3, high=1e12, unit="Pa", hint="5 MPa is 5.0e6"),
+    "release_volume_factor": Range(low=0, high=100, unit="", hint="1 is the volume as stated", open_low=True),
+}
+
+
+def _require_order(low: float, high: float) -> None:
+    if low >= high:
+        raise refuse(
+            f"low ({low:g}) is not below high ({high:g})", "exchange them, or give a fixed value instead of a distribution", "low"
+        )
+
+
+class Uniform(Settings):
+    """Every value between two bounds is equally likely."""
+
+    distribution: Literal["uniform"] = quantity("uniform between low and high")
+    low: float = quantity("smallest value")
+    high: float = quantity("largest value")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Uniform":
+        _require_order(self.low, self.high)
+        return self
+
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value that may be sampled."""
+        return self.low, self.high
+
+
+class Triangular(Settings):
+    """Likelihood rises from low to the mode and falls to high."""
+
+    distribution: Literal["triangular"] = quantity("triangular from low over mode to high")
+    low: float = quantity("smallest value")
+    mode: float = quantity("most likely value")
+    high: float = quantity("largest value")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Triangular":
+        _require_order(self.low, self.high)
+        if not self.low <= self.mode <= self.high:
+            message = f"mode ({self.mode:g}) is not between low ({self.low:g}) and high ({self.high:g})"
+            raise refuse(message, "move it between them", "mode")
+        return self
+
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value that may be sampled."""
+        return self.low, self.high
+
+
+class Normal(Settings):
+    """Normal distribution, cut at low and high where they are given."""
+
+    distribution: Literal["normal"] = quantity("normal with mean and standard_deviation, cut at low and high where they are given")
+    mean: float = quantity("mean before cutting")
+    standard_deviation: float = quantity("standard deviation before cutting", gt=0)
+    low: float | None = quantity("smallest value", None)
+    high: float | None = quantity("largest value", None)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Normal":
+        if self.low is not None and self.high is not None:
+            _require_order(self.low, self.high)
+        low, high = self.support()
+        far = FAR_TAIL * self.standard_deviation
+        if self.mean - far >= high or self.mean + far <= low:
+            which = "high" if self.mean > high else "low"
+            far_off = f"the bounds leave only values more than {FAR_TAIL:g} standard deviations from the mean ({self.mean:g})"
+            raise refuse(far_off, "move the bounds or the mean", which)
+        return self
+
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value that may be sampled in practice."""
+        far = FAR_TAIL * self.standard_deviation
+        return self.mean - far if self.low is None else self.low, self.mean + far if self.high is None else self.high
+
+
+class Discrete(Settings):
+    """Some values, each with its frequency."""
+
+    distribution: Literal["discrete"] = quantity("discrete values with frequencies")
+    values: list[float] = quantity("the values", min_length=1)
+    frequencies: list[Annotated[float, Field(gt=0)]] = quantity("how often each value occurs, relative to the others", min_length=1)
+
+    @model_validator(mode="after")
+    def _paired(self) -> "Discrete":
+        if len(self.values) != len(self.frequencies):
+            counts = f"{len(self.frequencies)} frequencies for {len(self.values)} values"
+            raise refuse(counts, "give every value one frequency", "frequencies")
+        if len(set(self.values)) != len(self.values):
+            raise refuse("a value is listed twice", "list it once, with the sum of its frequencies", "values")
+        return self
+
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value that may be sampled."""
+        return min(self.values), max(self.values)
+
+
+DISTRIBUTIONS = {"uniform": Uniform, "triangular": Triangular, "normal": Normal, "discrete": Discrete}
+
+
+def tag_of(name: str) -> str:
+    """The mark that pydantic puts into an error's location for a chosen model; no key of a file looks like it."""
+    return f"<{name}>"
+
+
+def discriminator(key: str, default: str) -> Callable[[Any], str]:
+    """How pydantic finds the model of a block: by the value of one of its keys."""
+
+    def tag(block: Any) -> str:
+        return tag_of(str(block.get(key, default) if isinstance(block, dict) else getattr(block, key, default)))
+
+    tag.__name__ = key  # pydantic names it in its errors
+    return tag
+
+
+def shape(value: Any) -> str:
+    """The mark of what a value is: text, list, block or number."""
+    if isinstance(value, str):
+        return "<text>"
+    return "<list>" if isinstance(value, list) else "<block>" if isinstance(value, dict | Settings) else "<number>"
+
+
+Distribution = Annotated[
+    Annotated[Uniform, Tag("<uniform>")]
+    | Annotated[Triangular, Tag("<triangular>")]
+    | Annotated[Normal, Tag("<normal>")]
+    | Annotated[Discrete, Tag("<discrete>")],
+    Discriminator(discriminator("distribution", "")),
+]
+
+
+def plausible_degrees(value: float) -> float:
+    """The angle [deg]; refused where it looks like radians."""
+    if 0 < value <= LARGEST_RADIANS:
+        fix = f"write {math.degrees(value):.3g} if it is {value:g} radians"
+        raise refuse(f"{value:g} deg is suspiciously small; angles are in degrees here", fix)
+    return value
+
+
+def _within_range(name: str, distribution: Any) -> Any:
+    """The distribution; refused where it can give a value outside the valid range of its parameter."""
+    valid, (low, high) = PARAMETERS[name], distribution.support()
+    if name.endswith("_deg"):
+        plausible_degrees(high)
+    for value in (low, high):
+        if not valid.holds(value):
+            unit = f" {valid.unit}" if valid.unit else ""
+            bound = "above" if valid.open_low else "at least"
+            message = f"it can give {value:.4g}{unit}; the parameter must be {bound} {valid.low:g} and at most {valid.high:g}{unit}"
+            fix = "cut it with low: and high:" if distribution.distribution == "normal" else "narrow it"
+            raise refuse(message, f"{fix} ({valid.hint})" if valid.hint else fix)
+    return distribution
+
+
+def _sampled(name: str) -> Any:
+    """Type and default of a field of :class:`Parameters`."""
+    return Annotated[Distribution, AfterValidator(partial(_within_range, name))] | None, None
+
+
+Parameters = create_model(
+    "Parameters",
+    __base__=Settings,
+    __doc__="What an ensemble may sample; each parameter has a distribution.",
+    **{name: _sampled(name) for name in PARAMETERS},
+)
+
+
+def sampled_parameters(block: Any) -> Any:
+    """The distributions of a block of parameters by name, checked; what is no block is left to the next check."""
+    if not isinstance(block, dict):
+        return block
+    checked = Parameters.model_validate(block)
+    return {name: getattr(checked, name) for name in block}

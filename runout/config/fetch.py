@@ -1,0 +1,126 @@
+"""Input files: beside site.yaml, in the folder RUNOUT_DATA, or fetched once into the user's cache; always checked."""
+
+import hashlib
+import logging
+import os
+from pathlib import Path
+
+from runout.config.schema import RemoteFile
+from runout.errors import InputError, StorageError
+
+DATA_FOLDER = "RUNOUT_DATA"
+CACHE_FOLDER = "RUNOUT_CACHE"
+TIMEOUT = 30.0  # [s] without an answer of the server
+
+LOGGER = logging.getLogger(__name__)
+
+
+def locate(source: str | RemoteFile, folder: Path) -> str | Path:
+    """Where an input can be read: a path, or the name of a sample raster as it stands.
+
+    Parameters
+    ----------
+    source : str or RemoteFile
+        Path relative to ``folder``, ``matplotlib:NAME``, or a public file.
+    folder : Path
+        Folder of the site.
+
+    Raises
+    ------
+    InputError
+        If a public file does not have the stated size and checksum.
+    StorageError
+        If it cannot be fetched or the cache cannot be written.
+    """
+    if isinstance(source, RemoteFile):
+        return fetch(source)
+    return source if source.startswith("matplotlib:") else folder / source
+
+
+def fetch(remote: RemoteFile) -> Path:
+    """Path of a checked copy of a public file: below RUNOUT_DATA, else in the cache, else fetched into it."""
+    given = _in_data_folder(remote)
+    if given:
+        return _checked(given, remote, f"remove it, or unset {DATA_FOLDER} to fetch the file")
+    cached = cached_path(remote)
+    if cached.is_file():
+        return _checked(cached, remote, "remove it, and it is fetched again")
+    return _checked(_download(remote, cached), remote, "the file at the source has changed; ask for the right checksum")
+
+
+def cache_folder() -> Path:
+    """Where fetched files are kept: RUNOUT_CACHE, or the platform's place for caches."""
+    stated = os.environ.get(CACHE_FOLDER)
+    if stated:
+        return Path(stated).expanduser()
+    import pooch
+
+    return Path(pooch.os_cache("runout"))
+
+
+def cached_path(remote: RemoteFile) -> Path:
+    """Where the copy of a public file is or will be; the checksum in its name keeps two of one name apart."""
+    return cache_folder() / f"{remote.sha256[:12]}-{remote.url.rsplit('/', 1)[-1]}"
+
+
+def _in_data_folder(remote: RemoteFile) -> Path | None:
+    stated = os.environ.get(DATA_FOLDER)
+    if not stated or not remote.path:
+        return None
+    path = Path(stated).expanduser() / remote.path
+    return path if path.is_file() else None
+
+
+def _checked(path: Path, remote: RemoteFile, remedy: str) -> Path:
+    size = path.stat().st_size
+    if size != remote.size:
+        raise InputError(f"{path}: {size} bytes instead of {remote.size}; it is not {remote.url} as stated; {remedy}")
+    with open(path, "rb") as file:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    if found != remote.sha256:
+        raise InputError(f"{path}: its sha256 is {found} instead of {remote.sha256}; it is not {remote.url} as stated; {remedy}")
+    return path
+
+
+def _download(remote: RemoteFile, target: Path) -> Path:
+    """The file, fetched to a temporary name beside ``target`` and moved there when whole and right."""
+    import pooch
+    from requests.exceptions import RequestException
+
+    _require_writable(target.parent)
+    pooch.get_logger().setLevel(logging.WARNING)
+    LOGGER.info("fetching %s (%d bytes) into %s", remote.url, remote.size, target.parent)
+    fetcher = pooch.HTTPDownloader(timeout=TIMEOUT)
+    try:
+        pooch.retrieve(remote.url, f"sha256:{remote.sha256}", fname=target.name, path=target.parent, downloader=fetcher)
+    except RequestException as error:
+        raise StorageError(_by_hand(remote, target, type(error).__name__)) from error
+    except ValueError as error:  # pooch removed what it had fetched
+        raise InputError(
+            f"{remote.url}: what the server sent has not the sha256 {remote.sha256}; {_get_copy(remote, target)}"
+        ) from error
+    except OSError as error:
+        raise StorageError(f"{target}: cannot be written ({error.strerror or error}); {_other_cache()}") from error
+    return target
+
+
+def _require_writable(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"{folder}: the cache cannot be made ({error.strerror}); {_other_cache()}") from error
+    if not os.access(folder, os.W_OK):
+        raise StorageError(f"{folder}: the cache cannot be written; {_other_cache()}")
+
+
+def _other_cache() -> str:
+    return f"free space or mend its permissions, or set {CACHE_FOLDER} to another folder"
+
+
+def _by_hand(remote: RemoteFile, target: Path, reason: str) -> str:
+    return f"{remote.url}: cannot be fetched ({reason}); {_get_copy(remote, target)}"
+
+
+def _get_copy(remote: RemoteFile, target: Path) -> str:
+    copy = f"get the file by hand ({remote.size} bytes, sha256 {remote.sha256}) and put it at {target}"
+    return copy + (f", or set {DATA_FOLDER} to a folder that holds {remote.path}" if remote.path else "")

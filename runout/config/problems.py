@@ -1,0 +1,200 @@
+"""What pydantic found wrong, said in the words of site.yaml: place, value, remedy."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from runout.config.distributions import DISTRIBUTIONS, PARAMETERS, Parameters
+from runout.config.document import Document, Location
+from runout.config.schema import DruckerPragerSettings, ElasticSettings, RemoteFile, SiteSettings
+from runout.errors import Problem
+
+CHOSEN: dict[str, Any] = {  # models behind the marks of tagged unions
+    **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
+    "<elastic>": ElasticSettings,
+    "<drucker_prager>": DruckerPragerSettings,
+    "<block>": RemoteFile,
+}
+WANTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "list_type": "a list such as [1, 2]",
+    "dict_type": "a block of `key: value` lines",
+    "model_type": "a block of `key: value` lines",
+    "finite_number": "a finite number",
+}
+BOUNDS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+SHAPES = {"<text>": "text", "<list>": "a list", "<block>": "a block {key: value, ...}", "<number>": "a number"}
+
+
+def problems_of(error: ValidationError, document: Document) -> list[Problem]:
+    """The problems behind a validation error, in the order of the file."""
+    found = [_problem(details, document) for details in error.errors(include_url=False)]
+    return sorted(found, key=lambda p: p.line or 0)
+
+
+def nearest(word: str, choices: Iterable[str]) -> str | None:
+    """The choice that is most like a word, if any is."""
+    by_lower = {choice.lower(): choice for choice in choices}
+    match = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    return by_lower[match[0]] if match else None
+
+
+def _problem(details: Mapping[str, Any], document: Document) -> Problem:
+    location = tuple(part for part in details["loc"] if not _is_mark(part))
+    model, field = _looked_up(details["loc"])
+    kind, context, value = details["type"], details.get("ctx", {}), details["input"]
+    if kind == "runout":
+        place = (*location, context["key"]) if context["key"] else location
+        return document.problem(place, context["message"], context["fix"])
+    if kind == "missing":
+        return document.problem(location, "required key is missing", _missing_fix(field))
+    if kind == "extra_forbidden":
+        return document.problem(location, "unknown key", _unknown_fix(str(location[-1]), model))
+    if kind == "union_tag_invalid":
+        return _not_chosen(location, context, value, document)
+    message, fix = _wrong_value(kind, context, value, details["msg"], field)
+    return document.problem(location, message, fix)
+
+
+def _is_mark(part: Any) -> bool:
+    return isinstance(part, str) and part.startswith("<")
+
+
+def _looked_up(location: Location) -> tuple[type[BaseModel], FieldInfo | None]:
+    """The model that a location ends in and the field that it names there."""
+    model: type[BaseModel] = SiteSettings
+    field: FieldInfo | None = None
+    for part in location:
+        if _is_mark(part):
+            model = CHOSEN.get(str(part), model)
+        elif isinstance(part, str):
+            field = model.model_fields.get(part)
+            inner = Parameters if part == "parameters" else inner_model(field.annotation) if field else None
+            model = inner or model
+    return model, field
+
+
+def inner_model(annotation: Any) -> type[BaseModel] | None:
+    """The first settings model in the type of a field."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((m for m in map(inner_model, get_args(annotation)) if m), None)
+
+
+def _missing_fix(field: FieldInfo | None) -> str:
+    if field is None:
+        return "add it"
+    unit = _extra(field, "unit")
+    return f"add it: {field.description}" + (f" [{unit}]" if unit else "")
+
+
+def _unknown_fix(word: str, model: type[BaseModel]) -> str:
+    near = nearest(word, model.model_fields)
+    if near:
+        return f"did you mean {near!r}?"
+    homes = [section for section, fields in _sections().items() if word in fields]
+    if homes:
+        return f"it belongs under {homes[0]!r}" if homes[0] else "it belongs to the top of the file, without indentation"
+    return f"choose among {', '.join(model.model_fields)}"
+
+
+def _sections() -> dict[str, Iterable[str]]:
+    inner = {name: inner_model(field.annotation) for name, field in SiteSettings.model_fields.items()}
+    fields = {name: model.model_fields for name, model in inner.items() if model}
+    known: dict[str, Iterable[str]] = {"material": DruckerPragerSettings.model_fields, "ensemble.parameters": PARAMETERS}
+    return {"": SiteSettings.model_fields, **fields, **known}
+
+
+def _not_chosen(location: Location, context: Mapping[str, Any], value: Any, document: Document) -> Problem:
+    """A block whose law, distribution or shape is none of the known ones."""
+    key = context["discriminator"].removesuffix("()")
+    choices = [mark.strip("'") for mark in context["expected_tags"].split(", ")]
+    if key == "shape":
+        return document.problem(location, f"{_shown(value)}; {' or '.join(SHAPES[c] for c in choices)} is needed")
+    names = [choice.strip("<>") for choice in choices]
+    if not isinstance(value, Mapping):
+        return document.problem(location, f"{_shown(value)}; a block is needed", f"write {{{key}: {names[0]}, ...}}")
+    if key not in value:
+        return document.problem((*location, key), "required key is missing", f"choose one of {', '.join(names)}")
+    return document.problem((*location, key), f"{value[key]!r} is not known", _choice_fix(value[key], names))
+
+
+def _choices(annotation: Any) -> list[str]:
+    """The words of a Literal, also inside a union."""
+    inner = get_args(annotation)
+    return [c for c in inner if isinstance(c, str)] or [c for part in inner for c in _choices(part)]
+
+
+def _choice_fix(value: Any, names: Iterable[str]) -> str:
+    near = nearest(str(value), names)
+    return f"did you mean {near!r}?" if near else f"choose one of {', '.join(names)}"
+
+
+def _wrong_value(kind: str, context: Mapping[str, Any], value: Any, text: str, field: FieldInfo | None) -> tuple[str, str]:
+    """What is wrong with a value, and the remedy."""
+    unit, hint = _extra(field, "unit"), _extra(field, "hint")
+    if kind in WANTED:
+        return f"{_shown(value)}; {WANTED[kind]} is needed", _number_fix(value, unit)
+    if kind == "literal_error" and field:
+        return f"{value!r} is not known", _choice_fix(value, _choices(field.annotation))
+    if any(bound in context for bound in BOUNDS):
+        return _out_of_range(context, value, unit, field), hint
+    if kind == "string_pattern_mismatch":
+        return f"{value!r} cannot be used", hint
+    if kind in ("too_short", "too_long"):
+        wanted = context.get("min_length", context.get("max_length"))
+        return f"a list of {len(value)}; {wanted} {'value is' if wanted == 1 else 'values are'} needed", hint
+    if kind == "string_too_short":
+        return "is empty", "write a name or remove the key"
+    return text[0].lower() + text[1:], hint
+
+
+def _out_of_range(context: Mapping[str, Any], value: Any, unit: str, field: FieldInfo | None) -> str:
+    stated = {b: getattr(m, b) for m in (field.metadata if field else []) for b in BOUNDS if getattr(m, b, None) is not None}
+    stated |= {b: context[b] for b in BOUNDS if b in context}
+    range_ = " and ".join(f"{BOUNDS[b]} {stated[b]:g}" for b in BOUNDS if b in stated)
+    suffix = f" {unit}" if unit else ""
+    return f"{value:g}{suffix} is out of range; it must be {range_}{suffix}"
+
+
+def _shown(value: Any) -> str:
+    """A value with what it is, in the words of a file."""
+    if value is None:
+        return "has no value"
+    if isinstance(value, bool):
+        return f"{str(value).lower()} is a yes or no"
+    if isinstance(value, Mapping):
+        return "is a block"
+    kind = {str: "text", list: "a list", int: "a number", float: "a number"}.get(type(value), "a date")
+    return f"{value!r} is {kind}" if isinstance(value, str) else f"{value} is {kind}"
+
+
+def _number_fix(value: Any, unit: str) -> str:
+    if not isinstance(value, str):
+        return ""
+    first = value.strip().split(" ")[0]
+    if _is_number(value):
+        return "remove the quotes"
+    if _is_number(first):
+        return f"write {first}; the unit is always {unit}" if unit else f"write {first}"
+    return f"write {value.replace(',', '.')}" if _is_number(value.replace(",", ".")) else ""
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _extra(field: FieldInfo | None, key: str) -> str:
+    extra = field.json_schema_extra if field else None
+    return str(extra.get(key, "")) if isinstance(extra, dict) else ""

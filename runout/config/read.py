@@ -1,0 +1,139 @@
+"""Reading site.yaml: every problem at once, each with its line, its value and its remedy."""
+
+import difflib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from runout.config.document import Document, Location, read_document
+from runout.config.problems import problems_of
+from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts
+from runout.errors import ConfigError, Problem
+
+FILE_NAME = "site.yaml"
+STRENGTH = ("friction_angle_deg", "cohesion")
+
+
+def load(path: Path | str) -> SiteSettings:
+    """Settings of a site.yaml (or of the folder that holds one).
+
+    Raises
+    ------
+    ConfigError
+        With all problems of the file: YAML syntax, unknown, repeated or missing keys, wrong types, values out of range,
+        keys that contradict each other, input files that do not exist.
+    """
+    file = site_file(path)
+    document = read_document(file)
+    problems = list(document.problems)
+    settings = None
+    if isinstance(document.values, dict):
+        try:
+            settings = SiteSettings.model_validate(document.values)
+        except ValidationError as error:
+            problems += problems_of(error, document)
+        problems += [*_contradictions(document), *_missing_files(document, file.parent), *_coordinate_system(document)]
+    elif not problems:
+        what = "is empty" if document.values is None else "holds no `key: value` lines"
+        problems.append(Problem(file.name, None, "", f"the file {what}", "`runout new` writes a commented one to start from"))
+    if problems or settings is None:
+        raise ConfigError(sorted(dict.fromkeys(problems), key=lambda p: p.line or 0))
+    return settings
+
+
+def site_file(path: Path | str) -> Path:
+    """The site.yaml of a path that is one or a folder with one."""
+    path = Path(path)
+    if path.is_dir() and (path / FILE_NAME).is_file():
+        return path / FILE_NAME
+    if path.is_file():
+        return path
+    if path.is_dir():
+        sites = sorted(p.parent.name for p in path.glob(f"*/{FILE_NAME}"))
+        fix = f"name one of its sites: {', '.join(sites)}" if sites else f"`runout new {path} --dem ... --release ...` makes a site"
+        raise ConfigError(f"{path}: the folder holds no {FILE_NAME}; {fix}")
+    near = nearest_file(path)
+    raise ConfigError(f"{path}: no such site; " + (f"did you mean {near}?" if near else "name a folder with a site.yaml"))
+
+
+def nearest_file(path: Path) -> Path | None:
+    """The existing file or folder that is most like a missing one: beside it, or of its name in a folder below or above."""
+    parent = path.parent
+    while not parent.is_dir():
+        parent = parent.parent
+    beside = {p.name: p for p in parent.iterdir() if not p.name.startswith(".")}
+    match = difflib.get_close_matches(path.name, beside, n=1)
+    if match:
+        return beside[match[0]]
+    elsewhere = [*parent.glob(f"*/{path.name}"), *parent.parent.glob(path.name)]
+    return elsewhere[0] if elsewhere else None
+
+
+def _contradictions(document: Document) -> Iterator[Problem]:
+    """Sections that do not fit together."""
+    sampled = document.value(("ensemble", "parameters"))
+    sampled = sampled if isinstance(sampled, dict) else {}
+    releases = document.value(("release",))
+    releases = [r if isinstance(r, dict) else {} for r in releases] if isinstance(releases, list) else []
+    names = [r.get("name", "release") for r in releases]
+    simulation = document.value(("simulation",))
+    for key, message, fix in device_conflicts(simulation if isinstance(simulation, dict) else {}):
+        yield document.problem(("simulation", key), message, fix)
+    for i, release in enumerate(releases):
+        for key, message, fix in release_conflicts({k: v for k, v in release.items() if v is not None}):
+            yield document.problem(("release", i, key) if key else ("release", i), message, fix)
+        if names[i] in names[:i]:
+            place: Location = ("release", i, "name")
+            yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
+        if "basal_friction_angle_deg" in release and "basal_friction_angle_deg" in sampled:
+            place = ("release", i, "basal_friction_angle_deg")
+            yield document.problem(place, "the ensemble samples this angle too", "remove one of the two")
+    if document.value(("material", "law")) == "elastic":
+        for name in STRENGTH:
+            if name in sampled:
+                place = ("ensemble", "parameters", name)
+                yield document.problem(place, "the law elastic has no such parameter", "remove it, or use law: drucker_prager")
+
+
+def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
+    for location, name in _local_files(document):
+        path = folder / name
+        if name.startswith("matplotlib:"):
+            if name not in SAMPLE_DEMS:
+                message = f"{name!r} is not a sample elevation raster"
+                yield document.problem(location, message, f"the only one is {SAMPLE_DEMS[0]!r}")
+        elif not path.exists():
+            near = nearest_file(path)
+            fix = f"did you mean {_relative(near, folder)!r}?" if near else "paths are relative to the folder of site.yaml"
+            yield document.problem(location, f"there is no file {name!r}", fix)
+
+
+def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
+    releases = document.value(("release",))
+    count = len(releases) if isinstance(releases, list) else 0
+    places: list[Location] = [("terrain", "dem")]
+    places += [("release", i, key) for i in range(count) for key in ("polygons", "raster")]
+    for place in places:
+        name = document.value(place)
+        if isinstance(name, str) and name:
+            yield place, name
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
+
+
+def _coordinate_system(document: Document) -> Iterator[Problem]:
+    stated: Any = document.value(("terrain", "crs"))
+    if not isinstance(stated, str):
+        return
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        CRS.from_user_input(stated)
+    except CRSError:
+        message = f"{stated!r} is not a coordinate reference system"
+        yield document.problem(("terrain", "crs"), message, "write its code, for example EPSG:32632")

@@ -1,0 +1,263 @@
+"""What a site.yaml may hold. The descriptions are also the comments of a new site.yaml."""
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from runout.config.distributions import (
+    PARAMETERS,
+    Distribution,
+    Settings,
+    discriminator,
+    plausible_degrees,
+    quantity,
+    refuse,
+    sampled_parameters,
+    shape,
+)
+
+SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+LARGEST_CFL = 0.6  # as in runout.model.scene, which is not imported here to stay quick
+
+Degrees = Annotated[float, AfterValidator(plausible_degrees)]
+Text = Annotated[str, Field(min_length=1), Tag("<text>")]
+FrictionAngle = Annotated[
+    Text | Annotated[float, Field(ge=0, le=60), AfterValidator(plausible_degrees), Tag("<number>")], Discriminator(shape)
+]
+Thickness = Annotated[Text | Annotated[float, Field(gt=0, le=1000), Tag("<number>")], Discriminator(shape)]
+Size = Annotated[float, Field(gt=0, le=1000)]
+CellSize = Annotated[
+    Annotated[Size, Tag("<number>")] | Annotated[list[Size], Field(min_length=3, max_length=3), Tag("<list>")], Discriminator(shape)
+]
+PerAxis = Annotated[int, Field(ge=1, le=8)]
+ParticlesPerCell = Annotated[
+    Annotated[int, Field(ge=1, le=512), Tag("<number>")]
+    | Annotated[list[PerAxis], Field(min_length=3, max_length=3), Tag("<list>")],
+    Discriminator(shape),
+]
+
+
+class RemoteFile(Settings):
+    """A public file that is fetched once into the user's cache and checked."""
+
+    url: str = quantity("where the file is fetched from", pattern=r"^https?://", hint="begin with https://")
+    sha256: str = quantity("SHA-256 of the file", pattern=r"^[0-9a-f]{64}$", hint="64 digits 0-9a-f; `sha256sum FILE` prints it")
+    size: int = quantity("size of the file", gt=0, unit="bytes")
+    path: str | None = quantity("path below the folder RUNOUT_DATA, where a copy is looked for first", None)
+
+
+InputFile = Annotated[Text | Annotated[RemoteFile, Tag("<block>")], Discriminator(shape)]
+
+
+class TerrainSettings(Settings):
+    """The terrain."""
+
+    dem: InputFile = quantity(
+        "elevation raster (GeoTIFF, ESRI ASCII, NetCDF), relative to this folder; or {url, sha256, size, path} of a public file"
+    )
+    crs: str | None = quantity(
+        "coordinate reference system of a raster that states none", None, hint="for example EPSG:32632", examples=["EPSG:32632"]
+    )
+    resolution: float | None = quantity(
+        "average the raster over whole blocks of cells to about this size", None, unit="m", gt=0, examples=[10.0]
+    )
+
+
+Conflict = tuple[str, str, str]  # key, what is wrong, remedy
+
+
+def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
+    """Keys of a release that do not fit together."""
+    polygons, raster = "polygons" in given, "raster" in given
+    if polygons == raster:
+        yield "", "polygons and raster are both given" if polygons else "neither polygons nor raster is given", "give one of them"
+    elif polygons and not {"thickness", "volume"} & given.keys():
+        yield "", "polygons without thickness and volume", "add thickness: [m] or volume: [m3]"
+    elif unused := {"thickness", "layer"} & given.keys() if raster else {"sign"} & given.keys():
+        for key in sorted(unused):
+            yield key, f"has no meaning with {'a raster' if raster else 'polygons'}", "remove it"
+
+
+def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
+    """A device that the backend does not run on."""
+    device, backend = given.get("device", "cpu"), given.get("backend", "scan")
+    if device != "cpu" and backend != "hash":
+        yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
+
+
+def _raise_first(conflicts: Iterator[Conflict]) -> None:
+    for key, message, fix in conflicts:
+        raise refuse(message, fix, key)
+
+
+class ReleaseSettings(Settings):
+    """One mass that starts to move."""
+
+    name: str = quantity("name of the release in messages and maps", "release", pattern=NAME, hint="letters, digits, - and _")
+    polygons: str | None = quantity(
+        "outline of the mass (GeoPackage, Shapefile, GeoJSON), relative to this folder; needs thickness or volume",
+        None,
+        min_length=1,
+        examples=["inputs/release.gpkg"],
+    )
+    layer: str | None = quantity("layer of the GeoPackage; not needed when it has one only", None, examples=["release"])
+    raster: InputFile | None = quantity(
+        "instead of polygons: raster of vertical thickness in m, same forms as terrain.dem", None, examples=["inputs/thickness.tif"]
+    )
+    sign: Literal["positive", "negative"] | None = quantity(
+        "negative: the raster states what fails as a loss of elevation", None, examples=["negative"]
+    )
+    thickness: Thickness | None = quantity(
+        "vertical thickness inside the polygons, or the name of the attribute that holds it", None, unit="m", examples=[10.0]
+    )
+    volume: float | None = quantity(
+        "volume of the mass: sets the thickness of the polygons, or is checked against it",
+        None,
+        unit="m3",
+        gt=0,
+        examples=[100000.0],
+    )
+    placement: Literal["excavated", "on_surface"] = quantity(
+        "excavated: the mass is part of the elevation raster; on_surface: it lies on top of it", "excavated"
+    )
+    basal_friction_angle_deg: FrictionAngle | None = quantity(
+        "friction angle under this mass only, or the attribute of the polygons that holds it", None, unit="deg", examples=[15.0]
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> "ReleaseSettings":
+        _raise_first(release_conflicts(self.model_dump(exclude_none=True)))
+        return self
+
+
+class _Elasticity(Settings):
+    law: str
+    density: float = PARAMETERS["density"].field("bulk density", 2000.0)
+    youngs_modulus: float = PARAMETERS["youngs_modulus"].field(
+        "Young's modulus; high enough that pressure waves are 10 times faster than the flow, no higher: steps grow with its root"
+    )
+    poisson_ratio: float = quantity("Poisson's ratio", 0.3, ge=0, le=0.495)
+
+
+class ElasticSettings(_Elasticity):
+    """A material that never fails; for tests."""
+
+    law: Literal["elastic"] = quantity("material law: drucker_prager or elastic")
+
+
+class DruckerPragerSettings(_Elasticity):
+    """Soil, rock fragments, debris: elastic up to a friction cone, without dilation."""
+
+    law: Literal["drucker_prager"] = quantity("material law: drucker_prager or elastic", "drucker_prager")
+    friction_angle_deg: Degrees = PARAMETERS["friction_angle_deg"].field("internal friction angle")
+    cohesion: float = PARAMETERS["cohesion"].field("cohesion", 0.0)
+    cone: Literal["triaxial_compression", "triaxial_extension", "plane_strain", "plane_strain_associated"] = quantity(
+        "how the Drucker-Prager cone meets Mohr-Coulomb: plane_strain, plane_strain_associated, triaxial_compression "
+        "or triaxial_extension",
+        "plane_strain",
+    )
+    volume_correction: bool = quantity("material that came apart must close up before it carries load again", True)
+
+    @model_validator(mode="after")
+    def _has_strength(self) -> "DruckerPragerSettings":
+        if self.friction_angle_deg == 0 and self.cohesion == 0:
+            raise refuse("friction_angle_deg and cohesion are both 0", "set one of them; such a material has no strength")
+        return self
+
+
+MaterialSettings = Annotated[
+    Annotated[ElasticSettings, Tag("<elastic>")] | Annotated[DruckerPragerSettings, Tag("<drucker_prager>")],
+    Discriminator(discriminator("law", "drucker_prager")),
+]
+
+
+class SimulationSettings(Settings):
+    """How each member is computed."""
+
+    cell_size: CellSize = quantity(
+        "grid spacing, one number or [east, north, up]; below a quarter of the flow's depth is good", unit="m"
+    )
+    particles_per_cell: ParticlesPerCell = quantity("particles per cell, a number or [east, north, up]", 8)
+    end_time: float = quantity("longest simulated time", unit="s", gt=0, le=86400)
+    stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest", True)
+    backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")
+    device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
+    precision: Literal["float32", "float64"] = quantity("float32 or float64", "float32")
+    cfl: float = quantity("time step as a fraction of the stable one", 0.4, gt=0, le=LARGEST_CFL, hint="0.4 is usual")
+    arrival_threshold: float = quantity("thickness that counts as arrival of the flow", 0.1, unit="m", gt=0)
+
+    @model_validator(mode="after")
+    def _device_fits(self) -> "SimulationSettings":
+        _raise_first(device_conflicts(self.model_dump()))
+        return self
+
+
+class EnsembleSettings(Settings):
+    """The scenarios."""
+
+    members: int = quantity("number of scenarios; powers of 2 cover the parameters evenly", 1, ge=1, le=100_000)
+    seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
+    parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
+        "sampled parameters: basal_friction_angle_deg, friction_angle_deg, cohesion, density, youngs_modulus, "
+        "release_volume_factor; each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
+        "triangular {low, mode, high} or discrete {values, frequencies}",
+        {},
+    )
+
+
+def _rising(values: list[float]) -> list[float]:
+    if any(b <= a for a, b in pairwise(values)):
+        raise refuse(f"{values} does not rise", "list every value once, the smallest first")
+    return values
+
+
+def _percent(values: list[float]) -> list[float]:
+    if max(values) < 1:
+        raise refuse(f"{values} are suspiciously small; percentiles are in percent here", "write 5 for 0.05")
+    return _rising(values)
+
+
+Positive = Annotated[float, Field(gt=0)]
+Thresholds = Annotated[list[Positive], Field(min_length=1), AfterValidator(_rising)]
+Pressures = Annotated[list[Annotated[float, Field(ge=100)]], Field(min_length=1), AfterValidator(_rising)]
+Percentiles = Annotated[list[Annotated[float, Field(gt=0, lt=100)]], Field(min_length=1), AfterValidator(_percent)]
+
+
+class HazardSettings(Settings):
+    """What the maps show."""
+
+    thickness_thresholds: Thresholds = quantity("probability that the flow becomes thicker", [0.1, 0.5, 1.0, 2.0], unit="m")
+    speed_thresholds: Thresholds = quantity("probability that it becomes faster", [1.0, 5.0], unit="m s-1")
+    pressure_thresholds: Pressures = quantity(
+        "probability that its pressure (density times speed squared) becomes higher", [3e3, 3e4], unit="Pa", hint="3 kPa is 3.0e3"
+    )
+    percentiles: Percentiles = quantity("percentiles over the members", [5.0, 50.0, 95.0], unit="%")
+
+
+class BudgetSettings(Settings):
+    """A run that is forecast to need more is refused."""
+
+    hours: float | None = quantity("wall-clock time", None, unit="h", gt=0, examples=[1.0])
+    memory_gb: float | None = quantity("memory", None, unit="GB", gt=0, examples=[8.0])
+    disk_gb: float | None = quantity("disk", None, unit="GB", gt=0, examples=[2.0])
+
+
+class SiteSettings(Settings):
+    """A whole site.yaml."""
+
+    name: str = quantity("short name of the site", pattern=NAME, hint="letters, digits, - and _")
+    title: str = quantity("title of maps and report", "")
+    description: str = quantity("what is modelled, and what is hypothetical", "")
+    terrain: TerrainSettings = quantity("the terrain")
+    release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
+    material: MaterialSettings = quantity("the material")
+    basal_friction_angle_deg: Degrees = PARAMETERS["basal_friction_angle_deg"].field("friction angle of the mass on the ground")
+    simulation: SimulationSettings = quantity("how each member is computed")
+    ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
+    hazard: HazardSettings = quantity("what the maps show", HazardSettings())
+    budget: BudgetSettings | None = quantity(
+        "a run that is forecast to need more is refused", None, examples=[{"hours": 1.0, "memory_gb": 8.0, "disk_gb": 2.0}]
+    )

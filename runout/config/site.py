@@ -1,0 +1,194 @@
+"""A site: its folder, its settings, and what they make of the inputs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout.config.distributions import PARAMETERS
+from runout.config.fetch import locate
+from runout.config.read import load, site_file
+from runout.config.schema import ReleaseSettings, SiteSettings
+from runout.errors import ConfigError, Problem
+
+if TYPE_CHECKING:
+    from runout.model.materials import Material
+    from runout.model.release import Release
+    from runout.model.terrain import Terrain
+
+FINEST_RESOLUTION = 0.75  # of the raster's own cell; below, nothing is averaged and nothing gained
+SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg")
+ROW_EXTRAS = ("weight", "seed")  # columns of the table of members besides the parameters
+
+
+@dataclass(frozen=True)
+class Site:
+    """One site folder.
+
+    Attributes
+    ----------
+    folder, file : Path
+        The folder and its site.yaml.
+    name : str
+        Short name.
+    settings : SiteSettings
+        The checked content of site.yaml, defaults filled in; angles in degrees.
+    """
+
+    folder: Path
+    file: Path
+    name: str
+    settings: SiteSettings
+
+    def terrain(self) -> "Terrain":
+        """The elevation raster, read and prepared.
+
+        Raises
+        ------
+        DemError
+            If it cannot be used.
+        """
+        from runout.terrain.read import read_terrain
+
+        stated = self.settings.terrain
+        terrain = read_terrain(locate(stated.dem, self.folder), stated.crs)
+        return self._averaged(terrain, stated.resolution) if stated.resolution else terrain
+
+    def releases(self, terrain: "Terrain", sample: Mapping[str, float] | None = None) -> "list[Release]":
+        """The releases on the terrain, in the order of site.yaml.
+
+        Parameters
+        ----------
+        sample : mapping of str to float, optional
+            Sampled parameters; ``release_volume_factor`` [1] multiplies the thickness, the outline stays.
+
+        Raises
+        ------
+        ReleaseError
+            If a release cannot be used.
+        """
+        factor = self._known(sample).get("release_volume_factor", 1.0)
+        found = [self._release(stated, terrain) for stated in self.settings.release]
+        return [replace(r, thickness=r.thickness * factor) for r in found] if factor != 1.0 else found
+
+    def material(self, sample: Mapping[str, float] | None = None) -> "Material":
+        """The material with the sampled parameters in the place of the stated ones."""
+        from runout.model.materials import DruckerPrager, Elastic
+
+        stated = self.settings.material.model_dump()
+        sampled = self._known(sample)
+        values = {name: sampled.get(name, value) for name, value in stated.items()}
+        law = {"drucker_prager": DruckerPrager, "elastic": Elastic}[values.pop("law")]
+        if "friction_angle_deg" in values:
+            values["friction_angle"] = values.pop("friction_angle_deg")
+        return law(**values)
+
+    def member_arguments(self, sample: Mapping[str, float] | None = None) -> dict[str, Any]:
+        """Arguments of :func:`runout.simulate` for one member.
+
+        Parameters
+        ----------
+        sample : mapping of str to float, optional
+            Sampled parameters by the names and in the units of site.yaml. A whole row of the table of members is
+            accepted: ``seed`` becomes the seed, ``weight`` is left out.
+        """
+        sampled = self._known(sample)
+        terrain = self.terrain()
+        stated = self.settings.simulation
+        angle = sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg)
+        return {
+            "terrain": terrain,
+            "release": self.releases(terrain, sampled),
+            "material": self.material(sampled),
+            "basal_friction_angle": float(angle),
+            "cell_size": _fixed(stated.cell_size),
+            "particles_per_cell": _fixed(stated.particles_per_cell),
+            "end_time": stated.end_time,
+            "backend": stated.backend,
+            "device": stated.device,
+            "precision": stated.precision,
+            "seed": int((sample or {}).get("seed", self.settings.ensemble.seed)),
+            "cfl": stated.cfl,
+            "stop": stated.stop_when_at_rest,
+            "arrival_threshold": stated.arrival_threshold,
+        }
+
+    def inputs(self) -> list[Path]:
+        """Every input file, public ones fetched; site.yaml is not among them.
+
+        Raises
+        ------
+        InputError, StorageError
+            If a public file cannot be had or is not the stated one.
+        """
+        stated = [self.settings.terrain.dem]
+        for release in self.settings.release:
+            stated += [source for source in (release.polygons, release.raster) if source is not None]
+        return [path for source in stated for path in _files(locate(source, self.folder))]
+
+    def resolved(self) -> dict[str, Any]:
+        """The whole configuration as plain dicts, lists, numbers and text, defaults included, angles in degrees."""
+        return self.settings.model_dump(mode="json", exclude_none=True)
+
+    def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
+        """The sampled parameters; refused where a name is not one."""
+        unknown = [name for name in sample or {} if name not in PARAMETERS and name not in ROW_EXTRAS]
+        if unknown:
+            raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(PARAMETERS)}")
+        return {name: float(value) for name, value in (sample or {}).items() if name in PARAMETERS}
+
+    def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
+        from runout.release.read import read_raster, read_vector
+
+        common: dict[str, Any] = {"volume": stated.volume, "placement": stated.placement, "name": stated.name}
+        common["basal_friction_angle_deg"] = stated.basal_friction_angle_deg
+        if stated.polygons is not None:
+            path = locate(stated.polygons, self.folder)
+            return read_vector(path, terrain, thickness=stated.thickness, layer=stated.layer, **common)
+        assert stated.raster is not None  # the settings hold one of the two
+        return read_raster(locate(stated.raster, self.folder), terrain, sign=stated.sign or "positive", **common)
+
+    def _averaged(self, terrain: "Terrain", resolution: float) -> "Terrain":
+        """The terrain averaged over whole blocks of cells; a block with an unknown cell is unknown."""
+        own = terrain.cell_size
+        if resolution < FINEST_RESOLUTION * min(own):
+            message = f"{resolution:g} m is finer than the raster's own cells of {own[0]:g} m x {own[1]:g} m"
+            raise ConfigError([Problem(self.file.name, None, "terrain.resolution", message, "remove it, or use a finer raster")])
+        east, north = (max(1, round(resolution / size)) for size in own)
+        rows, columns = terrain.shape[0] // north, terrain.shape[1] // east
+        kept = terrain.elevation[terrain.shape[0] - rows * north :, : columns * east]  # blocks start at the south-west corner
+        mean = kept.reshape(rows, north, columns, east).mean(axis=(1, 3))
+        change = (
+            f"averaged over blocks of {east} x {north} cells to {own[0] * east:g} m x {own[1] * north:g} m (terrain.resolution)"
+        )
+        return replace(terrain, elevation=mean, cell_size=(own[0] * east, own[1] * north), changes=(*terrain.changes, change))
+
+
+def read_site(path: Path | str) -> Site:
+    """The site of a folder or a site.yaml; nothing but that file is read.
+
+    Raises
+    ------
+    ConfigError
+        With every problem of the file.
+    """
+    file = site_file(path)
+    settings = load(file)
+    return Site(file.parent, file, settings.name, settings)
+
+
+def _fixed(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _files(source: str | Path) -> list[Path]:
+    """The files behind an input: a shapefile has several, a sample raster lies in matplotlib."""
+    if isinstance(source, str):
+        package = find_spec("matplotlib")
+        roots = (package.submodule_search_locations or []) if package else []
+        return [Path(root, "mpl-data", "sample_data", source.partition(":")[2] + ".npz") for root in roots]
+    if source.is_dir():
+        return sorted(p for p in source.iterdir() if p.is_file())
+    parts = SHAPEFILE_PARTS if source.suffix.lower() == ".shp" else ()
+    return [source, *(p for p in (source.with_suffix(s) for s in parts) if p.is_file())]

@@ -1,0 +1,116 @@
+"""Public files: a local server in the place of the public one, the cache, RUNOUT_DATA, and no network at all."""
+
+import hashlib
+import threading
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from runout.config.fetch import cached_path, fetch
+from runout.config.schema import RemoteFile
+from runout.errors import InputError, StorageError
+
+CONTENT = b"ncols 2\nnrows 2\n" * 40
+NOBODY = "http://127.0.0.1:9/dem.asc"  # the discard port: nothing listens there
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves a folder and notes what was asked for."""
+
+    asked: list[str] = []  # noqa: RUF012
+
+    def log_message(self, format: str, *args: object) -> None:
+        self.asked.append(self.path)
+
+
+@pytest.fixture
+def server(tmp_path):
+    """Address of a server of one file, dem.asc."""
+    (tmp_path / "public").mkdir()
+    (tmp_path / "public" / "dem.asc").write_bytes(CONTENT)
+    QuietHandler.asked.clear()
+    served = ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=str(tmp_path / "public")))
+    threading.Thread(target=served.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{served.server_port}/dem.asc"
+    served.shutdown()
+    served.server_close()
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch) -> Path:
+    """An empty cache, no RUNOUT_DATA, no proxy."""
+    monkeypatch.setenv("RUNOUT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    monkeypatch.delenv("RUNOUT_DATA", raising=False)
+    return tmp_path / "cache"
+
+
+def remote(url: str, content: bytes = CONTENT) -> RemoteFile:
+    return RemoteFile(url=url, sha256=hashlib.sha256(content).hexdigest(), size=len(content), path="frank/dem.asc")
+
+
+def test_public_file_is_fetched_once_and_then_taken_from_the_cache(server, cache):
+    first = fetch(remote(server))
+    assert first.read_bytes() == CONTENT
+    assert first.parent == cache
+    assert fetch(remote(server)) == first
+    assert QuietHandler.asked == ["/dem.asc"]
+
+
+def test_fetched_file_that_is_not_the_stated_one_is_refused_and_not_kept(server, cache):
+    with pytest.raises(InputError, match="has not the sha256"):
+        fetch(remote(server, b"another content"))
+    assert list(cache.iterdir()) == []
+
+
+def test_copy_in_the_data_folder_wins_over_the_network(tmp_path, monkeypatch, cache):
+    copy = tmp_path / "data" / "frank" / "dem.asc"
+    copy.parent.mkdir(parents=True)
+    copy.write_bytes(CONTENT)
+    monkeypatch.setenv("RUNOUT_DATA", str(tmp_path / "data"))
+    assert fetch(remote(NOBODY)) == copy
+    assert not cache.exists()
+
+
+@pytest.mark.parametrize("content", [CONTENT[:-1], CONTENT.replace(b"2", b"3")])
+def test_copy_in_the_data_folder_with_other_content_is_refused(tmp_path, monkeypatch, content):
+    copy = tmp_path / "data" / "frank" / "dem.asc"
+    copy.parent.mkdir(parents=True)
+    copy.write_bytes(content)
+    monkeypatch.setenv("RUNOUT_DATA", str(tmp_path / "data"))
+    with pytest.raises(InputError, match=r"frank/dem\.asc: .*instead of.*unset RUNOUT_DATA"):
+        fetch(remote(NOBODY))
+
+
+def test_damaged_file_in_the_cache_is_refused_with_the_remedy(cache):
+    cache.mkdir()
+    cached_path(remote(NOBODY)).write_bytes(b"damaged")
+    with pytest.raises(InputError, match=r"7 bytes instead of 640; .*remove it, and it is fetched again"):
+        fetch(remote(NOBODY))
+
+
+def test_without_network_the_message_says_what_to_put_where(cache):
+    wanted = remote(NOBODY)
+    with pytest.raises(StorageError) as caught:
+        fetch(wanted)
+    said = str(caught.value)
+    assert said.startswith(f"{NOBODY}: cannot be fetched")
+    for part in (f"640 bytes, sha256 {wanted.sha256}", str(cached_path(wanted)), "RUNOUT_DATA", "frank/dem.asc"):
+        assert part in said
+    assert list(cache.iterdir()) == []
+
+
+def test_file_put_into_the_cache_by_hand_is_taken(cache):
+    cache.mkdir()
+    cached_path(remote(NOBODY)).write_bytes(CONTENT)
+    assert fetch(remote(NOBODY)).read_bytes() == CONTENT
+
+
+def test_cache_that_cannot_be_made_is_named_with_the_variable_that_moves_it(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("in the way", encoding="utf-8")
+    monkeypatch.setenv("RUNOUT_CACHE", str(tmp_path / "file" / "cache"))
+    with pytest.raises(StorageError, match=r"file/cache: the cache cannot be made .*set RUNOUT_CACHE"):
+        fetch(remote(NOBODY))
