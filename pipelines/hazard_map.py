@@ -1,0 +1,156 @@
+"""The main study: terrain -> release -> ensemble -> hazard -> report; a stage that is up to date is skipped."""
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipelines.stages import Stage
+from pipelines.study import PLAN, STAGES, Study
+from runout import log
+from runout.errors import ExitCode
+
+LOGGER = logging.getLogger("runout.hazard_map")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run did: stages done and skipped, and the members that failed with their reasons."""
+
+    done: tuple[str, ...]
+    skipped: tuple[str, ...]
+    failed: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """Partial ensemble when members failed."""
+        return ExitCode.PARTIAL_ENSEMBLE if self.failed else ExitCode.OK
+
+
+def run(
+    site_path: Path | str,
+    out: Path | None = None,
+    stages: Sequence[str] = STAGES,
+    *,
+    workers: int | None = None,
+    force: bool = False,
+    retry_failed: bool = False,
+) -> Outcome:
+    """Do the stages of a site that are not up to date, in their order.
+
+    Parameters
+    ----------
+    site_path : Path or str
+        Site folder or its site.yaml.
+    out : Path or None
+        Results folder; ``results`` of the site when None.
+    stages : sequence of str
+        Names out of :data:`STAGES`.
+    workers : int or None
+        Members that run at once; one per core when None.
+    force : bool
+        Do the stages even when they are up to date; members that are done are never run again.
+    retry_failed : bool
+        Run also those members again that failed for a reason that is not expected to pass.
+
+    Raises
+    ------
+    InputError
+        Configuration, DEM or release cannot be used.
+    BudgetError
+        The members that are left need more than the site's budget.
+    PartialEnsembleError
+        Not one member is done.
+    """
+    study = Study.open(site_path, out, workers, retry_failed)
+    with log.to_file(study.results / "run.log"):
+        return _run(study, [stage for stage in PLAN if stage.name in stages], force)
+
+
+def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
+    done = []
+    for stage in stages:
+        reason = study.why_stale(stage) or ("asked for by --force" if force and stage.name != "ensemble" else None)
+        if reason is None:
+            LOGGER.debug("%s: up to date", stage.name)
+            continue
+        LOGGER.info("%s: %s (%s)", stage.name, stage.purpose, reason)
+        started = time.perf_counter()
+        files = MAKERS[stage.name](study)
+        study.record.finished(stage.name, study.key(stage), files)
+        LOGGER.info("%s: done in %.1f s", stage.name, time.perf_counter() - started, extra={"stage": stage.name})
+        done.append(stage.name)
+    if not done:
+        LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
+    return _outcome(study, stages, tuple(done))
+
+
+def _outcome(study: Study, stages: Sequence[Stage], done: tuple[str, ...]) -> Outcome:
+    concerns_members = any(stage.name not in ("terrain", "release") for stage in stages)
+    failed = study.failed if concerns_members else {}
+    for member, reason in failed.items():
+        LOGGER.warning("member %d of %d failed: %s", member, len(study.status), reason)
+    return Outcome(done, tuple(stage.name for stage in stages if stage.name not in done), failed)
+
+
+def make_terrain(study: Study) -> Iterable[Path]:
+    """Write the prepared elevation to ``terrain.nc``."""
+    from runout.io import netcdf
+
+    maps = netcdf.map_dataset(study.terrain, {"elevation": study.terrain.elevation}, title=f"{study.site.name}: terrain")
+    return [netcdf.write(maps, study.results / "terrain.nc")]
+
+
+def make_release(study: Study) -> Iterable[Path]:
+    """Write the thickness of all releases together to ``release.nc``."""
+    from runout.io import netcdf
+
+    releases = study.site.releases(study.terrain)
+    for release in releases:
+        LOGGER.info("release %s: %.4g m3 on %.4g m2, %s", release.name, release.volume, release.area, release.placement)
+    thickness = sum(release.thickness for release in releases)
+    maps = netcdf.map_dataset(study.terrain, {"release_thickness": thickness}, title=f"{study.site.name}: release")
+    return [netcdf.write(maps, study.results / "release.nc")]
+
+
+def make_members(study: Study) -> Iterable[Path]:
+    """Run the members that are left, into ``members/``."""
+    from runout.ensemble.run import run_ensemble
+    from runout.plan import require_budget
+
+    require_budget(study.site, study.left, workers=study.workers)
+    with log.progress("members") as bar:
+        run_ensemble(
+            study.site,
+            study.results,
+            workers=study.workers,
+            progress=lambda state: bar(state.fraction),
+            retry_failed=study.retry_failed,
+        )
+    study.refresh()
+    return []
+
+
+def make_maps(study: Study) -> Iterable[Path]:
+    """Aggregate what is done into hazard.nc, members.nc, maps/, outlines.gpkg and run.json."""
+    from runout.hazard.products import write_products
+
+    return write_products(study.site, study.results, study.members, study.ensemble_report)
+
+
+def make_report(study: Study) -> Iterable[Path]:
+    """Write report.html."""
+    from runout.report.html import write_report
+
+    study.require_maps()
+    return [write_report(study.site, study.results)]
+
+
+MAKERS: dict[str, Callable[[Study], Iterable[Path]]] = {
+    "terrain": make_terrain,
+    "release": make_release,
+    "ensemble": make_members,
+    "hazard": make_maps,
+    "report": make_report,
+}

@@ -1,0 +1,126 @@
+"""One site and the folder of its results: which stages of its study are up to date, and why not."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipelines.stages import Stage, StageRecord, digest_files, stage_key
+from runout.errors import PartialEnsembleError, StorageError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from runout.config.site import Site
+    from runout.ensemble.run import EnsembleReport
+    from runout.model.terrain import Terrain
+
+FLOW = ("terrain", "release", "material", "basal_friction_angle_deg", "simulation", "ensemble")
+PLAN = (
+    Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
+    Stage("release", "read and check the release", ("name", "terrain", "release")),
+    Stage("ensemble", "run the members", FLOW),
+    Stage("hazard", "aggregate the members into maps", ("name", "title", *FLOW, "hazard")),
+    Stage("report", "write the report", ("name", "title", *FLOW, "hazard")),
+)
+STAGES = tuple(stage.name for stage in PLAN)
+
+
+@dataclass
+class Study:
+    """A site and the folder of its results."""
+
+    site: "Site"
+    results: Path
+    workers: int | None = None
+    retry_failed: bool = False
+
+    @classmethod
+    def open(
+        cls, site_path: Path | str, out: Path | None = None, workers: int | None = None, retry_failed: bool = False
+    ) -> "Study":
+        """The study of a site folder or site.yaml; its results go to ``out``, or to ``results`` of the site."""
+        from runout.config.site import read_site
+
+        site = read_site(Path(site_path))
+        return cls(site, Path(out) if out else site.folder / "results", workers, retry_failed)
+
+    @cached_property
+    def record(self) -> StageRecord:
+        """Keys of the finished stages."""
+        return StageRecord(self.results)
+
+    @cached_property
+    def inputs(self) -> str:
+        """Checksum of all input files."""
+        return digest_files(self.site.inputs())
+
+    @cached_property
+    def terrain(self) -> "Terrain":
+        """The prepared terrain."""
+        return self.site.terrain()
+
+    @cached_property
+    def members(self) -> "pd.DataFrame":
+        """Table of the members: parameters, weights, seeds."""
+        from runout.ensemble.design import member_table
+
+        return member_table(self.site.settings.ensemble)
+
+    @cached_property
+    def status(self) -> "pd.DataFrame":
+        """State and reason of every member when this was first asked; :meth:`refresh` asks again."""
+        from runout.ensemble.status import member_status
+
+        return member_status(self.site, self.results)
+
+    def refresh(self) -> None:
+        """Look at the members anew."""
+        self.__dict__.pop("status", None)
+
+    @property
+    def failed(self) -> dict[int, str]:
+        """Members that failed, with the reason."""
+        return self.status.loc[self.status["state"] == "failed", "reason"].to_dict()
+
+    @property
+    def left(self) -> list[int]:
+        """Members that a run has to simulate: not run yet, changed, or failed for a reason that may have passed."""
+        from runout.ensemble.member import plan_members
+        from runout.ensemble.status import Failure
+
+        failed = [member for member in plan_members(self.site) if member.number in self.failed]
+        failures = {member.number: Failure.read(member.failure_file(self.results)) for member in failed}
+        again = [number for number, failure in failures.items() if self.retry_failed or not (failure and failure.lasting)]
+        return sorted([*self.status.index[self.status["state"] == "left"], *again])
+
+    @property
+    def ensemble_report(self) -> "EnsembleReport":
+        """What a run of the ensemble would report if it had nothing to simulate; PartialEnsembleError with no member done."""
+        from runout.ensemble.run import EnsembleReport
+
+        done = tuple(self.status.index[self.status["state"] == "done"])
+        if not done:
+            first = next(iter(self.failed.items()), None)
+            unfinished = f"no member is done ({self.status['reason'].iloc[0]})"
+            why = f"all {len(self.failed)} members failed; member {first[0]}: {first[1]}" if first else unfinished
+            remedy = "mend the cause" if first else f"run `runout ensemble {self.site.folder}` first"
+            raise PartialEnsembleError(f"{self.results / 'members'}: {why}; {remedy}")
+        return EnsembleReport(skipped=done, failed=self.failed)
+
+    def require_maps(self) -> None:
+        """StorageError unless the hazard stage has been done."""
+        if not (self.results / "hazard.nc").exists():
+            raise StorageError(f"{self.results / 'hazard.nc'}: not there; run `runout hazard {self.site.folder}` first")
+
+    def key(self, stage: Stage) -> str:
+        """Key of a stage as the site and its members stand now."""
+        state = self.status["state"].to_dict() if stage.name in ("hazard", "report") else None
+        return stage_key(stage, self.site.resolved(), self.inputs, state)
+
+    def why_stale(self, stage: Stage) -> str | None:
+        """Why a stage has to be done; None when it is up to date."""
+        if stage.name != "ensemble":
+            return self.record.why_stale(stage.name, self.key(stage))
+        left = len(self.left)
+        return f"{left} of {len(self.status)} members to simulate" if left else None

@@ -1,0 +1,187 @@
+"""Every problem of a site at once, what its run would do, and what that costs; nothing is changed."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout import log
+from runout.errors import ConfigError, DemError, ExitCode, InputError, RunoutError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from runout.config.site import Site
+    from runout.model.release import Release
+    from runout.model.terrain import Terrain
+
+FEWEST_CELLS = 4  # through the depth: with fewer the numerical viscosity stops shear within a second
+LARGEST_STRAIN = 0.01  # elastic, under the release's own weight
+
+
+@dataclass
+class Findings:
+    """What an inspection found: problems refuse a run, warnings do not."""
+
+    problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    site: "Site | None" = None
+    terrain: "Terrain | None" = None
+    releases: "list[Release]" = field(default_factory=list)
+
+    def note(self, error: RunoutError) -> None:
+        """Add an error, or each of the problems that it lists."""
+        listed = error.problems if isinstance(error, ConfigError) else []
+        self.problems += map(str, listed) if listed else [str(error)]
+
+
+def inspect(site_path: Path) -> Findings:
+    """Problems and warnings of the configuration, the DEM and the releases of a site."""
+    from runout.config.site import read_site
+
+    found = Findings()
+    try:
+        found.site = read_site(site_path)
+        found.terrain = found.site.terrain()
+    except InputError as error:
+        found.note(error)
+        return found
+    _read_releases(found, found.site, found.terrain)
+    _inspect_releases(found, found.site, found.terrain)
+    _inspect_reach(found, found.site, found.terrain)
+    return found
+
+
+def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Read the releases one by one, so that the problems of each are found."""
+    for stated in site.settings.release:
+        alone = replace(site, settings=site.settings.model_copy(update={"release": [stated]}))
+        try:
+            found.releases += alone.releases(terrain)
+        except InputError as error:
+            found.note(error)
+
+
+def _inspect_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    for one, other in combinations(found.releases, 2):
+        shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
+        if shared and one.outline is not None and other.outline is not None:
+            shared = math.ceil(one.outline.intersection(other.outline).area / terrain.cell_area)
+        if shared:
+            found.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
+    spacing = np.broadcast_to(np.asarray(site.settings.simulation.cell_size, float), 3)
+    for release in found.releases:
+        found.problems += _too_coarse(release, spacing)
+        found.warnings += _too_thin(release, spacing)
+        found.warnings += _too_soft(release, site)
+
+
+def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
+    cells = release.area / (spacing[0] * spacing[1])
+    if cells < 1:
+        finer = math.sqrt(release.area) / 4
+        area = f"its area of {release.area:.4g} m2 is {cells:.2g} cells"
+        yield f"release {release.name}: {area}; set simulation.cell_size to {finer:.2g} or less"
+
+
+def _too_thin(release: "Release", spacing: np.ndarray) -> Iterator[str]:
+    through = release.thickness.max() / spacing[2]
+    if through < FEWEST_CELLS:
+        finer = release.thickness.max() / FEWEST_CELLS
+        yield (
+            f"release {release.name}: {through:.1f} cells through its greatest thickness of {release.thickness.max():.3g} m; "
+            f"below {FEWEST_CELLS} numerical viscosity slows the flow, cell_size <= {finer:.2g} m in the vertical avoids it"
+        )
+
+
+def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
+    material = release.material or site.material()
+    strain = material.density * 9.81 * release.thickness.max() / material.youngs_modulus
+    if strain > LARGEST_STRAIN:
+        stiff = material.youngs_modulus * strain / LARGEST_STRAIN
+        yield (
+            f"release {release.name}: its weight strains it by {100 * strain:.1f} %; above 1 % the stiffness shows in the runout, "
+            f"youngs_modulus >= {stiff:.2g} Pa avoids it"
+        )
+
+
+def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Unknown cells where the mass may come, and edges that it may leave over."""
+    from runout.terrain import prepare
+
+    if not found.releases:
+        return
+    thickness = np.sum([release.thickness for release in found.releases], axis=0)
+    reach = prepare.reachable(terrain, thickness, least_friction(site, found.releases))
+    try:
+        prepare.require_known(terrain, reach, "the area that the mass can reach")
+    except DemError as error:
+        found.note(error)
+    rims = {"north": reach[0], "south": reach[-1], "west": reach[:, 0], "east": reach[:, -1]}
+    sides = [side for side, rim in rims.items() if rim.any()]
+    if sides:
+        found.warnings.append(
+            f"{terrain.source}: the mass may leave the DEM in the {' and '.join(sides)} (energy line); what leaves is booked as "
+            "escaped mass, a larger DEM avoids it"
+        )
+
+
+def least_friction(site: "Site", releases: "list[Release]") -> float:
+    """Smallest basal friction angle of any member and release [rad]."""
+    from runout.ensemble.design import member_table
+
+    members = member_table(site.settings.ensemble)
+    sampled = members.get("basal_friction_angle_deg")
+    angle = math.radians(float(sampled.min()) if sampled is not None else site.settings.basal_friction_angle_deg)
+    return min([angle, *(r.basal_friction_angle for r in releases if r.basal_friction_angle is not None)])
+
+
+def check_site(site_path: Path, out: Path | None = None) -> int:
+    """Print the problems and warnings of a site, the stages that a run would do and why, and its forecast.
+
+    Returns
+    -------
+    int
+        Exit code: 0 ready to run, 2 problems, 4 over its budget.
+    """
+    from rich.text import Text
+
+    console = log.output()
+    with log.muted():
+        found = inspect(site_path)
+    for problem in found.problems:
+        console.print(Text.assemble(("problem ", "bold red"), problem))
+    for warning in found.warnings:
+        console.print(Text.assemble(("warning ", "yellow"), warning))
+    for change in found.terrain.changes if found.terrain else ():
+        console.print(Text.assemble(("note    ", "dim"), f"{found.terrain.source}: {change}"))
+    if found.problems or found.site is None:
+        console.print(f"[bold]{len(found.problems)} problem{'s' * (len(found.problems) != 1)}; nothing was changed[/]")
+        return ExitCode.CONFIGURATION
+    return _print_plan(console, found.site, found.releases, out)
+
+
+def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out: Path | None) -> int:
+    from rich.text import Text
+
+    from pipelines.study import Study
+    from runout.plan import forecast
+    from runout.status import print_stages
+
+    study = Study.open(site.folder, out)
+    for release in releases:
+        volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
+        console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)
+    print_stages(console, study)
+    with log.progress("calibration") as bar, log.muted():
+        expected = forecast(study.site, study.left, progress=bar)
+    for line in expected.lines():
+        console.print(line, markup=False)
+    over = expected.over_budget(study.site.settings.budget)
+    for line in over:
+        console.print(Text.assemble(("over budget ", "bold red"), line))
+    return ExitCode.OVER_BUDGET if over else ExitCode.OK

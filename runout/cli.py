@@ -1,0 +1,194 @@
+"""The command ``runout``: parses and delegates only."""
+
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Any
+
+from cyclopts import App, CycloptsError, Group, Parameter
+
+from runout import __version__, log
+from runout.errors import ExitCode, RunoutError
+
+LOGGER = logging.getLogger(__name__)
+INTERRUPTED = 130  # what shells give for a command that Ctrl-C ended
+
+
+@dataclass(frozen=True)
+class Session:
+    """What holds for every command: how much it says and where the results go."""
+
+    verbosity: int = 0
+    out: Path | None = None
+
+
+Injected = Annotated[Session, Parameter(parse=False)]
+SiteArgument = Annotated[Path, Parameter(help="Folder of the site, or its site.yaml.")]
+Workers = Annotated[int | None, Parameter(name="--workers", help="Members that run at once [default: one per core].")]
+RetryFailed = Annotated[
+    bool, Parameter(name="--retry-failed", negative="", help="Run also those members again that are expected to fail again.")
+]
+Force = Annotated[bool, Parameter(name="--force", negative="", help="Do it even when nothing has changed.")]
+
+app = App(
+    name="runout",
+    help="Geohazard runout assessment: from a DEM to hazard maps with a sparse 3D material point method.",
+    version=__version__,
+)
+app.meta.group_parameters = Group("Options of every command", sort_key=0)
+
+
+def new(
+    folder: Path,
+    *,
+    dem: Annotated[str, Parameter(help="Elevation raster.")],
+    release: Annotated[Path, Parameter(help="Polygons or thickness raster of the release.")],
+    session: Injected,
+) -> int:
+    """Make a site folder: a commented site.yaml and inputs/."""
+    from runout.config.scaffold import new_site
+
+    made = new_site(folder, dem, release)
+    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, folder)
+    return ExitCode.OK
+
+
+def check(site: SiteArgument, *, session: Injected) -> int:
+    """List every problem of a site and forecast its run; change nothing."""
+    from runout.check import check_site
+
+    return check_site(site, session.out)
+
+
+def run(
+    site: SiteArgument, *, workers: Workers = None, retry_failed: RetryFailed = False, force: Force = False, session: Injected
+) -> int:
+    """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
+    from pipelines.hazard_map import STAGES
+
+    return _stages(site, STAGES, session, workers=workers, retry_failed=retry_failed, force=force)
+
+
+def terrain(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Read and prepare the DEM; write results/terrain.nc."""
+    return _stages(site, ("terrain",), session, force=force)
+
+
+def release(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Read and check the release; write results/release.nc."""
+    return _stages(site, ("release",), session, force=force)
+
+
+def ensemble(site: SiteArgument, *, workers: Workers = None, retry_failed: RetryFailed = False, session: Injected) -> int:
+    """Run the members that are left; write results/members/."""
+    return _stages(site, ("ensemble",), session, workers=workers, retry_failed=retry_failed)
+
+
+def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Aggregate the members that are done; write results/hazard.nc, maps/ and outlines.gpkg."""
+    return _stages(site, ("hazard",), session, force=force)
+
+
+def report(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Write results/report.html."""
+    return _stages(site, ("report",), session, force=force)
+
+
+def status(site: SiteArgument, *, session: Injected) -> int:
+    """Say which members are done, failed and left, with reasons, and which stages are up to date."""
+    from runout.status import print_status
+
+    return print_status(site, session.out)
+
+
+def simulate(
+    site: SiteArgument,
+    *,
+    member: Annotated[int, Parameter(help="Number of the member, as in `runout status`.")] = 0,
+    snapshots: Annotated[int, Parameter(help="How many states to keep, evenly spaced in time.")] = 20,
+    session: Injected,
+) -> int:
+    """Run one member and keep snapshots; write results/simulations/."""
+    from pipelines.single_member import run as run_member
+
+    run_member(site, session.out, member=member, snapshots=snapshots)
+    return ExitCode.OK
+
+
+def doctor(*, session: Injected) -> int:
+    """Say what is installed, which devices and caches there are, what is wrong and how to mend it."""
+    from runout.doctor import examine
+
+    return examine()
+
+
+COMMANDS: tuple[Callable[..., int], ...] = (
+    *(new, check, run),
+    *(terrain, release, ensemble, hazard, report),
+    *(status, simulate, doctor),
+)
+for order, one in enumerate(COMMANDS):
+    app.command(one, sort_key=order)
+
+
+@app.meta.default
+def launch(
+    *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+    verbose: Annotated[bool, Parameter(name=["-v", "--verbose"], negative="", help="Say every detail.")] = False,
+    quiet: Annotated[bool, Parameter(name=["-q", "--quiet"], negative="", help="Say warnings and errors only.")] = False,
+    out: Annotated[Path | None, Parameter(help="Folder of the results [default: SITE/results].")] = None,
+) -> int:
+    """Run one command with what holds for all of them."""
+    session = Session(verbosity=1 if verbose else -1 if quiet else 0, out=out)
+    command, bound, injected = _parsed(app, tokens)
+    log.to_terminal(session.verbosity)
+    sys.excepthook = partial(_unexpected, session)
+    if "session" in injected:
+        bound.arguments["session"] = session
+    return command(*bound.args, **bound.kwargs) or ExitCode.OK
+
+
+def main(tokens: Sequence[str] | None = None) -> int:
+    """Exit code of the command with the arguments ``tokens`` (of the process when None)."""
+    from runout import caches
+
+    caches.prepare()
+    try:
+        command, bound, _ = _parsed(app.meta, sys.argv[1:] if tokens is None else tokens)
+        return int(command(*bound.args, **bound.kwargs) or ExitCode.OK)
+    except CycloptsError as error:
+        return _say(str(error), ExitCode.CONFIGURATION)
+    except RunoutError as error:
+        LOGGER.debug("traceback", exc_info=error)
+        return _say(str(error), error.exit_code)
+    except OSError as error:  # a disk that is full, a folder that may not be written: the reader's to mend
+        LOGGER.debug("traceback", exc_info=error)
+        return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", ExitCode.FAILURE)
+    except KeyboardInterrupt:
+        return _say("interrupted; what is finished is kept, the same command goes on from there", INTERRUPTED)
+
+
+def _parsed(application: App, tokens: Sequence[str]) -> tuple[Callable[..., Any], Any, dict[str, Any]]:
+    return application.parse_args(list(tokens), exit_on_error=False, print_error=False)
+
+
+def _stages(site: Path, stages: Sequence[str], session: Session, **choices: Any) -> int:
+    from pipelines import hazard_map
+
+    return hazard_map.run(site, session.out, stages, **choices).exit_code
+
+
+def _say(message: str, code: int) -> int:
+    log.console().print(f"[bold red]error:[/] {log.escaped(message)}")
+    return int(code)
+
+
+def _unexpected(session: Session, kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Say an error that nobody foresaw in one line; the log file keeps its traceback."""
+    _say(f"{kind.__name__}: {error}; this is a fault of runout, -v shows where", ExitCode.FAILURE)
+    if session.verbosity > 0:
+        sys.__excepthook__(kind, error, trace)

@@ -1,0 +1,133 @@
+"""What is installed, which devices and caches there are, what is wrong with them and how to mend it."""
+
+import importlib
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from runout import __version__, caches, log
+from runout.errors import ExitCode
+
+LIBRARIES = ("numpy", "numba", "warp-lang", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "dask", "matplotlib", "landlab")
+IMPORTED = ("numpy", "numba", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "distributed", "matplotlib")
+ASK_WARP = "import warp; [print(f'device: {d.alias} ({d.name})') for d in warp.get_cuda_devices()]"
+FOREIGN_DATA = {  # set by QGIS, conda or OSGeo4W for their own build
+    "PROJ_DATA": "the PROJ database of another program",
+    "PROJ_LIB": "the PROJ database of another program",
+    "GDAL_DATA": "the GDAL files of another program",
+    "GDAL_DRIVER_PATH": "GDAL plugins of another program",
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the examination; ``fix`` is empty where nothing is wrong."""
+
+    topic: str
+    text: str
+    fix: str = ""
+
+
+def findings() -> list[Finding]:
+    """Everything that the examination says, in its order."""
+    return [*_versions(), *_imports(), *_devices(), *_caches(), *_foreign_data(), *_coordinates()]
+
+
+def examine() -> int:
+    """Print the examination; exit code 1 when something is wrong."""
+    console, topic, escape = log.output(), "", log.escaped
+    found = findings()
+    for finding in found:
+        if finding.topic != topic:
+            topic = finding.topic
+            console.print(f"[bold]{topic}[/]")
+        mark = "[red]wrong[/]" if finding.fix else "[green]ok[/]   "
+        console.print(f"  {mark} {escape(finding.text)}" + (f"\n        fix: {escape(finding.fix)}" if finding.fix else ""))
+    wrong = sum(bool(finding.fix) for finding in found)
+    console.print(f"[bold]{'nothing is' if wrong == 0 else wrong} wrong[/]" + ("" if wrong <= 1 else " (each with its fix above)"))
+    return ExitCode.FAILURE if wrong else ExitCode.OK
+
+
+def _versions() -> Iterator[Finding]:
+    yield Finding("versions", f"runout {__version__}, Python {platform.python_version()} on {platform.platform()}")
+    for name in LIBRARIES:
+        try:
+            yield Finding("versions", f"{name} {metadata.version(name)}")
+        except metadata.PackageNotFoundError:
+            yield Finding("versions", f"{name} is not installed", f"{sys.executable} -m pip install {name}")
+
+
+def _imports() -> Iterator[Finding]:
+    broken = []
+    for name in IMPORTED:
+        try:
+            importlib.import_module(name)
+        except (ImportError, OSError, AttributeError, RuntimeError) as error:
+            fix = f"{sys.executable} -m pip install --force-reinstall {name}"
+            broken.append(Finding("imports", f"{name} cannot be imported: {error}", fix))
+    yield from broken or [Finding("imports", "all libraries can be imported")]
+
+
+def _devices() -> Iterator[Finding]:
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    threads = os.environ.get("NUMBA_NUM_THREADS") or os.environ.get("OMP_NUM_THREADS")
+    yield Finding("devices", f"cpu: {usable} cores" + (f", {threads} threads asked for by the environment" if threads else ""))
+    yield Finding("devices", _memory())
+    yield from _graphics()
+
+
+def _memory() -> str:
+    import psutil
+
+    memory = psutil.virtual_memory()
+    return f"memory: {memory.available / 1e9:.1f} GB free of {memory.total / 1e9:.1f} GB"
+
+
+def _graphics() -> Iterator[Finding]:
+    """Devices of warp, asked in a process of its own: a broken driver may end it, and the CPU needs none of it."""
+    asked = subprocess.run([sys.executable, "-c", ASK_WARP], capture_output=True, text=True, timeout=120, check=False)
+    if asked.returncode:
+        reason = (asked.stderr.strip() or f"it ended with code {asked.returncode}").splitlines()[-1]
+        yield Finding("devices", f"gpu: warp cannot start ({reason}); the CPU backend does not need it")
+        return
+    devices = [line.removeprefix("device: ") for line in asked.stdout.splitlines() if line.startswith("device: ")]
+    yield Finding("devices", "gpu: " + (", ".join(devices) or "none; the CPU backend does not need one"))
+
+
+def _caches() -> Iterator[Finding]:
+    for cache in caches.all_caches():
+        reason = caches.try_to_write(cache.folder)
+        where = f"{cache.name}: {cache.folder}"
+        if reason:
+            yield Finding("caches", f"{where} cannot be written ({reason})", f"set {cache.variable} to a folder that you may write")
+        else:
+            yield Finding("caches", where)
+
+
+def _foreign_data() -> Iterator[Finding]:
+    for variable, what in FOREIGN_DATA.items():
+        value = os.environ.get(variable)
+        if value:
+            missing = "" if Path(value).exists() else " and does not exist"
+            fix = f"unset {variable}, here or in the program that started this shell"
+            yield Finding("environment", f"{variable}={value} may be {what}{missing}", fix)
+
+
+def _coordinates() -> Iterator[Finding]:
+    """Whether rasterio can look up a coordinate system: it cannot with the PROJ database of another version."""
+    try:
+        from rasterio.crs import CRS
+        from rasterio.errors import CRSError
+    except ImportError:
+        return  # said among the imports
+    try:
+        CRS.from_epsg(32616).to_wkt()
+    except CRSError as error:
+        yield Finding("environment", f"rasterio finds no coordinate system: {error}", "unset PROJ_DATA and PROJ_LIB")
+    else:
+        yield Finding("environment", "rasterio finds its coordinate systems")

@@ -1,0 +1,194 @@
+"""What a run will take: particles, steps, time, memory and disk, from a short calibration on this machine."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from inspect import signature
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout import log
+from runout.errors import BudgetError
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.ensemble.member import Member
+    from runout.model.particles import Particles
+    from runout.model.scene import Scene
+
+UNTIMED_STEPS = 3  # they compile, or load what was compiled
+TIMED_STEPS = 30
+COARSE_SECONDS = 2.0  # that the coarse run may take
+FINEST, COARSEST = 1.5, 4.0  # its cells over the fine ones; it costs the fourth power less
+START_SECONDS = 4.0  # of a worker process: imports, compiled code from the cache, terrain
+MEMBER_MAPS = 5
+GIGABYTE = 1e9
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is to come, for the members that are left.
+
+    Attributes
+    ----------
+    members : int
+        Members to simulate.
+    workers : int
+        Members that run at once.
+    particles, steps : int
+        Of the member with the largest volume.
+    member_seconds : float
+        Time of that member on one core [s].
+    seconds : float
+        Time of all members [s].
+    memory, disk : float
+        Of all workers together, and of all results [bytes].
+    """
+
+    members: int
+    workers: int
+    particles: int
+    steps: int
+    member_seconds: float
+    seconds: float
+    memory: float
+    disk: float
+
+    def lines(self) -> list[str]:
+        """The forecast in sentences."""
+        if self.members == 0:
+            return ["no member is left to simulate"]
+        return [
+            f"members   {self.members} to simulate, {self.workers} at a time",
+            f"particles {self.particles} in the member with the largest volume, about {self.steps} steps",
+            f"time      about {duration(self.seconds)} ({duration(self.member_seconds)} for that member on one core)",
+            f"memory    about {self.memory / GIGABYTE:.2g} GB, disk at most {self.disk / GIGABYTE:.2g} GB",
+        ]
+
+    def over_budget(self, budget: Any) -> list[str]:
+        """What exceeds ``budget`` (hours, memory_gb, disk_gb; each may be None), with both numbers."""
+        needs = {"hours": self.seconds / 3600, "memory_gb": self.memory / GIGABYTE, "disk_gb": self.disk / GIGABYTE}
+        limits = {name: getattr(budget, name, None) for name in needs}
+        return [
+            f"budget.{name} is {limit:g}, the run needs about {needs[name]:.2g}; raise it, or use larger cells or fewer members"
+            for name, limit in limits.items()
+            if limit is not None and needs[name] > limit
+        ]
+
+
+def forecast(
+    site: "Site", left: Sequence[int], *, workers: int | None = None, progress: Callable[[float], None] | None = None
+) -> Forecast:
+    """Forecast for the members ``left``; simulates the one with the largest volume coarsely, and its first steps.
+
+    Parameters
+    ----------
+    site : Site
+    left : sequence of int
+        Numbers of the members that are still to be simulated.
+    workers : int, optional
+        Members at a time; one per core when None.
+    progress : callable, optional
+        Called with the finished fraction of the calibration, 0 to 1.
+    """
+    from runout.ensemble.crew import worker_count
+    from runout.ensemble.member import plan_members
+
+    members = [member for member in plan_members(site) if member.number in set(left)]
+    if not members:
+        return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+    largest = _largest(members)
+    arguments = {**site.member_arguments(largest.parameters), "seed": largest.seed, "threads": 1}
+    particles, steps, seconds = _calibrated(arguments, progress)
+    work = seconds * sum(_relative_work(member.parameters, largest.parameters) for member in members)
+    crew = min(worker_count(workers, 1), len(members))
+    cells = arguments["terrain"].elevation.size
+    disk = 2.0 * len(members) * MEMBER_MAPS * 4 * cells  # members/*.nc and members.nc, before compression
+    total = START_SECONDS + max(work / crew, seconds)
+    return Forecast(len(members), crew, particles, steps, seconds, total, crew * _resident_memory(), disk)
+
+
+def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> None:
+    """BudgetError if the members ``left`` need more than the site's budget; sites without one are not calibrated."""
+    budget = site.settings.budget
+    if budget is None or not left:
+        return
+    with log.progress("calibration") as bar:
+        over = forecast(site, left, workers=workers, progress=bar).over_budget(budget)
+    if over:
+        raise BudgetError("\n".join(over))
+
+
+def duration(seconds: float) -> str:
+    """Time as people say it: 40 s, 3 min 20 s, 2 h 5 min."""
+    if seconds < 100:
+        return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes_left = divmod(minutes, 60)
+    return f"{hours} h {minutes_left} min" if hours else f"{minutes} min {rest} s"
+
+
+def _largest(members: "Sequence[Member]") -> "Member":
+    """Of the members with the largest volume the one in the middle of its friction angles."""
+    largest = max(m.parameters.get("release_volume_factor", 1.0) for m in members)
+    among = [m for m in members if m.parameters.get("release_volume_factor", 1.0) == largest]
+    return sorted(among, key=lambda m: m.parameters.get("basal_friction_angle_deg", 0.0))[len(among) // 2]
+
+
+def _relative_work(parameters: Mapping[str, float], reference: Mapping[str, float]) -> float:
+    """Particle-steps of a member over those of the reference: volume times the speed of pressure waves."""
+
+    def ratio(name: str) -> float:
+        return parameters[name] / reference[name] if name in parameters else 1.0
+
+    return ratio("release_volume_factor") * math.sqrt(ratio("youngs_modulus") / ratio("density"))
+
+
+def _calibrated(arguments: Mapping[str, Any], progress: Callable[[float], None] | None) -> tuple[int, int, float]:
+    """Particles, steps and seconds of one member on one core.
+
+    How long the flow lasts, and what its observers cost, comes from a run with coarse cells: time steps are
+    proportional to their size. What a step costs comes from the first steps with the fine ones. Processor time is
+    measured, so that other work on the machine does not count.
+    """
+    from runout.simulation import simulate
+
+    started = time.process_time()
+    scene, particles = _scene(arguments)
+    setup_seconds = time.process_time() - started
+    step, step_seconds = _timed_steps(scene, particles, arguments)
+    longest = step_seconds * arguments["end_time"] / step
+    coarsening = float(np.clip((longest / COARSE_SECONDS) ** 0.25, FINEST, COARSEST))
+    started = time.process_time()
+    coarse = simulate(**{**arguments, "cell_size": tuple(coarsening * h for h in scene.spacing)}, progress=progress)
+    observers = (time.process_time() - started) * coarse.timing["observers"] / coarse.timing["total"]
+    steps = math.ceil(coarsening * coarse.steps)
+    return len(particles), steps, setup_seconds + steps * step_seconds + observers
+
+
+def _scene(arguments: Mapping[str, Any]) -> "tuple[Scene, Particles]":
+    from runout.simulation import build_scene
+
+    return build_scene(**{name: value for name, value in arguments.items() if name in signature(build_scene).parameters})
+
+
+def _timed_steps(scene: "Scene", particles: "Particles", arguments: Mapping[str, Any]) -> tuple[float, float]:
+    """Length of the first step [s] and the processor time of a step [s]."""
+    from runout.backends.protocol import get_backend
+
+    engine = get_backend(arguments.get("backend", "scan"), arguments.get("device", "cpu"), 1)
+    engine.load(scene, particles)
+    first = engine.stable_step()
+    for step in range(UNTIMED_STEPS + TIMED_STEPS):
+        if step == UNTIMED_STEPS:
+            started = time.process_time()
+        engine.step(engine.stable_step())
+    return first, (time.process_time() - started) / TIMED_STEPS
+
+
+def _resident_memory() -> float:
+    import psutil
+
+    return float(psutil.Process().memory_info().rss)

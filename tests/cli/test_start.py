@@ -1,0 +1,124 @@
+"""The command line starts quickly and says clearly what is wrong."""
+
+import json
+import logging
+import subprocess
+import sys
+
+import pytest
+
+from runout import __version__, cli, log
+from runout.errors import BudgetError, ConfigError, ExitCode, PartialEnsembleError, Problem
+
+HEAVY = (
+    *("numpy", "scipy", "pandas", "xarray", "numba", "warp", "dask", "distributed"),
+    *("rasterio", "geopandas", "shapely", "matplotlib", "pydantic"),
+)
+COMMANDS = ("new", "check", "run", "terrain", "release", "ensemble", "hazard", "report", "status", "simulate", "doctor")
+
+
+def imported_by(*arguments):
+    program = f"import sys; from runout.cli import main; main({list(arguments)!r}); print('\\n' + ' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["run", "--help"]])
+def test_help_imports_nothing_heavy(arguments):
+    modules = imported_by(*arguments)
+    assert "runout.cli" in modules
+    assert modules.isdisjoint(HEAVY)
+
+
+def test_help_lists_every_command(capsys):
+    assert cli.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert [name for name in COMMANDS if f" {name} " not in shown] == []
+    assert "--out" in shown
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == __version__
+
+
+def test_unknown_command_names_the_nearest_one(capsys):
+    assert cli.main(["chekc", "somewhere"]) == ExitCode.CONFIGURATION
+    assert 'Did you mean "check"?' in capsys.readouterr().err
+
+
+def test_missing_site_is_one_clear_message(tmp_path, capsys):
+    assert cli.main(["run", str(tmp_path / "nowhere")]) == ExitCode.CONFIGURATION
+    said = capsys.readouterr().err
+    assert "nowhere" in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ConfigError([Problem("site.yaml", 5, "terrain.resolutoin", "unknown key", "did you mean 'resolution'?")]), 2),
+        (PartialEnsembleError("every member failed"), 3),
+        (BudgetError("needs 9 hours of 1"), 4),
+        (OSError(28, "No space left on device", "results/terrain.nc"), 1),
+    ],
+)
+def test_every_error_has_its_exit_code_and_is_said_once(monkeypatch, capsys, tmp_path, error, code):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr("pipelines.hazard_map.run", fail)
+    assert cli.main(["run", str(tmp_path)]) == code
+    said = capsys.readouterr().err
+    assert said.count("error:") == 1
+    assert "Traceback" not in said
+    assert (str(error) if not isinstance(error, OSError) else "results/terrain.nc: No space left on device") in said
+
+
+def test_global_options_hold_before_and_after_the_command(monkeypatch, tmp_path):
+    seen = []
+    monkeypatch.setattr(cli, "_stages", lambda site, stages, session, **_: seen.append(session) or 0)
+    out = str(tmp_path / "elsewhere")
+    assert cli.main(["-v", "--out", out, "terrain", "site"]) == 0
+    assert cli.main(["terrain", "site", "-v", "--out", out]) == 0
+    assert cli.main(["terrain", "site", "-q"]) == 0
+    assert seen[0] == seen[1] == cli.Session(1, tmp_path / "elsewhere")
+    assert seen[2] == cli.Session(-1, None)
+
+
+def test_unforeseen_error_is_short_and_its_traceback_is_kept(tmp_path):
+    program = (
+        "import sys, pipelines.hazard_map as study; from pathlib import Path; from runout import log\n"
+        "def broken(*a, **k):\n"
+        "    with log.to_file(Path(sys.argv[1])): raise ZeroDivisionError('deep inside')\n"
+        "study.run = broken\n"
+        "from runout.cli import main\n"
+        "sys.exit(main(['run', 'site', *sys.argv[2:]]))\n"
+    )
+    file = tmp_path / "run.log"
+    short = subprocess.run([sys.executable, "-c", program, str(file)], capture_output=True, text=True, check=False)
+    assert short.returncode == 1
+    assert "ZeroDivisionError: deep inside" in short.stderr
+    assert "Traceback" not in short.stderr
+    assert "ZeroDivisionError: deep inside" in json.loads(file.read_text().splitlines()[-1])["traceback"]
+    long = subprocess.run([sys.executable, "-c", program, str(file), "-v"], capture_output=True, text=True, check=False)
+    assert "Traceback" in long.stderr
+
+
+def test_log_file_holds_json_lines_with_details(tmp_path, capsys):
+    log.to_terminal(0)
+    with log.to_file(tmp_path / "results" / "run.log"):
+        logging.getLogger("runout.somewhere").debug("a detail")
+        logging.getLogger("runout.somewhere").warning("member %d failed", 3, extra={"member": 3})
+    lines = [json.loads(line) for line in (tmp_path / "results" / "run.log").read_text().splitlines()]
+    assert [line["message"] for line in lines] == ["a detail", "member 3 failed"]
+    assert lines[1]["level"] == "warning"
+    assert lines[1]["member"] == 3
+    assert capsys.readouterr().err == "warning: member 3 failed\n"
+
+
+def test_log_folder_that_cannot_be_made_is_said_clearly(tmp_path, capsys, monkeypatch):
+    (tmp_path / "results").write_text("a file, not a folder")
+    monkeypatch.setattr("pipelines.study.Study.open", lambda *_, **__: type("Study", (), {"results": tmp_path / "results"}))
+    assert cli.main(["run", "site"]) == ExitCode.FAILURE
+    assert "--out" in capsys.readouterr().err
