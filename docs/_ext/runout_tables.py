@@ -1,0 +1,85 @@
+"""Directives that print tables from the code itself, so that they cannot go stale.
+
+``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{variables} max_speed ...`` lists variables of
+the products.
+"""
+
+from typing import Any
+
+from annotated_types import Ge, Gt, Le, Lt
+from docutils.parsers.rst import Directive
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+BOUNDS = {Ge: ("≥ {}", "ge"), Gt: ("> {}", "gt"), Le: ("≤ {}", "le"), Lt: ("< {}", "lt")}
+
+
+class SettingsTable(SphinxDirective):
+    """Table of the keys of a class of :mod:`runout.config.schema`."""
+
+    required_arguments = 1
+
+    def run(self) -> list[Any]:
+        """Nodes of the table."""
+        model = _settings_class(self.arguments[0])
+        rows = [_setting_row(name, field) for name, field in model.model_fields.items()]
+        return _table(self, ["key", "unit", "default", "range", "meaning"], rows)
+
+
+class VariablesTable(SphinxDirective):
+    """Table of variables of :mod:`runout.variables`."""
+
+    has_content = True
+
+    def run(self) -> list[Any]:
+        """Nodes of the table."""
+        from runout.variables import VARIABLES
+
+        names = " ".join(self.content).split()
+        rows = [[f"`{n}`", VARIABLES[n].units, _sentence(VARIABLES[n].long_name, VARIABLES[n].comment)] for n in names]
+        return _table(self, ["variable", "unit", "meaning"], rows)
+
+
+def _settings_class(name: str) -> Any:
+    from runout.config import distributions, schema
+
+    return getattr(schema, name, None) or getattr(distributions, name)
+
+
+def _setting_row(name: str, field: Any) -> list[str]:
+    extra = field.json_schema_extra or {}
+    default = "required" if field.is_required() else _shown(field.default)
+    limits = [
+        text.format(f"{getattr(m, attribute):g}")
+        for m in field.metadata
+        for kind, (text, attribute) in BOUNDS.items()
+        if isinstance(m, kind)
+    ]
+    return [f"`{name}`", extra.get("unit", ""), default, ", ".join(limits), field.description]
+
+
+def _shown(default: Any) -> str:
+    if default is None or default == "":
+        return "none"
+    if default.__class__.__module__.startswith("runout"):
+        return "as below"
+    return f"`{default}`" if default not in ({}, []) else "none"
+
+
+def _sentence(name: str, comment: str | None) -> str:
+    return f"{name}; {comment}" if comment else name
+
+
+def _table(directive: Directive, head: list[str], rows: list[list[str]]) -> list[Any]:
+    used = [i for i in range(len(head)) if any(row[i] for row in rows)]
+    lines = [[head[i] for i in used], ["---"] * len(used), *([row[i] or " " for i in used] for row in rows)]
+    text = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    nodes: list[Any] = directive.parse_text_to_nodes(text)  # type: ignore[attr-defined]
+    return nodes
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directives."""
+    app.add_directive("settings", SettingsTable)
+    app.add_directive("variables", VariablesTable)
+    return {"parallel_read_safe": True}

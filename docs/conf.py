@@ -1,0 +1,57 @@
+"""Configuration of the documentation: `python -m sphinx -W docs docs/_build/html`."""
+
+import os
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
+os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), *filter(None, [os.environ.get("PYTHONPATH")])])  # for the tutorial's kernel
+
+from runout import __version__  # noqa: E402
+
+project = "runout"
+author = "the runout developers"
+copyright = "2026, the runout developers"
+version = release = __version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "runout_tables",
+]
+exclude_patterns = ["_build", "_ext"]
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
+myst_heading_anchors = 3
+math_number_all = False
+math_eqref_format = "({number})"
+numfig = True
+
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(HERE / "_build" / "executed")
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+
+html_theme = "alabaster"
+html_title = f"runout {__version__}"
+html_static_path = ["_static"]
+html_css_files = ["runout.css"]
+html_show_sourcelink = False
+html_theme_options = {
+    "description": "From a DEM to hazard maps with a sparse 3D material point method",
+    "fixed_sidebar": True,
+    "page_width": "1120px",
+    "sidebar_width": "250px",
+    "font_family": 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif',
+    "head_font_family": 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif',
+    "show_powered_by": False,
+}

@@ -1,0 +1,84 @@
+"""The report of a study: one self-contained HTML file."""
+
+from base64 import b64encode
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from runout.report import figures, sheets, tables
+from runout.report.maps import png
+from runout.report.study import Study, read_study
+
+REPORT = "report.html"
+TEMPLATE = "report.html.jinja"
+
+
+def write_report(site: Any, results: Path) -> Path:
+    """Path of the report ``results/report.html``, after writing it as a whole.
+
+    Parameters
+    ----------
+    site : runout.Site
+        The study's site: name, title, and the resolved configuration.
+    results : Path
+        Folder with ``hazard.nc``, ``members.nc``, ``members/``, ``outlines.gpkg`` and ``run.json``.
+
+    Raises
+    ------
+    StorageError
+        If one of these files is missing, or the report cannot be written.
+    """
+    from runout.io.atomic import write_text
+
+    study = read_study(Path(results))
+    return write_text(render(page(site, study)), Path(results) / REPORT)
+
+
+def page(site: Any, study: Study) -> dict[str, Any]:
+    """Everything that the template shows, by name."""
+    settings = site.resolved()
+    window = sheets.reached_window(study)
+    headline = sheets.headline_sheets(study)
+    further = sheets.further_sheets(study, headline)
+    return {
+        "title": settings.get("title") or site.name,
+        "name": site.name,
+        "description": settings.get("description") or "",
+        "cards": tables.key_figures(study, settings),
+        "warnings": tables.warnings(study, settings),
+        "headline": [_printed(sheet, study, window) for sheet in headline],
+        "further": [_printed(sheet, study, window) for sheet in further],
+        "location": _embedded(sheets.location(study, window)),
+        "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
+        "members": tables.members(study),
+        "balance": tables.balance(study),
+        "settings": tables.settings(settings),
+        "provenance": tables.provenance(study.run),
+        **_plots(study),
+    }
+
+
+def _plots(study: Study) -> dict[str, str | None]:
+    parameters = tables.sampled_parameters(study)
+    some = len(study.valid) > 0
+    return {
+        "ledger": _embedded(png(figures.ledger_figure(study.ledgers, study.valid))) if some else None,
+        "dependence": _embedded(png(figures.parameter_figure(study.valid, parameters))) if some and parameters else None,
+    }
+
+
+def _printed(sheet: sheets.Sheet, study: Study, window: Any) -> dict[str, str | None]:
+    return {"title": sheet.title, "caption": sheet.caption, "image": _embedded(sheet.picture(study, window))}
+
+
+def _embedded(picture: bytes | None) -> str | None:
+    return None if picture is None else "data:image/png;base64," + b64encode(picture).decode("ascii")
+
+
+def render(content: dict[str, Any]) -> str:
+    """The HTML text of a page's content."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    source = files("runout.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    return environment.from_string(source).render(**content)

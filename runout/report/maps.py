@@ -1,0 +1,306 @@
+"""One map: cells of the raster over hillshade, north up, with colour bar, scale and the outline of the release."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+Window = tuple[slice, slice]  # rows and columns of the raster
+
+INK = "#22282f"
+OUTLINE = "#d7263d"
+SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315, 42
+FEWEST_CELLS = 24  # a window is never narrower
+WIDTH_TO_HEIGHT = 1.0
+SHEET = (6.4, 5.6)  # [inch]
+MARGINS = (0.55, 0.5, 0.95, 0.2)  # [inch] left, bottom, right (with the colour bar), top
+TITLE_HEIGHT = 0.15  # [inch] beyond the margin
+BAR = (0.13, 0.17)  # [inch] gap and width of the colour bar
+PNG_METADATA = {"Software": None}  # the same map gives the same bytes
+
+
+@dataclass(frozen=True)
+class MapStyle:
+    """How a quantity is coloured.
+
+    Parameters
+    ----------
+    label : str
+        Text of the colour bar, with the unit.
+    colours : str
+        A perceptually uniform colour map of matplotlib; light means little.
+    steps : tuple of float
+        Bounds of colour classes; empty for a continuous scale from 0 to the 99th percentile.
+    classes : int
+        Colour classes with round bounds instead of a continuous scale, about this many; 0 for none.
+    logarithmic : bool
+        A logarithmic continuous scale over at most three decades.
+    faintest : float
+        Values at or below it are left transparent.
+    scale : float
+        Factor from the stored unit to the printed one.
+    """
+
+    label: str
+    colours: str
+    steps: tuple[float, ...] = ()
+    classes: int = 0
+    logarithmic: bool = False
+    faintest: float = 0.0
+    scale: float = 1.0
+
+
+TENTHS = tuple(i / 10 for i in range(11))
+STYLES = {
+    "probability": MapStyle("fraction of the members [1]", "magma_r", steps=TENTHS),
+    "thickness": MapStyle("vertical thickness [m]", "viridis_r"),
+    "speed": MapStyle("speed [m s⁻¹]", "plasma_r"),
+    "pressure": MapStyle("pressure \u03c1v² [kPa]", "inferno_r", scale=1e-3, logarithmic=True),
+    "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
+    "deposit": MapStyle("vertical thickness [m]", "viridis_r"),
+}
+
+
+@dataclass(frozen=True)
+class Basemap:
+    """Terrain under the maps.
+
+    Parameters
+    ----------
+    easting, northing : ndarray (columns,), (rows,)
+        Map coordinates of the cell centres [m]; northing descends.
+    elevation : ndarray (rows, columns)
+        Elevation [m], NaN where unknown.
+    outlines : list of shapely geometries
+        Outlines of the releases in map coordinates.
+    """
+
+    easting: np.ndarray
+    northing: np.ndarray
+    elevation: np.ndarray
+    outlines: list[Any] = field(default_factory=list)
+
+    @property
+    def cell_size(self) -> tuple[float, float]:
+        """Size of a cell east-west and north-south [m]."""
+        return float(self.easting[1] - self.easting[0]), float(self.northing[0] - self.northing[1])
+
+    def extent(self, window: Window) -> tuple[float, float, float, float]:
+        """Outer edges (west, east, south, north) [m] of a window."""
+        dx, dy = self.cell_size
+        x, y = self.easting[window[1]], self.northing[window[0]]
+        return x[0] - dx / 2, x[-1] + dx / 2, y[-1] - dy / 2, y[0] + dy / 2
+
+    @property
+    def whole(self) -> Window:
+        """The window of the whole raster."""
+        return slice(0, len(self.northing)), slice(0, len(self.easting))
+
+    def window(self, reached: np.ndarray, margin: float = 0.18) -> Window:
+        """Window (rows, columns) around the cells of ``reached`` and the releases, with a margin, of a common shape."""
+        west, east, south, north = self._bounds(reached)
+        dx, dy = self.cell_size
+        width = max((east - west) * (1 + 2 * margin), FEWEST_CELLS * dx)
+        height = max((north - south) * (1 + 2 * margin), FEWEST_CELLS * dy)
+        width, height = max(width, WIDTH_TO_HEIGHT * height), max(height, width / WIDTH_TO_HEIGHT)
+        columns = _centred((0.5 * (west + east) - self.easting[0]) / dx, width / dx, len(self.easting))
+        rows = _centred((self.northing[0] - 0.5 * (south + north)) / dy, height / dy, len(self.northing))
+        return rows, columns
+
+    def _bounds(self, reached: np.ndarray) -> tuple[float, float, float, float]:
+        boxes = [o.bounds for o in self.outlines]
+        if reached.any():
+            x, y = self.easting[reached.any(axis=0)], self.northing[reached.any(axis=1)]
+            boxes.append((x.min(), y.min(), x.max(), y.max()))
+        if not boxes:
+            west, east, south, north = self.extent(self.whole)
+            return west, east, south, north
+        low, high = np.min(boxes, axis=0), np.max(boxes, axis=0)
+        return float(low[0]), float(high[2]), float(low[1]), float(high[3])
+
+
+def _centred(middle: float, length: float, available: int) -> slice:
+    n = min(math.ceil(length), available)
+    start = min(max(round(middle - n / 2 + 0.5), 0), available - n)
+    return slice(start, start + n)
+
+
+def draw_map(basemap: Basemap, values: np.ndarray, style: MapStyle, window: Window | None = None, title: str = "") -> Any:
+    """Figure of ``values`` (rows, columns) over hillshade; cells that are NaN or at most ``style.faintest`` are transparent."""
+    window = window or basemap.whole
+    figure, axes, beside = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0)
+    axes.set_title(title, loc="left", fontsize=10.5, color=INK, pad=7)
+    draw_ground(axes, basemap, window)
+    shown = np.ma.masked_invalid(np.asarray(values, np.float64)[window])
+    shown = np.ma.masked_less_equal(shown, style.faintest) * style.scale
+    painted = axes.imshow(
+        shown, extent=basemap.extent(window), interpolation="nearest", alpha=0.86, zorder=2, **colour_scale(shown, style)
+    )
+    draw_frame(axes, basemap, window)
+    _colour_bar(figure, painted, beside, shown, style)
+    return figure
+
+
+def _sheet(extent: tuple[float, float, float, float], above: float = 0.0) -> tuple[Any, Any, Any]:
+    """Figure, axes in the shape of the extent (west, east, south, north) with room [inch] above, axes of the colour bar."""
+    from matplotlib.figure import Figure
+
+    left, bottom, right, top = MARGINS
+    ratio = (extent[1] - extent[0]) / (extent[3] - extent[2])
+    width = min(SHEET[0] - left - right, (SHEET[1] - bottom - top) * ratio)
+    height = width / ratio
+    size = SHEET[0], height + bottom + top + above
+    left += (size[0] - left - right - width) / 2
+    figure = Figure(figsize=size)
+    axes = figure.add_axes((left / size[0], bottom / size[1], width / size[0], height / size[1]))
+    beside = figure.add_axes(((left + width + BAR[0]) / size[0], bottom / size[1], BAR[1] / size[0], height / size[1]))
+    return figure, axes, beside
+
+
+def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = True) -> None:
+    """Hillshade and contour lines of a window."""
+    from matplotlib.colors import LightSource
+
+    dx, dy = basemap.cell_size
+    z = basemap.elevation[window]
+    known = np.where(np.isfinite(z), z, np.nanmin(basemap.elevation))
+    shade = LightSource(SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG).hillshade(known, vert_exag=1.3, dx=dx, dy=dy)
+    shade = np.ma.masked_where(~np.isfinite(z), shade)
+    extent = basemap.extent(window)
+    axes.set_facecolor("#e9ebee")
+    axes.imshow(shade, cmap="gray", vmin=-1.5, vmax=1.05, extent=extent, interpolation="bicubic", zorder=0)
+    if contours and np.ptp(known) > 0:
+        _contours(axes, basemap, window)
+
+
+def _contours(axes: Any, basemap: Basemap, window: Window) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    z = basemap.elevation[window]
+    levels = MaxNLocator(11, steps=[1, 2, 5, 10]).tick_values(float(np.nanmin(z)), float(np.nanmax(z)))
+    x, y = basemap.easting[window[1]], basemap.northing[window[0]]
+    lines = axes.contour(x, y, z, levels=levels, colors="#4a5560", linewidths=0.4, alpha=0.55, zorder=1)
+    axes.clabel(lines, levels[::2], fontsize=6, fmt=lambda v: f"{v:.0f} m", inline_spacing=2)
+
+
+def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
+    """``cmap`` and ``norm`` of the cells of a map in printed units; the faintest tenth of the colours is not used."""
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
+    from matplotlib.ticker import MaxNLocator
+
+    colours = ListedColormap(colormaps[style.colours](np.linspace(0.08, 0.95, 256)))
+    if style.steps:
+        return {"cmap": colours, "norm": BoundaryNorm(style.steps, 256)}
+    values = shown.compressed()
+    if values.size == 0:
+        return {"cmap": colours, "norm": Normalize(0.0, 1.0)}
+    if style.classes:
+        bounds = MaxNLocator(style.classes).tick_values(0.0, max(float(values.max()), 1e-9))
+        return {"cmap": colours, "norm": BoundaryNorm(bounds, 256)}
+    top = float(np.percentile(values, 99)) or 1.0
+    if style.logarithmic:
+        return {"cmap": colours, "norm": LogNorm(max(float(values.min()), top * 1e-3, 1e-9), max(top, 2e-9), clip=True)}
+    return {"cmap": colours, "norm": Normalize(0.0, top, clip=True)}
+
+
+def _colour_bar(figure: Any, painted: Any, beside: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
+    above = shown.count() > 0 and not (style.steps or style.classes) and float(shown.max()) > painted.norm.vmax
+    bar = figure.colorbar(painted, cax=beside, extend="max" if above else "neither", extendfrac=0.035)
+    bar.solids.set_alpha(1.0)
+    bar.set_label(style.label, fontsize=9, color=INK)
+    bar.ax.tick_params(labelsize=8, colors=INK, length=3)
+    bar.outline.set_linewidth(0.5)
+    if above:
+        bar.ax.set_title(f"max {_short(float(shown.max()))}", fontsize=7.5, color=INK, pad=14)
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def draw_frame(axes: Any, basemap: Basemap, window: Window) -> None:
+    """Release outlines, coordinates in km, scale bar and north arrow."""
+    for outline in basemap.outlines:
+        for part in getattr(outline, "geoms", [outline]):
+            for ring in [part.exterior, *part.interiors]:
+                x, y = ring.xy
+                axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
+                axes.plot(x, y, color=OUTLINE, linewidth=1.3, zorder=4)
+    west, east, south, north = basemap.extent(window)
+    axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+    _coordinates(axes, max(east - west, north - south))
+    _scale_bar(axes, east - west)
+    _north_arrow(axes)
+
+
+def _coordinates(axes: Any, width: float) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    decimals = max(0, min(3, 3 - math.floor(math.log10(width / 4))))
+    for axis, name in ((axes.xaxis, "Easting [km]"), (axes.yaxis, "Northing [km]")):
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
+        axis.set_major_formatter(lambda v, _: f"{v / 1e3:.{decimals}f}")
+        axis.set_label_text(name, fontsize=8.5, color=INK)
+        axis.labelpad = 2
+    axes.tick_params(labelsize=7.5, colors=INK, length=3, width=0.6)
+    for label in axes.get_yticklabels():
+        label.set(rotation=90, va="center")
+    for spine in axes.spines.values():
+        spine.set(linewidth=0.6, color=INK)
+
+
+def round_length(width: float) -> float:
+    """Round length [m] of 1, 2 or 5 times a power of ten that is at most a quarter of ``width`` [m]."""
+    ten = 10.0 ** math.floor(math.log10(width / 4))
+    return max(f * ten for f in (1, 2, 5) if f * ten <= width / 4)
+
+
+def _scale_bar(axes: Any, width: float) -> None:
+    from matplotlib.font_manager import FontProperties
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    bar = round_length(width)
+    label = f"{bar / 1e3:g} km" if bar >= 1000 else f"{bar:g} m"
+    artist = AnchoredSizeBar(
+        axes.transData, bar, label, "lower left", pad=0.35, borderpad=0.6, sep=3, color=INK,
+        size_vertical=width * 0.004, fontproperties=FontProperties(size=8),
+    )  # fmt: skip
+    artist.patch.set(alpha=0.8, linewidth=0)
+    artist.set_zorder(5)
+    axes.add_artist(artist)
+
+
+def _north_arrow(axes: Any) -> None:
+    box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
+    axes.annotate(
+        "N", xy=(0.962, 0.86), xytext=(0.962, 0.955), xycoords="axes fraction", ha="center", va="center", fontsize=8.5,
+        color=INK, bbox=box, zorder=5, arrowprops={"arrowstyle": "<|-", "color": INK, "linewidth": 1.3, "shrinkA": 1},
+    )  # fmt: skip
+
+
+def draw_location(basemap: Basemap, window: Window) -> Any:
+    """Figure of the whole terrain with the frame of the maps."""
+    from matplotlib.patches import Rectangle
+
+    figure, axes, beside = _sheet(basemap.extent(basemap.whole))
+    draw_ground(axes, basemap, basemap.whole, contours=False)
+    z = np.ma.masked_invalid(basemap.elevation)
+    tint = axes.imshow(z, cmap="cividis", extent=basemap.extent(basemap.whole), alpha=0.45, zorder=1)
+    draw_frame(axes, basemap, basemap.whole)
+    west, east, south, north = basemap.extent(window)
+    axes.add_patch(Rectangle((west, south), east - west, north - south, fill=False, color=INK, linewidth=1.4, zorder=5))
+    bar = figure.colorbar(tint, cax=beside)
+    bar.set_label("elevation [m]", fontsize=9, color=INK)
+    bar.ax.tick_params(labelsize=8, colors=INK, length=3)
+    return figure
+
+
+def png(figure: Any, dpi: int = 140) -> bytes:
+    """PNG of a figure."""
+    from io import BytesIO
+
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata=PNG_METADATA)
+    return buffer.getvalue()

@@ -1,0 +1,118 @@
+"""What the other stages left in the results folder, read for the report."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout.errors import StorageError
+from runout.report.maps import Basemap
+from runout.report.members import member_figures
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything a report shows.
+
+    Parameters
+    ----------
+    hazard : xarray.Dataset
+        Maps over all members, ``hazard.nc``.
+    members : pandas.DataFrame
+        One row a realization: weight, seed, sampled parameters, status, reason of failure and the figures of
+        :func:`runout.report.members.member_figures`.
+    ledgers : dict of int to xarray.Dataset
+        Mass and energy over time of the valid members.
+    basemap : Basemap
+        Terrain and outlines of the releases.
+    run : dict
+        Provenance, ``run.json``.
+    """
+
+    hazard: "xr.Dataset"
+    members: "pd.DataFrame"
+    ledgers: "dict[int, xr.Dataset]"
+    basemap: Basemap
+    run: dict[str, Any]
+
+    @property
+    def valid(self) -> "pd.DataFrame":
+        """The members that ended well."""
+        return self.members[self.members["status"] == "valid"]
+
+
+def read_study(results: Path) -> Study:
+    """The study of a results folder.
+
+    Raises
+    ------
+    StorageError
+        If a file of the hazard stage is missing; names it and the command that makes it.
+    """
+    from runout.io.netcdf import LOCK
+
+    with LOCK:
+        hazard = _whole(_required(results, "hazard.nc"))
+        table = member_table(_required(results, "members.nc"))
+        figures, ledgers = _valid_members(results, table, hazard)
+    basemap = Basemap(
+        hazard["x"].values, hazard["y"].values, hazard["elevation"].values, release_outlines(_required(results, "outlines.gpkg"))
+    )
+    return Study(hazard, table.join(figures), ledgers, basemap, _provenance(_required(results, "run.json")))
+
+
+def _required(results: Path, name: str) -> Path:
+    path = Path(results) / name
+    if not path.is_file():
+        raise StorageError(f"{path}: there is no such file, so there is nothing to report; run `runout hazard` for this site first")
+    return path
+
+
+def _whole(path: Path, group: str | None = None) -> "xr.Dataset":
+    import xarray as xr
+
+    with xr.open_dataset(path, group=group, engine="netcdf4", decode_times=False) as opened:
+        return opened.load()
+
+
+def member_table(path: Path) -> "pd.DataFrame":
+    """Weights, seeds, parameters, status and reasons of the members: every variable over ``realization`` alone."""
+    import pandas as pd
+    import xarray as xr
+
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False) as stack:
+        names = [str(n) for n, v in stack.data_vars.items() if v.dims == ("realization",)]
+        columns = {name: stack[name].values for name in names}
+        return pd.DataFrame(columns, index=pd.Index(stack["realization"].values.astype(int), name="realization"))
+
+
+def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, xr.Dataset]]":
+    import pandas as pd
+
+    figures, ledgers = {}, {}
+    for member in table.index[table["status"] == "valid"]:
+        path = _required(Path(results) / "members", f"{member:04d}.nc")
+        ledgers[member] = _whole(path, "ledger")
+        figures[member] = member_figures(_whole(path), ledgers[member], hazard)
+    return pd.DataFrame.from_dict(figures, orient="index"), ledgers
+
+
+def release_outlines(path: Path) -> list[Any]:
+    """Outlines of the releases in map coordinates, from the layer ``release`` of a GeoPackage; none if it has no such layer."""
+    import geopandas
+    import pyogrio
+
+    layers = {name for name, _ in pyogrio.list_layers(path)}
+    return list(geopandas.read_file(path, layer="release").geometry) if "release" in layers else []
+
+
+def _provenance(path: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as cause:
+        raise StorageError(f"{path}: not valid JSON ({cause}); run `runout hazard` for this site again") from None
+    return content

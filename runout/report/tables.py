@@ -1,0 +1,268 @@
+"""The tables of the report: key figures, warnings, members, balances, settings and provenance, as printed text."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.report.figures import parameter_label
+from runout.report.members import FIGURES
+from runout.report.sheets import hazard_extent
+from runout.report.study import Study
+from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+BOOKKEEPING = ("weight", "seed", "status", "failure_reason")
+# entries of run.json that the report prints in another place
+ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes")
+ABBREVIATIONS = {
+    "crs": "CRS",
+    "dem": "DEM",
+    "cfl": "CFL number",
+    "runout": "Version of runout",
+    "configuration sha256": "SHA-256 of the configuration",
+    "sha256": "SHA-256",
+    "url": "URL",
+}
+SETTING_UNITS = {
+    "cell_size": "m",
+    "end_time": "s",
+    "arrival_threshold": "m",
+    "thickness": "m",
+    "volume": "m3",
+    "youngs_modulus": "Pa",
+    "density": "kg m-3",
+    "cohesion": "Pa",
+    "thickness_thresholds": "m",
+    "speed_thresholds": "m s-1",
+    "pressure_thresholds": "Pa",
+    "percentiles": "%",
+    "hours": "h",
+}
+FEWEST_CELLS_THROUGH_DEPTH = 4
+LARGEST_RESIDUAL = 0.01  # of the released potential energy
+ESCAPED_PERCENT = 0.1
+
+
+def sampled_parameters(study: Study) -> list[str]:
+    """Names of the sampled parameters."""
+    return [c for c in study.members.columns if c not in BOOKKEEPING and c not in FIGURES]
+
+
+def key_figures(study: Study, settings: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Figures at the head of the report: label, value, remark."""
+    hazard, valid = study.hazard, study.valid
+    released = volume(hazard_volume(hazard["release_thickness"], hazard))
+    factor = study.members.get("release_volume_factor")
+    threshold = quantity(float(hazard["thickness_threshold"].min()), "m")
+    likely = hazard_extent(hazard, hazard["inundation_probability"].values, 0.5)
+    runouts, angles = (list(valid.get(name, [])) for name in ("runout_distance", "reach_angle_deg"))
+    reached = quantity(hazard_extent(hazard, hazard["members_reached"].values, 1), "km²")
+    arrival = float(hazard["first_arrival_time"].where(hazard["release_thickness"].fillna(0) == 0).max())
+    return [
+        ("Members", f"{len(valid)} of {len(study.members)}", "valid; each is one complete 3D simulation"),
+        ("Released volume", released, f"times {span(list(factor))} in the members" if factor is not None else "in every member"),
+        ("Runout", span(runouts, "m"), "plan distance beyond the release"),
+        ("Angle of reach", span(angles, "°"), "from the top of the release"),
+        ("Reached by any", reached, f"thickness over {threshold}"),
+        ("Reached by half", quantity(likely, "km²"), f"of the members, thickness over {threshold}"),
+        ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
+    ]
+
+
+def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
+    """Volume [m3] of a thickness map."""
+    return float(thickness.sum()) * abs(float(hazard["x"][1] - hazard["x"][0]) * float(hazard["y"][1] - hazard["y"][0]))
+
+
+def warnings(study: Study, settings: dict[str, Any]) -> list[str]:
+    """What a reader must know before the maps are used, one sentence each."""
+    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *_coarse(study, settings), *_unclosed(study)]
+
+
+def _incomplete(study: Study) -> list[str]:
+    missing = len(study.members) - len(study.valid)
+    if not missing:
+        return []
+    share = 1.0 - float(study.valid["weight"].sum()) / float(study.members["weight"].sum())
+    return [
+        f"{_count(missing)} of {len(study.members)} {_are(missing)} not in the maps ({percent(share)} of the weight); "
+        "the table of members says why. If they failed for a physical reason, e.g. the largest volumes, the maps are biased."
+    ]
+
+
+def _lost_mass(study: Study) -> list[str]:
+    lost = study.valid[study.valid["escaped_fraction"] > ESCAPED_PERCENT] if len(study.valid) else study.valid
+    if not len(lost):
+        return []
+    return [
+        f"In {_count(len(lost))} mass left the elevation raster (up to {number(lost['escaped_fraction'].max())} %); "
+        "beyond the edge the runout is not known. Use a larger raster."
+    ]
+
+
+def _unfinished(study: Study, settings: dict[str, Any]) -> list[str]:
+    moving = [m for m, ledger in study.ledgers.items() if _still_moving(ledger)]
+    if not moving:
+        return []
+    end = settings.get("simulation", {}).get("end_time")
+    after = f" of {quantity(end, 's')}" if end else ""
+    return [
+        f"{_count(len(moving))} still moved at the end time{after} (kinetic energy above 1 % of its peak); "
+        "the runout may be too short. Raise simulation.end_time."
+    ]
+
+
+def _count(members: int) -> str:
+    return "1 member" if members == 1 else f"{members} members"
+
+
+def _are(members: int) -> str:
+    return "is" if members == 1 else "are"
+
+
+def _still_moving(ledger: "xr.Dataset") -> bool:
+    kinetic = ledger["kinetic_energy"].values
+    return bool(kinetic[-1] > 0.01 * kinetic.max())
+
+
+def _coarse(study: Study, settings: dict[str, Any]) -> list[str]:
+    cells = cells_through_depth(study, settings)
+    if not math.isfinite(cells) or cells >= FEWEST_CELLS_THROUGH_DEPTH:
+        return []
+    return [
+        f"The flow is {number(cells, 2)} grid cells deep on average over its volume; "
+        f"below {FEWEST_CELLS_THROUGH_DEPTH} cells the velocity profile is not resolved "
+        "and speeds are damped. Use smaller cells, or a depth-averaged method for thin flows."
+    ]
+
+
+def cells_through_depth(study: Study, settings: dict[str, Any]) -> float:
+    """Grid cells through the depth: largest thickness of any member, averaged over its volume, by cell size; NaN if unknown."""
+    size = settings.get("simulation", {}).get("cell_size")
+    thickness = study.hazard["peak_flow_thickness"].fillna(0.0).values.astype(np.float64)
+    if size is None or thickness.sum() == 0:
+        return math.nan
+    vertical = float(np.atleast_1d(size)[-1])
+    return float((thickness**2).sum() / thickness.sum()) / vertical
+
+
+def _unclosed(study: Study) -> list[str]:
+    worst = max((energy_residual(ledger) for ledger in study.ledgers.values()), default=0.0)
+    if worst <= LARGEST_RESIDUAL:
+        return []
+    return [
+        f"The scheme itself lost up to {percent(worst)} of the released potential energy (numerical dissipation); "
+        "the runout is shortened accordingly."
+    ]
+
+
+def energy_residual(ledger: "xr.Dataset") -> float:
+    """Energy lost by the scheme at the end as a share of the potential energy released [1]; 0 where the ledger does not hold it."""
+    if "numerical_dissipation" not in ledger:
+        return 0.0
+    released = float(ledger["potential_energy"][0] - ledger["potential_energy"].min())
+    return abs(float(ledger["numerical_dissipation"][-1])) / released if released > 0 else 0.0
+
+
+def mass_error(ledger: "xr.Dataset") -> float:
+    """Largest relative change of the mass on the raster and beyond its edge [1]."""
+    total = (ledger["mass"] + ledger["escaped_mass"]).values
+    return float(np.abs(total / total[0] - 1.0).max())
+
+
+def balance(study: Study) -> dict[str, str]:
+    """How well mass and energy are kept, worst of all members."""
+    ledgers = study.ledgers.values()
+    mass = max((mass_error(ledger) for ledger in ledgers), default=math.nan)
+    energy = max((energy_residual(ledger) for ledger in ledgers), default=math.nan)
+    kept = "exactly" if mass < 1e-15 else f"to {mass:.0e} of the released one"
+    return {"mass": kept if math.isfinite(mass) else UNKNOWN, "energy": percent(energy)}
+
+
+def members(study: Study) -> dict[str, Any]:
+    """Table of members: headings with unit and meaning, and rows of cells; failed members carry their reason."""
+    parameters = sampled_parameters(study)
+    weighted = study.members["weight"].nunique() > 1
+    headings = [("Member", "", "number of the realization")]
+    headings += [("Weight", "", "share of the ensemble")] if weighted else []
+    headings += [(_heading(p), _unit(p), "sampled parameter") for p in parameters]
+    headings += [(c.heading, c.units, c.meaning) for c in FIGURES.values()]
+    rows = []
+    for member, row in study.members.iterrows():
+        given = [number(row["weight"])] if weighted else []
+        given += [number(float(row[p])) for p in parameters]
+        ended = row["status"] == "valid"
+        result = [number(float(row[f])) for f in FIGURES] if ended else []
+        reason = "" if ended else f"{row['status']}: {row['failure_reason'] or 'it has not run'}"
+        rows.append({"member": member, "given": given, "result": result, "reason": reason})
+    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(FIGURES)}
+
+
+def _heading(parameter: str) -> str:
+    return parameter_label(parameter).split(" [")[0].capitalize()
+
+
+def _unit(parameter: str) -> str:
+    return unit(VARIABLES[parameter].units) if parameter in VARIABLES else ""
+
+
+def settings(resolved: dict[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Sections of the configuration, each a list of words and values."""
+    sections = []
+    scalars = []
+    for key, value in resolved.items():
+        if key == "description":  # heads the page
+            continue
+        if isinstance(value, dict):
+            sections.append((_words(key), _lines(value)))
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            sections += [(f"{_words(key)} {i + 1}: {v.get('name', '')}".rstrip(": "), _lines(v)) for i, v in enumerate(value)]
+        elif value not in (None, ""):
+            scalars.append((_words(key), _value(key, value)))
+    return [("General", scalars), *sections]
+
+
+def _lines(section: dict[str, Any], before: str = "") -> list[tuple[str, str]]:
+    lines = []
+    for key, value in section.items():
+        if isinstance(value, dict) and "distribution" in value:
+            lines.append((_words(key), _distribution(value)))
+        elif isinstance(value, dict):
+            lines += _lines(value, "" if key == "parameters" else f"{_words(key)}: ")
+        elif value not in (None, "", {}):
+            lines.append((before + _words(key), _value(key, value)))
+    return lines
+
+
+def _distribution(value: dict[str, Any]) -> str:
+    known = {k: v for k, v in value.items() if k != "distribution" and v is not None}
+    return f"{value['distribution']}: " + ", ".join(f"{_words(k).lower()} {_value(k, v)}" for k, v in known.items())
+
+
+def _words(key: str) -> str:
+    words = key.replace("youngs", "Young's").replace("_deg", " [°]").replace("_gb", " [GB]").replace("_", " ")
+    return ABBREVIATIONS.get(words, words[:1].upper() + words[1:])
+
+
+def _value(key: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return quantity(value, SETTING_UNITS.get(key, "1"), 10)
+    if isinstance(value, list):
+        listed = ", ".join(_value("", v) for v in value)
+        return f"{listed} {unit(SETTING_UNITS[key])}" if key in SETTING_UNITS else listed
+    return str(value)
+
+
+def provenance(run: dict[str, Any]) -> dict[str, Any]:
+    """Inputs with their checksums, changes made on the way in, and the other entries of ``run.json`` as lines."""
+    inputs = [entry for entry in run.get("inputs", []) if isinstance(entry, dict)]
+    rest = {k: v for k, v in run.items() if k not in ELSEWHERE}
+    rest |= {"members": run["ensemble"]["statement"]} if "ensemble" in run else {}
+    rest |= {k: ", ".join(f"{n} {_value('', e)}" for n, e in v.items()) for k, v in rest.items() if isinstance(v, dict)}
+    return {"inputs": inputs, "lines": _lines(rest), "changes": run.get("changes", [])}

@@ -1,0 +1,63 @@
+"""Numbers as they are printed in the report: few digits, thin spaces, a unit."""
+
+import math
+
+THIN = "\u202f"
+MINUS = "\u2212"
+UNKNOWN = "\u2013"
+PRINTED_UNITS = {
+    "1": "",
+    "m s-1": "m s⁻¹",
+    "m2": "m²",
+    "m3": "m³",
+    "kg m-3": "kg m⁻³",
+    "degree": "°",
+    "degrees": "°",
+    "deg": "°",
+}
+
+
+def number(value: float, digits: int = 3) -> str:
+    """``value`` with ``digits`` significant digits and thin spaces between thousands; a dash where it is not known."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    if value == 0:
+        return "0"
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    text = f"{round(value, decimals):,.{max(decimals, 0)}f}"
+    if "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return text.replace(",", THIN).replace("-", MINUS)
+
+
+def unit(units: str) -> str:
+    """Unit as it is printed: ``m s-1`` becomes ``m s⁻¹``."""
+    return PRINTED_UNITS.get(units, units)
+
+
+def quantity(value: float, units: str, digits: int = 3) -> str:
+    """Number with its unit."""
+    shown, printed = number(value, digits), unit(units)
+    if shown == UNKNOWN or not printed:
+        return shown
+    return f"{shown}{'' if printed == '°' else THIN}{printed}"
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """Share [1] in percent."""
+    return quantity(100.0 * share, "%", digits)
+
+
+def volume(value: float) -> str:
+    """Volume in m³, in millions of them above 10⁶."""
+    return f"{number(value / 1e6)}{THIN}million m³" if abs(value) >= 1e6 else quantity(value, "m3")
+
+
+def span(values: list[float], printed: str = "") -> str:
+    """Range of finite values, one number where they are equal."""
+    known = [v for v in values if v is not None and math.isfinite(v)]
+    if not known:
+        return UNKNOWN
+    low, high = number(min(known)), number(max(known))
+    text = low if low == high else f"{low} to {high}"
+    return f"{text}{THIN}{printed}" if printed and printed != "°" else f"{text}{printed}"

@@ -1,0 +1,113 @@
+import html
+import io
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+import runout
+from runout.config.schema import SiteSettings
+from runout.hazard.products import HEADLINE_MAPS
+from runout.variables import VARIABLES
+
+
+@pytest.fixture(scope="module")
+def pages(repository, tmp_path_factory):
+    """The built pages; a warning of sphinx is an error."""
+    from sphinx.application import Sphinx
+
+    source, target = repository / "docs", tmp_path_factory.mktemp("pages")
+    warnings = io.StringIO()
+    application = Sphinx(
+        source,
+        source,
+        target,
+        target / "doctrees",
+        "html",
+        {"nb_execution_mode": "off"},
+        status=None,
+        warning=warnings,
+        freshenv=True,
+    )
+    application.build()
+    assert warnings.getvalue() == ""
+    return target
+
+
+def text_of(page: Path) -> str:
+    """Text of a page without its tags."""
+    return html.unescape(re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8"))).replace("\u2019", "'")
+
+
+def test_sphinx_builds_every_page_without_a_warning(pages, repository):
+    sources = [p.relative_to(repository / "docs") for p in (repository / "docs").rglob("*.md") if "_build" not in p.parts]
+    assert len(sources) > 15
+    for page in sources:
+        assert (pages / page.with_suffix(".html")).exists()
+
+
+def test_every_public_name_is_on_the_api_page(pages):
+    text = text_of(pages / "api.html")
+    for name in runout.__all__:
+        assert name in text, name
+
+
+def test_every_key_of_site_yaml_is_in_the_guide(pages):
+    text = text_of(pages / "guide" / "site_yaml.html")
+    for key in SiteSettings.model_fields:
+        assert key in text, key
+    for key in ("resolution", "placement", "cone", "particles_per_cell", "percentiles", "standard_deviation", "sha256"):
+        assert key in text, key
+
+
+def test_every_headline_map_is_in_the_guide_with_its_meaning(pages):
+    text = text_of(pages / "guide" / "outputs.html")
+    for name in HEADLINE_MAPS:
+        assert name in text
+        assert VARIABLES[name].long_name in text
+
+
+def test_the_example_of_the_guide_is_a_valid_site(repository):
+    guide = (repository / "docs" / "guide" / "site_yaml.md").read_text()
+    example = re.search(r"^```yaml\n(.*?)^```", guide, re.S | re.M)
+    settings = SiteSettings.model_validate(YAML(typ="safe").load(example[1]))
+    assert settings.ensemble.members == 32
+    assert settings.budget.hours == 8
+
+
+def test_the_tree_of_the_architecture_is_the_tree_of_the_package(repository):
+    tree = re.search(r"```text\nrunout/\n(.*?)```", (repository / "docs" / "architecture.md").read_text(), re.S)[1]
+    named = set(re.findall(r"^  (\w+)/", tree, re.M))
+    packages = {p.parent.name for p in (repository / "runout").glob("*/__init__.py")}
+    assert named == packages
+    for module in re.findall(r"^  (\w+\.py)", tree, re.M):
+        assert (repository / "runout" / module).exists(), module
+
+
+def test_equations_are_numbered_and_every_paper_cited_is_listed(repository):
+    theory = (repository / "docs" / "theory.md").read_text()
+    body, papers = theory.split("## Papers")
+    assert len(re.findall(r"^:label: ", body, re.M)) >= 15
+    for author, year in re.findall(r"([A-Z]\w+)(?: et al\.)? \(?((?:19|20)\d\d)", body):
+        assert any(author in entry and f"({year})" in entry for entry in papers.split("\n- ")), (author, year)
+
+
+def test_readme_prints_the_two_commands_that_ci_runs(repository):
+    lines = (repository / "README.md").read_text().splitlines()
+    assert lines.count("python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/runout run sites/jacksboro") == 1
+    assert lines.count('python3 -m venv .venv && .venv/bin/pip install -q -e ".[test]" && .venv/bin/python -m pytest -n 2') == 1
+
+
+def test_pictures_that_the_pages_show_exist(repository):
+    for page in (repository / "README.md", repository / "docs" / "index.md"):
+        for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text()):
+            assert (page.parent / picture).read_bytes().startswith(b"\x89PNG"), picture
+
+
+def test_the_version_is_the_same_in_citation_and_changelog(repository):
+    citation = YAML(typ="safe").load((repository / "CITATION.cff").read_text())
+    assert citation["version"] == runout.__version__
+    assert citation["license"] == tomllib.loads((repository / "pyproject.toml").read_text())["project"]["license"]
+    assert f"## {runout.__version__}" in (repository / "docs" / "changelog.md").read_text()

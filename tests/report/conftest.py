@@ -1,0 +1,159 @@
+"""A small results folder as the stages before the report leave it: a valley, eight members of which one failed."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+ROWS, COLUMNS, CELL = 130, 150, 20.0
+WEST, SOUTH = 735000.0, 4040000.0
+FRICTION = np.linspace(12.0, 22.0, 8)
+FAILED = 5
+CHANGES = ["rows were turned to north up"]
+REASON = "StabilityError: speed 950 m/s at step 12; lower simulation.cfl"
+
+
+def valley():
+    """Easting, northing and elevation of a slope with a channel that falls to the south."""
+    x = WEST + (np.arange(COLUMNS) + 0.5) * CELL
+    y = SOUTH + (ROWS - 0.5 - np.arange(ROWS)) * CELL
+    east, north = np.meshgrid(x - x.mean(), y - y.min())
+    bend = 160 * np.sin(north / 320)
+    return x, y, 300 + 0.42 * north + 90 * (1 - np.exp(-(((east - bend) / 260) ** 2))) + 6 * np.sin(east / 90) * np.cos(north / 70)
+
+
+def flow(x, y, friction_deg):
+    """Thickness [m], speed [m/s] and arrival [s] of an invented flow down the channel."""
+    east, north = np.meshgrid(x - x.mean(), y - y.min())
+    across = (east - 160 * np.sin(north / 320)) / (70 + 20 * np.sin(north / 150))
+    length = 1250 - 40 * (friction_deg - 12)
+    along = (2000 - north) / length
+    inside = (np.abs(across) < 1) & (along > 0) & (along < 1)
+    thickness = np.where(inside, 18 * (1 - across**2) * (1 - 0.7 * along), 0.0)
+    speed = np.where(inside, 34 * np.sqrt(np.maximum(1 - across**2, 0)) * np.sin(np.pi * np.clip(along, 0.06, 1)), 0.0)
+    return thickness, speed, np.where(inside, 42 * np.abs(along) ** 1.3, np.nan)
+
+
+def ledger(friction_deg):
+    """Ledger of a run whose energy balance closes."""
+    t = np.linspace(0, 90, 60)
+    released = 4e12 * (1 - np.exp(-((t / 35) ** 2)))
+    kinetic = 0.35 * 4e12 * (t / 25) ** 2 * np.exp(1 - (t / 25) ** 2) * (22 / friction_deg) ** 0.5 * 0.8
+    kinetic = np.minimum(kinetic, 0.8 * released)
+    rest = released - kinetic
+    series = {
+        "mass": np.full_like(t, 3e9),
+        "escaped_mass": np.zeros_like(t),
+        "kinetic_energy": kinetic,
+        "potential_energy": 9e12 - released,
+        "elastic_energy": np.full_like(t, 1e9),
+        "basal_dissipation": 0.7 * rest,
+        "plastic_dissipation": 0.295 * rest,
+        "numerical_dissipation": 0.005 * rest,
+    }
+    return xr.Dataset({k: ("time", v) for k, v in series.items()}, coords={"time": t})
+
+
+def write_members(folder, maps):
+    """Member files with maps at the root and the ledger as a group."""
+    folder.mkdir(parents=True)
+    for member, (thickness, speed, arrival) in maps.items():
+        path = folder / f"{member:04d}.nc"
+        values = {"max_flow_thickness": thickness, "max_speed": speed, "arrival_time": arrival}
+        values["deposit_thickness"] = 0.4 * thickness
+        xr.Dataset({k: (("y", "x"), v.astype("f4")) for k, v in values.items()}).to_netcdf(path)
+        ledger(FRICTION[member]).to_netcdf(path, mode="a", group="ledger")
+
+
+def write_members_table(path):
+    """The table of members as ``members.nc`` holds it."""
+    status = ["failed" if m == FAILED else "valid" for m in range(8)]
+    columns = {
+        "weight": np.full(8, 0.125),
+        "seed": np.arange(8),
+        "status": np.array(status, dtype=object),
+        "failure_reason": np.array([REASON if s == "failed" else "" for s in status], dtype=object),
+        "basal_friction_angle_deg": FRICTION,
+        "release_volume_factor": np.tile([0.5, 1.0], 4),
+    }
+    table = xr.Dataset({k: ("realization", v) for k, v in columns.items()}, coords={"realization": np.arange(8, dtype="i4")})
+    table.to_netcdf(path)
+
+
+def hazard_dataset(maps):
+    """``hazard.nc`` of the members."""
+    x, y, z = valley()
+    thickness, speed, arrival = (np.stack([m[i] for m in maps.values()]) for i in range(3))
+    pressure = 2000.0 * speed**2
+    hazard = xr.Dataset(coords={"x": x, "y": y, "percentile": [5.0, 50.0, 95.0]})
+    hazard["crs"] = ((), np.int32(0), {"long_name": "coordinate reference system: WGS 84 / UTM zone 16N"})
+    hazard["elevation"] = (("y", "x"), z)
+    hazard["release_thickness"] = (("y", "x"), release_thickness(x, y))
+    stacks = {"thickness": (thickness, [0.1, 0.5, 2.0]), "speed": (speed, [1.0, 5.0]), "pressure": (pressure, [3e3, 3e4])}
+    for name, (values, levels) in stacks.items():
+        p = np.stack([(values > level).mean(axis=0) for level in levels])
+        hazard[f"{name}_threshold"] = levels
+        hazard[f"{name}_exceedance_probability"] = ((f"{name}_threshold", "y", "x"), p)
+        hazard[f"{name}_exceedance_standard_error"] = ((f"{name}_threshold", "y", "x"), np.sqrt(p * (1 - p) / len(maps)))
+    for name, values in (("flow_thickness", thickness), ("speed", speed)):
+        hazard[f"{name}_percentile"] = (("percentile", "y", "x"), np.percentile(values, [5, 50, 95], axis=0))
+    hazard["inundation_probability"] = (("y", "x"), (thickness > 0.1).mean(axis=0))
+    hazard["members_reached"] = (("y", "x"), (thickness > 0.1).sum(axis=0))
+    hazard["peak_flow_thickness"] = (("y", "x"), thickness.max(axis=0))
+    hazard["peak_pressure"] = (("y", "x"), pressure.max(axis=0))
+    hazard["mean_deposit_thickness"] = (("y", "x"), 0.4 * thickness.mean(axis=0))
+    hazard["first_arrival_time"] = (("y", "x"), np.fmin.reduce(arrival))
+    return hazard
+
+
+def outline():
+    """The invented release: an ellipse at the head of the channel."""
+    from shapely import affinity, geometry
+
+    circle = geometry.Point(WEST + COLUMNS * CELL / 2 - 20, SOUTH + 1920.0).buffer(1.0)
+    return affinity.scale(circle, 90.0, 110.0)
+
+
+def release_thickness(x, y):
+    """15 m inside the outline."""
+    import shapely
+
+    return np.where(shapely.contains_xy(outline(), *np.meshgrid(x, y)), 15.0, 0.0)
+
+
+@pytest.fixture(scope="session")
+def site():
+    """What the report needs of a site."""
+    resolved = {
+        "name": "valley",
+        "title": "Invented valley <test>",
+        "description": "The release is hypothetical.",
+        "terrain": {"dem": "inputs/dem.tif"},
+        "release": [{"name": "scar", "polygons": "inputs/release.gpkg", "thickness": 15.0, "placement": "excavated"}],
+        "material": {"law": "drucker_prager", "density": 2000, "youngs_modulus": 5e6},
+        "simulation": {"cell_size": 4.0, "end_time": 90, "stop_when_at_rest": True},
+        "ensemble": {"members": 8, "parameters": {"basal_friction_angle_deg": {"distribution": "uniform", "low": 12, "high": 22}}},
+    }
+    return SimpleNamespace(name="valley", resolved=lambda: resolved)
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory):
+    """The results folder."""
+    import geopandas
+
+    folder = tmp_path_factory.mktemp("study") / "results"
+    x, y, _ = valley()
+    maps = {m: flow(x, y, f) for m, f in enumerate(FRICTION) if m != FAILED}
+    write_members(folder / "members", maps)
+    write_members_table(folder / "members.nc")
+    hazard_dataset(maps).to_netcdf(folder / "hazard.nc")
+    releases = geopandas.GeoDataFrame({"name": ["scar"]}, geometry=[outline()], crs="EPSG:32616")
+    releases.to_file(folder / "outlines.gpkg", layer="release")
+    inputs = [{"name": "inputs/dem.tif", "size": 81234, "sha256": "ab" * 32}]
+    ensemble = {"members_valid": 7, "failures": {"5": REASON}, "statement": "7 of 8 members are valid"}
+    run = {"inputs": inputs, "ensemble": ensemble, "changes": CHANGES, "versions": {"runout": "0.1.0", "numpy": "2.4"}, "seed": 1}
+    (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
+    return folder

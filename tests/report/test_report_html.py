@@ -1,0 +1,203 @@
+import base64
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from runout.errors import StorageError
+from runout.report import tables
+from runout.report.html import render, write_report
+from runout.report.study import read_study
+
+
+@pytest.fixture(scope="module")
+def text(site, results):
+    return write_report(site, results).read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def copy(results, tmp_path):
+    return shutil.copytree(results, tmp_path / "results")
+
+
+def change_ledger(results, member, **series):
+    """Replace series of a member's ledger."""
+    path = results / "members" / f"{member:04d}.nc"
+    with xr.open_dataset(path) as opened:
+        maps = opened.load()
+    with xr.open_dataset(path, group="ledger") as opened:
+        ledger = opened.load().assign({name: ("time", values) for name, values in series.items()})
+    maps.to_netcdf(path)
+    ledger.to_netcdf(path, mode="a", group="ledger")
+
+
+def test_the_page_is_one_file_that_asks_for_nothing_else(text):
+    sources = re.findall(r'(?:src|href)="([^"]{0,60})', text)
+    assert sources
+    assert all(s.startswith(("data:image/png;base64,", "#")) for s in sources)
+    assert "<script" not in text
+    assert "@import" not in text
+
+
+def test_every_picture_is_a_png_with_a_description(text):
+    pictures = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="([^"]+)"', text)
+    assert len(pictures) == text.count("<img")
+    assert len(pictures) >= 15
+    assert all(base64.b64decode(data).startswith(b"\x89PNG") and alt for data, alt in pictures)
+
+
+def test_every_tag_that_opens_closes(text):
+    class Balance(HTMLParser):
+        def __init__(self):
+            super().__init__()
+            self.open = []
+
+        def handle_starttag(self, tag, attrs):
+            if tag not in ("meta", "img", "br"):
+                self.open.append(tag)
+
+        def handle_endtag(self, tag):
+            assert self.open.pop() == tag
+
+    balance = Balance()
+    balance.feed(text)
+    assert balance.open == []
+
+
+def test_the_title_of_the_site_is_escaped(text):
+    assert "Invented valley &lt;test&gt;" in text
+    assert "<test>" not in text
+
+
+def test_the_headline_maps_are_there_with_their_thresholds(text):
+    for title in ("Flow thickness above 0.5\u202fm", "Peak flow thickness, median of the members", "First arrival"):
+        assert f"<h3>{title}</h3>" in text
+    for title in (
+        "Deposit, mean of the members",
+        "Flow thickness above 0.1\u202fm",
+        "Flow speed above 5\u202fm s⁻¹",
+        "Dynamic pressure above 30\u202fkPa",
+    ):
+        assert f"<h3>{title}</h3>" in text
+
+
+def test_a_failed_member_stands_in_the_table_with_its_reason_and_is_warned_of(text):
+    assert "failed: StabilityError: speed 950 m/s at step 12; lower simulation.cfl" in text
+    assert "1 member of 8 is not in the maps (12\u202f% of the weight)" in text
+
+
+def test_the_description_of_the_site_heads_the_page(text):
+    assert '<p class="lead">The release is hypothetical.</p>' in text
+
+
+def test_limits_of_use_are_stated(text):
+    for words in ("conditional", "No annual probability", "single buildings", "hypothetical"):
+        assert words in text
+
+
+def test_inputs_are_listed_with_their_checksum(text):
+    assert "inputs/dem.tif" in text
+    assert "ab" * 32 in text
+    assert "<li>rows were turned to north up</li>" in text
+
+
+def test_settings_are_listed_with_units(text):
+    assert "<td>Cell size</td><td>4\u202fm</td>" in text
+    assert "uniform: low 12, high 22" in text
+    assert "5\u202f000\u202f000\u202fPa" in text
+
+
+def test_figures_of_a_member_agree_with_its_maps(results):
+    study = read_study(results)
+    row = study.members.loc[0]
+    with xr.open_dataset(results / "members" / "0000.nc") as maps:
+        assert row["max_speed"] == pytest.approx(float(maps["max_speed"].max()))
+        assert row["reached_area"] == pytest.approx(float(np.isfinite(maps["arrival_time"]).sum()) * 400 / 1e6)
+        outside = maps["deposit_thickness"].values[study.hazard["release_thickness"].values == 0].sum()
+    assert row["deposit_volume"] == pytest.approx(outside * 400, rel=1e-5)
+    assert 15 < row["reach_angle_deg"] < 35
+
+
+def test_friction_shortens_the_runout_of_the_members(results):
+    valid = read_study(results).valid
+    assert (np.diff(valid["runout_distance"]) < 0).all()
+
+
+def test_mass_over_the_edge_is_warned_of(site, copy):
+    n = len(read_study(copy).ledgers[2]["time"])
+    change_ledger(copy, 2, mass=np.linspace(3e9, 2.7e9, n), escaped_mass=np.linspace(0, 0.3e9, n))
+    study = read_study(copy)
+    assert study.members.loc[2, "escaped_fraction"] == pytest.approx(10.0)
+    assert any("left the elevation raster (up to 10 %)" in w for w in tables.warnings(study, site.resolved()))
+    assert tables.mass_error(study.ledgers[2]) < 1e-12
+
+
+def test_a_member_that_still_moves_at_the_end_is_warned_of(site, copy):
+    n = len(read_study(copy).ledgers[3]["time"])
+    change_ledger(copy, 3, kinetic_energy=np.linspace(0, 1e12, n))
+    assert any("still moved at the end time of 90\u202fs" in w for w in tables.warnings(read_study(copy), site.resolved()))
+
+
+def test_lost_energy_is_warned_of_and_printed(site, copy):
+    n = len(read_study(copy).ledgers[0]["time"])
+    change_ledger(copy, 0, numerical_dissipation=np.linspace(0, 0.4e12, n))
+    study = read_study(copy)
+    assert tables.energy_residual(study.ledgers[0]) == pytest.approx(0.1, rel=0.02)
+    assert any("numerical dissipation" in w for w in tables.warnings(study, site.resolved()))
+
+
+def test_a_flow_of_few_cells_is_warned_of_and_a_deep_one_is_not(site, results):
+    study = read_study(results)
+    fine = {"simulation": {"cell_size": [5.0, 5.0, 0.5]}}
+    assert any("grid cells deep" in w for w in tables.warnings(study, site.resolved()))
+    assert not any("grid cells deep" in w for w in tables.warnings(study, fine))
+
+
+def test_a_folder_without_maps_names_the_command_that_makes_them(copy):
+    (copy / "hazard.nc").unlink()
+    with pytest.raises(StorageError, match="runout hazard"):
+        read_study(copy)
+
+
+def test_damaged_provenance_names_the_file(copy):
+    (copy / "run.json").write_text("{", encoding="utf-8")
+    with pytest.raises(StorageError, match=r"run\.json: not valid JSON"):
+        read_study(copy)
+
+
+def test_a_full_disk_leaves_the_old_report_alone(site, results, text, monkeypatch):
+    before = (results / "report.html").read_bytes()
+    monkeypatch.setattr("runout.report.html.page", lambda *_: {})
+    monkeypatch.setattr("runout.report.html.render", lambda _: "another page")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(StorageError, match="disk is full"):
+        write_report(site, results)
+    assert (results / "report.html").read_bytes() == before == text.encode()
+    assert not list(results.glob(".*.part"))
+
+
+def test_the_same_study_gives_the_same_page(site, results, text):
+    assert write_report(site, results).read_text(encoding="utf-8") == text
+
+
+def test_provenance_is_printed_without_the_whole_configuration(results):
+    run = json.loads((results / "run.json").read_text(encoding="utf-8")) | {"configuration": {"secret": "x" * 99}}
+    lines = dict(tables.provenance(run)["lines"])
+    assert lines["Versions"] == "runout 0.1.0, numpy 2.4"
+    assert "Configuration" not in lines
+    assert lines["Members"] == "7 of 8 members are valid"
+
+
+def test_a_template_name_without_a_value_is_an_error():
+    from jinja2 import UndefinedError
+
+    with pytest.raises(UndefinedError):
+        render({"title": "x"})

@@ -1,0 +1,106 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from shapely.geometry import box
+
+from runout.report.maps import STYLES, Basemap, colour_scale, draw_location, draw_map, png, round_length
+
+N = 60
+
+
+@pytest.fixture
+def basemap():
+    easting, northing = 5000.0 + 10.0 * np.arange(N), 9000.0 - 10.0 * np.arange(N)
+    return Basemap(easting, northing, np.add.outer(northing, 0.1 * easting), [box(5200, 8700, 5250, 8750)])
+
+
+def rgb_at(figure, easting, northing):
+    """Colour of the pixel of a map position."""
+    from io import BytesIO
+
+    picture = imread(BytesIO(png(figure, dpi=100)))
+    axes = figure.axes[0]
+    x, y = axes.transData.transform((easting, northing))
+    return picture[round(picture.shape[0] - y), round(x), :3]
+
+
+def is_grey(colour):
+    return np.ptp(colour) < 0.03
+
+
+def test_a_marked_cell_is_painted_where_it_lies_and_its_neighbours_stay_hillshade(basemap):
+    values = np.zeros((N, N))
+    values[10, 40] = 5.0  # easting 5400 m, northing 8900 m
+    flat = replace(basemap, elevation=np.zeros((N, N)), outlines=[])
+    figure = draw_map(flat, values, STYLES["thickness"])
+    assert not is_grey(rgb_at(figure, 5400.0, 8900.0))
+    for east, north in ((5415.0, 8900.0), (5385.0, 8900.0), (5400.0, 8915.0), (5400.0, 8885.0)):
+        assert is_grey(rgb_at(figure, east, north))
+
+
+def test_slopes_towards_the_light_in_the_north_west_are_brighter(basemap):
+    facing_west = np.broadcast_to(np.arange(N) * 8.0, (N, N))
+    bright = draw_map(replace(basemap, elevation=facing_west, outlines=[]), np.zeros((N, N)), STYLES["thickness"])
+    ridge = np.minimum(np.arange(N), N - 1 - np.arange(N)) * 8.0
+    both = draw_map(replace(basemap, elevation=np.broadcast_to(ridge, (N, N)), outlines=[]), np.zeros((N, N)), STYLES["thickness"])
+    assert rgb_at(both, 5103.0, 8703.0).mean() > rgb_at(both, 5503.0, 8703.0).mean() + 0.1
+    assert np.isfinite(rgb_at(bright, 5103.0, 8703.0)).all()
+
+
+def test_a_map_without_any_value_and_with_unknown_terrain_is_still_drawn(basemap):
+    holes = basemap.elevation.copy()
+    holes[:5] = np.nan
+    assert png(draw_map(replace(basemap, elevation=holes), np.full((N, N), np.nan), STYLES["pressure"])).startswith(b"\x89PNG")
+
+
+def test_the_window_holds_the_release_and_every_reached_cell(basemap):
+    reached = np.zeros((N, N), bool)
+    reached[40, 50] = True
+    west, east, south, north = basemap.extent(basemap.window(reached))
+    assert west <= 5200 < 5505 <= east
+    assert south <= 8595 < 8750 <= north
+
+
+def test_the_window_stays_on_the_raster_when_the_flow_is_at_its_corner(basemap):
+    reached = np.zeros((N, N), bool)
+    reached[0, 0] = True
+    rows, columns = replace(basemap, outlines=[]).window(reached)
+    assert (rows.start, columns.start) == (0, 0)
+    assert rows.stop - rows.start == columns.stop - columns.start == 24
+
+
+def test_probability_has_classes_of_a_tenth_and_speed_a_scale_from_zero():
+    shown = np.ma.masked_less_equal(np.linspace(0, 30, 500), 0)
+    assert colour_scale(shown, STYLES["probability"])["norm"].boundaries == pytest.approx(np.arange(11) / 10)
+    speed = colour_scale(shown, STYLES["speed"])["norm"]
+    assert (speed.vmin, speed.vmax) == (0.0, pytest.approx(29.7, abs=0.1))
+
+
+def test_pressure_is_shown_in_kilopascal_over_at_most_three_decades():
+    pressure = colour_scale(np.ma.masked_less_equal(np.geomspace(1e-6, 400.0, 500), 0), STYLES["pressure"])["norm"]
+    assert pressure.vmax / pressure.vmin <= 1001
+    assert STYLES["pressure"].scale == 1e-3
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_colours_darken_or_brighten_steadily(style):
+    from matplotlib.colors import to_rgba_array
+
+    colours = to_rgba_array(colour_scale(np.ma.array([1.0, 2.0]), STYLES[style])["cmap"].colors)
+    lightness = colours[:, :3] @ [0.2126, 0.7152, 0.0722]
+    steps = np.diff(lightness)
+    assert (steps <= 1e-3).all() or (steps >= -1e-3).all()
+
+
+def test_the_scale_bar_is_a_round_length_of_at_most_a_quarter():
+    assert round_length(8000.0) == 2000.0
+    assert round_length(790.0) == 100.0
+    assert round_length(2100.0) == 500.0
+
+
+def test_the_location_map_shows_the_whole_raster(basemap):
+    figure = draw_location(basemap, (slice(10, 30), slice(10, 30)))
+    assert figure.axes[0].get_xlim() == (4995.0, 5595.0)
+    assert figure.axes[0].get_ylim() == (8405.0, 9005.0)
