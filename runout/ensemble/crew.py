@@ -107,7 +107,7 @@ def _feed(
     while waiting or running:
         while waiting and len(running) < workers:
             member = waiting.popleft()
-            running[client.submit(task, member, pure=False)] = member
+            running[client.submit(_silent, task, member, pure=False)] = member
         for future in wait(list(running), return_when="FIRST_COMPLETED").done:
             member, error = running.pop(future), future.exception()
             if not isinstance(error, KilledWorker):
@@ -120,6 +120,12 @@ def _feed(
                 LOGGER.warning("the worker of member %d died; the member is tried once more", member.number)
                 died.add(member.number)
                 waiting.append(member)
+
+
+def _silent(task: Callable[[Member], None], member: Member) -> None:
+    """Run a task in a worker without its messages: the process that started it has said what the inputs have to say."""
+    logging.getLogger("runout").addHandler(logging.NullHandler())
+    task(member)
 
 
 def _workers_again(client: "Client", workers: int) -> int:

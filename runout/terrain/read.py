@@ -141,8 +141,8 @@ def _require_georeference(dataset: Any, text: str) -> None:
 def _sample(text: str) -> ElevationRaster:
     """Jacksboro fault, Tennessee, as matplotlib ships it: geographic, 3 arc-seconds, whole metres.
 
-    The file's ``ymin`` exceeds its ``ymax``; the two are read as exchanged. Landmarks contradict the file: its summit (1076 m)
-    matches Cross Mountain (1077 m; 36.1983 N, 84.2306 W) to a cell if ``ymax`` is the northern edge, 31.8 km further south.
+    The file's ``ymax`` is the northern edge, but its ``ymin`` lies as far north of it as it should lie south (a wrong sign), so
+    ``ymin`` is not used. The summit (1076 m) then meets Cross Mountain (1077 m; 36.1983 N, 84.2306 W) to a cell.
     """
     from matplotlib.cbook import get_sample_data
     from pyproj import CRS
@@ -151,9 +151,8 @@ def _sample(text: str) -> ElevationRaster:
         raise DemError(f"{text}: not an elevation sample of matplotlib; the only one is {SAMPLE!r}")
     with np.load(get_sample_data(text.partition(":")[2] + ".npz", asfileobj=False)) as sample:
         values = sample["elevation"].astype(np.float64)
-        west, north = float(sample["xmin"]), float(max(sample["ymin"], sample["ymax"]))
+        west, north = float(sample["xmin"]), float(sample["ymax"])
         dx, dy = float(sample["dx"]), float(sample["dy"])
     raster = ElevationRaster(values, (dx, 0.0, west, 0.0, -dy, north), CRS.from_epsg(4326), "m", text)
-    raster = raster.noted("the file's ymin exceeds its ymax; read as exchanged, the larger one is the northern edge of row 0")
-    raster = raster.noted("landmarks say that the sample truly lies 31.8 km further south; the numbers of the file are kept")
+    raster = raster.noted("the file's ymin has a wrong sign and is not used; its ymax is the northern edge, as its summit shows")
     return raster.noted("elevations are whole numbers (int16); slopes are stepped by one unit a cell")

@@ -11,7 +11,7 @@ import geopandas
 import numpy as np
 from shapely.geometry import Polygon
 
-CREST = (748390.0, 4041190.0)  # uphill end of the outline: easting, northing [m], UTM zone 16N
+CREST = (749300.0, 4009380.0)  # uphill end of the outline: easting, northing [m], UTM zone 16N
 AZIMUTH = 131.0  # direction of the slope, clockwise from north [deg]
 LENGTH, WIDTH = 500.0, 420.0  # along and across the slope, in plan [m]
 THICKNESS = 35.0  # vertical [m]
