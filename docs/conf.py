@@ -6,7 +6,8 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
-os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), *filter(None, [os.environ.get("PYTHONPATH")])])  # for the tutorial's kernel
+before = os.environ.get("PYTHONPATH")  # of the kernel that runs the tutorial
+os.environ["PYTHONPATH"] = f"{HERE.parent}{os.pathsep}{before}" if before else str(HERE.parent)
 
 from runout import __version__  # noqa: E402
 
@@ -20,18 +21,20 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
+    "mathml",
     "runout_tables",
 ]
 exclude_patterns = ["_build", "_ext"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
+html_math_renderer = "mathml"
 math_number_all = False
 math_eqref_format = "({number})"
 numfig = True
 
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(HERE / "_build" / "executed")
+nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from pipelines.stages import Stage
 from pipelines.study import PLAN, STAGES, Study
 from runout import log
@@ -109,7 +111,7 @@ def make_release(study: Study) -> Iterable[Path]:
     releases = study.site.releases(study.terrain)
     for release in releases:
         LOGGER.info("release %s: %.4g m3 on %.4g m2, %s", release.name, release.volume, release.area, release.placement)
-    thickness = sum(release.thickness for release in releases)
+    thickness = np.sum([release.thickness for release in releases], axis=0)
     maps = netcdf.map_dataset(study.terrain, {"release_thickness": thickness}, title=f"{study.site.name}: release")
     return [netcdf.write(maps, study.results / "release.nc")]
 

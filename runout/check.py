@@ -25,10 +25,11 @@ LARGEST_STRAIN = 0.01  # elastic, under the release's own weight
 
 @dataclass
 class Findings:
-    """What an inspection found: problems refuse a run, warnings do not."""
+    """What an inspection found: problems refuse a run, warnings do not, notes tell what was changed in the DEM."""
 
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     site: "Site | None" = None
     terrain: "Terrain | None" = None
     releases: "list[Release]" = field(default_factory=list)
@@ -44,16 +45,46 @@ def inspect(site_path: Path) -> Findings:
     from runout.config.site import read_site
 
     found = Findings()
+    readable: Site | None
     try:
-        found.site = read_site(site_path)
-        found.terrain = found.site.terrain()
+        found.site = readable = read_site(site_path)
+    except ConfigError as error:
+        found.note(error)
+        readable = _readable_part(site_path, [problem.key for problem in error.problems])
+    if readable is None:
+        return found
+    try:
+        found.terrain = readable.terrain()
     except InputError as error:
         found.note(error)
         return found
-    _read_releases(found, found.site, found.terrain)
-    _inspect_releases(found, found.site, found.terrain)
-    _inspect_reach(found, found.site, found.terrain)
+    found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
+    _read_releases(found, readable, found.terrain)
+    _inspect_overlaps(found, found.terrain)
+    if found.site is not None:
+        _inspect_resolution(found, found.site)
+        _inspect_reach(found, found.site, found.terrain)
     return found
+
+
+def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
+    """A site of the terrain and those releases that nothing is wrong with, so that their files are inspected too."""
+    from runout.config.document import read_document
+    from runout.config.read import site_file
+    from runout.config.schema import ReleaseSettings, SiteSettings, TerrainSettings
+    from runout.config.site import Site
+
+    if not wrong or any(key == "" or key.startswith("terrain") for key in wrong):
+        return None
+    file = site_file(site_path)
+    stated = read_document(file).values
+    releases = enumerate(stated["release"] if "release" not in wrong else [])
+    right = [values for i, values in releases if not any(key.startswith(f"release[{i}]") for key in wrong)]
+    settings = SiteSettings.model_construct(
+        terrain=TerrainSettings.model_validate(stated["terrain"]),
+        release=[ReleaseSettings.model_validate(values) for values in right],
+    )
+    return Site(file.parent, file, file.parent.name, settings)
 
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -66,13 +97,16 @@ def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
             found.note(error)
 
 
-def _inspect_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
+def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
     for one, other in combinations(found.releases, 2):
         shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
         if shared and one.outline is not None and other.outline is not None:
             shared = math.ceil(one.outline.intersection(other.outline).area / terrain.cell_area)
         if shared:
             found.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
+
+
+def _inspect_resolution(found: Findings, site: "Site") -> None:
     spacing = np.broadcast_to(np.asarray(site.settings.simulation.cell_size, float), 3)
     for release in found.releases:
         found.problems += _too_coarse(release, spacing)
@@ -157,8 +191,8 @@ def check_site(site_path: Path, out: Path | None = None) -> int:
         console.print(Text.assemble(("problem ", "bold red"), problem))
     for warning in found.warnings:
         console.print(Text.assemble(("warning ", "yellow"), warning))
-    for change in found.terrain.changes if found.terrain else ():
-        console.print(Text.assemble(("note    ", "dim"), f"{found.terrain.source}: {change}"))
+    for note in found.notes:
+        console.print(Text.assemble(("note    ", "dim"), note))
     if found.problems or found.site is None:
         console.print(f"[bold]{len(found.problems)} problem{'s' * (len(found.problems) != 1)}; nothing was changed[/]")
         return ExitCode.CONFIGURATION

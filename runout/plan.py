@@ -100,12 +100,10 @@ def forecast(
     if not members:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     largest = _largest(members)
-    arguments = {**site.member_arguments(largest.parameters), "seed": largest.seed, "threads": 1}
-    particles, steps, seconds = _calibrated(arguments, progress)
+    particles, steps, seconds = _calibrated(site, largest, progress)
     work = seconds * sum(_relative_work(member.parameters, largest.parameters) for member in members)
     crew = min(worker_count(workers, 1), len(members))
-    cells = arguments["terrain"].elevation.size
-    disk = 2.0 * len(members) * MEMBER_MAPS * 4 * cells  # members/*.nc and members.nc, before compression
+    disk = 2.0 * len(members) * MEMBER_MAPS * 4 * site.terrain().elevation.size  # members/*.nc and members.nc, before compression
     total = START_SECONDS + max(work / crew, seconds)
     return Forecast(len(members), crew, particles, steps, seconds, total, crew * _resident_memory(), disk)
 
@@ -146,26 +144,35 @@ def _relative_work(parameters: Mapping[str, float], reference: Mapping[str, floa
     return ratio("release_volume_factor") * math.sqrt(ratio("youngs_modulus") / ratio("density"))
 
 
-def _calibrated(arguments: Mapping[str, Any], progress: Callable[[float], None] | None) -> tuple[int, int, float]:
+def _calibrated(site: "Site", member: "Member", progress: Callable[[float], None] | None) -> tuple[int, int, float]:
     """Particles, steps and seconds of one member on one core.
 
-    How long the flow lasts, and what its observers cost, comes from a run with coarse cells: time steps are
-    proportional to their size. What a step costs comes from the first steps with the fine ones. Processor time is
-    measured, so that other work on the machine does not count.
+    How long the flow lasts, what its observers cost and how much dearer a step becomes when the mass spreads and moves
+    comes from a run with coarse cells: time steps are proportional to their size. What a step costs at the start
+    comes from the first steps with the fine ones. Processor time is measured, so that other work on the machine does
+    not count.
     """
     from runout.simulation import simulate
 
     started = time.process_time()
+    arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1}
     scene, particles = _scene(arguments)
     setup_seconds = time.process_time() - started
     step, step_seconds = _timed_steps(scene, particles, arguments)
     longest = step_seconds * arguments["end_time"] / step
-    coarsening = float(np.clip((longest / COARSE_SECONDS) ** 0.25, FINEST, COARSEST))
+    smallest = math.sqrt(min(release.area for release in arguments["release"]))
+    room = max(1.0, smallest / (2 * max(scene.spacing)))  # coarser cells than that would not see the release
+    coarsening = min(room, float(np.clip((longest / COARSE_SECONDS) ** 0.25, FINEST, COARSEST)))
+    arguments["cell_size"] = tuple(coarsening * h for h in scene.spacing)
+    _, first_seconds = _timed_steps(*_scene(arguments), arguments)
     started = time.process_time()
-    coarse = simulate(**{**arguments, "cell_size": tuple(coarsening * h for h in scene.spacing)}, progress=progress)
-    observers = (time.process_time() - started) * coarse.timing["observers"] / coarse.timing["total"]
+    coarse = simulate(**arguments, progress=progress)
+    share = (time.process_time() - started) / coarse.timing["total"]  # processor time over wall time
+    observers = share * coarse.timing["observers"]
+    stepping = share * (coarse.timing["total"] - coarse.timing["setup"]) - observers
+    growth = stepping / coarse.steps / first_seconds
     steps = math.ceil(coarsening * coarse.steps)
-    return len(particles), steps, setup_seconds + steps * step_seconds + observers
+    return len(particles), steps, setup_seconds + steps * step_seconds * growth + observers
 
 
 def _scene(arguments: Mapping[str, Any]) -> "tuple[Scene, Particles]":

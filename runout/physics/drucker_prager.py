@@ -9,7 +9,14 @@ sec. 4.3.4).
 import math
 from typing import Any
 
-from runout.physics.elastic import kirchhoff_stress, log_strain, strain_of_log, trial_strain
+from runout.physics.elastic import (
+    kirchhoff_stress,
+    log_strain,
+    log_strain_series,
+    strain_of_log,
+    strain_series,
+    trial_strain,
+)
 from runout.physics.tensors import added, contracted, deviator, isotropic, norm, real, scaled, shifted, trace
 
 
@@ -64,22 +71,49 @@ def return_to_cone(h: Any, mat: Any):
     return shifted(scaled(deviator(h), limit / q), trace(h) / real(3.0))
 
 
-def update(B: Any, L: Any, history: Any, mat: Any):
-    """One step of the law.
+def plastic_return(elastic: Any, history: Any, mat: Any):
+    """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial strain.
 
-    ``history`` is the log volume gained at the apex and not yet lost again [1]. Returns the new B, the Hencky strain
-    that gives its stress, the history variable and the energy dissipated per stress-free volume [J/m3].
+    ``history`` is the log volume gained at the apex and not yet lost again [1].
     """
-    trial = trial_strain(B, L)
-    elastic = log_strain(trial)
     gained = history * mat.volume_correction
     h = shifted(elastic, gained / real(3.0))
     new = return_to_cone(h, mat)
     left = trace(h) - trace(new)
     if left < real(0.0):
         left = real(0.0)
-    flow = added(elastic, scaled(new, real(-1.0)))
-    if norm(flow) == real(0.0):
-        return trial, elastic, left, real(0.0)
     # tau : flow, not the drop of stored energy: that adds the energy of the whole trial overshoot, first order in dt
-    return strain_of_log(new), new, left, contracted(kirchhoff_stress(new, mat), flow)
+    flow = added(elastic, scaled(new, real(-1.0)))
+    return new, left, contracted(kirchhoff_stress(new, mat), flow)
+
+
+def same(a: Any, b: Any):
+    """Whether two strains are equal: the material did not flow."""
+    return norm(added(a, scaled(b, real(-1.0)))) == real(0.0)
+
+
+def update(B: Any, L: Any, history: Any, mat: Any):
+    """One step of the law.
+
+    Returns the new B, the Hencky strain that gives its stress, the history variable (:func:`plastic_return`) and the
+    energy dissipated per stress-free volume [J/m3].
+    """
+    trial = trial_strain(B, L)
+    elastic = log_strain(trial)
+    new, left, lost = plastic_return(elastic, history, mat)
+    if same(elastic, new):
+        return trial, elastic, left, real(0.0)
+    return strain_of_log(new), new, left, lost
+
+
+def update_small(B: Any, L: Any, history: Any, mat: Any):
+    """:func:`update` without loops for small strain, and the size that ``elastic.is_small`` must accept."""
+    trial = trial_strain(B, L)
+    elastic = log_strain_series(trial)
+    new, left, lost = plastic_return(elastic, history, mat)
+    size = norm(trial)
+    if size < real(2.0) * norm(new):
+        size = real(2.0) * norm(new)
+    if same(elastic, new):
+        return trial, elastic, left, real(0.0), size
+    return strain_series(scaled(new, real(2.0))), new, left, lost, size

@@ -96,3 +96,26 @@ def inverse(a: Any):
         (a[3] * a[5] - a[0] * a[4]) * d,
         zx * d,
     )
+
+
+def invariants(a: Any):
+    """The three principal invariants of a symmetric tensor."""
+    squares = a[3] * a[3] + a[4] * a[4] + a[5] * a[5]
+    second = a[0] * a[1] + a[1] * a[2] + a[2] * a[0] - squares
+    xx = a[1] * a[2] - a[4] * a[4]
+    xy = a[5] * a[4] - a[3] * a[2]
+    zx = a[3] * a[4] - a[1] * a[5]
+    return vec(trace(a), second, a[0] * xx + a[3] * xy + a[5] * zx)
+
+
+def horner(P: Any, I: Any, c: Any):
+    """Coefficients of a P + c I, where P = P_0 a^2 + P_1 a + P_2 I and I are the invariants of a.
+
+    By Cayley and Hamilton a^3 = I_1 a^2 - I_2 a + I_3 I, so that a step of a power series costs three products.
+    """
+    return vec(P[1] + I[0] * P[0], P[2] - I[1] * P[0], c + I[2] * P[0])
+
+
+def polynomial(a: Any, P: Any):
+    """P_0 a^2 + P_1 a + P_2 I."""
+    return shifted(added(scaled(product(a, a), P[0]), scaled(a, P[1])), P[2])

@@ -188,19 +188,10 @@ class ReferenceBackend:
             return
         share = np.divide(1.0, mass, out=np.zeros_like(mass), where=mass > 0.0)[:, None]
         compliance = stencils.gather(stencils.scatter(np.ones((len(chosen), 1)), chosen) * share, chosen)[:, 0]
-        impulses, work = np.zeros((len(chosen), 3)), np.zeros(len(chosen))
-        p = self._p.take(chosen)
-        self.loops.take_impulses(
-            p.velocity,
-            stencils.gather(velocity, chosen),
-            normal[chosen],
-            gap[chosen],
-            compliance,
-            self.friction[p.release],
-            dt,
-            impulses,
-            work,
-        )
+        p, u = self._p.take(chosen), stencils.gather(velocity, chosen)
+        impulses, work = np.zeros_like(u), np.zeros(len(u))
+        friction = self.friction[p.release]
+        self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, friction, dt, impulses, work)
         velocity += stencils.scatter(impulses, chosen) * share
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)

@@ -1,0 +1,86 @@
+"""Small scenes that every backend must treat alike."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from runout import DruckerPrager, Elastic
+from runout.model.particles import Particles
+from runout.model.scene import Raster, Scene
+from runout.model.surface import Surface
+
+GRAVITY = 9.81
+ROCK = Elastic(density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3)
+SAND = DruckerPrager(density=1800.0, youngs_modulus=2e6, poisson_ratio=0.25, friction_angle=30.0)
+
+
+def scene(surface=None, spacing=(1.0, 1.0, 1.0), materials=(ROCK,), friction=(0.5,), gravity=(0.0, 0.0, -GRAVITY), **choices):
+    """A scene in float64 on a raster of 40 x 30 cells of 2 m x 2.5 m."""
+    choices = {"precision": "float64", **choices}
+    return Scene(spacing, surface, Raster(30, 40, (2.0, 2.5)), materials, friction, gravity, **choices)
+
+
+def plane(slope_x=0.0, slope_y=0.0, height=0.0):
+    """Surface height + slope_x x + slope_y y."""
+    x, y = np.meshgrid(2.0 * np.arange(41), 2.5 * np.arange(31), indexing="ij")
+    return Surface.through(height + slope_x * x + slope_y * y, (2.0, 2.5))
+
+
+def bowl(radius=60.0, centre=(40.0, 37.0)):
+    """A parabolic bowl: its spline is exact on any lattice."""
+    x, y = np.meshgrid(2.0 * np.arange(-5, 46), 2.5 * np.arange(-5, 36), indexing="ij")
+    return Surface.through(((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / (2 * radius), (2.0, 2.5), (-10.0, -12.5))
+
+
+def at(position, spacing, density=2000.0, volume=0.125):
+    """Particles of one volume [m3] at positions (n, 3) [m]."""
+    p = Particles.at(np.asarray(position, float).reshape(-1, 3), np.asarray(spacing))
+    p.volume[:] = volume
+    p.mass[:] = density * volume
+    return p
+
+
+def box(corner, size, spacing, density=2000.0, per_cell=2, surface=None):
+    """A box of regular particles, ``per_cell`` an axis; on a surface its bottom follows it."""
+    d = np.asarray(spacing) / per_cell
+    axes = [np.arange(round(s / a)) * a + a / 2 for s, a in zip(size, d, strict=True)]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + np.asarray(corner)
+    if surface is not None:
+        x[:, 2] += surface.elevation(x[:, 0], x[:, 1])
+    p = at(x, spacing, density, float(np.prod(d)))
+    p.radius[:] = d[2] / 2
+    return p
+
+
+def cloud(n=500, spacing=(1.0, 0.7, 0.5), seed=0):
+    """Particles of random mass, velocity and affine matrix around local (30, 30, -3) m."""
+    rng = np.random.default_rng(seed)
+    p = at(rng.uniform(-3, 3, (n, 3)) + np.array([30.0, 30.0, -3.0]), spacing)
+    p.mass[:] = rng.uniform(0.1, 10.0, n)
+    p.velocity[:] = rng.normal(size=(n, 3))
+    p.affine[:] = rng.normal(size=(n, 3, 3))
+    return p
+
+
+def loaded(backend, a_scene, particles):
+    """The backend after it has taken over the scene."""
+    backend.load(a_scene, particles)
+    return backend
+
+
+def single_precision(a_scene):
+    """The same scene in float32."""
+    return replace(a_scene, precision="float32")
+
+
+def angular_momentum(p, spacing):
+    """Angular momentum (3,) about the local origin, with the affine part."""
+    own = p.affine * (np.asarray(spacing) ** 2 / 4)  # (n, velocity, arm)
+    spin = np.stack([own[:, 2, 1] - own[:, 1, 2], own[:, 0, 2] - own[:, 2, 0], own[:, 1, 0] - own[:, 0, 1]], axis=1)
+    return (p.mass[:, None] * (np.cross(p.position(spacing), p.velocity) + spin)).sum(axis=0)
+
+
+def total_energy(row):
+    """Energy and what has been booked as dissipated or gone [J]."""
+    stored = row.kinetic_energy + row.potential_energy + row.elastic_energy
+    return stored + row.basal_dissipation + row.plastic_dissipation + row.escaped_energy

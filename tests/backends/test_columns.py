@@ -1,0 +1,71 @@
+"""Columns over the raster's cells: rows from the north, mass complete, a particle as wide as a grid cell."""
+
+import numpy as np
+import pytest
+from scenes import ROCK, at, box, loaded, scene
+
+
+def columns_of(backend, particles, **choices):
+    return loaded(backend, scene(**choices), particles).columns()
+
+
+def test_first_row_is_the_north_and_first_column_the_west(backend):
+    p = at([(1.0, 73.75, 0.0)], (1.0, 1.0, 1.0))  # centre of the north-west cell
+    p.velocity[:] = (1.0, 2.0, 3.0)
+    c = columns_of(backend, p)
+    assert c.volume.shape == (30, 40)
+    assert c.volume[0, 0] == pytest.approx(0.125)
+    np.testing.assert_allclose(c.momentum[0, 0], 250.0 * np.array([1.0, 2.0, 3.0]))
+    assert c.mass.sum() == pytest.approx(250.0)
+    assert np.count_nonzero(c.mass) == 1
+
+
+def test_particle_shares_its_mass_by_the_area_of_its_grid_cell(backend):
+    """A box of 1 m x 2 m around (4.25, 10.5): 3/4 east of x = 4, 3/4 north of y = 10."""
+    p = at([(4.25, 10.5, 0.0)], (1.0, 2.0, 1.0))
+    c = columns_of(backend, p, spacing=(1.0, 2.0, 1.0))
+    south = 29 - 3
+    expected = 250.0 * np.array([[0.75 * 0.25, 0.75 * 0.75], [0.25 * 0.25, 0.25 * 0.75]])
+    np.testing.assert_allclose(c.mass[south - 1 : south + 1, 1:3], expected, rtol=1e-12)
+
+
+def test_grid_cell_wider_than_a_raster_cell_covers_several(backend):
+    p = at([(41.0, 36.25, 0.0)], (6.0, 7.5, 1.0))
+    c = columns_of(backend, p, spacing=(6.0, 7.5, 1.0))
+    np.testing.assert_allclose(c.mass[14:17, 19:22], 250.0 / 9, rtol=1e-12)
+    assert c.mass.sum() == pytest.approx(250.0)
+
+
+def test_uniform_layer_gives_its_thickness_inside(backend):
+    p = box((10.0, 10.0, 0.0), (20.0, 20.0, 2.0), (1.0, 1.0, 1.0))
+    c = columns_of(backend, p)
+    thickness = c.volume / 5.0
+    np.testing.assert_allclose(thickness[29 - 10 : 29 - 5, 6:14], 2.0, rtol=1e-12)
+    assert c.volume.sum() == pytest.approx(800.0)
+    np.testing.assert_allclose(c.mass, c.volume * ROCK.density, rtol=1e-12)
+
+
+def test_what_hangs_over_the_edge_counts_in_the_edge_cell(backend):
+    p = at([(0.0, 0.0, 0.0), (80.0, 75.0, 0.0)], (1.0, 1.0, 1.0))
+    c = columns_of(backend, p)
+    assert c.mass[29, 0] == pytest.approx(250.0)
+    assert c.mass[0, 39] == pytest.approx(250.0)
+
+
+def test_volume_is_mass_over_the_density_of_the_own_material(backend):
+    light = type(ROCK)(density=500.0, youngs_modulus=1e6)
+    p = at([(5.0, 5.0, 0.0), (45.0, 45.0, 0.0)], (1.0, 1.0, 1.0))
+    p.release[1] = 1
+    c = columns_of(backend, p, materials=(ROCK, light), friction=(0.5, 0.5))
+    assert c.volume.sum() == pytest.approx(250 / 2000 + 250 / 500)
+
+
+def test_ledger_counts_the_affine_part_of_the_kinetic_energy(backend):
+    p = at([(20.0, 20.0, 3.0)], (1.0, 2.0, 0.5))
+    p.velocity[:] = (1.0, 2.0, 2.0)
+    p.affine[0, 0, 1] = 3.0
+    row = loaded(backend, scene(spacing=(1.0, 2.0, 0.5)), p).ledger()
+    assert row.kinetic_energy == pytest.approx(0.5 * 250 * (9 + 9.0 * 4 / 4))
+    assert row.potential_energy == pytest.approx(250 * 9.81 * 3.0)
+    assert row.max_speed == pytest.approx(3.0)
+    assert row.active_blocks == 1

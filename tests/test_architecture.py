@@ -1,0 +1,155 @@
+"""The architecture of docs/architecture: imports go one way, compilers stay where they belong, files and functions stay small."""
+
+import ast
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted([*(ROOT / "runout").rglob("*.py"), *(ROOT / "pipelines").rglob("*.py")])
+LARGEST_FILE = 400
+LARGEST_FUNCTION = 40
+LARGEST_KERNEL = 60  # of the compiled backends
+LARGEST_REFERENCE = 300
+HOMES = {
+    "numba": ("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py"),
+    "warp": ("runout/backends/hash/", "runout/backends/compile.py"),
+}
+HEAVY = (
+    "numba",
+    "warp",
+    "rasterio",
+    "xarray",
+    "pandas",
+    "geopandas",
+    "shapely",
+    "pyproj",
+    "dask",
+    "distributed",
+    "matplotlib",
+    "scipy",
+    "pydantic",
+)
+
+
+def place(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def imported(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and top-level name of everything that a file imports."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name.split(".")[0]) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield node.lineno, (node.module or "").split(".")[0]
+
+
+def functions(path: Path) -> Iterator[tuple[str, int]]:
+    """Name and length of the body, without its docstring, of every function of a file."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            body = node.body[1:] if ast.get_docstring(node) else node.body
+            yield node.name, node.end_lineno - body[0].lineno + 1 if body else 0
+
+
+def loaded_by(statement: str) -> set[str]:
+    """Names of HEAVY that a fresh interpreter has loaded after a statement."""
+    code = f"import sys\n{statement}\nprint(*(m for m in {HEAVY!r} if m in sys.modules))"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True, cwd=ROOT)
+    return set(done.stdout.split())
+
+
+@pytest.mark.skipif(importlib.util.find_spec("importlinter") is None, reason="import-linter is not installed")
+def test_imports_keep_the_contracts_of_pyproject():
+    command = "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("compiler", HOMES)
+def test_compiler_is_imported_only_where_it_belongs(compiler):
+    strays = [f"{place(p)}:{line}" for p in SOURCES for line, name in imported(p) if name == compiler]
+    assert strays
+    assert [s for s in strays if not s.startswith(HOMES[compiler])] == []
+
+
+def test_only_get_backend_imports_a_backend():
+    backends = {f"runout.backends.{name}" for name in ("scan", "hash", "reference")}
+    strays = []
+    for path in SOURCES:
+        home = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for node in ast.walk(ast.parse(path.read_text())):
+            module = node.module if isinstance(node, ast.ImportFrom) else None
+            own = any(home.startswith(b) and (module or "").startswith(b) for b in backends)
+            if module and module.startswith(tuple(backends)) and not own:
+                strays.append(f"{place(path)}:{node.lineno}: {module}")
+    assert strays == []
+
+
+@pytest.mark.parametrize(
+    "statement", ["import runout", "import runout.backends.protocol, runout.model.scene", "from runout import DruckerPrager"]
+)
+def test_import_of_the_core_loads_no_compiler_and_no_raster_library(statement):
+    assert loaded_by(statement) == set()
+
+
+def test_import_of_the_time_loop_loads_no_raster_or_plotting_library():
+    assert loaded_by("import runout.simulation") & {"rasterio", "geopandas", "dask", "distributed", "matplotlib", "warp"} == set()
+
+
+def test_every_public_name_can_be_imported():
+    import runout
+
+    assert [name for name in runout.__all__ if not hasattr(runout, name)] == []
+    assert set(runout.__all__) <= set(dir(runout))
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = runout.no_such_name
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=place)
+def test_file_and_its_functions_are_small_enough_to_read(path):
+    assert len(path.read_text().splitlines()) <= LARGEST_FILE
+    compiled = place(path).startswith(("runout/backends/scan/", "runout/backends/hash/", "runout/backends/lanes/"))
+    limit = LARGEST_KERNEL if compiled and path.name != "backend.py" else LARGEST_FUNCTION
+    assert {name: length for name, length in functions(path) if length > limit} == {}
+
+
+def test_reference_backend_stays_within_300_lines():
+    folder = ROOT / "runout" / "backends" / "reference"
+    lines = [line for p in folder.glob("*.py") for line in p.read_text().splitlines() if line.strip()]
+    assert len(lines) <= LARGEST_REFERENCE
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=place)
+def test_everything_public_says_what_it_is(path):
+    tree = ast.parse(path.read_text())
+    silent = [] if ast.get_docstring(tree) else ["module"]
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_") and not ast.get_docstring(node):
+            silent.append(node.name)
+    constructors = {"vec", "sym", "tens"}  # three tuples that the compilers replace
+    assert [name for name in silent if name not in constructors] == []
+
+
+def test_files_are_named_after_what_they_hold():
+    vague = {"utils", "util", "helper", "helpers", "manager", "misc", "common", "tools"}
+    assert [place(p) for p in SOURCES if vague & set(p.stem.split("_"))] == []
+
+
+def test_errors_are_never_caught_wholesale():
+    broad = []
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.ExceptHandler) or isinstance(node.body[-1], ast.Raise):
+                continue  # to clean up and raise again is no catch
+            if node.type is None or ast.unparse(node.type) in ("Exception", "BaseException"):
+                broad.append(f"{place(path)}:{node.lineno}")
+    assert broad == []
