@@ -43,10 +43,8 @@ def run(
 
     Parameters
     ----------
-    site_path : Path or str
-        Site folder or its site.yaml.
-    out : Path or None
-        Results folder; ``results`` of the site when None.
+    site_path, out : Path or str
+        Site folder or its site.yaml; results folder, ``results`` of the site when None.
     stages : sequence of str
         Names out of :data:`STAGES`.
     workers : int or None
@@ -58,12 +56,8 @@ def run(
 
     Raises
     ------
-    InputError
-        Configuration, DEM or release cannot be used.
-    BudgetError
-        The members that are left need more than the site's budget.
-    PartialEnsembleError
-        Not one member is done.
+    InputError, BudgetError, PartialEnsembleError
+        An input cannot be used; the members that are left need more than the budget; not one member is done.
     """
     study = Study.open(site_path, out, workers, retry_failed)
     with log.to_file(study.results / "run.log"):

@@ -46,7 +46,7 @@ def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snap
     with log.to_file(study.results / "run.log"), log.progress(f"member {member}") as bar:
         arguments = {**study.site.member_arguments(chosen.parameters), "seed": chosen.seed}
         times = np.linspace(0.0, arguments["end_time"], snapshots)
-        LOGGER.info("member %d: %s", member, chosen.parameters)
+        LOGGER.info("member %d: %s", member, ", ".join(f"{name} {value:.4g}" for name, value in chosen.parameters.items()))
         result = simulate(**arguments, snapshot_times=tuple(times), progress=bar)
         with whole_file(file) as temporary:
             result.to_netcdf(temporary, attrs={"member": member, "parameters": json.dumps(chosen.parameters), "seed": chosen.seed})

@@ -65,10 +65,11 @@ class Terminal(logging.Handler):
         if record.getMessage() in self.said:
             return
         self.said.add(record.getMessage())
-        style = "" if record.levelno < logging.WARNING else "yellow" if record.levelno < logging.ERROR else "bold red"
-        if style:
-            console().print(f"{record.levelname.lower()}: ", style=style, end="")
-        console().print(record.getMessage(), markup=False, style="dim" if record.levelno < logging.INFO else None)
+        from rich.text import Text
+
+        style = "yellow" if record.levelno < logging.ERROR else "bold red"
+        mark = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
+        console().print(Text.assemble((mark, style), (record.getMessage(), "dim" if record.levelno < logging.INFO else "")))
         if record.exc_info:
             console().print(logging.Formatter().formatException(record.exc_info), markup=False, style="dim")
 
@@ -83,7 +84,7 @@ def to_terminal(verbosity: int = 0) -> None:
         LOGGER.removeHandler(old)
     LOGGER.addHandler(Terminal(LEVELS[verbosity]))
     LOGGER.setLevel(logging.DEBUG)
-    LOGGER.propagate = False
+    logging.raiseExceptions = False  # a log file on a full disk must not print tracebacks
     logging.captureWarnings(True)
     WARNINGS.propagate = verbosity > 0
     WARNINGS.addHandler(logging.NullHandler())

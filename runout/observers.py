@@ -77,8 +77,8 @@ class Ledger:
         for d, axis in enumerate("xyz"):
             series[f"momentum_{axis}"] = np.array([row.momentum[d] for row in self.rows])
         stored = series["kinetic_energy"] + series["potential_energy"] + series["elastic_energy"]
-        booked = series["basal_dissipation"] + series["plastic_dissipation"] + series["escaped_energy"]
-        series["numerical_dissipation"] = stored[0] - stored - booked
+        series["dissipation"] = series["basal_dissipation"] + series["plastic_dissipation"]
+        series["numerical_dissipation"] = stored[0] - stored - series["dissipation"] - series["escaped_energy"]
         series["dt"] = np.array(self.dt)
         return series
 

@@ -1,5 +1,6 @@
 """What a run will take: particles, steps, time, memory and disk, from a short calibration on this machine."""
 
+import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from runout.model.particles import Particles
     from runout.model.scene import Scene
 
+LOGGER = logging.getLogger(__name__)
 UNTIMED_STEPS = 3  # they compile, or load what was compiled
 TIMED_STEPS = 30
 COARSE_SECONDS = 2.0  # that the coarse run may take
@@ -114,7 +116,10 @@ def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = N
     if budget is None or not left:
         return
     with log.progress("calibration") as bar:
-        over = forecast(site, left, workers=workers, progress=bar).over_budget(budget)
+        expected = forecast(site, left, workers=workers, progress=bar)
+    for line in expected.lines():
+        LOGGER.info("forecast: %s", line)
+    over = expected.over_budget(budget)
     if over:
         raise BudgetError("\n".join(over))
 

@@ -169,6 +169,7 @@ _LEDGER = {
     "potential_energy": _series("J", "potential energy above the local origin"),
     "elastic_energy": _series("J", "elastic energy"),
     "escaped_energy": _series("J", "energy of the mass that left the domain"),
+    "dissipation": _series("J", "energy dissipated at the ground and by plastic flow"),
     "basal_dissipation": _series("J", "energy dissipated by friction at the ground"),
     "plastic_dissipation": _series("J", "energy dissipated by plastic flow"),
     "numerical_dissipation": _series("J", "energy lost by the numerical scheme", "the remainder that closes the energy balance"),

@@ -1,6 +1,8 @@
 """The doctor finds what is wrong and says how to mend it; caches move to where they can be written."""
 
 import os
+import subprocess
+import sys
 import tempfile
 
 import pytest
@@ -59,6 +61,21 @@ def test_a_cache_that_somebody_set_is_left_alone(unwritable_home, monkeypatch, t
     monkeypatch.setenv("MPLCONFIGDIR", str(tmp_path / "file" / "mine"))
     caches.prepare()
     assert os.environ["MPLCONFIGDIR"] == str(tmp_path / "file" / "mine")
+
+
+def test_a_command_works_with_a_home_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "temporary").mkdir()
+    home = str(tmp_path / "file" / "home")
+    places = {"HOME": home, "XDG_CACHE_HOME": home, "XDG_CONFIG_HOME": home, "TMPDIR": str(tmp_path / "temporary")}
+    environment = {name: value for name, value in os.environ.items() if name not in {c.variable for c in caches.all_caches()}}
+    program = "import sys; from runout.cli import main; sys.exit(main(['doctor']))"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, env={**environment, **places}, capture_output=True, text=True, check=False)
+    caches_said = done.stdout.partition("caches")[2].partition("environment")[0]
+    assert caches_said.count(str(tmp_path / "temporary")) == 3
+    assert "wrong" not in caches_said
+    assert "Traceback" not in done.stderr
 
 
 def test_writable_caches_stay_where_they_are(monkeypatch, tmp_path):

@@ -33,7 +33,7 @@ def test_falling_cube_follows_symplectic_euler_to_rounding():
 
 
 def test_spinning_cube_keeps_its_shape_and_nearly_all_its_energy():
-    """1 m cube, 1 rad/s, 1 s: energy lost, never gained."""
+    """1 m cube, 1 rad/s, 1 s: 9.2e-5 of the energy lost, none gained; every particle within 0.13 mm of its place."""
     centre = np.array([10.0, 10.0, 0.0])
     local = lattice((1.0, 1.0, 1.0), SPACING) - 0.5
     p = particles_at(centre + local, SPACING, ROCK.density, 0.0)
@@ -47,6 +47,6 @@ def test_spinning_cube_keeps_its_shape_and_nearly_all_its_energy():
         backend.step(1.0 / steps)
     row = backend.ledger()
     loss = 1 - (row.kinetic_energy + row.elastic_energy) / start
-    assert 0 <= loss < 1e-3
+    assert 0 <= loss < 1.2e-4
     found = backend.particles().position(np.full(3, SPACING)) - centre
-    np.testing.assert_allclose(found, rotated(local, 1.0), atol=2e-3)
+    np.testing.assert_allclose(found, rotated(local, 1.0), atol=2e-4)

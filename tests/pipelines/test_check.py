@@ -1,0 +1,138 @@
+"""`runout check`: every problem of configuration and inputs at once, what a run would do, and what it takes."""
+
+import time
+
+import numpy as np
+import pytest
+from ramp_site import SITE, ramp, slab, write_raster, write_site
+
+import runout
+from runout import cli, plan
+from runout.check import inspect
+from runout.errors import BudgetError, ExitCode
+
+SITE_OF_TWO = SITE.replace("material:", "  - {name: second, raster: inputs/second.tif, placement: on_surface}\nmaterial:")
+
+
+def said(capsys, *arguments):
+    code = cli.main([*map(str, arguments)])
+    return code, capsys.readouterr().out
+
+
+def test_a_good_site_is_planned_and_left_as_it_is(tmp_path, capsys):
+    folder = write_site(tmp_path / "ramp")
+    before = sorted(tmp_path.rglob("*"))
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.OK
+    assert "problem" not in out
+    assert "release slab: 2.88e+04 m3 on 3600 m2, on_surface" in out
+    assert "ensemble run the members: 4 of 4 members to simulate" in out
+    assert all(word in out for word in ("particles", "steps", "time", "memory", "disk"))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_check_of_a_finished_site_says_that_nothing_is_left(finished_site, capsys):
+    code, out = said(capsys, "check", finished_site[0])
+    assert code == ExitCode.OK
+    assert out.count("nothing: it is up to date") == 5
+    assert "no member is left to simulate" in out
+
+
+def test_problems_of_configuration_and_data_are_listed_at_once(tmp_path, capsys):
+    text = SITE.replace("end_time", "end_tiem").replace("ensemble:", "budgt: 3\nensemble:")
+    elevation = ramp()
+    elevation[12, 8] = -9999.0  # under the slab
+    code, out = said(capsys, "check", write_site(tmp_path / "ramp", text, elevation))
+    assert code == ExitCode.CONFIGURATION
+    assert "did you mean 'end_time'?" in out
+    assert "did you mean 'budget'?" in out
+    assert "row 12" in out
+    assert "dem.tif" in out
+    assert not (tmp_path / "ramp" / "results").exists()
+
+
+def test_each_bad_release_is_named(tmp_path, capsys):
+    second = SITE_OF_TWO.replace("on_surface}", "on_surface, volume: 1.0e+6}")
+    folder = write_site(tmp_path / "ramp", second, thickness=-slab())
+    write_raster(folder / "inputs" / "second.tif", slab())
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.CONFIGURATION
+    assert "negative" in out
+    assert "second.tif" in out
+    assert out.count("problem ") == 2
+
+
+def test_overlapping_releases_are_refused(tmp_path, capsys):
+    folder = write_site(tmp_path / "ramp", SITE_OF_TWO)
+    write_raster(folder / "inputs" / "second.tif", slab())
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.CONFIGURATION
+    assert "releases slab and second overlap on 36 cells" in out
+
+
+def test_unknown_cells_below_the_release_are_refused_and_behind_it_are_not(tmp_path):
+    reached, behind = ramp(), ramp()
+    reached[12, 30], behind[12, 1] = -9999.0, -9999.0
+    assert inspect(write_site(tmp_path / "behind", elevation=behind)).problems == []
+    (problem,) = inspect(write_site(tmp_path / "reached", elevation=reached)).problems
+    assert "dem.tif" in problem
+    assert "row 12, column 30" in problem
+
+
+def test_cells_larger_than_the_release_are_refused(tmp_path):
+    found = inspect(write_site(tmp_path / "ramp", SITE.replace("cell_size: 10", "cell_size: 200")))
+    assert any("set simulation.cell_size to 15 or less" in problem for problem in found.problems)
+
+
+def test_a_flow_that_may_leave_the_dem_is_a_warning(tmp_path):
+    friction = "{distribution: uniform, low: 12, high: 22}"
+    steep = inspect(write_site(tmp_path / "steep", SITE.replace(friction, "{distribution: uniform, low: 21, high: 22}")))
+    flat = inspect(write_site(tmp_path / "flat", SITE.replace(friction, "{distribution: uniform, low: 4, high: 22}")))
+    assert not any("leave the DEM" in warning and "east" in warning for warning in steep.warnings)
+    assert any("leave the DEM in the" in warning and "east" in warning for warning in flat.warnings)
+    assert steep.problems == flat.problems == []
+
+
+def test_thin_and_soft_releases_are_warned_of(tmp_path):
+    found = inspect(write_site(tmp_path / "ramp"))
+    assert any("0.8 cells through its greatest thickness of 8 m" in warning for warning in found.warnings)
+    assert any("strains it by 7.8 %" in warning for warning in found.warnings)
+
+
+def test_a_run_over_its_budget_is_refused_with_both_numbers(tmp_path, capsys):
+    folder = write_site(tmp_path / "ramp", SITE + "budget: {memory_gb: 0.001, hours: 10}\n")
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.OVER_BUDGET
+    assert "budget.memory_gb is 0.001, the run needs about" in out
+    assert "budget.hours" not in out
+    assert cli.main(["run", str(folder)]) == ExitCode.OVER_BUDGET
+    assert "budget.memory_gb is 0.001" in capsys.readouterr().err
+    assert not list((folder / "results").glob("members/*.nc"))
+    with pytest.raises(BudgetError, match="raise it"):
+        plan.require_budget(runout.read_site(folder), [0, 1])
+
+
+def test_forecast_holds_within_a_factor_of_two(tmp_path):
+    site = runout.read_site(write_site(tmp_path / "ramp", SITE.replace("cell_size: 10", "cell_size: 5")))
+    expected = plan.forecast(site, [0, 1, 2, 3], workers=1)
+    seconds, results = [], []
+    for member in plan_members(site):
+        started = time.process_time()
+        results.append(runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1}))
+        seconds.append(time.process_time() - started)
+    middle = np.argsort([member.parameters["basal_friction_angle_deg"] for member in plan_members(site)])[2]
+    assert expected.particles == results[middle].n_particles
+    assert 0.5 < expected.steps / results[middle].steps < 2
+    assert 0.5 < (expected.seconds - plan.START_SECONDS) / sum(seconds) < 2
+    assert expected.members == 4
+    assert expected.workers == 1
+
+
+def test_times_are_said_as_people_say_them():
+    assert [plan.duration(seconds) for seconds in (3.21, 45.4, 200, 7500)] == ["3.2 s", "45 s", "3 min 20 s", "2 h 5 min"]
+
+
+def plan_members(site):
+    from runout.ensemble.member import plan_members
+
+    return plan_members(site)
