@@ -126,20 +126,6 @@ def simulate(
     )
 
 
-def compile_kernels(material: Material, backend: str = "scan", precision: str = "float32") -> None:
-    """Compile what a run needs by running a scene of a few cells, so that several processes find it in the cache."""
-    terrain = Terrain.from_array(np.zeros((6, 6)), 1.0)
-    thickness = np.zeros((6, 6))
-    thickness[2:4, 2:4] = 1.0
-    release = Release.from_array(thickness, terrain, placement=Placement.ON_SURFACE)
-    scene, particles = build_scene(terrain, release, material, 20.0, 1.0, precision=precision)
-    engine = get_backend(backend, threads=1)
-    engine.load(scene, particles)
-    for dt in (1e-6, 2e-6):
-        engine.step(dt)
-    engine.columns(), engine.ledger()
-
-
 def build_scene(
     terrain: Terrain,
     release: Release | Sequence[Release],

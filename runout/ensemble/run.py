@@ -128,24 +128,11 @@ def run_ensemble(
             task = partial(simulate_member, site, results=results, simulate=simulate, threads=threads_per_worker)
             todo = len(tally.waiting)
             LOGGER.info("%d of %d members to simulate, %d at a time", todo, len(members), min(crew, todo))
-            if simulate is None and min(crew, todo) > 1:
-                _compile_once(site)
             run = in_process(task, tally.waiting) if crew == 1 else in_cluster(task, tally.waiting, crew, threads_per_worker)
             with closing(run) as outcomes:
                 tally.collect(outcomes)
     LOGGER.info("%s", tally.report())
     return tally.report()
-
-
-def _compile_once(site: "Site") -> None:
-    """Fill the cache of compiled kernels, so that the workers do not compile the same ones at the same time."""
-    from runout.simulation import compile_kernels
-
-    stated = site.settings.simulation
-    try:
-        compile_kernels(site.material(), stated.backend, stated.precision)
-    except RunoutError as error:  # the members meet it again, each with its own record
-        LOGGER.debug("kernels not compiled beforehand: %s", error)
 
 
 class _Tally:

@@ -22,7 +22,7 @@ def test_free_fall_is_that_of_symplectic_euler_and_strains_nothing(backend):
 
 
 def test_rotating_cube_keeps_angular_momentum_and_gains_no_energy(backend):
-    """U5, shortened to 0.4 rad: loss of kinetic energy 8.0e-5 of it."""
+    """U5, shortened to 0.4 rad: 7.1e-5 of the energy lost, places kept to 0.08 mm."""
     spacing, centre = (0.25, 0.25, 0.25), np.array([10.0, 10.0, 0.0])
     p = box(centre - 0.5, (1.0, 1.0, 1.0), spacing, density=1550.0)
     spin = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # 1 rad/s
@@ -39,10 +39,10 @@ def test_rotating_cube_keeps_angular_momentum_and_gains_no_energy(backend):
     row = backend.ledger()
     np.testing.assert_allclose(angular_momentum(backend.particles(), spacing), before, atol=1e-10)
     loss = 1 - (row.kinetic_energy + row.elastic_energy) / start
-    assert 0 <= loss < 1e-3
+    assert 0 <= loss < 1e-4
     x = backend.particles().position(np.array(spacing)) - centre
     turn = np.array([[np.cos(time), -np.sin(time), 0], [np.sin(time), np.cos(time), 0], [0, 0, 1]])
-    np.testing.assert_allclose(x, (p.position(np.array(spacing)) - centre) @ turn.T, atol=2e-3)
+    np.testing.assert_allclose(x, (p.position(np.array(spacing)) - centre) @ turn.T, atol=1e-4)
 
 
 @pytest.mark.parametrize(

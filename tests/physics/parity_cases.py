@@ -148,6 +148,7 @@ CASES = [
     Case(blocks.key_x, "k", "k", (key,)),
     Case(blocks.key_y, "k", "k", (key,)),
     Case(blocks.key_z, "k", "k", (key,)),
+    Case(blocks.mixed, "k", "k", (key,)),
     Case(timestep.acoustic_limit, "ssss", "s", (angle, step, speed, between(1.0, 300.0))),
     Case(timestep.particle_limit, "ss", "s", (step, between(0.1, 50.0))),
 ]

@@ -181,3 +181,16 @@ def test_parity_samples_reach_every_branch_of_the_law():
         kinds["apex" if limit <= 0 else "elastic" if q <= limit else "cone"] += 1
         kinds["recompression"] += history[0] > 0 and limit > 0
     assert min(kinds.values()) >= 10, kinds
+
+
+def test_form_for_small_strain_gives_the_bits_of_the_law():
+    case = next(c for c in CASES if c.function is dp.update)
+    mat = material(cohesion=1e3)
+    small = 0
+    for B, L, history in zip(*case.sample(), strict=True):
+        arguments = (tuple(map(float, B)), tuple(map(float, L)), float(history[0]), mat)
+        *result, size = dp.update_small(*arguments)
+        if elastic.is_small(size):
+            small += 1
+            assert tuple(result) == dp.update(*arguments)
+    assert small > 300

@@ -11,9 +11,9 @@ from closed_forms import axisymmetric_height, axisymmetric_runout
 SCATTER = 0.25
 
 
-@pytest.mark.parametrize("aspect", [1.0, 1.7])
+@pytest.mark.parametrize("aspect", [1.0, 1.5])
 def test_column_of_sand_runs_out_within_the_scatter_of_experiments(aspect):
-    """Run-out 0.99 and 2.05 radii against 1.24 and 2.09 (-20 and -2 %); height 0.62 and 0.65 radii against 0.74."""
+    """Run-out 0.99 and 1.75 radii against 1.24 and 1.86 (-20 and -6 %); height 0.62 and 0.67 radii against 0.74."""
     runout, height = collapsed_column(aspect, 30.0)
     assert runout == pytest.approx(axisymmetric_runout(aspect), rel=SCATTER)
     assert height == pytest.approx(axisymmetric_height(aspect), rel=SCATTER)
