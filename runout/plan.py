@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger(__name__)
 UNTIMED_STEPS = 3  # they compile, or load what was compiled
-TIMED_STEPS = 30
+TIMED_STEPS = 60
 COARSE_SECONDS = 2.0  # that the coarse run may take
 FINEST, COARSEST = 1.5, 4.0  # its cells over the fine ones; it costs the fourth power less
-START_SECONDS = 4.0  # of a worker process: imports, compiled code from the cache, terrain
+START_SECONDS = 8.0  # of worker processes: imports, compiled code from the cache
+CROWDING = 1.2  # a core is slower while the others work
 MEMBER_MAPS = 5
 GIGABYTE = 1e9
 
@@ -106,7 +107,7 @@ def forecast(
     work = seconds * sum(_relative_work(member.parameters, largest.parameters) for member in members)
     crew = min(worker_count(workers, 1), len(members))
     disk = 2.0 * len(members) * MEMBER_MAPS * 4 * site.terrain().elevation.size  # members/*.nc and members.nc, before compression
-    total = START_SECONDS + max(work / crew, seconds)
+    total = work if crew == 1 else START_SECONDS + CROWDING * max(work / crew, seconds)
     return Forecast(len(members), crew, particles, steps, seconds, total, crew * _resident_memory(), disk)
 
 
@@ -175,7 +176,7 @@ def _calibrated(site: "Site", member: "Member", progress: Callable[[float], None
     share = (time.process_time() - started) / coarse.timing["total"]  # processor time over wall time
     observers = share * coarse.timing["observers"]
     stepping = share * (coarse.timing["total"] - coarse.timing["setup"]) - observers
-    growth = stepping / coarse.steps / first_seconds
+    growth = max(1.0, stepping / coarse.steps / first_seconds)
     steps = math.ceil(coarsening * coarse.steps)
     return len(particles), steps, setup_seconds + steps * step_seconds * growth + observers
 

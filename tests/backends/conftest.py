@@ -11,5 +11,5 @@ AVAILABLE = [name for name in BACKENDS if find_spec(f"runout.backends.{name}") a
 
 @pytest.fixture(params=AVAILABLE)
 def backend(request):
-    """A fresh backend on one thread."""
-    return get_backend(request.param, threads=1)
+    """A fresh backend on one thread of the CPU."""
+    return get_backend(request.param, "cpu", threads=1)
