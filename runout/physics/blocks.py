@@ -39,3 +39,17 @@ def key_y(key: Any):
 def key_z(key: Any):
     """Third block coordinate of a key."""
     return (key & i64(2097151)) - i64(1048576)
+
+
+def mixed(key: Any):
+    """31-bit mixture of a key: neighbouring blocks fall far apart in a table.
+
+    Two multiplications by odd constants near 2^31 / golden ratio and 2^30 (Knuth 1998, The Art of Computer Programming 3,
+    sec. 6.4) with shifts between; no product passes 63 bits, so that every compiler finds the same number.
+    """
+    low = key & i64(2147483647)
+    high = key >> i64(31)
+    h = low * i64(1640531527) + high * i64(625341585)
+    h = h ^ (h >> i64(32))
+    h = (h & i64(2147483647)) * i64(73244475)
+    return (h ^ (h >> i64(28))) & i64(2147483647)
