@@ -17,7 +17,7 @@ LARGEST_FUNCTION = 40
 LARGEST_KERNEL = 60  # of the compiled backends
 LARGEST_REFERENCE = 300
 HOMES = {
-    "numba": ("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py"),
+    "numba": ("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
     "warp": ("runout/backends/hash/", "runout/backends/compile.py"),
 }
 HEAVY = (

@@ -134,9 +134,36 @@ def warp_binding(real: Any) -> SimpleNamespace:
         "tens": wp.types.vector(length=9, dtype=real),
     }
     compile_one: Callable[[FunctionType], Any] = partial(wp.func, module=module)
-    spaces, _ = _bind(PHYSICS, names, compile_one)
-    spaces.names = names
+    spaces, compiled = _bind(PHYSICS, names, compile_one)
+    spaces.names, spaces.compiled = names, compiled
     return spaces
+
+
+def warp_kernels(
+    binding: SimpleNamespace, sources: tuple[ModuleType, ...], module_of: Callable[[str], Any], **names: Any
+) -> SimpleNamespace:
+    """Functions of kernel modules compiled by warp, in order; rules as for :meth:`NumbaBinding.kernels`.
+
+    ``module_of`` is the warp module that takes a kernel by its name; warp compiles a module once for each number of lanes a
+    block. What ``names`` replaces is not compiled itself: types of arguments and constants, for which the sources hold
+    stand-ins.
+    """
+    import warp as wp
+
+    scope = {**binding.names, **names}
+    compiled = dict(binding.compiled)
+    space = SimpleNamespace()
+    for source in sources:
+        for function in functions_of(source):
+            if function.__name__ in scope:
+                continue
+            copy = rebound(function, scope, compiled)
+            if function.__name__.startswith("_"):
+                compiled[function] = wp.func(module=module_of(function.__name__))(copy)
+            elif "tid" in function.__code__.co_names:
+                compiled[function] = wp.kernel(module=module_of(function.__name__), enable_backward=False)(copy)
+                setattr(space, function.__name__, compiled[function])
+    return space
 
 
 def warp_record(law_name: str, fields: tuple[str, ...], real: Any) -> Any:

@@ -1,5 +1,6 @@
 """What every backend offers; :func:`get_backend` is the only place that imports one."""
 
+import ctypes
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Protocol
@@ -75,13 +76,61 @@ class Backend(Protocol):
         """Sums over the columns of the raster's cells."""
 
 
-def get_backend(name: str, device: str = "cpu", threads: int | None = None) -> Backend:
-    """Backend by name: "scan" (numba, CPU), "reference" (NumPy) or "hash" (warp)."""
-    if name not in BACKENDS:
-        raise DeviceError(f"backend is {name!r}; choose one of {', '.join(BACKENDS)}")
-    if name == "hash":
-        raise DeviceError("backend 'hash' (GPU) is not part of this version; use backend='scan' on the CPU")
-    if device != "cpu":
+def get_backend(name: str, device: str = "auto", threads: int | None = None, *, deterministic: bool = False) -> Backend:
+    """Backend by name: "scan" (numba, CPU), "hash" (warp, CPU or GPU), "reference" (NumPy), or "auto".
+
+    Parameters
+    ----------
+    name : str
+        "auto" takes hash on a CUDA device, and scan where there is none.
+    device : str
+        "cpu", "cuda" or "cuda:N", or "auto": the first CUDA device for hash if there is one, else the CPU.
+    threads : int, optional
+        Threads of the CPU, for scan.
+    deterministic : bool
+        Results on a GPU repeat bit by bit; those on the CPU always do.
+
+    Raises
+    ------
+    DeviceError
+        In one line, with the names of what is there.
+    """
+    if name not in (*BACKENDS, "auto"):
+        raise DeviceError(f"backend is {name!r}; choose one of {', '.join(BACKENDS)}, auto")
+    if name in ("hash", "auto"):
+        place = _device(device)
+        if name == "hash" or place != "cpu":
+            return import_module("runout.backends.hash.backend").create(place, deterministic)  # type: ignore[no-any-return]
+        name = "scan"
+    elif device not in ("cpu", "auto"):
         raise DeviceError(f"device is {device!r}; backend {name!r} runs on 'cpu' only")
     backend = import_module(f"runout.backends.{name}.backend").create(threads)
     return backend  # type: ignore[no-any-return]
+
+
+def _device(wanted: str) -> str:
+    """The device of that name, for warp; DeviceError names what is there."""
+    if wanted == "cpu":
+        return wanted
+    there = _cuda_devices()
+    if wanted == "auto":
+        return (*there, "cpu")[0]
+    named = f"{wanted}:0" if wanted == "cuda" else wanted
+    if named not in there:
+        raise DeviceError(f"device is {wanted!r}, which is not there; this machine has {', '.join((*there, 'cpu'))}")
+    return named
+
+
+def _cuda_devices() -> tuple[str, ...]:
+    """Names of the CUDA devices that warp finds; it is not asked, and does not warn, where there is no driver."""
+    if not any(_loads(library) for library in ("libcuda.so.1", "libcuda.so", "nvcuda.dll")):
+        return ()
+    return import_module("runout.backends.hash.backend").cuda_devices()  # type: ignore[no-any-return]
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True

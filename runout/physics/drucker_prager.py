@@ -68,7 +68,7 @@ def return_to_cone(h: Any, mat: Any):
         return isotropic(mat.cone_intercept / (real(3.0) * bulk * mat.cone_slope))
     if q <= limit:
         return h
-    return shifted(scaled(deviator(h), limit / q), trace(h) / real(3.0))
+    return shifted(scaled(deviator(h), limit / q), trace(h) * (real(1.0) / real(3.0)))
 
 
 def plastic_return(elastic: Any, history: Any, mat: Any):
@@ -77,7 +77,7 @@ def plastic_return(elastic: Any, history: Any, mat: Any):
     ``history`` is the log volume gained at the apex and not yet lost again [1].
     """
     gained = history * mat.volume_correction
-    h = shifted(elastic, gained / real(3.0))
+    h = shifted(elastic, gained * (real(1.0) / real(3.0)))
     new = return_to_cone(h, mat)
     left = trace(h) - trace(new)
     if left < real(0.0):
@@ -89,7 +89,7 @@ def plastic_return(elastic: Any, history: Any, mat: Any):
 
 def same(a: Any, b: Any):
     """Whether two strains are equal: the material did not flow."""
-    return norm(added(a, scaled(b, real(-1.0)))) == real(0.0)
+    return (a[0] == b[0]) and (a[1] == b[1]) and (a[2] == b[2]) and (a[3] == b[3]) and (a[4] == b[4]) and (a[5] == b[5])
 
 
 def update(B: Any, L: Any, history: Any, mat: Any):
@@ -107,13 +107,13 @@ def update(B: Any, L: Any, history: Any, mat: Any):
 
 
 def update_small(B: Any, L: Any, history: Any, mat: Any):
-    """:func:`update` without loops for small strain, and the size that ``elastic.is_small`` must accept."""
+    """:func:`update` without loops for small strain, and the square that ``elastic.is_small`` must accept."""
     trial = trial_strain(B, L)
     elastic = log_strain_series(trial)
     new, left, lost = plastic_return(elastic, history, mat)
-    size = norm(trial)
-    if size < real(2.0) * norm(new):
-        size = real(2.0) * norm(new)
+    square = contracted(trial, trial)
+    if square < real(4.0) * contracted(new, new):
+        square = real(4.0) * contracted(new, new)
     if same(elastic, new):
-        return trial, elastic, left, real(0.0), size
-    return strain_series(scaled(new, real(2.0))), new, left, lost, size
+        return trial, elastic, left, real(0.0), square
+    return strain_series(scaled(new, real(2.0))), new, left, lost, square

@@ -10,6 +10,7 @@ from typing import Any
 
 from runout.physics.tensors import (
     added,
+    contracted,
     horner,
     invariants,
     inverse,
@@ -68,20 +69,20 @@ def trial_strain(B: Any, L: Any):
 
 def log_strain_series(B: Any):
     """1/2 log(I + B) for |B| <= 0.1: the power series to the 14th order, whose rest is below 1e-15 of the result."""
-    I = invariants(B)
+    K = invariants(B)
     P = vec(real(-1.0) / real(28.0), real(1.0) / real(26.0), real(-1.0) / real(24.0))
-    P = horner(P, I, real(1.0) / real(22.0))
-    P = horner(P, I, real(-1.0) / real(20.0))
-    P = horner(P, I, real(1.0) / real(18.0))
-    P = horner(P, I, real(-1.0) / real(16.0))
-    P = horner(P, I, real(1.0) / real(14.0))
-    P = horner(P, I, real(-1.0) / real(12.0))
-    P = horner(P, I, real(1.0) / real(10.0))
-    P = horner(P, I, real(-1.0) / real(8.0))
-    P = horner(P, I, real(1.0) / real(6.0))
-    P = horner(P, I, real(-1.0) / real(4.0))
-    P = horner(P, I, real(1.0) / real(2.0))
-    return polynomial(B, horner(P, I, real(0.0)))
+    P = horner(P, K, real(1.0) / real(22.0))
+    P = horner(P, K, real(-1.0) / real(20.0))
+    P = horner(P, K, real(1.0) / real(18.0))
+    P = horner(P, K, real(-1.0) / real(16.0))
+    P = horner(P, K, real(1.0) / real(14.0))
+    P = horner(P, K, real(-1.0) / real(12.0))
+    P = horner(P, K, real(1.0) / real(10.0))
+    P = horner(P, K, real(-1.0) / real(8.0))
+    P = horner(P, K, real(1.0) / real(6.0))
+    P = horner(P, K, real(-1.0) / real(4.0))
+    P = horner(P, K, real(1.0) / real(2.0))
+    return polynomial(B, horner(P, K, real(0.0)))
 
 
 def square_root(b: Any):
@@ -103,35 +104,35 @@ def log_strain_scaled(B: Any):
     return scaled(log_strain_series(shifted(b, real(-1.0))), real(64.0))
 
 
-def is_small(size: Any):
-    """Whether the power series serve a strain of |B| or 2 |h| up to ``size``."""
-    return size <= real(0.1)
+def is_small(square: Any):
+    """Whether the power series serve a strain from the square of its norm: |B| or 2 |h| up to 0.1."""
+    return square <= real(0.01)
 
 
 def log_strain(B: Any):
     """Hencky strain h = 1/2 log(I + B) [1]."""
-    if is_small(norm(B)):
+    if is_small(contracted(B, B)):
         return log_strain_series(B)
     return log_strain_scaled(B)
 
 
 def strain_series(X: Any):
     """exp(X) - I for |X| <= 0.1: the power series to the tenth order."""
-    I = invariants(X)
+    K = invariants(X)
     P = vec(real(1.0) / real(3628800.0), real(1.0) / real(362880.0), real(1.0) / real(40320.0))
-    P = horner(P, I, real(1.0) / real(5040.0))
-    P = horner(P, I, real(1.0) / real(720.0))
-    P = horner(P, I, real(1.0) / real(120.0))
-    P = horner(P, I, real(1.0) / real(24.0))
-    P = horner(P, I, real(1.0) / real(6.0))
-    P = horner(P, I, real(1.0) / real(2.0))
-    P = horner(P, I, real(1.0))
-    return polynomial(X, horner(P, I, real(0.0)))
+    P = horner(P, K, real(1.0) / real(5040.0))
+    P = horner(P, K, real(1.0) / real(720.0))
+    P = horner(P, K, real(1.0) / real(120.0))
+    P = horner(P, K, real(1.0) / real(24.0))
+    P = horner(P, K, real(1.0) / real(6.0))
+    P = horner(P, K, real(1.0) / real(2.0))
+    P = horner(P, K, real(1.0))
+    return polynomial(X, horner(P, K, real(0.0)))
 
 
 def strain_of_log(h: Any):
     """B = exp(2h) - I of a Hencky strain; large ones by scaling and squaring, |h| up to 3."""
-    if is_small(real(2.0) * norm(h)):
+    if is_small(real(4.0) * contracted(h, h)):
         return strain_series(scaled(h, real(2.0)))
     Y = strain_series(scaled(h, real(2.0) / real(64.0)))
     for _doubling in range(6):
@@ -162,6 +163,6 @@ def update(B: Any, L: Any, history: Any, mat: Any):
 
 
 def update_small(B: Any, L: Any, history: Any, mat: Any):
-    """:func:`update` without branches for small strain, and the size that :func:`is_small` must accept."""
+    """:func:`update` without branches for small strain, and the square that :func:`is_small` must accept."""
     trial = trial_strain(B, L)
-    return trial, log_strain_series(trial), history, real(0.0), norm(trial)
+    return trial, log_strain_series(trial), history, real(0.0), contracted(trial, trial)

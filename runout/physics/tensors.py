@@ -61,13 +61,12 @@ def contracted(a: Any, b: Any):
 
 def norm(a: Any):
     """Frobenius norm of a symmetric tensor."""
-    shear = a[3] * a[3] + a[4] * a[4] + a[5] * a[5]
-    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + real(2.0) * shear)
+    return math.sqrt(contracted(a, a))
 
 
 def deviator(a: Any):
     """a - tr(a)/3 I."""
-    return shifted(a, -trace(a) / real(3.0))
+    return shifted(a, -trace(a) * (real(1.0) / real(3.0)))
 
 
 def product(a: Any, b: Any):
@@ -108,12 +107,12 @@ def invariants(a: Any):
     return vec(trace(a), second, a[0] * xx + a[3] * xy + a[5] * zx)
 
 
-def horner(P: Any, I: Any, c: Any):
-    """Coefficients of a P + c I, where P = P_0 a^2 + P_1 a + P_2 I and I are the invariants of a.
+def horner(P: Any, K: Any, c: Any):
+    """Coefficients of a P + c I, where P = P_0 a^2 + P_1 a + P_2 I and K are the invariants of a.
 
-    By Cayley and Hamilton a^3 = I_1 a^2 - I_2 a + I_3 I, so that a step of a power series costs three products.
+    By Cayley and Hamilton a^3 = K_0 a^2 - K_1 a + K_2 I, so that a step of a power series costs three products.
     """
-    return vec(P[1] + I[0] * P[0], P[2] - I[1] * P[0], c + I[2] * P[0])
+    return vec(P[1] + K[0] * P[0], P[2] - K[1] * P[0], c + K[2] * P[0])
 
 
 def polynomial(a: Any, P: Any):

@@ -71,7 +71,7 @@ def test_scan_equals_reference_in_float64(name, steps, tolerance):
         x, y = getattr(a, name), getattr(b, name)
         np.testing.assert_allclose(y, x, rtol=0, atol=tolerance * max(np.abs(x).max(), 1e-3), err_msg=name)
     np.testing.assert_allclose(b.position(np.array(spacing)), a.position(np.array(spacing)), rtol=0, atol=50 * tolerance)
-    for name in vars(row_a):
+    for name in set(vars(row_a)) - {"active_blocks"}:  # counted from another corner
         x, y = getattr(row_a, name), getattr(row_b, name)
         scale = np.abs(x).max() if np.ndim(x) else max(abs(x), row_a.kinetic_energy * (name != "max_speed"))
         np.testing.assert_allclose(y, x, rtol=0, atol=10 * tolerance * scale, err_msg=name)

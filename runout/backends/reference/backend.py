@@ -38,7 +38,7 @@ def create(threads: int | None = None) -> "ReferenceBackend":
 
 
 class Stencils:
-    """The 27 nodes that each particle sees on a dense grid around all particles, and its weights there.
+    """The 27 nodes that each particle sees on a dense grid that repeats after ``period`` (3,) nodes, and its weights there.
 
     Attributes
     ----------
@@ -53,15 +53,15 @@ class Stencils:
         Vectors from the particle to the nodes.
     """
 
-    def __init__(self, particles: Particles, spacing: np.ndarray):
+    def __init__(self, particles: Particles, spacing: np.ndarray, period: np.ndarray):
         self.first = particles.node.min(axis=0).astype(np.int64)
-        shape = particles.node.max(axis=0) + 3 - self.first
+        shape = np.minimum(particles.node.max(axis=0) + 3 - self.first, period)
         self.size = int(np.prod(shape))
         if self.size > LARGEST_GRID:
             raise CapacityError(
                 f"the reference backend would need {self.size} grid nodes, its limit is {LARGEST_GRID}; use backend='scan'"
             )
-        i, j, k = np.moveaxis((particles.node - self.first)[:, None, :] + STENCIL, -1, 0)
+        i, j, k = np.moveaxis(((particles.node - self.first)[:, None, :] + STENCIL) % period, -1, 0)
         self.node = (i * shape[1] + j) * shape[2] + k
         w = np.stack(bspline.weights(particles.offset), axis=-1)
         self.weight = w[:, 0, STENCIL[:, 0]] * w[:, 1, STENCIL[:, 1]] * w[:, 2, STENCIL[:, 2]]
@@ -79,10 +79,11 @@ class Stencils:
 
 
 class ReferenceBackend:
-    """Plain implementation of :class:`runout.backends.protocol.Backend`."""
+    """Plain implementation of :class:`runout.backends.protocol.Backend`; ``period`` and ``push`` serve verification."""
 
     def __init__(self) -> None:
         self.counters = Counters()
+        self.period = np.full(3, LARGEST_GRID)  # [cells] after which the grid, not the ground, repeats; may be set
 
     def load(self, scene: Scene, particles: Particles) -> None:
         """Take over a scene and its particles; sums and counters start anew."""
@@ -115,13 +116,17 @@ class ReferenceBackend:
         if not len(self._p):
             return
         self.counters.rebuilds += 1
-        stencils = Stencils(self._p, self.spacing)
+        stencils = Stencils(self._p, self.spacing, self.period)
         mass, velocity = self._particles_to_grid(stencils, dt)
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
         self._let_escape()
+
+    def push(self, change: np.ndarray) -> None:
+        """Add ``change`` (n, 3) [m/s] to the velocities: a body force of verification; particles ordered by identity."""
+        self._p.velocity += change
 
     def particles(self) -> Particles:
         """The particles as they are, in the order of their identity."""

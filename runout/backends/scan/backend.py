@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from runout.backends.compile import numba_binding
+from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.protocol import Columns, Counters, LedgerRow
-from runout.backends.scan import grid, index, particles, transfer
-from runout.backends.scan.particles import Store
-from runout.errors import CapacityError, StabilityError
+from runout.backends.scan import contact, ground, index, motion, observe, order, stencil, transfer
+from runout.backends.scan.store import Store
+from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import timestep
@@ -19,23 +20,36 @@ from runout.physics import timestep
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 LARGEST_BLOCK = 2**20
 PARTICLES_PER_THREAD = 10_000  # below, waiting for each other costs more than threads gain
+MOST_IN_A_BLOCK = 2**18
+INDEXES = ("sparse", "dense")
 
 
-def create(threads: int | None = None) -> "ScanBackend":
+def create(threads: int | None = None, index: str = "sparse") -> "ScanBackend":
     """A backend that uses ``threads`` threads, by default all that are allowed."""
-    return ScanBackend(threads)
+    return ScanBackend(threads, index)
 
 
 class ScanBackend:
-    """Sparse block-scan backend (see :class:`runout.backends.protocol.Backend`)."""
+    """Sparse block-scan backend (see :class:`runout.backends.protocol.Backend`).
 
-    def __init__(self, threads: int | None = None):
+    Parameters
+    ----------
+    threads : int, optional
+        Threads, at most those that the process may use; all by default. Results do not depend on it.
+    index : str
+        "sparse", or "dense" for every block in the box around the particles: what the sparse index is measured against.
+    """
+
+    def __init__(self, threads: int | None = None, index: str = "sparse"):
         import numba
 
+        if index not in INDEXES:
+            raise ConfigError(f"index is {index!r}; choose one of {', '.join(INDEXES)}")
         settings: Any = numba.config
         available = min(settings.NUMBA_NUM_THREADS, len(os.sched_getaffinity(0)))
         self.allowed = min(threads or available, available)
         self.threads = 1
+        self.dense = index == "dense"
         self.counters = Counters()
 
     def load(self, scene: Scene, particles: Particles) -> None:
@@ -44,63 +58,99 @@ class ScanBackend:
             raise StabilityError("positions or velocities of the particles are not finite; check the input")
         if not (particles.mass > 0).all():
             raise StabilityError("a particle has no mass; every particle needs a positive mass")
-        self.scene = scene
+        self.scene, self.n = scene, len(particles)
         self.k = _kernels(scene)
-        self.h = np.array(scene.spacing, scene.dtype)
-        self.n = len(particles)
         self.counters = Counters()
         self.threads = max(1, min(self.allowed, self.n // PARTICLES_PER_THREAD))
-        self.mats = scene.law.table(scene.materials, scene.dtype)
-        self.friction = np.array(scene.friction, scene.dtype)
-        self.density = np.array([m.density for m in scene.materials], np.float64)
-        self.limit = np.array(
-            [scene.raster.columns * scene.raster.cell_size[0], scene.raster.rows * scene.raster.cell_size[1]]
-        ) / np.array(scene.spacing[:2])
         self.packed_dt = 0.0
         self.escaped_mass = self.escaped_energy = self.basal_dissipation = self.plastic_dissipation = 0.0
         self.basal_impulse = np.zeros(3)
         self.contact_particles = 0
-        self._store(particles)
+        self._tabulate(particles)
+        self._place(particles)
 
-    def _store(self, particles: Particles) -> None:
-        """Sort the particles by block and cell, and make the first index from their blocks."""
-        n = self.n
-        if n and np.abs(particles.node).max() >= 4 * LARGEST_BLOCK - 8:
+    def _tabulate(self, particles: Particles) -> None:
+        """Constants of the run as kernels take them."""
+        scene, real = self.scene, self.scene.dtype
+        self.spacing = np.array(scene.spacing)
+        self.h = self.spacing.astype(real)
+        self.mats = scene.law.table(scene.materials, real)
+        self.friction = np.array(scene.friction, real)
+        self.density = np.array([m.density for m in scene.materials], np.float64)
+        self.gravity = np.array(scene.gravity, np.float64)
+        self.corner = particles.node.min(0).astype(np.int64) if self.n else np.zeros(3, np.int64)
+        size = np.array([scene.raster.columns, scene.raster.rows]) * np.array(scene.raster.cell_size) / self.spacing[:2]
+        self.domain = np.stack([-self.corner[:2], size - self.corner[:2]], axis=1).ravel().astype(np.float64)
+        self.largest_radius = float(particles.radius.max(initial=0.0))
+        self.max_speed = float(np.sqrt((particles.velocity**2).sum(1).max(initial=0.0)))
+
+    def _place(self, particles: Particles) -> None:
+        """Give every particle a slot, by block and cell. Blocks are counted from the lowest node in use.
+
+        So a scene that is moved by whole cells gives the same bits.
+        """
+        node = particles.node - self.corner
+        if self.n and node.max() >= 4 * LARGEST_BLOCK - 8:
             reach = 4 * LARGEST_BLOCK * min(self.scene.spacing)
-            raise CapacityError(f"a particle lies beyond the index range of +-{reach:g} m; use a local origin or larger cells")
-        order, self.index = index.Index.of_nodes(particles.node)
-        self.old = Store.of(particles.take(order), self.scene)
-        self.new = Store.empty(n, self.scene.dtype)
-        self.key, self.movers = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        self.contacts = np.zeros((n, 2), np.int64)
-        self.max_speed = float(np.sqrt((particles.velocity**2).sum(1).max())) if n else 0.0
-        self._rebuild()
+            raise CapacityError(f"the particles span more than the index range of {reach:g} m; use larger cells")
+        sequence, found = index.Index.of_nodes(node)
+        if found.nown and found.held.max() > MOST_IN_A_BLOCK:
+            most = found.held.max()
+            raise CapacityError(f"a block of 64 cells holds {most} particles, at most {MOST_IN_A_BLOCK} fit; use smaller cells")
+        self.index, numbers = found.rebuilt(self.k, MARGIN, self.dense)
+        self.end = self._plan(found, numbers)
+        self.store = Store.empty(_capacity(self.end), self.scene.dtype)
+        block = np.repeat(numbers, found.held)
+        slot = self.index.first[block] + np.arange(self.n) - np.repeat(found.first, found.held)
+        self.store.fill(slot, particles.take(sequence), self.scene)
+        self._occupy()
+
+    def _plan(self, old: index.Index, numbers: np.ndarray) -> int:
+        """Slots for the blocks of the new index; returns their number."""
+        i = self.index
+        return int(self.k.plan_slots(numbers, old.starts, old.nown, i.starts, i.first, i.room, i.extent, i.held, i.nown))
+
+    def _occupy(self) -> None:
+        """Note which slots are in use, and make room for what belongs to blocks."""
+        i, s = self.index, self.store
+        self.k.mark_slots(i.starts, i.first, i.room, i.nown, s.cell, s.order)
+        self._allocate_blocks()
 
     def _rebuild(self) -> None:
-        """Find the blocks anew, and make room for them; the particles keep their order."""
+        """Find the blocks anew, and bring the particles into the order of their cells."""
         self.counters.rebuilds += 1
-        self.index = self.index.rebuilt(self.k, MARGIN)
-        self._allocate_blocks()
+        old, s, k = self.index, self.store, self.k
+        self.index, numbers = old.rebuilt(k, MARGIN, self.dense)
+        self.end = self._plan(old, numbers)
+        if self.end > s.slots:
+            s = self.store = s.grown(_capacity(self.end))
+        i = self.index
+        where = (s.order, old.starts, old.first, old.nown, numbers, i.first)
+        k.gather_rows(s.rec, *where, s.spare)
+        s.rec, s.spare = s.spare, s.rec
+        for values in (s.state, s.radius, s.label):
+            room = s.spare.reshape(-1).view(values.dtype)[: values.size].reshape(values.shape)
+            k.gather_rows(values, *where, room)
+            k.copy_rows(room, i.first, i.held, i.nown, values)
+        self._occupy()
 
     def _allocate_blocks(self) -> None:
         """Arrays by block, after a rebuild."""
-        i, dtype = self.index, self.scene.dtype
-        self.arenas = np.empty((i.nown, transfer.ARENA), dtype)
-        self.grid = np.empty((i.nall, 64, 4), dtype)
-        self.shares = np.empty((i.nall, 64), dtype)
-        self.held = np.diff(i.cstart[::64])
-        self.touching = np.zeros(i.nown, np.int64)
-        self.tiles = np.empty((i.nown, 36), dtype)
-        self.lowest = np.full(i.nown, np.inf, dtype)
-        self.sums = np.zeros((i.nown, 4))
-        self.ground = np.zeros((i.nown, 4))
-        self.nmovers = np.zeros(i.nown, np.int64)
-        self.count = np.empty(i.nown * 64, np.int64)
-        self.scratch = np.empty((self.threads, transfer.ARENA), dtype)
+        i, real = self.index, self.scene.dtype
+        n, edge = i.nown, 4 * i.bxyz[: i.nown, :2]
+        low, high = self.domain[::2], self.domain[1::2]
+        self.rim = ((edge - 2 < low) | (edge + 8 > high)).any(axis=1)
+        self.arenas, self.grid = np.empty((n, stencil.ARENA), real), np.empty((i.nall, 256), real)
+        self.inverse_mass = np.empty((i.nall, 256), real)
+        self.tiles, self.planes, self.least_nz = np.empty((n, 36), real), np.empty((n, 48), real), np.empty(n, real)
+        self.touching, self.candidates, self.leaving, self.arrivals = (np.zeros(n, np.int64) for _ in range(4))
+        self.before, self.changed = np.zeros(n, np.int64), np.zeros(n, np.bool_)
+        self.sums, self.ground = np.zeros((n, 4)), np.zeros((n, 4))
         s = self.scene.surface
         if s is not None:
-            h = np.array(self.scene.spacing)
-            self.k.cut_tiles(s.coefficients, *s.origin, *s.spacing, i.bxyz, i.nown, h, self.tiles, self.lowest)
+            self.k.cut_tiles(
+                s.coefficients, *s.origin, *s.spacing, i.bxyz, n, self.corner, self.spacing, self.tiles, self.planes, self.least_nz
+            )
 
     def stable_step(self) -> float:
         """Largest admissible time step [s]."""
@@ -131,44 +181,46 @@ class ScanBackend:
         clock("sort")
 
     def _to_grid(self, dt: float) -> None:
-        i, s, real = self.index, self.old, self.scene.dtype
+        i, s, real = self.index, self.store, self.scene.dtype
         if dt != self.packed_dt:
-            self.k.change_step(s.rec, s.state, s.release, self.n, self.mats, real(dt - self.packed_dt), self.h)
+            self.k.change_step(s.rec, s.state, s.label, s.cell, self.end, self.mats, real(dt - self.packed_dt), self.h)
             self.packed_dt = dt
-        self.k.particles_to_arenas(s.rec, i.cstart, i.nown, self.arenas)
-        dv = (np.array(self.scene.gravity) * dt).astype(real)
-        self.k.update_nodes(self.arenas, self.held, i.down, i.nall, self.grid, dv)
+        self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, i.extent, i.nown, self.arenas)
+        dv = np.tile([0.0, *(self.gravity * dt)], 4).astype(real)
+        self.k.update_nodes(self.arenas, i.held, i.down, i.nall, self.grid, dv)
 
     def _contact(self, dt: float) -> None:
         if self.scene.surface is None:
             return
-        i, s, k, real = self.index, self.old, self.k, self.scene.dtype
-        band = real(self.scene.contact_band * min(self.scene.spacing))
+        i, s, k, real = self.index, self.store, self.k, self.scene.dtype
+        band = self.scene.contact_band * min(self.scene.spacing)
+        reach = self.largest_radius + band + dt * self.max_speed * 1.001
         k.find_contacts(
-            s.rec, s.radius, i.cstart, i.nown, self.tiles, self.lowest, real(dt), self.h, band,
-            self.arenas, self.contacts, self.touching,
+            s.rec, s.radius, s.cell, s.label, s.order, i.starts, i.first, i.nown, self.tiles, self.planes, self.least_nz,
+            self.friction, real(reach), real(dt), self.h, real(band), self.arenas, s.spare, s.listed, self.candidates,
+            self.touching,
         )  # fmt: skip
         self.contact_particles = int(self.touching.sum())
         if self.contact_particles == 0:
             return
-        k.sum_contact_weights(self.arenas, self.touching, i.down, i.nall, self.shares)
+        k.share_contacts(self.arenas, self.touching, i.down, i.nall, self.grid, self.inverse_mass)
         k.solve_contacts(
-            s.rec, s.radius, s.release, i.cstart, i.nown, self.tiles, self.grid, self.shares, i.up, real(dt), self.h,
-            self.friction, self.arenas, self.contacts, self.touching, self.ground,
-        )  # fmt: skip
-        k.apply_impulses(self.arenas, self.touching, i.down, i.nall, self.grid)
-        booked = self.ground.sum(0)
+            s.spare, s.listed, s.cell, i.first, i.nown, self.grid, i.up, real(dt), self.arenas, self.candidates, self.ground
+        )
+        k.apply_impulses(self.arenas, self.touching, i.down, i.nall, self.grid, self.inverse_mass)
+        booked = self.ground[self.touching > 0].sum(0)
         self.basal_dissipation -= float(booked[0])
         self.basal_impulse += booked[1:]
 
     def _to_particles(self, dt: float) -> None:
-        i, s = self.index, self.old
+        i, s, real = self.index, self.store, self.scene.dtype
+        slopes, cells = (4 * dt / self.spacing).astype(real), (dt / self.spacing).astype(real)
         self.k.grid_to_particles(
-            s.rec, s.state, s.release, i.cstart, i.nown, self.grid, i.up, i.around, i.bxyz, self.mats, self.scene.dtype(dt), self.h,
-            self.limit, self.scratch, self.key, self.movers, self.nmovers, self.sums,
+            s.rec, s.state, s.cell, s.label, s.order, i.starts, i.first, i.extent, i.nown, self.grid, i.up, i.bxyz,
+            self.rim, self.domain, self.mats, tuple(slopes), tuple(cells), s.listed, self.leaving, self.changed, self.sums,
         )  # fmt: skip
         speed2, step = self.sums[:, 0].max(), self.sums[:, 1].max()
-        if not (np.isfinite(speed2) and step < 1):
+        if not (np.isfinite(speed2) and self.sums[:, 3].sum() == 0):
             raise StabilityError(
                 f"a particle moved {step:.3g} cells in step {self.counters.steps} of {dt:.3g} s at {np.sqrt(speed2):.3g} m/s; "
                 "use a smaller cfl, or check material and terrain there"
@@ -178,88 +230,99 @@ class ScanBackend:
         self.plastic_dissipation += float(self.sums[:, 2].sum())
 
     def _sort(self) -> None:
-        """Bring the particles into the order of their cells; those that left the domain are booked and go."""
-        i, lost = self.index, int(self.sums[:, 3].sum())
-        if not self.nmovers.any():
+        """Hand particles over to the blocks that they enter; those that left the domain are booked and go."""
+        if not self.changed.any():
             return
-        if lost:
+        i, s, k = self.index, self.store, self.k
+        if self.rim.any():
             self._book_escaped()
-        self.k.count_cells(self.key, i.cstart, i.nown, i.around, self.movers, self.nmovers, self.count)
-        cstart = np.empty_like(i.cstart)
-        self.k.sum_starts(self.count, i.nown * 64, cstart)
-        if cstart[-1] != self.n - lost:
-            missing = self.n - lost - int(cstart[-1])
+        needed = int(
+            k.count_arrivals(i.around, i.first, i.nown, s.listed, self.leaving, i.held, i.room, self.before, self.arrivals)
+        )
+        if self.end + needed > s.slots:
+            s = self.store = s.grown(_capacity(self.end + needed))
+        if needed:
+            self.end = int(k.make_room(i.nown, i.held, self.arrivals, i.first, i.room, self.end))
+        k.settle(
+            s.rec, s.state, s.radius, s.label, s.cell, s.order, i.starts, i.first, i.room, i.extent, i.held, self.before,
+            i.around, i.nown, s.listed, self.leaving, self.changed, self.arrivals,
+        )  # fmt: skip
+        if i.held.sum() != self.n:
+            missing = self.n - int(i.held.sum())
             raise StabilityError(f"{missing} particles left the index in step {self.counters.steps}; please report this")
-        place = cstart[:-1].copy()
-        self.k.arrange(self.old.arrays(), self.new.arrays(), self.key, i.cstart, place, i.nown, i.around, self.movers, self.nmovers)
-        self.old, self.new = self.new, self.old
-        i.cstart, self.n = cstart, self.n - lost
-        self.held = np.diff(cstart[::64])
 
     def _book_escaped(self) -> None:
-        gone = np.flatnonzero(self.key[: self.n] == -1)
-        energy = self._energies()
-        self.escaped_mass += float(self.old.rec[gone, 0].sum(dtype=np.float64))
-        self.escaped_energy += float(sum(e[gone].sum() for e in energy))
+        i, s = self.index, self.store
+        sums = self._sums(self.k.sum_escaped, s.listed, self.leaving, i.first)
+        self.escaped_mass += float(sums[observe.MASS])
+        self.escaped_energy += float(sums[observe.KINETIC :].sum())
+        gone = sum(int(((s.listed[f : f + m] >> 6) & motion.OUTSIDE > 0).sum()) for f, m in zip(i.first, self.leaving, strict=True))
+        self.n -= gone
 
-    def _unpacked(self) -> tuple[np.ndarray, np.ndarray]:
-        s, i, n = self.old, self.index, self.n
-        node, affine = np.empty((n, 3), np.int32), np.empty((n, 3, 3))
+    def _sums(self, kernel: Any, *which: np.ndarray) -> np.ndarray:
+        """Sums of a kernel over all blocks (see :mod:`runout.backends.scan.observe`)."""
+        i, s = self.index, self.store
+        by_block = np.empty((i.nown, 7))
         dt = self.scene.dtype(self.packed_dt)
-        self.k.unpack(s.rec, s.state, s.release, i.cstart, i.nown, i.bxyz, self.mats, dt, self.h, node, affine)
-        return node, affine
+        kernel(
+            s.rec, s.state, s.label, *which, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, self.gravity, by_block
+        )
+        return by_block.sum(0)  # type: ignore[no-any-return]
 
-    def _energies(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Kinetic, potential and elastic energy [J] of each particle."""
-        s, n = self.old, self.n
-        node, affine = self._unpacked()
-        m = s.rec[:n, 0].astype(np.float64)
-        v = s.rec[:n, 1:4] / m[:, None]
-        inertia = np.array(self.scene.spacing) ** 2 / 4
-        kinetic = 0.5 * m * ((v**2).sum(1) + (affine**2 @ inertia).sum(1))
-        potential = -m * (((node + s.rec[:n, 4::4]) * np.array(self.scene.spacing)) @ np.array(self.scene.gravity))
-        elastic = np.empty(n)
-        self.k.stored_energy(s.state, s.release, n, self.mats, elastic)
-        return kinetic, potential, elastic
+    def memory(self) -> dict[str, int]:
+        """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
+        sizes = self.store.memory()
+        for owner in (self.index, self):
+            sizes |= {name: int(a.nbytes) for name, a in vars(owner).items() if isinstance(a, np.ndarray)}
+        return sizes
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
-        rec = self.old.rec[: self.n]
-        kinetic, potential, elastic = self._energies()
+        i = self.index
+        sums = self._sums(self.k.sum_blocks, self.store.order, i.starts, i.first)
         return LedgerRow(
-            mass=float(rec[:, 0].sum(dtype=np.float64)),
+            mass=float(sums[observe.MASS]),
             escaped_mass=self.escaped_mass,
-            momentum=rec[:, 1:4].sum(0, dtype=np.float64),
-            kinetic_energy=float(kinetic.sum()),
-            potential_energy=float(potential.sum()),
-            elastic_energy=float(elastic.sum()),
+            momentum=sums[observe.MOMENTUM : observe.KINETIC].copy(),
+            kinetic_energy=float(sums[observe.KINETIC]),
+            potential_energy=float(sums[observe.POTENTIAL]),
+            elastic_energy=float(sums[observe.ELASTIC]),
             basal_dissipation=self.basal_dissipation,
             plastic_dissipation=self.plastic_dissipation,
             escaped_energy=self.escaped_energy,
             basal_impulse=self.basal_impulse.copy(),
             max_speed=self.max_speed,
-            active_blocks=int((self.held > 0).sum()),
+            active_blocks=int((i.held > 0).sum()),
             contact_particles=self.contact_particles,
         )
 
     def particles(self) -> Particles:
         """The particles as they are, in the order of their identity."""
-        s, n = self.old, self.n
-        node, affine = self._unpacked()
-        rec, state = s.rec[:n].astype(np.float64), s.state[:n].astype(np.float64)
+        i, s, n = self.index, self.store, self.n
+        node, affine = np.empty((n, 3), np.int32), np.empty((n, 3, 3))
+        place = np.cumsum(i.held) - i.held
+        dt = self.scene.dtype(self.packed_dt)
+        self.k.unpack(
+            s.rec, s.state, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, place,
+            node, affine,
+        )  # fmt: skip
+        slot = s.order[np.repeat(i.first - place, i.held) + np.arange(n)]
+        rec, state = s.rec[slot].astype(np.float64), s.state[slot].astype(np.float64)
         m = rec[:, 0]
         p = Particles(
             node, rec[:, 4::4], rec[:, 1:4] / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
-            s.radius[:n].astype(np.float64), s.release[:n].copy(), s.identity[:n].copy(),
+            s.radius[slot, 0].astype(np.float64), s.label[slot, 0], s.label[slot, 1].astype(np.int64),
         )  # fmt: skip
         return p.take(np.argsort(p.identity))
 
     def columns(self) -> Columns:
         """Sums over the columns of the raster's cells."""
-        i, s, r = self.index, self.old, self.scene.raster
+        i, s, r = self.index, self.store, self.scene.raster
         sums = np.zeros((r.rows, r.columns, 5))
-        h, cell = np.array(self.scene.spacing), np.array(r.cell_size)
-        self.k.add_columns(s.rec, s.release, i.cstart, i.nown, i.bxyz, self.density, h, cell, sums)
+        cell = np.array(r.cell_size)
+        self.k.add_columns(
+            s.rec, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.density, self.spacing, cell, sums
+        )
         return Columns(sums[..., 0], sums[..., 1], sums[..., 2:])
 
 
@@ -275,8 +338,26 @@ class _Clock:
         self.last = now
 
 
+def _capacity(slots: int) -> int:
+    """Slots to allocate: some for blocks that grow."""
+    return slots + slots // 32 + 4096
+
+
 def _kernels(scene: Scene) -> SimpleNamespace:
     """Kernels for the law and the number type of a scene."""
     binding = numba_binding(scene.dtype)
     law = getattr(binding, scene.law.module.__name__.rsplit(".", 1)[-1])
-    return binding.kernels(index, transfer, grid, particles, law_update=law.update)
+    return binding.kernels(
+        stencil,
+        ground,
+        index,
+        motion,
+        transfer,
+        contact,
+        order,
+        observe,
+        sources=(vectors, shuffles, memory),
+        law_update=law.update,
+        law_update_small=law.update_small,
+        ONE_MATERIAL=len(scene.materials) == 1,
+    )

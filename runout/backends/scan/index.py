@@ -1,7 +1,7 @@
-"""Sparse index: marks over the box of blocks, exclusive prefix scan, compact blocks and their neighbours.
+"""Sparse index in two levels: superblocks of 8 x 8 x 8 blocks in a box, marks and a prefix scan over the blocks in those in use.
 
-An *owner* block may hold particles; a *node* block holds nodes that particles of owners reach. Owners come first, both in
-lexicographic order of their coordinates, so that the order of the particles survives a rebuild.
+An *owner* block may hold particles; a *node* block holds nodes that particles of owners reach. Owners come first. Only the
+table of superblocks grows with the extent of the scene: 4 bytes for 32 x 32 x 32 cells.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,13 @@ from runout.physics.blocks import block_of
 
 OWNER = 1
 NODES = 2
-LARGEST_BOX = 2**28  # blocks of the mask
+PAGE = 512  # blocks of a superblock
+LARGEST_TABLE = 2**24  # superblocks: 64 MB
 
 
 @dataclass
 class Index:
-    """Blocks and their neighbours.
+    """Blocks, their neighbours and the slots of their particles.
 
     Attributes
     ----------
@@ -34,8 +35,10 @@ class Index:
         Owners at the block itself and one step down, -1 where there is none.
     around : (nown, 27) int32
         Owners among the neighbours, -1 where there is none.
-    cstart : (64 nown + 1,) int64
-        First particle of each cell.
+    starts : (nown, 65) int32
+        First particle of each cell in the order of the block.
+    held, first, room, extent : (nown,) int64
+        Particles; first slot; slots; slots in use or left.
     travelled : float
         Largest distance [cells] that a particle may have moved since the index was made.
     """
@@ -46,14 +49,19 @@ class Index:
     up: np.ndarray
     down: np.ndarray
     around: np.ndarray
-    cstart: np.ndarray
+    starts: np.ndarray
+    held: np.ndarray
+    first: np.ndarray
+    room: np.ndarray
+    extent: np.ndarray
     travelled: float = 0.0
 
     @classmethod
-    def room(cls, nown: int, nall: int) -> "Index":
+    def room_for(cls, nown: int, nall: int) -> "Index":
         """An index without content."""
         bxyz, up, down, around = (np.empty((n, w), np.int32) for n, w in ((nall, 3), (nown, 8), (nall, 8), (nown, 27)))
-        return cls(nown, nall, bxyz, up, down, around, np.zeros(nown * 64 + 1, np.int64))
+        held, first, room, extent = (np.zeros(nown, np.int64) for _ in range(4))
+        return cls(nown, nall, bxyz, up, down, around, np.zeros((nown, 65), np.int32), held, first, room, extent)
 
     @classmethod
     def of_nodes(cls, node: np.ndarray) -> "tuple[np.ndarray, Index]":
@@ -62,44 +70,99 @@ class Index:
         cell = ((node & 3) << np.array([4, 2, 0])).sum(1)
         order = np.lexsort((cell, block[:, 2], block[:, 1], block[:, 0]))
         if not len(node):
-            return order, cls.room(0, 0)
+            return order, cls.room_for(0, 0)
         bxyz, which = np.unique(block[order], axis=0, return_inverse=True)
-        index = cls.room(len(bxyz), len(bxyz))
+        index = cls.room_for(len(bxyz), len(bxyz))
         index.bxyz[:] = bxyz
-        count = np.bincount(which.ravel() * 64 + cell[order], minlength=64 * len(bxyz))
-        np.cumsum(count, out=index.cstart[1:])
+        count = np.bincount(which.ravel() * 64 + cell[order], minlength=64 * len(bxyz)).reshape(-1, 64)
+        np.cumsum(count, axis=1, out=index.starts[:, 1:])
+        index.held[:] = index.starts[:, 64]
+        index.first[:] = np.cumsum(index.held) - index.held
         return order, index
 
-    def rebuilt(self, k: SimpleNamespace, margin: int) -> "Index":
-        """The index of the blocks that hold particles now, or will after ``margin`` cells of motion."""
-        held = np.flatnonzero(np.diff(self.cstart[::64]))
-        if not len(held):
-            return Index.room(0, 0)
-        low = self.bxyz[held].min(0).astype(np.int64) - 2
-        shape = self.bxyz[held].max(0) + 4 - low
-        if np.prod(shape.astype(float)) > LARGEST_BOX:
-            size = " x ".join(map(str, shape))
-            raise CapacityError(f"the flow spans {size} blocks of 4 x 4 x 4 cells; at most {LARGEST_BOX} fit, use larger cells")
-        mask, slot = np.zeros(shape, np.uint8), np.empty(shape, np.int32)
-        k.mark_owners(self.bxyz, self.cstart, self.nown, low, margin, mask)
-        k.mark_nodes(mask)
-        counts = np.zeros((shape[0], 2), np.int64)
-        k.count_slabs(mask, counts)
-        starts = np.cumsum(counts, axis=0) - counts
-        new = Index.room(int(counts[:, 0].sum()), int(counts.sum()))
-        k.number_blocks(mask, starts, new.nown, low, slot, new.bxyz)
-        k.link_blocks(slot, low, new.bxyz, new.nown, new.nall, new.up, new.down, new.around)
-        count = np.empty(new.nown * 64, np.int64)
-        k.move_starts(self.bxyz, self.cstart, self.nown, slot, low, count)
-        k.sum_starts(count, new.nown * 64, new.cstart)
-        return new
+    def rebuilt(self, k: SimpleNamespace, margin: int, dense: bool = False) -> "tuple[Index, np.ndarray]":
+        """Index of the blocks that hold particles now or will after ``margin`` cells of motion, and new numbers of the old.
+
+        ``dense`` takes every block in the box around them. The particles have no slots yet.
+        """
+        occupied = np.flatnonzero(self.held)
+        if not len(occupied):
+            return Index.room_for(0, 0), np.zeros(self.nown, np.int32)
+        low, high = self.bxyz[occupied].min(0).astype(np.int64) - 1, self.bxyz[occupied].max(0).astype(np.int64) + 1
+        corner = low >> 3
+        table = _table(((high + 1) >> 3) - corner + 1)
+        k.mark_superblocks(self.bxyz, self.held, self.nown, corner, table, dense)
+        used = np.flatnonzero(table)
+        table[...] = -1
+        table.ravel()[used] = np.arange(len(used), dtype=np.int32)
+        places = np.stack(np.unravel_index(used, table.shape), axis=1) + corner
+        mask, slot = np.zeros((len(used), PAGE), np.uint8), np.empty((len(used), PAGE), np.int32)
+        if dense:
+            k.mark_box(low, high, places, mask)
+        else:
+            k.mark_owners(self.bxyz, self.starts, self.nown, corner, table, margin, mask)
+        k.mark_nodes(places, corner, table, mask)
+        counts = np.stack([np.count_nonzero(mask == kind, axis=1) for kind in (OWNER, NODES)], axis=1)
+        before = np.cumsum(counts, axis=0) - counts
+        new = Index.room_for(int(counts[:, 0].sum()), int(counts.sum()))
+        k.number_blocks(places, mask, before, new.nown, slot, new.bxyz)
+        k.link_blocks(corner, table, slot, new.bxyz, new.nown, new.nall, new.up, new.down, new.around)
+        numbers = np.empty(self.nown, np.int32)
+        k.find_numbers(self.bxyz, self.held, self.nown, corner, table, slot, numbers)
+        return new, numbers
 
 
-def mark_owners(bxyz, cstart, nown, low, margin, mask):
+def _table(shape: np.ndarray) -> np.ndarray:
+    if np.prod(shape.astype(float)) > LARGEST_TABLE:
+        size = " x ".join(str(32 * n) for n in shape)
+        raise CapacityError(
+            f"the flow spans {size} cells; at most {32**3 * LARGEST_TABLE:.2g} cells fit into the box around it, use larger cells"
+        )
+    return np.zeros(shape, np.int32)
+
+
+def mark_superblocks(bxyz, held, nown, corner, table, dense):
+    """Mark the superblocks of all blocks with particles and of their neighbours up to two blocks on."""
+    for b in range(nown):
+        if held[b] == 0:
+            continue
+        for i in range(((bxyz[b, 0] - 1) >> 3) - corner[0], ((bxyz[b, 0] + 2) >> 3) - corner[0] + 1):
+            for j in range(((bxyz[b, 1] - 1) >> 3) - corner[1], ((bxyz[b, 1] + 2) >> 3) - corner[1] + 1):
+                for k in range(((bxyz[b, 2] - 1) >> 3) - corner[2], ((bxyz[b, 2] + 2) >> 3) - corner[2] + 1):
+                    table[i, j, k] = 1
+    if dense:
+        for i in range(table.shape[0]):
+            for j in range(table.shape[1]):
+                for k in range(table.shape[2]):
+                    table[i, j, k] = 1
+
+
+def _place(i, j, k):
+    """Place of a block in its superblock."""
+    return ((i & 7) << 6) | ((j & 7) << 3) | (k & 7)
+
+
+def _page_of(corner, table, i, j, k):
+    """Number of the superblock of a block, -1 if it is not in use."""
+    x = (i >> 3) - corner[0]
+    y = (j >> 3) - corner[1]
+    z = (k >> 3) - corner[2]
+    if x < 0 or y < 0 or z < 0 or x >= table.shape[0] or y >= table.shape[1] or z >= table.shape[2]:
+        return np.int32(-1)
+    return table[x, y, z]
+
+
+def _at(values, corner, table, i, j, k, nothing):
+    """Value at a block, ``nothing`` outside the superblocks in use."""
+    page = _page_of(corner, table, i, j, k)
+    return values[page, _place(i, j, k)] if page >= 0 else nothing
+
+
+def mark_owners(bxyz, starts, nown, corner, table, margin, mask):
     """Mark every block that a particle may enter while it moves up to ``margin`` cells."""
     for b in prange(nown):
         for c in range(64):
-            if cstart[b * 64 + c] == cstart[b * 64 + c + 1]:
+            if starts[b, c] == starts[b, c + 1]:
                 continue
             x = bxyz[b, 0] * 4 + (c >> 4)
             y = bxyz[b, 1] * 4 + ((c >> 2) & 3)
@@ -107,104 +170,82 @@ def mark_owners(bxyz, cstart, nown, low, margin, mask):
             for i in range(block_of(x - margin), block_of(x + margin) + 1):
                 for j in range(block_of(y - margin), block_of(y + margin) + 1):
                     for k in range(block_of(z - margin), block_of(z + margin) + 1):
-                        mask[i - low[0], j - low[1], k - low[2]] = OWNER
+                        mask[_page_of(corner, table, i, j, k), _place(i, j, k)] = OWNER
 
 
-def mark_nodes(mask):
+def mark_box(low, high, places, mask):
+    """Mark every block of a box."""
+    for s in prange(len(places)):
+        for p in range(PAGE):
+            i = places[s, 0] * 8 + (p >> 6)
+            j = places[s, 1] * 8 + ((p >> 3) & 7)
+            k = places[s, 2] * 8 + (p & 7)
+            inside = i >= low[0] and j >= low[1] and k >= low[2] and i <= high[0] and j <= high[1] and k <= high[2]
+            mask[s, p] = OWNER if inside else 0
+
+
+def _beside_owner(corner, table, mask, i, j, k):
+    """Whether an owner lies one step down in some axes."""
+    for q in range(1, 8):
+        if _at(mask, corner, table, i - (q >> 2), j - ((q >> 1) & 1), k - (q & 1), np.uint8(0)) == OWNER:
+            return True
+    return False
+
+
+def mark_nodes(places, corner, table, mask):
     """Mark the blocks that hold further nodes of an owner: one step up in each axis."""
-    nx, ny, nz = mask.shape
-    for i in prange(nx):
-        for j in range(ny):
-            for k in range(nz):
-                if mask[i, j, k] != 0:
-                    continue
-                for q in range(1, 8):
-                    a = i - (q >> 2)
-                    b = j - ((q >> 1) & 1)
-                    c = k - (q & 1)
-                    if a >= 0 and b >= 0 and c >= 0 and mask[a, b, c] == OWNER:
-                        mask[i, j, k] = NODES
-                        break
+    for s in prange(len(places)):
+        for p in range(PAGE):
+            i = places[s, 0] * 8 + (p >> 6)
+            j = places[s, 1] * 8 + ((p >> 3) & 7)
+            k = places[s, 2] * 8 + (p & 7)
+            if mask[s, p] == 0 and _beside_owner(corner, table, mask, i, j, k):
+                mask[s, p] = NODES
 
 
-def count_slabs(mask, counts):
-    """Owners and other node blocks in each slab of the box."""
-    nx, ny, nz = mask.shape
-    for i in prange(nx):
-        owners = 0
-        others = 0
-        for j in range(ny):
-            for k in range(nz):
-                owners += mask[i, j, k] == OWNER
-                others += mask[i, j, k] == NODES
-        counts[i, 0] = owners
-        counts[i, 1] = others
+def number_blocks(places, mask, before, nown, slot, bxyz):
+    """Number the marked blocks from the sums ``before`` each superblock and note their coordinates; -1 elsewhere."""
+    for s in prange(len(places)):
+        owner = before[s, 0]
+        other = nown + before[s, 1]
+        for p in range(PAGE):
+            number = -1
+            if mask[s, p] == OWNER:
+                number = owner
+                owner += 1
+            elif mask[s, p] == NODES:
+                number = other
+                other += 1
+            slot[s, p] = number
+            if number >= 0:
+                bxyz[number, 0] = places[s, 0] * 8 + (p >> 6)
+                bxyz[number, 1] = places[s, 1] * 8 + ((p >> 3) & 7)
+                bxyz[number, 2] = places[s, 2] * 8 + (p & 7)
 
 
-def number_blocks(mask, starts, nown, low, slot, bxyz):
-    """Exclusive scan: number the marked blocks and note their coordinates; -1 elsewhere."""
-    nx, ny, nz = mask.shape
-    for i in prange(nx):
-        owner = starts[i, 0]
-        other = nown + starts[i, 1]
-        for j in range(ny):
-            for k in range(nz):
-                s = -1
-                if mask[i, j, k] == OWNER:
-                    s = owner
-                    owner += 1
-                elif mask[i, j, k] == NODES:
-                    s = other
-                    other += 1
-                slot[i, j, k] = s
-                if s >= 0:
-                    bxyz[s, 0] = i + low[0]
-                    bxyz[s, 1] = j + low[1]
-                    bxyz[s, 2] = k + low[2]
+def _number(corner, table, slot, i, j, k):
+    return _at(slot, corner, table, i, j, k, np.int32(-1))
 
 
-def _slot_at(slot, i, j, k):
-    if i < 0 or j < 0 or k < 0 or i >= slot.shape[0] or j >= slot.shape[1] or k >= slot.shape[2]:
-        return -1
-    return slot[i, j, k]
-
-
-def link_blocks(slot, low, bxyz, nown, nall, up, down, around):
+def link_blocks(corner, table, slot, bxyz, nown, nall, up, down, around):
     """Neighbours by number: ``up`` (nown, 8) node blocks, ``down`` (nall, 8) and ``around`` (nown, 27) owners or -1."""
     for b in prange(nall):
-        i = bxyz[b, 0] - low[0]
-        j = bxyz[b, 1] - low[1]
-        k = bxyz[b, 2] - low[2]
+        i = bxyz[b, 0]
+        j = bxyz[b, 1]
+        k = bxyz[b, 2]
         for q in range(8):
-            dx = q >> 2
-            dy = (q >> 1) & 1
-            dz = q & 1
-            s = _slot_at(slot, i - dx, j - dy, k - dz)
+            s = _number(corner, table, slot, i - (q >> 2), j - ((q >> 1) & 1), k - (q & 1))
             down[b, q] = s if s < nown else -1
             if b < nown:
-                up[b, q] = _slot_at(slot, i + dx, j + dy, k + dz)
+                up[b, q] = _number(corner, table, slot, i + (q >> 2), j + ((q >> 1) & 1), k + (q & 1))
         if b < nown:
             for q in range(27):
-                s = _slot_at(slot, i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1)
+                s = _number(corner, table, slot, i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1)
                 around[b, q] = s if s < nown else -1
 
 
-def move_starts(old_bxyz, old_cstart, old_nown, slot, low, first):
-    """First particle of each owner's cells under the new numbers: counts, to be summed by :func:`sum_starts`."""
-    for b in prange(first.size):
-        first[b] = 0
-    for b in prange(old_nown):
-        if old_cstart[b * 64] == old_cstart[b * 64 + 64]:
-            continue
-        s = slot[old_bxyz[b, 0] - low[0], old_bxyz[b, 1] - low[1], old_bxyz[b, 2] - low[2]]
-        for c in range(64):
-            first[s * 64 + c] = old_cstart[b * 64 + c + 1] - old_cstart[b * 64 + c]
-
-
-def sum_starts(count, size, cstart):
-    """Exclusive sum of the counts of ``size`` cells."""
-    total = 0
-    for k in range(size):
-        cstart[k] = total
-        total += count[k]
-    cstart[size] = total
+def find_numbers(bxyz, held, nown, corner, table, slot, numbers):
+    """New numbers of the old blocks that hold particles."""
+    for b in prange(nown):
+        if held[b] > 0:
+            numbers[b] = _number(corner, table, slot, bxyz[b, 0], bxyz[b, 1], bxyz[b, 2])

@@ -1,0 +1,113 @@
+"""The ground under each block: surface coefficients on its nodes, cut once when the index is made."""
+
+from numba import prange
+
+from runout.physics.bspline import first_node, weight_slopes, weights
+from runout.physics.heightfield import distance, interpolate, normal_z, quasi_interpolant
+from runout.physics.tensors import real
+
+
+def _surface_value(coefficients, qx, qy):
+    """Elevation [m] at lattice position (qx, qy)."""
+    i = min(max(first_node(qx), 0), coefficients.shape[0] - 3)
+    j = min(max(first_node(qy), 0), coefficients.shape[1] - 3)
+    wx = weights(qx - i)
+    wy = weights(qy - j)
+    r0 = interpolate(wy, coefficients[i, j], coefficients[i, j + 1], coefficients[i, j + 2])
+    r1 = interpolate(wy, coefficients[i + 1, j], coefficients[i + 1, j + 1], coefficients[i + 1, j + 2])
+    r2 = interpolate(wy, coefficients[i + 2, j], coefficients[i + 2, j + 1], coefficients[i + 2, j + 2])
+    return interpolate(wx, r0, r1, r2)
+
+
+def _north_south(coefficients, qx, qy, ay):
+    south = _surface_value(coefficients, qx, qy - ay)
+    return quasi_interpolant(south, _surface_value(coefficients, qx, qy), _surface_value(coefficients, qx, qy + ay))
+
+
+def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
+    """Coefficient at a node whose spline passes the surface at the nodes: the quasi-interpolant in both axes."""
+    qx = (x - ox) / sx
+    qy = (y - oy) / sy
+    ax = dx / sx
+    ay = dy / sy
+    west = _north_south(coefficients, qx - ax, qy, ay)
+    here = _north_south(coefficients, qx, qy, ay)
+    east = _north_south(coefficients, qx + ax, qy, ay)
+    return quasi_interpolant(west, here, east)
+
+
+def _bound_column(tile, o, plane, a):
+    """Plane value + slopes . f, over f in the stencil, that no point of a column's surface exceeds.
+
+    The slopes are those at its middle. A spline lies below a plane by no less than all its coefficients do.
+    """
+    w = weights(real(1.0))
+    west = interpolate(w, tile[o], tile[o + 1], tile[o + 2])
+    east = interpolate(w, tile[o + 12], tile[o + 13], tile[o + 14])
+    south = interpolate(w, tile[o], tile[o + 6], tile[o + 12])
+    north = interpolate(w, tile[o + 2], tile[o + 8], tile[o + 14])
+    sx = (east - west) * real(0.5)
+    sy = (north - south) * real(0.5)
+    top = tile[o]
+    for i in range(3):
+        for j in range(3):
+            top = max(top, tile[o + 6 * i + j] - i * sx - j * sy)
+    plane[a] = top
+    plane[a + 1] = sx
+    plane[a + 2] = sy
+
+
+def _least_normal_z(tile, h):
+    """Bound of the normal's vertical component over a block: slopes do not exceed the differences of coefficients."""
+    sx = real(0.0)
+    sy = real(0.0)
+    for i in range(6):
+        for j in range(6):
+            if i > 0:
+                sx = max(sx, abs(tile[6 * i + j] - tile[6 * i + j - 6]))
+            if j > 0:
+                sy = max(sy, abs(tile[6 * i + j] - tile[6 * i + j - 1]))
+    return normal_z(real(sx * h[2] / h[0]), real(sy * h[2] / h[1]))
+
+
+def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, nown, corner, h, tiles, planes, least_nz):
+    """Surface coefficients (nown, 36) on the nodes of each block, relative to its lowest node [cells].
+
+    The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. ``corner`` is
+    the node at which blocks are counted from. ``planes`` (nown, 16, 3) bound the surface in each column of cells from
+    above, ``least_nz`` (nown,) the vertical component of the normal from below.
+    """
+    for b in prange(nown):
+        for i in range(6):
+            for j in range(6):
+                x = (corner[0] + 4 * bxyz[b, 0] + i) * h[0]
+                y = (corner[1] + 4 * bxyz[b, 1] + j) * h[1]
+                e = _node_coefficient(coefficients, ox, oy, sx, sy, x, y, h[0], h[1])
+                tiles[b, i * 6 + j] = real(e / h[2] - (corner[2] + 4 * bxyz[b, 2]))
+        for c in range(16):
+            _bound_column(tiles[b], (c >> 2) * 6 + (c & 3), planes[b], 3 * c)
+        least_nz[b] = _least_normal_z(tiles[b], h)
+
+
+def _surface_at(a, fx, fy):
+    """Elevation above the block [cells] and its two slopes [cells per cell], from nine coefficients."""
+    wx = weights(fx)
+    wy = weights(fy)
+    dx = weight_slopes(fx)
+    dy = weight_slopes(fy)
+    r0 = interpolate(wy, a[0], a[1], a[2])
+    r1 = interpolate(wy, a[3], a[4], a[5])
+    r2 = interpolate(wy, a[6], a[7], a[8])
+    s0 = interpolate(dy, a[0], a[1], a[2])
+    s1 = interpolate(dy, a[3], a[4], a[5])
+    s2 = interpolate(dy, a[6], a[7], a[8])
+    return interpolate(wx, r0, r1, r2), interpolate(dx, r0, r1, r2), interpolate(wx, s0, s1, s2)
+
+
+def _ground(a, fx, fy, z, radius, east, north, dz):
+    """Unit normal and gap [m] of a particle at height ``z`` [cells] in a block; east, north = dz/dx, dz/dy."""
+    e, sx, sy = _surface_at(a, fx, fy)
+    sx = sx * east
+    sy = sy * north
+    nz = normal_z(sx, sy)
+    return -sx * nz, -sy * nz, nz, distance((z - e) * dz, nz) - radius

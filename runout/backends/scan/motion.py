@@ -1,0 +1,275 @@
+"""Grid to particles: velocities, then law, position and next record over tiles of 64 particles while a block is in cache.
+
+The law is plain scalar source. LLVM vectorises it over a tile because the index is unsigned (a signed one brings numba's
+test for negative indices into the loop), the functions are inlined, and tiles lie on the stack.
+"""
+
+import numpy as np
+from numba import prange
+
+from runout.backends.lanes import (
+    constant,
+    lane_bits,
+    lane_largest,
+    lane_sum,
+    largest,
+    load16,
+    local_array,
+    lowest_bit,
+    record_vectors,
+    row_vectors,
+    store,
+    whole,
+)
+from runout.backends.scan.stencil import _first_node, _gather, _load_nodes, _load_rows, _prefetch_share, local_nodes, zeros
+from runout.physics.elastic import is_small, kirchhoff_stress
+from runout.physics.elastic import update as law_update
+from runout.physics.elastic import update_small as law_update_small
+from runout.physics.tensors import real, sym, tens
+
+TILE = 64
+DEAD, LEFT = 64, 65  # marks of a slot without particle; it left in this step
+STAYS = 13  # move code of a particle that stays in its cell
+HERE = 13  # as destination: the block itself
+OUTSIDE = 32  # added to a destination out of the domain
+# rows of a tile after the 16 numbers of the record and the 8 of the state
+CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
+ONE_MATERIAL = True
+local_tile = local_array((31, TILE))
+load_records, store_records = record_vectors(16)
+load_states, store_states = record_vectors(8)
+load_16_rows, store_16_rows = row_vectors(16, TILE)
+load_8_rows, store_8_rows = row_vectors(8, TILE)
+stays = constant([float(STAYS)] * 16)
+halves = constant([0.5] * 16)
+
+
+def _load_tile(t, rec, state, p, groups):
+    """Transpose records and states from slot ``p`` on into the columns of a tile."""
+    for g in range(groups):
+        store_16_rows(t, 16 * g, load_records(rec, 16 * (p + 16 * g)))
+        store_8_rows(t, 16 * TILE + 16 * g, load_states(state, 8 * (p + 16 * g)))
+
+
+def _store_tile(t, rec, state, p, groups):
+    for g in range(groups):
+        store_records(rec, 16 * (p + 16 * g), load_16_rows(t, 16 * g))
+        store_states(state, 8 * (p + 16 * g), load_8_rows(t, 16 * TILE + 16 * g))
+
+
+def _gradient(t, p, s):
+    """Velocity gradient times the step [1] from first moments; s = 4 dt / h [s/m]."""
+    return tens(
+        s[0] * t[5, p], s[1] * t[9, p], s[2] * t[13, p],
+        s[0] * t[6, p], s[1] * t[10, p], s[2] * t[14, p],
+        s[0] * t[7, p], s[1] * t[11, p], s[2] * t[15, p],
+    )  # fmt: skip
+
+
+def _strain(t, p):
+    return sym(t[16, p], t[17, p], t[18, p], t[19, p], t[20, p], t[21, p])
+
+
+def _pack(t, p, tau, s):
+    """Next momentum and A of a column from its velocity, first moments and stress."""
+    m = t[0, p]
+    m4 = real(4.0) * m
+    x = s[0] * t[23, p]
+    y = s[1] * t[23, p]
+    z = s[2] * t[23, p]
+    t[1, p] = m * t[1, p]
+    t[2, p] = m * t[2, p]
+    t[3, p] = m * t[3, p]
+    t[5, p] = m4 * t[5, p] - x * tau[0]
+    t[6, p] = m4 * t[6, p] - x * tau[3]
+    t[7, p] = m4 * t[7, p] - x * tau[5]
+    t[9, p] = m4 * t[9, p] - y * tau[3]
+    t[10, p] = m4 * t[10, p] - y * tau[1]
+    t[11, p] = m4 * t[11, p] - y * tau[4]
+    t[13, p] = m4 * t[13, p] - z * tau[5]
+    t[14, p] = m4 * t[14, p] - z * tau[4]
+    t[15, p] = m4 * t[15, p] - z * tau[2]
+
+
+def _move(t, p, cells):
+    """Advance a column by its velocity; ``cells`` = dt / h [s/m]. Notes move code, longest move and whether it is refused."""
+    x = cells[0] * t[1, p]
+    y = cells[1] * t[2, p]
+    z = cells[2] * t[3, p]
+    fx = t[4, p] + x
+    fy = t[8, p] + y
+    fz = t[12, p] + z
+    sx = whole(fx - real(0.5))
+    sy = whole(fy - real(0.5))
+    sz = whole(fz - real(0.5))
+    t[4, p] = fx - sx
+    t[8, p] = fy - sy
+    t[12, p] = fz - sz
+    x = abs(x)
+    y = abs(y)
+    z = abs(z)
+    far = x if x > y else y
+    far = far if far > z else z
+    refused = real(0.0) if (x < real(1.0)) & (y < real(1.0)) & (z < real(1.0)) else real(1.0)
+    code = real(9.0) * sx + real(3.0) * sy + sz + real(13.0)
+    return far, refused, code
+
+
+def _finish(t, p, alive, B, history, lost, tau, s, cells):
+    """Write the state of a column, move it and pack its next record; a slot without particle counts for nothing."""
+    nothing = real(0.0)
+    speed2 = t[1, p] * t[1, p] + t[2, p] * t[2, p] + t[3, p] * t[3, p]
+    far, refused, code = _move(t, p, cells)
+    t[SPEED, p] = speed2 if alive else nothing
+    t[MOVE, p] = far if alive else nothing
+    t[REFUSED, p] = refused if alive else nothing
+    t[LOST, p] = lost * t[23, p] if alive else nothing
+    t[CODE, p] = code
+    _pack(t, p, tau, s)
+    t[16, p] = B[0]
+    t[17, p] = B[1]
+    t[18, p] = B[2]
+    t[19, p] = B[3]
+    t[20, p] = B[4]
+    t[21, p] = B[5]
+    t[22, p] = history
+
+
+def _follow_tile(t, cell, label, first, count, mats, s, cells):
+    """Law, motion and next record of a tile, for small strain; the others are marked LARGE."""
+    mat = mats[0]
+    for p in range(np.uint64(TILE)):
+        alive = (p < count) & (cell[first + p] < np.uint8(DEAD))
+        t[ALIVE, p] = real(1.0) if alive else real(0.0)
+        if not ONE_MATERIAL:
+            mat = mats[label[first + p, 0]]
+        B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
+        t[LARGE, p] = real(0.0) if is_small(size) else t[ALIVE, p]
+        _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells)
+
+
+def _follow_large(t, rec, state, p, slot, mat, s, cells):
+    """The same for one particle of any strain, from the record and state in its slot."""
+    for k in range(16):
+        t[k, p] = rec[slot, k]
+    for k in range(8):
+        t[16 + k, p] = state[slot, k]
+    B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
+    _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells)
+
+
+def _follow_all_large(t, rec, state, label, slot, groups, mats, s, cells):
+    """The robust law for the columns that are marked LARGE."""
+    for g in range(groups):
+        bits = lane_bits(load16(t, LARGE * TILE + 16 * g) > halves(t))
+        while bits != np.uint64(0):
+            column = np.int64(lowest_bit(bits)) + 16 * g
+            bits = bits & (bits - np.uint64(1))
+            _follow_large(t, rec, state, column, slot + column, mats[label[slot + column, 0]], s, cells)
+
+
+def _lies_in_domain(bxyz, b, c, rec, slot, domain):
+    """Whether a particle whose cell has the coordinates ``c`` relative to a block lies in the domain [cells]."""
+    x = 4 * bxyz[b, 0] + c[0] + np.float64(rec[slot, 4])
+    y = 4 * bxyz[b, 1] + c[1] + np.float64(rec[slot, 8])
+    return (x >= domain[0]) and (x <= domain[1]) and (y >= domain[2]) and (y <= domain[3])
+
+
+def _destination(rec, cell, slot, code, b, bxyz, rim, domain):
+    """Where a particle goes: neighbour 0 to 26, more if that is out of the domain, and its cell there."""
+    c = np.int64(cell[slot])
+    x = (c >> 4) + code // 9 - 1
+    y = ((c >> 2) & 3) + (code // 3) % 3 - 1
+    z = (c & 3) + code % 3 - 1
+    q = ((x >> 2) + 1) * 9 + ((y >> 2) + 1) * 3 + (z >> 2) + 1
+    if rim[b] and not _lies_in_domain(bxyz, b, (x, y), rec, slot, domain):
+        q += OUTSIDE
+    return q, ((x & 3) << 4) | ((y & 3) << 2) | (z & 3)
+
+
+def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, leaving, changed):
+    """New cells of the particles of a group of lanes; those that leave the block are listed.
+
+    An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell.
+    """
+    bits = lane_bits(load16(t, CODE * TILE + 16 * g) != stays(t))
+    if rim[b]:
+        bits = np.uint64(0xFFFF)
+    bits = bits & lane_bits(load16(t, ALIVE * TILE + 16 * g) > halves(t))
+    while bits != np.uint64(0):
+        lane = lowest_bit(bits)
+        bits = bits & (bits - np.uint64(1))
+        column = np.int64(lane) + 16 * g
+        slot = p + column
+        q, to = _destination(rec, cell, slot, np.int64(t[CODE, column]), b, bxyz, rim, domain)
+        changed = changed or q != HERE or to != cell[slot]
+        cell[slot] = to
+        if q != HERE:
+            cell[slot] = LEFT
+            movers[first + leaving] = ((slot - first) << 12) | (q << 6) | to
+            leaving += 1
+    return leaving, changed
+
+
+def _gather_block(rec, order, starts, first, extent, b, following, nodes):
+    """Velocities and their first moments to all particles of a block."""
+    flat = rec.reshape(-1)
+    f = first[b]
+    for c in range(64):
+        _prefetch_share(flat, first, extent, following, c)
+        s = np.uint64(f + starts[b, c])
+        e = np.uint64(f + starts[b, c + 1])
+        if s == e:
+            continue
+        rows = _load_rows(nodes, _first_node(c))
+        for t in range(s, e):
+            r = np.uint64(order[t]) * np.uint64(16)
+            store(flat, r, _gather(flat, r, rows))
+
+
+def grid_to_particles(
+    rec, state, cell, label, order, starts, first, extent, nown, grid, up, bxyz, rim, domain, mats, s, cells,
+    movers, leaving, changed, sums,
+):  # fmt: skip
+    """One step of all particles.
+
+    ``sums`` (nown, 4): largest speed squared, longest move [cells], dissipated energy [J], refused moves.
+    """
+    for b in prange(nown):
+        leaving[b] = 0
+        changed[b] = False
+        for k in range(4):
+            sums[b, k] = 0.0
+        if starts[b, 64] == 0:
+            continue
+        nodes = local_nodes(rec)
+        t = local_tile(rec)
+        _load_nodes(nodes, grid, up, b)
+        _gather_block(rec, order, starts, first, extent, b, min(b + 1, nown - 1), nodes)
+        f = first[b]
+        speed = zeros(rec)
+        move = zeros(rec)
+        lost = zeros(rec)
+        refused = zeros(rec)
+        n = 0
+        new = False
+        for k in range(0, extent[b], TILE):
+            p = f + k
+            count = min(TILE, extent[b] - k)
+            groups = (count + 15) >> 4
+            _load_tile(t, rec, state, p, groups)
+            _follow_tile(t, cell, label, np.uint64(p), np.uint64(count), mats, s, cells)
+            _follow_all_large(t, rec, state, label, p, groups, mats, s, cells)
+            _store_tile(t, rec, state, p, groups)
+            for g in range(groups):
+                speed = largest(speed, load16(t, SPEED * TILE + 16 * g))
+                move = largest(move, load16(t, MOVE * TILE + 16 * g))
+                lost = lost + load16(t, LOST * TILE + 16 * g)
+                refused = refused + load16(t, REFUSED * TILE + 16 * g)
+                n, new = _note_moves(t, rec, cell, f, p, g, b, bxyz, rim, domain, movers, n, new)
+        leaving[b] = n
+        changed[b] = new
+        sums[b, 0] = lane_largest(speed)
+        sums[b, 1] = lane_largest(move)
+        sums[b, 2] = lane_sum(lost)
+        sums[b, 3] = lane_sum(refused)

@@ -1,0 +1,224 @@
+"""Quadratic stencils in lanes: particles of one cell share nine rows of nodes, which stay in registers.
+
+Record of a particle (16 numbers, one cache line in float32); f is the offset from its cell's first node, 0.5 <= f < 1.5:
+
+    [ m, m vx, m vy, m vz | fx, A column 0 | fy, A column 1 | fz, A column 2 ]
+
+with A = h_j (m C - dt 4/h_j^2 V0 tau), so that the momentum at node x is m v + A (x - f) with x in cells
+(Hu et al. 2018, ACM TOG 37:150, eq. 18). Between gather and law the record holds v in place of m v and the first moments
+sum w v_i (x_j - f_j) in place of A.
+
+A row of nodes is four nodes along z of four numbers each, mass or weight first: one vector. An arena holds the 6 x 6 x 6
+nodes that the particles of one block reach, and room for the vector that starts at its last row.
+"""
+
+import numpy as np
+
+from runout.backends.lanes import (
+    constant,
+    load4,
+    load8,
+    load16,
+    local_array,
+    permutation,
+    permutation_of_two,
+    prefetch,
+    splat,
+    store,
+)
+from runout.physics.bspline import weights
+
+ROW = 24  # numbers per row of six nodes
+PLANE = 144
+ARENA = 880  # 864 and padding
+
+
+def in_groups(values):
+    """Lanes with each of four values four times."""
+    return [x for x in values for _ in range(4)]
+
+
+# weights of the three nodes along z as (scale d) d + offset with d = f - centre, see bspline.weights
+z_scale = constant(in_groups((0.5, -1.0, 0.5, 0.0)))
+z_centre = constant(in_groups((1.5, 1.0, 0.5, 0.0)))
+z_offset = constant(in_groups((0.0, 0.75, 0.0, 0.0)))
+z_place = constant(in_groups((0.0, 1.0, 2.0, 0.0)))
+zeros = constant([0.0] * 16)
+repeated = permutation([0, 1, 2, 3] * 4)  # a b c d -> abcd abcd abcd abcd
+repeated_vector = permutation([4, 1, 2, 3] * 4)  # a b c d -> 0bcd 0bcd 0bcd 0bcd
+first_group_repeated = permutation([0, 1, 2, 3] * 4)
+even_groups = permutation_of_two([0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27])
+odd_groups = permutation_of_two([4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31])
+offsets = permutation([16] * 4 + [4] * 4 + [8] * 4 + [12] * 4)  # record -> 0, fx, fy, fz in the groups
+heads_and_tails = permutation_of_two([i if i % 4 == 0 else 16 + i for i in range(16)])  # heads of groups of a, rest of b
+local_nodes = local_array((ARENA,))
+
+
+def _first_node(c):
+    """Place in an arena of the first node of cell ``c`` of a block."""
+    return (c >> 4) * PLANE + ((c >> 2) & 3) * ROW + (c & 3) * 4
+
+
+def _z_weights(f):
+    """Weight of node k in group k; none in the last."""
+    d = splat(f)
+    d = d - z_centre(d)
+    return (z_scale(d) * d) * d + z_offset(d)
+
+
+def _nothing(array):
+    """Nine empty rows."""
+    z = zeros(array)
+    return z, z, z, z, z, z, z, z, z
+
+
+def _scatter(rec, r, rows):
+    """Rows with mass and momentum of the record at place ``r`` added."""
+    a00, a01, a02, a10, a11, a12, a20, a21, a22 = rows
+    fx = rec[r + np.uint64(4)]
+    fy = rec[r + np.uint64(8)]
+    fz = rec[r + np.uint64(12)]
+    x = weights(fx)
+    y = weights(fy)
+    z = _z_weights(fz)
+    ax = repeated_vector(load4(rec, r + np.uint64(4)))
+    ay = repeated_vector(load4(rec, r + np.uint64(8)))
+    az = repeated_vector(load4(rec, r + np.uint64(12)))
+    q = (repeated(load4(rec, r)) - fx * ax - fy * ay + (z_place(z) - fz) * az) * z  # row (0, 0)
+    ax = ax * z
+    ay = ay * z
+    u0 = y[0] * q
+    u1 = y[1] * (q + ay)
+    u2 = y[2] * (q + (ay + ay))
+    d0 = y[0] * ax
+    d1 = y[1] * ax
+    d2 = y[2] * ax
+    a00 += x[0] * u0
+    a01 += x[0] * u1
+    a02 += x[0] * u2
+    u0 += d0
+    u1 += d1
+    u2 += d2
+    a10 += x[1] * u0
+    a11 += x[1] * u1
+    a12 += x[1] * u2
+    u0 += d0
+    u1 += d1
+    u2 += d2
+    a20 += x[2] * u0
+    a21 += x[2] * u1
+    a22 += x[2] * u2
+    return a00, a01, a02, a10, a11, a12, a20, a21, a22
+
+
+def _spread(rec, r, rows):
+    """Rows with the first four numbers of the record at place ``r`` added, weighted."""
+    a00, a01, a02, a10, a11, a12, a20, a21, a22 = rows
+    x = weights(rec[r + np.uint64(4)])
+    y = weights(rec[r + np.uint64(8)])
+    q = repeated(load4(rec, r)) * _z_weights(rec[r + np.uint64(12)])
+    u0 = y[0] * q
+    u1 = y[1] * q
+    u2 = y[2] * q
+    a00 += x[0] * u0
+    a01 += x[0] * u1
+    a02 += x[0] * u2
+    a10 += x[1] * u0
+    a11 += x[1] * u1
+    a12 += x[1] * u2
+    a20 += x[2] * u0
+    a21 += x[2] * u1
+    a22 += x[2] * u2
+    return a00, a01, a02, a10, a11, a12, a20, a21, a22
+
+
+def _sum_groups(s, x, y, z):
+    """Vector whose four groups are the sums over the groups of s, x, y and z."""
+    sx = even_groups(s, x) + odd_groups(s, x)
+    yz = even_groups(y, z) + odd_groups(y, z)
+    return even_groups(sx, yz) + odd_groups(sx, yz)
+
+
+def _gather(rec, r, rows):
+    """Record at place ``r`` with v and its first moments [m/s cells] in place of momentum and A."""
+    g00, g01, g02, g10, g11, g12, g20, g21, g22 = rows
+    x = weights(rec[r + np.uint64(4)])
+    y = weights(rec[r + np.uint64(8)])
+    z = _z_weights(rec[r + np.uint64(12)])
+    xx = x[2] + x[2]
+    c0 = x[0] * g00 + x[1] * g10 + x[2] * g20
+    c1 = x[0] * g01 + x[1] * g11 + x[2] * g21
+    c2 = x[0] * g02 + x[1] * g12 + x[2] * g22
+    d0 = x[1] * g10 + xx * g20
+    d1 = x[1] * g11 + xx * g21
+    d2 = x[1] * g12 + xx * g22
+    t1 = y[1] * c1
+    t2 = y[2] * c2
+    s = (y[0] * c0 + t1 + t2) * z
+    about_node = _sum_groups(s, (y[0] * d0 + y[1] * d1 + y[2] * d2) * z, (t1 + t2 + t2) * z, z_place(s) * s)
+    record = load16(rec, r)
+    return heads_and_tails(record, about_node - offsets(record) * first_group_repeated(about_node))
+
+
+def _mean(rec, r, rows):
+    """Weighted mean of the four nodal numbers at the position of the record at place ``r``, in all groups."""
+    g00, g01, g02, g10, g11, g12, g20, g21, g22 = rows
+    x = weights(rec[r + np.uint64(4)])
+    y = weights(rec[r + np.uint64(8)])
+    z = _z_weights(rec[r + np.uint64(12)])
+    c0 = x[0] * g00 + x[1] * g10 + x[2] * g20
+    c1 = x[0] * g01 + x[1] * g11 + x[2] * g21
+    c2 = x[0] * g02 + x[1] * g12 + x[2] * g22
+    s = (y[0] * c0 + y[1] * c1 + y[2] * c2) * z
+    return _sum_groups(s, s, s, s)
+
+
+def _clear(arena):
+    for o in range(0, ARENA, 16):
+        store(arena, o, zeros(arena))
+
+
+def _add_rows(arena, o, rows):
+    """Add nine rows to an arena from place ``o`` on."""
+    a00, a01, a02, a10, a11, a12, a20, a21, a22 = rows
+    store(arena, o, load16(arena, o) + a00)
+    store(arena, o + ROW, load16(arena, o + ROW) + a01)
+    store(arena, o + 2 * ROW, load16(arena, o + 2 * ROW) + a02)
+    o += PLANE
+    store(arena, o, load16(arena, o) + a10)
+    store(arena, o + ROW, load16(arena, o + ROW) + a11)
+    store(arena, o + 2 * ROW, load16(arena, o + 2 * ROW) + a12)
+    o += PLANE
+    store(arena, o, load16(arena, o) + a20)
+    store(arena, o + ROW, load16(arena, o + ROW) + a21)
+    store(arena, o + 2 * ROW, load16(arena, o + 2 * ROW) + a22)
+
+
+def _load_rows(arena, o):
+    """Nine rows of an arena from place ``o`` on."""
+    p = o + PLANE
+    q = o + 2 * PLANE
+    return (
+        load16(arena, o), load16(arena, o + ROW), load16(arena, o + 2 * ROW),
+        load16(arena, p), load16(arena, p + ROW), load16(arena, p + 2 * ROW),
+        load16(arena, q), load16(arena, q + ROW), load16(arena, q + 2 * ROW),
+    )  # fmt: skip
+
+
+def _load_nodes(nodes, grid, up, b):
+    """Nodes of the up to eight node blocks that the particles of block ``b`` reach."""
+    for x in range(6):
+        for y in range(6):
+            q = ((x >> 2) << 2) | ((y >> 2) << 1)
+            n = ((x & 3) * 4 + (y & 3)) * 16
+            a = x * PLANE + y * ROW
+            store(nodes, a, load16(grid, up[b, q] * 256 + n))
+            store(nodes, a + 16, load8(grid, up[b, q + 1] * 256 + n))
+
+
+def _prefetch_share(flat, first, extent, b, c):
+    """Ask for one of 64 shares of the records of a block: they lie together, but are read in the order of their cells."""
+    f = first[b]
+    n = extent[b]
+    for p in range(f + ((n * c) >> 6), f + ((n * (c + 1)) >> 6)):
+        prefetch(flat, 16 * p)

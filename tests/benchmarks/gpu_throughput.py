@@ -1,0 +1,253 @@
+"""Throughput of the hash backend: a Drucker-Prager layer that slides down a plane, at several sizes.
+
+    python tests/benchmarks/gpu_throughput.py --device cuda:0 --out throughput.json [--quick]
+
+Checks first that the device agrees with the CPU at a small size, repeats itself bit by bit in deterministic mode, and gives the
+same with and without a graph. Then measures. Prints a table; the JSON holds one record a configuration.
+"""
+
+import argparse
+import json
+import platform
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from runout import DruckerPrager
+from runout.backends.protocol import get_backend
+from runout.model.particles import Particles
+from runout.model.scene import Raster, Scene
+from runout.model.surface import Surface
+
+CELL = 2.0  # [m]
+SLOPE = np.radians(20.0)
+MATERIAL = DruckerPrager(density=2000.0, youngs_modulus=1e7, poisson_ratio=0.3, friction_angle=30.0)
+LAYERS = {  # cells along x, y and through the thickness; 8 particles a cell
+    "0.3M": (100, 100, 4),
+    "1M": (180, 180, 4),
+    "2.6M thin": (400, 400, 2),
+    "10M": (400, 400, 8),
+    "64M": (1000, 1000, 8),
+}
+QUICK = {"0.02M": (25, 25, 4), "0.3M": LAYERS["0.3M"]}
+ON_CPU = {"0.02M": (25, 25, 4)}
+
+
+def layer(nx: int, ny: int, nz: int, precision: str = "float32") -> tuple[Scene, Particles]:
+    """Scene and particles of a layer of nx x ny x nz cells on a plane, moving downhill with some noise."""
+    margin = 24
+    plane = -np.tan(SLOPE) * CELL * np.arange(nx + 2 * margin + 1)[:, None] + np.zeros(ny + 2 * margin + 1)
+    surface = Surface.through(plane, (CELL, CELL))
+    raster = Raster(ny + 2 * margin, nx + 2 * margin, (CELL, CELL))
+    scene = Scene((CELL, CELL, CELL), surface, raster, (MATERIAL,), (np.tan(np.radians(15.0)),), precision=precision)
+    half = CELL / 2
+    axes = [(np.arange(2 * n) + 0.5) * half for n in (nx, ny, nz)]
+    x, y, z = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
+    x, y = x + margin * CELL, y + margin * CELL
+    z -= np.tan(SLOPE) * x - half / 2 * 0.02
+    p = Particles.at(np.column_stack([x, y, z]), np.full(3, CELL))
+    p.volume[:] = half**3
+    p.mass[:] = MATERIAL.density * half**3
+    p.radius[:] = half / 2 * np.cos(SLOPE)
+    rng = np.random.default_rng(0)
+    p.velocity[:] = rng.normal(0.0, 0.05, (len(p), 3)) + 3.0 * np.array([np.cos(SLOPE), 0.0, -np.sin(SLOPE)])
+    return scene, p
+
+
+def loaded(device: str, scene: Scene, particles: Particles, deterministic: bool = False) -> Any:
+    """A backend that has taken over a scene."""
+    backend: Any = get_backend("hash", device, deterministic=deterministic)
+    backend.load(scene, particles)
+    return backend
+
+
+def largest_difference(a: Particles, b: Particles) -> dict[str, float]:
+    """Largest difference of each part of the state, relative to its largest value."""
+    found = {"position": float(np.abs((a.node - b.node) + (a.offset - b.offset)).max())}
+    for name in ("velocity", "affine", "strain"):
+        x, y = getattr(a, name), getattr(b, name)
+        found[name] = float(np.abs(x - y).max() / np.abs(x).max())
+    return found
+
+
+def same_bits(a: Particles, b: Particles) -> bool:
+    """Whether two states are equal bit by bit."""
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in vars(a))
+
+
+def check(device: str) -> dict[str, Any]:
+    """Agreement with the CPU, repeatability, graph against no graph, and the budget of mass and energy, at 20 000 particles."""
+    found: dict[str, Any] = {}
+    scene, p = layer(25, 25, 4, "float64")
+    for precision, steps in (("float64", 1), ("float64", 100), ("float32", 100)):
+        ends = []
+        for place in ("cpu", device):
+            backend = loaded(place, replace(scene, precision=precision), p)
+            first = backend.ledger()
+            backend.steps(0.5 * backend.stable_step(), steps)
+            ends.append((backend.particles(), backend.ledger()))
+        found[f"{precision}, {steps} steps"] = largest_difference(ends[0][0], ends[1][0])
+    row = ends[1][1]
+    assert row.contact_particles > 1000, row.contact_particles
+    found["mass error"] = abs(row.mass + row.escaped_mass - p.mass.sum()) / p.mass.sum()
+    parts = ("kinetic_energy", "potential_energy", "elastic_energy", "basal_dissipation", "plastic_dissipation")
+    stored = [sum(getattr(r, part) for part in parts) for r in (first, row)]
+    found["energy not booked, of the kinetic"] = (stored[0] - stored[1]) / first.kinetic_energy
+    runs = []
+    for graphs in (True, True, False):
+        backend = loaded(device, replace(scene, precision="float32"), p, deterministic=True)
+        backend.graphs = graphs and backend.device.is_cuda
+        backend.steps(0.5 * backend.stable_step(), 100)
+        runs.append(backend.particles())
+    found["repeats bit by bit"] = same_bits(runs[0], runs[1])
+    found["graph gives the bits of launches"] = same_bits(runs[0], runs[2])
+    return found
+
+
+def stages(backend: Any, steps: int) -> dict[str, float]:
+    """Mean seconds of the stages of a step, by events between the launches (no graph), and of a sort with a new index."""
+    names = ("p2g and nodes", "contact", "g2p", "cells")
+    works = (backend._to_grid, backend._contact, backend._to_particles, backend._list_cells)
+    sums = dict.fromkeys(names, 0.0)
+    with wp.ScopedDevice(backend.device):
+        backend.flags.zero_()
+        for _ in range(steps):
+            wp.launch(backend.k.begin_step, dim=1, inputs=[backend.flags, backend.peaks], block_dim=128)
+            marks = [mark(backend)]
+            for work in works:
+                work()
+                marks.append(mark(backend))
+            wp.synchronize_device(backend.device)
+            for name, before, after in zip(names, marks[:-1], marks[1:], strict=True):
+                sums[name] += between(before, after) / steps
+        before = mark(backend)
+        backend._rebuild()
+        after = mark(backend)
+        wp.synchronize_device(backend.device)
+    return {**sums, "sort and index": between(before, after)}
+
+
+def mark(backend: Any) -> Any:
+    """The present moment on the device."""
+    if not backend.device.is_cuda:
+        return time.perf_counter()
+    event = wp.Event(enable_timing=True)
+    wp.record_event(event)
+    return event
+
+
+def between(before: Any, after: Any) -> float:
+    """Seconds between two moments."""
+    return after - before if isinstance(after, float) else wp.get_event_elapsed_time(before, after) / 1e3
+
+
+def copy_bandwidth(device: str) -> float:
+    """Bytes read and written a second by a copy within the device."""
+    with wp.ScopedDevice(device):
+        a, b = (wp.zeros(2**27, dtype=wp.float32) for _ in range(2))
+        wp.copy(b, a)
+        wp.synchronize_device(device)
+        started = time.perf_counter()
+        for _ in range(10):
+            wp.copy(b, a)
+        wp.synchronize_device(device)
+        return 10 * 2 * 4 * 2**27 / (time.perf_counter() - started)
+
+
+def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **options: Any) -> dict[str, Any]:
+    """One record: throughput with everything on, memory, stages."""
+    graph, deterministic, precision = options["graph"], options["deterministic"], options["precision"]
+    scene, p = layer(*cells, precision)
+    backend = loaded(device, scene, p, deterministic)
+    backend.graphs = graph and backend.device.is_cuda
+    dt = 0.8 * backend.stable_step()
+    backend.steps(dt, 4)
+    rebuilds = backend.counters.rebuilds
+    backend.steps(dt, steps // 4)  # the graph is recorded here
+    started = time.perf_counter()
+    backend.steps(dt, steps)
+    taken = time.perf_counter() - started
+    row = backend.ledger()
+    assert abs(row.mass + row.escaped_mass - p.mass.sum()) < 1e-6 * p.mass.sum()
+    assert np.isfinite(row.kinetic_energy)
+    record = {
+        "name": name, "particles": len(p), "particle_steps_per_second": len(p) * steps / taken, "steps": steps,
+        "bytes_per_particle": backend.bytes_used() / len(p), "blocks": backend.index.nall, "owners": backend.index.nown,
+        "room": backend.index.room, "active_blocks": row.active_blocks, "contact_particles": row.contact_particles,
+        "rebuilds": backend.counters.rebuilds - rebuilds, "seconds": taken, **options,
+    }  # fmt: skip
+    record["stage_seconds"] = stages(backend, 10)
+    return record
+
+
+def driver() -> str:
+    """Version of the graphics driver, if its tool is there."""
+    try:
+        asked = ["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"]
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()[0]
+    except (OSError, subprocess.CalledProcessError, IndexError):
+        return "unknown"
+
+
+def configurations(device: str, quick: bool) -> list[tuple[str, tuple[int, int, int], dict[str, Any]]]:
+    """What is measured."""
+    plain = {"graph": True, "deterministic": False, "precision": "float32"}
+    sizes = (ON_CPU if device == "cpu" else QUICK) if quick else LAYERS
+    wanted = [(name, cells, plain) for name, cells in sizes.items()]
+    middle = list(sizes)[min(3, len(sizes) - 1)]
+    for change in ({"graph": False}, {"deterministic": True}, {"precision": "float64"}):
+        wanted.append((middle, sizes[middle], plain | change))
+    if not quick:
+        wanted.append(("0.3M", LAYERS["0.3M"], plain | {"graph": False}))
+    return wanted
+
+
+def table_row(r: dict[str, Any]) -> str:
+    """One line of the table."""
+    options = f"{r['precision']}{' graph' if r['graph'] else ''}{' deterministic' if r['deterministic'] else ''}"
+    split = ", ".join(f"{k} {1e3 * v:.3f}" for k, v in r["stage_seconds"].items())
+    rate = r["particle_steps_per_second"] / 1e9
+    return f"{r['name']:>10} {r['particles']:>9} {rate:8.3f} G/s {r['bytes_per_particle']:6.1f} B  {options:<28} [ms] {split}"
+
+
+def main() -> None:
+    """Check, measure, print and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--quick", action="store_true", help="two small sizes")
+    parser.add_argument("--sizes", nargs="*", help=f"of {', '.join(LAYERS)}")
+    parser.add_argument("--steps", type=int, default=256)
+    parser.add_argument("--commit", default="unknown")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--no-check", action="store_true")
+    a = parser.parse_args()
+    wp.config.log_level = wp.LOG_WARNING
+    card = wp.get_device(a.device)
+    report: dict[str, Any] = {
+        "device": card.name, "warp": wp.__version__, "driver": driver() if card.is_cuda else "", "host": platform.machine(),
+        "commit": a.commit, "records": [],
+    }  # fmt: skip
+    if not a.no_check:
+        report["check"] = check(a.device)
+        print(json.dumps(report["check"], indent=1), flush=True)
+    report["copy_bytes_per_second"] = copy_bandwidth(a.device)
+    print(f"{card.name}: copy {report['copy_bytes_per_second'] / 1e12:.2f} TB/s", flush=True)
+    steps = min(a.steps, 32) if not card.is_cuda else a.steps
+    for name, cells, options in configurations(a.device, a.quick):
+        if not a.sizes or name in a.sizes:
+            report["records"].append(measure(a.device, name, cells, steps, **options))
+            print(table_row(report["records"][-1]), flush=True)
+            if a.out:
+                a.out.write_text(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main()
