@@ -1,0 +1,62 @@
+"""The kernels build for an H100 without one at hand, within the registers that their speed was measured with."""
+
+import struct
+from pathlib import Path
+
+import pytest
+
+wp = pytest.importorskip("warp")
+hash_backend = pytest.importorskip("runout.backends.hash.backend")
+
+ARCHITECTURE = 90
+REGISTERS, FRAME = 0x2F, 0x11  # attributes of the section .nv.info of a cubin
+LARGEST = {  # registers a thread of the kernels that take the time; the others need at most 96
+    "float32": {"particles_to_grid": 176, "grid_to_particles": 128, "find_contacts": 104, "solve_contacts": 236},
+    "float64": {"particles_to_grid": 255, "grid_to_particles": 176, "find_contacts": 168, "solve_contacts": 255},
+}
+SPILLED = {"float32": {}, "float64": {"particles_to_grid": 256, "solve_contacts": 288}}  # bytes a thread
+
+
+def resources(cubin: Path) -> dict[str, dict[int, int]]:
+    """Attributes of every kernel of an ELF file of machine code for a GPU."""
+    elf = cubin.read_bytes()
+    offset, (size, number, names_at) = struct.unpack_from("<Q", elf, 0x28)[0], struct.unpack_from("<HHH", elf, 0x3A)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", elf, offset + i * size) for i in range(number)]
+
+    def text(table, start):
+        begin = sections[table][4] + start
+        return elf[begin : elf.index(b"\0", begin)].decode()
+
+    symbols = next(s for s in sections if s[1] == 2)
+    info = next(s for s in sections if text(names_at, s[0]) == ".nv.info")
+    found: dict[str, dict[int, int]] = {}
+    place, end = info[4], info[4] + info[5]
+    while place < end:
+        kind, attribute, length = struct.unpack_from("<BBH", elf, place)
+        if kind == 4 and length == 8:
+            symbol, value = struct.unpack_from("<II", elf, place + 4)
+            name = text(symbols[6], struct.unpack_from("<I", elf, symbols[4] + 24 * symbol)[0])
+            found.setdefault(name, {})[attribute] = value
+        place += 4 + (length if kind == 4 else 0)
+    return {name: values for name, values in found.items() if "_cuda_kernel_forward" in name}
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precision, tmp_path):
+    kernels = hash_backend.compiled_kernels("drucker_prager", precision, False)
+    built: dict[str, dict[int, int]] = {}
+    for module, _lanes in kernels.modules:
+        for path in wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=False):
+            built |= resources(path)
+    wanted = [name for name, value in vars(kernels).items() if isinstance(value, wp.Kernel)]
+    for name in wanted:
+        values = next(v for mangled, v in built.items() if mangled.split("_cuda")[0][:-9] == name)  # name_12345678_cuda...
+        assert values[REGISTERS] <= LARGEST[precision].get(name, 112), name
+        assert values[FRAME] <= SPILLED[precision].get(name, 0), name
+    assert len(wanted) > 20
+
+
+def test_deterministic_kernels_build_too(tmp_path):
+    for module, _lanes in hash_backend.compiled_kernels("drucker_prager", "float32", True).modules:
+        paths = wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
+        assert all(".version" in path.read_text()[:2000] for path in paths)

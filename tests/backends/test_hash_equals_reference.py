@@ -1,0 +1,121 @@
+"""The hash backend on the CPU gives what the dense one gives, whatever the order of its sums and the size of its batches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import SAND, plane, scene, single_precision, total_energy
+from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
+
+from runout.backends.protocol import get_backend
+
+ROW_TOLERANCE = 10  # sums lose some digits more than their parts
+
+
+def on_cpu(**choices):
+    return get_backend("hash", "cpu", **choices)
+
+
+def assert_same(expected, found, tolerance, spacing):
+    """State, ledger and columns within ``tolerance`` of their scale."""
+    (a, row_a, columns_a), (b, row_b, columns_b) = expected, found
+    np.testing.assert_array_equal(a.identity, b.identity)
+    np.testing.assert_array_equal(a.release, b.release)
+    for name in STATE:
+        x, y = getattr(a, name), getattr(b, name)
+        np.testing.assert_allclose(y, x, rtol=0, atol=tolerance * max(np.abs(x).max(), 1e-3), err_msg=name)
+    np.testing.assert_allclose(b.position(np.array(spacing)), a.position(np.array(spacing)), rtol=0, atol=50 * tolerance)
+    for name in vars(row_a):
+        x, y = getattr(row_a, name), getattr(row_b, name)
+        scale = np.abs(x).max() if np.ndim(x) else max(abs(x), row_a.kinetic_energy * (name != "max_speed"))
+        np.testing.assert_allclose(y, x, rtol=0, atol=ROW_TOLERANCE * tolerance * scale, err_msg=name)
+    for name in ("volume", "mass", "momentum"):
+        x, y = getattr(columns_a, name), getattr(columns_b, name)
+        np.testing.assert_allclose(y, x, rtol=0, atol=ROW_TOLERANCE * tolerance * np.abs(x).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("deterministic", [False, True])
+@pytest.mark.parametrize(("steps", "tolerance"), [(1, 1e-13), (100, 1e-10)])
+@pytest.mark.parametrize("name", CASES)
+def test_hash_equals_reference_in_float64(name, steps, tolerance, deterministic):
+    surface, spacing = CASES[name]
+    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
+    p = two_bodies(surface or plane(), spacing)
+    dense = replace(s, surface=on_nodes(surface, spacing)) if name == "rough ground" else s
+    expected = run(get_backend("reference"), dense, p, steps, 2e-3)
+    found = run(on_cpu(deterministic=deterministic), s, p, steps, 2e-3)
+    assert_same(expected, found, tolerance, spacing)
+    if surface is not None:
+        assert found[1].contact_particles > 0
+
+
+@pytest.mark.parametrize("deterministic", [False, True])
+def test_lanes_of_a_block_share_their_tile_without_conflict(monkeypatch, deterministic):
+    """As on a GPU: 64 lanes own the cells of a block, 128 its particles; warp runs them as fibers on the CPU."""
+    config = pytest.importorskip("warp").config
+    monkeypatch.setattr(config, "enable_cpu_blocks", True)
+    surface, spacing = CASES["rough ground"]
+    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
+    p = two_bodies(surface, spacing)
+    expected = run(get_backend("reference"), replace(s, surface=on_nodes(surface, spacing)), p, 100, 2e-3)
+    found = run(on_cpu(deterministic=deterministic), s, p, 100, 2e-3)
+    assert_same(expected, found, 1e-10, spacing)
+    assert found[1].contact_particles > 0
+
+
+def test_hash_in_float32_stays_close_to_the_reference():
+    """After 100 steps the bulk agrees to 1e-4 of a cell and 1e-4 of the energy."""
+    surface, spacing = CASES["bowl"]
+    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
+    p = two_bodies(surface, spacing)
+    a, row_a, _ = run(get_backend("reference"), s, p, 100, 2e-3)
+    b, row_b, _ = run(on_cpu(), single_precision(s), p, 100, 2e-3)
+    shift = np.average(b.position(np.array(spacing)) - a.position(np.array(spacing)), axis=0, weights=a.mass)
+    assert np.abs(shift).max() < 1e-4
+    assert total_energy(row_b) == pytest.approx(total_energy(row_a), rel=1e-4)
+    assert row_b.kinetic_energy == pytest.approx(row_a.kinetic_energy, rel=1e-3)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_batch_of_steps_gives_the_bits_of_single_steps(precision):
+    surface, spacing = CASES["bowl"]
+    s = replace(scene(surface, spacing, (SAND, CLAY), (0.4, 0.25)), precision=precision)
+    p = two_bodies(surface, spacing)
+    single, batch = on_cpu(), on_cpu()
+    a, row_a, columns_a = run(single, s, p, 60, 2e-3)
+    batch.load(s, p)
+    batch.steps(2e-3, 60)
+    b, row_b, columns_b = batch.particles(), batch.ledger(), batch.columns()
+    for name in vars(a):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+    for name in vars(row_a):
+        np.testing.assert_array_equal(getattr(row_a, name), getattr(row_b, name), err_msg=name)
+    np.testing.assert_array_equal(columns_a.momentum, columns_b.momentum)
+    assert batch.counters.steps == single.counters.steps == 60
+    assert batch.counters.particle_steps == 60 * len(p)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_deterministic_run_repeats_its_bits(precision):
+    surface, spacing = CASES["bowl"]
+    s = replace(scene(surface, spacing, (SAND, CLAY), (0.4, 0.25)), precision=precision)
+    p = two_bodies(surface, spacing)
+    (a, row_a, columns_a), (b, row_b, columns_b) = (run(on_cpu(deterministic=True), s, p, 40, 2e-3) for _ in range(2))
+    for name in vars(a):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+    for name in vars(row_a):
+        np.testing.assert_array_equal(getattr(row_a, name), getattr(row_b, name), err_msg=name)
+    np.testing.assert_array_equal(columns_a.mass, columns_b.mass)
+
+
+def test_time_step_that_changes_gives_what_the_reference_gives():
+    surface, spacing = CASES["bowl"]
+    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
+    p = two_bodies(surface, spacing)
+    ends = []
+    for backend in (get_backend("reference"), on_cpu()):
+        backend.load(s, p)
+        for n in range(30):
+            backend.step(2e-3 * (1 + 0.3 * (n % 3)))
+        ends.append((backend.particles(), backend.ledger(), backend.columns()))
+    assert_same(*ends, 1e-11, spacing)

@@ -1,0 +1,213 @@
+"""The index of the hash backend: its table grows, its blocks follow the particles, and nothing is lost on the way."""
+
+import numpy as np
+import pytest
+from scenes import ROCK, SAND, at, box, cloud, loaded, plane, scene
+
+from runout.backends.protocol import get_backend
+from runout.errors import CapacityError, DeviceError
+
+index = pytest.importorskip("runout.backends.hash.index")
+hash_backend = pytest.importorskip("runout.backends.hash.backend")
+UNIT = (1.0, 1.0, 1.0)
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def on_cpu(**choices):
+    return get_backend("hash", "cpu", **choices)
+
+
+def scattered(n, reach, seed=3):
+    """Single particles far from each other, also at negative nodes."""
+    return at(np.random.default_rng(seed).uniform(-reach, reach, (n, 3)) + np.array([40.0, 37.0, 0.0]), UNIT)
+
+
+def test_every_particle_finds_its_block_and_its_cell():
+    p = scattered(300, 35.0)
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    q = backend.particles()
+    np.testing.assert_array_equal(q.node, p.node)
+    np.testing.assert_array_equal(q.offset, p.offset)
+    i = backend.index
+    xyz = i.coordinates.numpy()[: i.nall]
+    assert len(np.unique(xyz, axis=0)) == i.nall
+    assert (np.lexsort((xyz[:, 2], xyz[:, 1], xyz[:, 0])) == np.arange(i.nall)).all()
+    assert backend.ledger().active_blocks == len(np.unique(p.node >> 2, axis=0))
+
+
+def test_neighbours_of_every_block_that_may_hold_particles_are_the_next_blocks():
+    backend = loaded(on_cpu(deterministic=True), scene(), scattered(50, 20.0))
+    i = backend.index
+    xyz, up, down = i.coordinates.numpy()[: i.nall], i.up.numpy()[: i.nall], i.down.numpy()[: i.nall]
+    steps = np.array([(q >> 2, (q >> 1) & 1, q & 1) for q in range(8)])
+    holds = up[:, 0] >= 0
+    assert holds.sum() >= i.nown
+    np.testing.assert_array_equal(xyz[up[holds]], xyz[holds][:, None] + steps)
+    there = down >= 0
+    np.testing.assert_array_equal(xyz[down][there], (xyz[:, None] - steps)[there])
+
+
+def test_table_that_is_too_small_grows_until_it_is_at_most_half_full(monkeypatch):
+    monkeypatch.setattr(index, "SMALLEST_TABLE", 8)
+    p = scattered(200, 35.0)
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    assert backend.index.table.shape[0] >= 2 * backend.index.nall > 400
+    backend.step(1e-3)
+    np.testing.assert_array_equal(backend.particles().identity, p.identity)
+    assert backend.ledger().mass == pytest.approx(p.mass.sum(), rel=1e-15)
+
+
+def test_mass_that_spreads_into_new_blocks_makes_the_index_grow_and_loses_nothing(monkeypatch):
+    monkeypatch.setattr(index, "SMALLEST_TABLE", 64)
+    p = box((38.0, 36.0, 0.0), (2.0, 2.0, 2.0), UNIT)
+    centre = np.array([39.0, 37.0, 1.0])
+    p.velocity[:] = 20.0 * (p.position(np.array(UNIT)) - centre)
+    p.volume[:] = 1e-9  # no stress: the cloud flies apart
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    blocks, entries = backend.index.nall, backend.index.table.shape[0]
+    backend.steps(0.01, 150)
+    row, q = backend.ledger(), backend.particles()
+    assert backend.counters.steps == 150
+    assert backend.counters.rebuilds > 3
+    assert backend.index.nall > 4 * blocks
+    assert backend.index.table.shape[0] > entries
+    assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-15)
+    np.testing.assert_allclose(row.momentum, p.mass @ p.velocity, atol=1e-9 * p.mass.sum())
+    np.testing.assert_array_equal(q.identity, p.identity)
+    assert (q.offset >= 0.5).all()
+    assert (q.offset < 1.5).all()
+
+
+def test_index_stays_while_the_particles_stay_in_its_blocks():
+    p = box((30.0, 30.0, 1.0), (2.0, 2.0, 2.0), UNIT)
+    p.velocity[:] = (3.0, 0.0, 0.0)
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    backend.steps(0.01, 60)  # 1.8 cells, within the margin
+    assert backend.counters.rebuilds == 0
+    backend.steps(0.01, 200)
+    assert 3 <= backend.counters.rebuilds <= 6
+
+
+def test_particles_are_sorted_by_cell_in_memory_after_so_many_steps(monkeypatch):
+    monkeypatch.setattr(hash_backend, "STEPS_PER_SORT", 10)
+    p = cloud(300, spacing=UNIT)
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    backend.steps(1e-3, 35)
+    assert backend.counters.rebuilds == 3
+    backend.steps(1e-3, 6)
+    key = backend.store.key.numpy()
+    assert backend.counters.rebuilds == 4
+    assert np.mean(np.diff(key) >= 0) > 0.9
+
+
+def test_body_far_beyond_the_origin_moves_as_one_near_it():
+    """20-bit block coordinates: 4 million cells from the origin."""
+    ends = []
+    for shift in (0, 4_000_000):
+        p = box((10.1, 10.2, 1.0), (2.0, 2.0, 2.0), UNIT)
+        p.node += np.array([0, 0, shift], np.int32)
+        p.velocity[:] = np.random.default_rng(4).normal(size=p.velocity.shape)
+        backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+        backend.steps(2e-3, 10)
+        ends.append(backend.particles())
+    np.testing.assert_array_equal(ends[0].offset, ends[1].offset)
+    np.testing.assert_array_equal(ends[0].velocity, ends[1].velocity)
+
+
+def test_particle_beyond_the_range_of_the_keys_is_refused_with_the_range():
+    p = at([(10.0, 10.0, 0.0)], UNIT)
+    p.node[:] = 4 * 2**20
+    with pytest.raises(CapacityError, match="index range"):
+        loaded(on_cpu(), scene(), p)
+
+
+def test_escaped_mass_is_booked_once_also_over_a_sort(monkeypatch):
+    monkeypatch.setattr(hash_backend, "STEPS_PER_SORT", 7)
+    p = box((0.1, 30.0, 1.0), (4.0, 2.0, 2.0), UNIT)
+    p.velocity[:, 0] = -20.0
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    for _ in range(10):
+        backend.steps(0.01, 3)
+        row = backend.ledger()
+        assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-14)
+        assert row.mass == pytest.approx(backend.particles().mass.sum(), rel=1e-14, abs=1e-12)
+        assert backend.columns().mass.sum() == pytest.approx(row.mass, rel=1e-12, abs=1e-9)
+    assert row.mass == 0.0
+    assert row.escaped_energy == pytest.approx(0.5 * p.mass.sum() * 400, rel=1e-9)
+
+
+def test_two_particles_at_one_place_and_hundreds_in_one_cell_are_summed():
+    p = at(np.full((400, 3), 10.25), UNIT)
+    p.velocity[:] = np.random.default_rng(5).normal(size=p.velocity.shape)
+    p.volume[:] = 1e-9
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    backend.step(1e-3)
+    # all at one place: everyone gets the mean velocity
+    np.testing.assert_allclose(backend.particles().velocity, np.broadcast_to(p.velocity.mean(0), (400, 3)), atol=1e-13)
+
+
+def test_friction_and_law_hold_with_more_releases_than_blocks():
+    materials = (SAND,) * 12
+    p = box((30.0, 30.0, 5.0), (2.0, 2.0, 1.0), UNIT, density=SAND.density)
+    p.radius[:] = 0.25
+    p.release[:] = np.arange(len(p)) % 12
+    backend = loaded(on_cpu(), scene(plane(height=5.0), materials=materials, friction=tuple(0.1 * np.arange(12))), p)
+    backend.steps(1e-3, 5)
+    np.testing.assert_array_equal(backend.particles().release, p.release)
+
+
+def test_memory_keeps_to_130_bytes_a_particle_and_100_bytes_a_node_in_float32():
+    """10.7 million particles, 512 a block and half as many blocks again around them, stay below 2 GiB; 300 million below 80 GB."""
+    backend = loaded(on_cpu(), scene(plane(), precision="float32"), box((20.0, 20.0, 0.0), (16.0, 16.0, 8.0), UNIT))
+    s, i = backend.store, backend.index
+    assert index.bytes_of(s) / s.size <= 130
+    by_block = index.bytes_of(i, backend.nodes) - 20 * i.table.shape[0]
+    assert by_block / (64 * i.room) <= 100
+    needed = hash_backend.bytes_needed
+    assert needed(10_700_000, 3 * 10_700_000 // 1024) < 2 * 2**30
+    assert needed(300_000_000, 3 * 300_000_000 // 1024) < 80e9
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("deterministic", [False, True])
+def test_forecast_of_the_memory_is_within_two_percent(precision, deterministic):
+    p = box((20.0, 20.0, 0.0), (16.0, 16.0, 4.0), UNIT)
+    backend = loaded(on_cpu(deterministic=deterministic), scene(plane(), precision=precision), p)
+    forecast = hash_backend.bytes_needed(len(p), backend.index.nall, precision, deterministic)
+    assert forecast == pytest.approx(backend.bytes_used(), rel=0.02)
+
+
+def test_device_without_memory_is_reported_with_particles_and_what_is_held(monkeypatch):
+    def full(*_):
+        raise RuntimeError("Failed to allocate 1234 bytes on device 'cuda:0'")
+
+    backend = on_cpu()
+    monkeypatch.setattr(hash_backend, "NodeArrays", full)
+    with pytest.raises(CapacityError, match=r"1234 bytes.*for 64 particles.*GiB so far"):
+        backend.load(scene(), box((20.0, 20.0, 0.0), (2.0, 2.0, 2.0), UNIT))
+
+
+@pytest.mark.parametrize("device", ["cuda:7", "cuda:99"])
+def test_device_that_is_not_there_is_refused_in_one_line_that_names_what_is(device):
+    with pytest.raises(DeviceError) as refusal:
+        get_backend("hash", device)
+    message = str(refusal.value)
+    assert device in message
+    assert message.endswith("cpu")
+    assert "\n" not in message
+
+
+def test_auto_takes_the_cpu_backend_on_a_machine_without_a_gpu(monkeypatch):
+    monkeypatch.setattr(hash_backend, "cuda_devices", lambda: ())
+    assert type(get_backend("auto")).__name__ == "ScanBackend"
+    assert type(get_backend("auto", "cpu")).__name__ == "ScanBackend"
+    assert type(get_backend("hash")).__name__ == "HashBackend"
+    with pytest.raises(DeviceError, match="has cpu"):
+        get_backend("auto", "cuda:0")
+
+
+def test_empty_batch_and_empty_scene_do_nothing():
+    backend = loaded(on_cpu(), scene(materials=(ROCK,)), cloud(5).take(np.zeros(0, int)))
+    backend.steps(0.01, 5)
+    assert backend.counters.steps == 5
+    assert backend.ledger().mass == 0.0
