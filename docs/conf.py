@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "mathml",
     "runout_tables",
+    "bench_tables",
 ]
 exclude_patterns = ["_build", "_ext"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]

@@ -119,6 +119,44 @@ def simulate(
     return ExitCode.OK
 
 
+def bench(
+    *,
+    full: Annotated[bool, Parameter(negative="", help="Up to 1e7 particles, where memory allows; takes hours.")] = False,
+    json: Annotated[Path | None, Parameter(help="Write everything that was measured to this file.")] = None,
+    figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf).")] = None,
+    against: Annotated[Path | None, Parameter(help="Prototype script to measure side by side.")] = None,
+    device: Annotated[str, Parameter(help="cpu, or cuda:0.")] = "cpu",
+    threads: Annotated[tuple[int, ...], Parameter(consume_multiple=True, negative="")] = (1, 2),
+    precision: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = ("float32", "float64"),
+    session: Injected,
+) -> int:
+    """Measure what a step costs on this machine, as ratios: size, threads, precision, depth, sparsity."""
+    from pipelines import work_precision
+
+    choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision, against=against)
+    work_precision.report(work_precision.run(choices, json, figure))
+    return ExitCode.OK
+
+
+def verify(
+    *cases: Annotated[str, Parameter(help="Names such as U6 or sliding-box; all when none is given.")],
+    full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes ten minutes.")] = False,
+    json: Annotated[
+        list[Path] | None,
+        Parameter(consume_multiple=(0, 1), negative="", help="Write JSON to this file, or print it when none is named."),
+    ] = None,
+    slope: Annotated[float | None, Parameter(help="Slope of the sliding box's plane [deg].")] = None,
+    azimuth: Annotated[float | None, Parameter(help="Azimuth of that plane, from east to north [deg].")] = None,
+    offset: Annotated[float | None, Parameter(help="Height of that plane above a node [cells].")] = None,
+    session: Injected,
+) -> int:
+    """Check the scheme against closed forms and its orders of convergence; --out DIR writes page and figure."""
+    from pipelines.verification import command
+
+    plane = {"slope": slope, "azimuth": azimuth, "offset": offset}
+    return command(cases, full, session.out, json, {name: value for name, value in plane.items() if value is not None})
+
+
 def doctor(*, session: Injected) -> int:
     """Say what is installed, which devices and caches there are, what is wrong and how to mend it."""
     from runout.doctor import examine
@@ -129,7 +167,7 @@ def doctor(*, session: Injected) -> int:
 COMMANDS: tuple[Callable[..., int], ...] = (
     *(new, check, run),
     *(terrain, release, ensemble, hazard, report),
-    *(status, simulate, doctor),
+    *(status, simulate, bench, verify, doctor),
 )
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)

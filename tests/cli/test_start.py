@@ -14,7 +14,7 @@ HEAVY = (
     *("numpy", "scipy", "pandas", "xarray", "numba", "warp", "dask", "distributed"),
     *("rasterio", "geopandas", "shapely", "matplotlib", "pydantic"),
 )
-COMMANDS = ("new", "check", "run", "terrain", "release", "ensemble", "hazard", "report", "status", "simulate", "doctor")
+COMMANDS = ("new", "check", "run", "terrain", "release", "ensemble", "hazard", "report", "status", "simulate", "verify", "doctor")
 
 
 def imported_by(*arguments):

@@ -5,8 +5,9 @@ on this grid and run out 49 % too short; so are all others on coarser grids.
 """
 
 import pytest
-from bodies import collapsed_column
-from closed_forms import axisymmetric_height, axisymmetric_runout
+from collapse import collapsed_column
+
+from pipelines.verification_cases.closed_forms import axisymmetric_height, axisymmetric_runout
 
 SCATTER = 0.25
 

@@ -2,25 +2,23 @@
 
 import numpy as np
 import pytest
-from bodies import slide
-from closed_forms import sliding_block, symplectic_excess
 
-FRICTION = np.tan(np.radians(15.0))
+from pipelines.verification_cases.sliding_box import Plane, slide, summary
+from runout.errors import ConfigError
 
 
 def error(slope_deg, **choices):
     """Relative error of the displacement after one second against a rigid block."""
-    moved, _, dt = slide(slope_deg, FRICTION, spacing=0.1, time=1.0, **choices)
-    exact = sliding_block(1.0, slope_deg, FRICTION)[0] + symplectic_excess(1.0, slope_deg, FRICTION, dt)
-    return moved / exact - 1
+    return summary(Plane(slope_deg, **choices))["relative_displacement_error"]
 
 
 @pytest.mark.parametrize("choices", [{"aligned": True}, {"azimuth_deg": 37.0}, {"azimuth_deg": 37.0, "offset": 0.85}])
 def test_box_one_degree_below_its_friction_angle_stays_at_rest(choices):
     """14 degrees: 0.13 mm in the first second, 0.03 mm/s at its end; the usual contact at nodes creeps 25 to 111 mm."""
-    moved, speed, _ = slide(14.0, FRICTION, spacing=0.1, time=1.0, **choices)
-    assert abs(moved) < 0.3e-3
-    assert abs(speed) < 0.1e-3
+    found = slide(Plane(14.0, **choices))
+    assert abs(found.moved) < 0.3e-3
+    assert abs(found.speed) < 0.1e-3
+    assert abs(found.gap) < 0.002
 
 
 @pytest.mark.parametrize("choices", [{"aligned": True}, {"offset": 0.85}, {"azimuth_deg": 37.0}])
@@ -34,7 +32,7 @@ def test_box_at_25_degrees_slides_as_a_rigid_block():
     assert abs(error(25.0)) < 0.0015
 
 
-@pytest.mark.parametrize("choices", [{"aligned": True}, {"azimuth_deg": 37.0}])
+@pytest.mark.parametrize("choices", [{"aligned": True}, {"azimuth_deg": 37.0}, {"azimuth_deg": 217.0, "offset": 0.1}])
 def test_box_at_30_degrees_slides_as_a_rigid_block(choices):
     """0.025 % too far after 1 s."""
     assert abs(error(30.0, **choices)) < 0.0005
@@ -43,3 +41,18 @@ def test_box_at_30_degrees_slides_as_a_rigid_block(choices):
 def test_box_slides_as_far_in_single_precision():
     """0.45 % too far at 20 degrees, as in double precision."""
     assert abs(error(20.0, azimuth_deg=37.0, precision="float32")) < 0.006
+
+
+def test_box_without_friction_falls_behind_nothing():
+    """The negative control: a box with another friction is not the block that it is compared with."""
+    found = slide(Plane(20.0, friction=0.0), time=0.2)
+    assert found.moved == pytest.approx(0.5 * 9.81 * np.sin(np.radians(20.0)) * 0.2**2, rel=0.02)
+    assert found.moved > 2 * slide(Plane(20.0), time=0.2).moved
+
+
+@pytest.mark.parametrize(
+    ("choice", "words"), [({"slope_deg": 70.0}, "slope is 70 deg"), ({"slope_deg": 20.0, "offset": 1.5}, "offset")]
+)
+def test_plane_out_of_range_is_refused_with_its_range(choice, words):
+    with pytest.raises(ConfigError, match=words):
+        Plane(**choice)

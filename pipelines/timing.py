@@ -1,0 +1,160 @@
+"""Times cases of the benchmark side by side: repetitions take turns, so that a busy moment of the machine hits all of them."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pipelines.sloping_layer import Layer
+from runout.backends.protocol import get_backend
+from runout.observers import Ledger, PeakMaps
+
+STEP_SHARE = 0.95  # of the stable step at the start
+UNTIMED_STEPS = 3
+CROSSING = 0.5  # of a cell of the raster between observations, as in runout.simulation
+NODE_BYTES = 64  # that a node may take, by the aim of the design
+INDEX = "index"  # the stage that most steps skip: it counts with its mean
+
+
+@dataclass(frozen=True)
+class Case:
+    """One layer on one way of computing it; ``index`` is "sparse" or the "dense" control."""
+
+    layer: Layer
+    threads: int = 1
+    index: str = "sparse"
+    device: str = "cpu"
+    observed: bool = True
+
+    def described(self) -> dict[str, Any]:
+        """The choices, ready for JSON."""
+        return {**asdict(self.layer), **{name: getattr(self, name) for name in ("threads", "index", "device", "observed")}}
+
+
+def engine_of(case: Case) -> Any:
+    """A backend for a case, without a scene: scan on the CPU, hash on a GPU."""
+    engine: Any = get_backend("scan" if case.device == "cpu" else "hash", case.device, case.threads)
+    if case.index == "dense":
+        engine.dense = True  # the control that only scan offers: every block in the box around the particles
+    return engine
+
+
+@dataclass
+class Course:
+    """A case under way: steps of one length, and an observation as often as a simulation makes one."""
+
+    case: Case
+    engine: Any = field(init=False)
+    repetitions: list[dict[str, float]] = field(default_factory=list)  # seconds by stage, each with its "total"
+
+    def __post_init__(self) -> None:
+        scene, particles = self.case.layer.build()
+        self.n = len(particles)
+        self.engine = engine_of(self.case)
+        self.engine.load(scene, particles)
+        self.peaks, self.ledger, self.now = PeakMaps(scene.raster, 0.1), Ledger(), 0.0
+        self.dt = STEP_SHARE * self.engine.stable_step()
+        crossing = CROSSING * min(scene.raster.cell_size) / self.engine.ledger().max_speed
+        self.steps = max(1, math.floor(crossing / self.dt))
+        self.advance(UNTIMED_STEPS)
+        self.observe()
+
+    def advance(self, steps: int) -> None:
+        """Some steps, in one go where the backend can; the stable step, asked for as in a simulation, waits for a GPU."""
+        if hasattr(self.engine, "steps"):
+            self.engine.steps(self.dt, steps)
+            self.engine.stable_step()
+            return
+        for _ in range(steps):
+            self.engine.step(self.dt)
+            self.engine.stable_step()
+
+    def observe(self) -> None:
+        """Maps and ledger of the present state."""
+        if self.case.observed:
+            self.peaks.observe(self.now, self.engine.columns())
+            self.ledger.record(self.now, self.dt, self.engine.ledger())
+
+    def repeat(self) -> None:
+        """The steps between two observations, and one observation."""
+        before = dict(self.engine.counters.seconds)
+        started = time.perf_counter()
+        self.advance(self.steps)
+        stepped = time.perf_counter()
+        self.observe()
+        ended = time.perf_counter()
+        self.now += self.steps * self.dt
+        stages = {name: s - before.get(name, 0.0) for name, s in self.engine.counters.seconds.items()}
+        self.repetitions.append({**stages, "observers": ended - stepped, "total": ended - started})
+
+    def measured(self) -> dict[str, Any]:
+        """What the repetitions gave, ready for JSON; see docs/benchmarks for the keys."""
+        index = float(np.mean([r.get(INDEX, 0.0) for r in self.repetitions]))
+        best = min(self.repetitions, key=lambda r: r["total"] - r.get(INDEX, 0.0))
+        seconds = best["total"] - best.get(INDEX, 0.0) + index
+        middle = float(np.median([r["total"] - r.get(INDEX, 0.0) for r in self.repetitions])) + index
+        work = self.n * self.steps
+        stages = {k: 1e9 * (index if k == INDEX else s) / work for k, s in best.items() if k != "total"}
+        return {
+            "case": self.case.described(),
+            "particles": self.n,
+            "steps": self.steps * len(self.repetitions),
+            "repetitions": len(self.repetitions),
+            "rebuilds": self.engine.counters.rebuilds,
+            "active_blocks": self.engine.ledger().active_blocks,
+            "rate": work / seconds,
+            "rate_of_steps": work / (seconds - best["observers"]),
+            "median_over_best": middle / seconds,
+            "ns_per_particle_step": {**stages, "rest": 1e9 * seconds / work - sum(stages.values())},
+            "memory": memory_of(self.engine, self.n),
+        }
+
+
+def measure(cases: Sequence[Case], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
+    """Measurements of the cases, which take turns; ``tick`` is called after every round."""
+    courses = [Course(case) for case in cases]
+    return take_turns(courses, repetitions, tick)
+
+
+def take_turns(courses: Sequence[Any], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
+    """What ``measured`` of each course says after ``repetitions`` rounds, each in the reverse order of the one before."""
+    for round_number in range(repetitions):
+        for course in courses[:: 1 if round_number % 2 == 0 else -1]:
+            course.repeat()
+        tick()
+    return [course.measured() for course in courses]
+
+
+def memory_of(engine: Any, n: int) -> dict[str, float]:
+    """Bytes of all arrays that a backend holds, for each of ``n`` particles too; nodes of the blocks that hold particles."""
+    total = engine.bytes_used() if hasattr(engine, "bytes_used") else sum(dict(_arrays(engine, set())).values())
+    nodes = 64 * engine.ledger().active_blocks
+    return {
+        "bytes": total,
+        "active_nodes": nodes,
+        "bytes_per_particle": total / n,
+        "bytes_per_particle_beside_nodes": (total - NODE_BYTES * nodes) / n,
+    }
+
+
+def _arrays(held: Any, seen: set[int]) -> Iterator[tuple[int, int]]:
+    """Identity and bytes of the arrays reachable from an object by its attributes; a scene is input and does not count."""
+    if id(held) in seen or type(held).__name__ in ("Scene", "module"):
+        return
+    seen.add(id(held))
+    if isinstance(held, np.ndarray):
+        own = _owner(held)
+        yield id(own), own.nbytes
+    elif isinstance(held, dict | list | tuple) or (hasattr(held, "__dict__") and type(held).__module__.startswith("runout.")):
+        items = held if isinstance(held, list | tuple) else held.values() if isinstance(held, dict) else vars(held).values()
+        for item in items:
+            yield from _arrays(item, seen)
+
+
+def _owner(view: np.ndarray) -> np.ndarray:
+    while isinstance(view.base, np.ndarray):
+        view = view.base
+    return view

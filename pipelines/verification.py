@@ -1,0 +1,112 @@
+"""Verification: closed forms, manufactured solutions and orders of convergence, as a table, a page and a figure."""
+
+import json
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pipelines.verification_cases import bar, column, element, kernel, manufactured, rigid, sliding_box, transfers
+from pipelines.verification_cases.finding import SLACK, Case, Finding
+from pipelines.verification_cases.page import as_json, as_lines, as_markdown, figure
+from runout.errors import ConfigError, ExitCode
+from runout.io.atomic import whole_file, write_json, write_text
+
+LOGGER = logging.getLogger("runout.verification")
+CASES: dict[str, Case] = {
+    case.name.lower(): case
+    for case in (
+        *(kernel.CASE, transfers.CONSERVATION, transfers.AFFINE, rigid.FALL, rigid.SPIN, bar.CASE),
+        *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
+    )
+}
+
+
+def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) -> list[Finding]:
+    """What the cases measure, in their order.
+
+    Parameters
+    ----------
+    cases : sequence of str
+        Names out of :data:`CASES` in any capitals; all when empty.
+    full : bool
+        At the sizes of the documentation (about ten minutes) instead of those of CI (about one).
+    out : Path or None
+        Folder for ``verification.md``, ``verification.json`` and ``images/verification.png``; nothing is written when None.
+
+    Raises
+    ------
+    ConfigError
+        If there is no case of a name.
+    StorageError
+        If the folder cannot be written.
+    """
+    findings = []
+    for case in [_named(name) for name in cases or CASES]:
+        started = time.perf_counter()
+        results = tuple(case.measure(full))
+        findings.append(Finding(case, results, time.perf_counter() - started))
+        LOGGER.info("%s", "\n".join(as_lines(findings[-1])))
+    if out is not None:
+        _write(findings, cases, full, out)
+    return findings
+
+
+def run_plane(slope: float = 20.0, azimuth: float = 0.0, offset: float = 0.35, full: bool = False) -> dict[str, Any]:
+    """Errors of the sliding box on one plane, with its set-up and the seconds taken.
+
+    Angles in degrees, the offset in cells above a node; keys as in :func:`sliding_box.summary`.
+
+    Raises
+    ------
+    ConfigError
+        If an angle or the offset is out of its range.
+    """
+    plane, started = sliding_box.Plane(slope, azimuth, offset, 0.05 if full else 0.1), time.perf_counter()
+    found = sliding_box.summary(plane)
+    LOGGER.info("sliding box at %g deg, azimuth %g deg, %g h off a node: %s", slope, azimuth, offset, found)
+    setup = {**asdict(plane), "size": sliding_box.SIZE, "friction_angle_deg": sliding_box.FRICTION_ANGLE, **asdict(sliding_box.BOX)}
+    return {"case": "sliding-box", **found, "setup": setup, "seconds": time.perf_counter() - started}
+
+
+def command(
+    cases: Sequence[str], full: bool, out: Path | None, json_file: Sequence[Path] | None, plane: Mapping[str, float]
+) -> ExitCode:
+    """What ``runout verify`` does: run the cases, or the sliding box on one ``plane``, and write or print what was found.
+
+    ``json_file`` holds no path to print JSON on standard output, one to write it there; None for neither.
+
+    Raises
+    ------
+    ConfigError
+        If a plane is given for other cases than the sliding box, and as :func:`run`.
+    """
+    if not plane:
+        findings = run(cases, full, out)
+        content, holds = as_json(findings, full), all(f.holds for f in findings)
+    elif [name.lower() for name in cases] == ["sliding-box"]:
+        content, holds = run_plane(**plane, full=full), True
+    else:
+        raise ConfigError(f"{', '.join(plane)} belong to the sliding box alone; say `runout verify sliding-box ...`")
+    if json_file:
+        write_json(content, json_file[0])
+    elif json_file is not None:
+        print(json.dumps(content, indent=2))
+    return ExitCode.OK if holds else ExitCode.FAILURE
+
+
+def _named(name: str) -> Case:
+    if name.lower() not in CASES:
+        raise ConfigError(f"there is no case {name!r}; choose among {', '.join(case.name for case in CASES.values())}")
+    return CASES[name.lower()]
+
+
+def _write(findings: Sequence[Finding], cases: Sequence[str], full: bool, out: Path) -> None:
+    said = " ".join(["runout verify", *cases, *(["--full"] if full else []), "--out", out.name])
+    write_json(as_json(findings, full), out / "verification.json")
+    with whole_file(out / "images" / "verification.png") as picture:
+        picture.write_bytes(figure(findings))
+    page = write_text(as_markdown(findings, said, SLACK), out / "verification.md")
+    LOGGER.info("wrote %s, verification.json and images/verification.png", page)

@@ -1,0 +1,83 @@
+"""What a case of verification measures: bounds on numbers and orders of convergence."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+SLACK = 0.2  # by which an observed order may stay below the declared one
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A number that must lie between ``low`` and ``high``; its unit belongs to the words of ``quantity``."""
+
+    quantity: str
+    value: float
+    high: float = np.inf
+    low: float = -np.inf
+
+    @property
+    def holds(self) -> bool:
+        """Whether the number is within its bounds; not a number is not."""
+        return bool(self.low <= self.value <= self.high)
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Errors on finer and finer grids.
+
+    Parameters
+    ----------
+    quantity : str
+        What the errors are of, and their norm.
+    cells : tuple of float
+        Resolutions: cells along the reference length, or steps.
+    errors : tuple of float
+        One per resolution, relative.
+    declared : float
+        Order of the scheme; the least-squares slope may be smaller by :data:`SLACK`.
+    """
+
+    quantity: str
+    cells: tuple[float, ...]
+    errors: tuple[float, ...]
+    declared: float
+
+    @property
+    def order(self) -> float:
+        """Least-squares slope of log error over log resolution, positive when errors fall."""
+        return float(-np.polyfit(np.log(self.cells), np.log(self.errors), 1)[0])
+
+    @property
+    def holds(self) -> bool:
+        """Whether the observed order reaches the declared one."""
+        return self.order >= self.declared - SLACK
+
+
+Result = Bound | Convergence
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case: ``measure(full)`` runs it, coarse for CI or to the sizes of the documentation."""
+
+    name: str
+    title: str
+    setup: str
+    measure: Callable[[bool], Sequence[Result]]
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a case found, and how long it took [s]."""
+
+    case: Case
+    results: tuple[Result, ...]
+    seconds: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether every bound and order holds."""
+        return all(r.holds for r in self.results)

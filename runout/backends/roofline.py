@@ -1,0 +1,69 @@
+"""What the processor can do at best: copy bandwidth and rate of multiply-adds, in numba like the kernels to compare."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import get_num_threads, njit, prange, set_num_threads
+
+COPIED = 2**25  # float32 numbers: 128 MiB an array, larger than caches
+CHUNK = 2**16  # numbers that a thread copies at a time
+FMA_NUMBERS = 4096  # of one pass; they stay in the first-level cache
+FMA_CHAIN = 16  # multiply-adds of a number in one pass; longer chains fill the scheduler and wait for each other
+FMA_PASSES = 4000
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "boundscheck": False, "fastmath": {"contract"}}
+
+
+@njit(parallel=True, **OPTIONS)
+def _copy(source, target):
+    for chunk in prange(source.size // CHUNK):
+        for k in range(np.uint64(chunk * CHUNK), np.uint64((chunk + 1) * CHUNK)):
+            target[k] = source[k]
+
+
+@njit(forceinline=True, **OPTIONS)
+def _four(x, a, b):
+    return (((x * a + b) * a + b) * a + b) * a + b
+
+
+@njit(forceinline=True, **OPTIONS)
+def _sixteen(x, a, b):
+    return _four(_four(_four(_four(x, a, b), a, b), a, b), a, b)
+
+
+@njit(parallel=True, **OPTIONS)
+def _multiply_add(x, a, b, passes):
+    for row in prange(x.shape[0]):
+        own = x[row]
+        for _ in range(passes):
+            for k in range(np.uint64(own.size)):
+                own[k] = _sixteen(own[k], a, b)
+
+
+def copy_bandwidth(threads: int, repetitions: int = 5) -> float:
+    """Bandwidth of a copy of arrays larger than the caches [bytes/s]: what is read and what is written, best of ``repetitions``."""
+    source, target = np.ones(COPIED, np.float32), np.zeros(COPIED, np.float32)
+    return 2 * source.nbytes / _best(lambda: _copy(source, target), threads, repetitions)
+
+
+def multiply_add_rate(threads: int, repetitions: int = 5) -> float:
+    """Multiply-adds of float32 numbers in registers [1/s], best of ``repetitions``."""
+    x = np.full((threads, FMA_NUMBERS), 0.5, np.float32)
+    work = x.size * FMA_CHAIN * FMA_PASSES
+    return work / _best(lambda: _multiply_add(x, np.float32(0.999), np.float32(0.001), FMA_PASSES), threads, repetitions)
+
+
+def _best(work: Callable[[], None], threads: int, repetitions: int) -> float:
+    """Shortest time [s]; the first call compiles and does not count."""
+    before, seconds = get_num_threads(), []
+    set_num_threads(threads)
+    try:
+        work()
+        for _ in range(repetitions):
+            started = time.perf_counter()
+            work()
+            seconds.append(time.perf_counter() - started)
+    finally:
+        set_num_threads(before)
+    return min(seconds)

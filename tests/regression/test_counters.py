@@ -1,0 +1,126 @@
+"""Gates on the work that a step makes, on one pinned scene: counts and bytes, never seconds.
+
+The scene is the layer of the benchmark, 10192 particles in float32 on one thread, 120 steps of one length. Counts do not
+depend on the machine, so that what fails here is a change of the code.
+"""
+
+import gc
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipelines.sloping_layer import MARGIN, SPACING, Layer
+from pipelines.timing import memory_of
+from runout.backends.protocol import get_backend
+
+LAYER = Layer(10_000, depth=7)
+N = 10_192
+LARGE, N_LARGE = Layer(100_000), 99_840  # where what does not grow with the particles hardly counts
+STEP = 0.0082  # [s]
+STEPS = 120
+ACCELERATION = 9.81 * np.cos(np.radians(20)) * (np.sin(np.radians(20)) - np.tan(np.radians(17)) * np.cos(np.radians(20)))
+LARGEST_REBUILDS = 2  # particles cross about 2.5 cells, and the margin lets them cross two
+PARTICLE_BYTES = 262  # of all arrays, beside 64 an active node: 258 now; 220 is the aim
+STEP_BYTES = 2  # a particle, that a step may hold for a moment
+FIXED_BYTES = 100_000  # small arrays, one number a block, and Python's own
+
+
+def loaded(layer=LAYER):
+    engine = get_backend("scan", "cpu", 1)
+    scene, particles = layer.build()
+    engine.load(scene, particles)
+    return engine
+
+
+def advanced(engine, steps=STEPS):
+    for _ in range(steps):
+        engine.step(STEP)
+    return engine
+
+
+def occupied_blocks(particles, corner):
+    """Blocks of 4 x 4 x 4 cells, counted from ``corner``, that hold particles: found from the particles themselves."""
+    return len(np.unique((particles.node - corner) >> 2, axis=0))
+
+
+@pytest.fixture(scope="module")
+def engine():
+    """The pinned scene after its steps."""
+    return advanced(loaded())
+
+
+def test_the_pinned_scene_is_the_one_the_gates_are_for(engine):
+    p = engine.particles()
+    assert len(p) == N
+    assert loaded().stable_step() > STEP
+    assert p.velocity[:, 0].mean() == pytest.approx(4.0 * np.cos(np.radians(20)) + ACCELERATION * STEP * STEPS, abs=0.1)
+    assert (p.position(np.full(3, SPACING))[:, :2] > (MARGIN - 2) * SPACING).all()
+
+
+def test_every_particle_is_stepped_once_a_step(engine):
+    assert engine.counters.steps == STEPS
+    assert engine.counters.particle_steps == STEPS * N
+
+
+def test_index_is_rebuilt_only_when_its_margin_is_used_up(engine):
+    assert 1 <= engine.counters.rebuilds <= LARGEST_REBUILDS
+
+
+def test_active_blocks_are_those_that_hold_particles(engine):
+    corner = LAYER.build()[1].node.min(axis=0)
+    assert engine.ledger().active_blocks == occupied_blocks(engine.particles(), corner)
+
+
+def test_blocks_and_bytes_do_not_grow_with_the_distance_between_two_bodies():
+    near, far = (loaded(replace(LAYER, sparsity=s, aligned=True)) for s in (4.0, 400.0))
+    assert far.ledger().active_blocks <= 1.05 * near.ledger().active_blocks
+    assert memory_of(far, N)["bytes"] <= 1.05 * memory_of(near, N)["bytes"]
+
+
+def test_bytes_stay_within_their_limit():
+    memory = memory_of(advanced(loaded(LARGE), 3), N_LARGE)
+    assert memory["bytes_per_particle_beside_nodes"] <= PARTICLE_BYTES
+    assert memory["bytes"] > 100 * N_LARGE  # the record and the state alone: otherwise arrays were missed
+
+
+def test_the_backend_counts_its_memory_as_it_is_found_from_outside(engine):
+    assert sum(engine.memory().values()) == pytest.approx(memory_of(engine, N)["bytes"], rel=0.01)
+
+
+def test_a_step_holds_hardly_any_memory_of_its_own(engine):
+    gc.collect()
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        rebuilds = engine.counters.rebuilds
+        advanced(engine, 3)
+        assert engine.counters.rebuilds == rebuilds
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak - before <= STEP_BYTES * N + FIXED_BYTES
+    assert after - before <= STEP_BYTES * N + FIXED_BYTES
+
+
+def test_steps_and_rebuilds_leave_no_memory_behind_but_the_arrays_in_use(engine):
+    """``engine`` is asked for so that everything is compiled before the counting starts."""
+    tracemalloc.start()
+    try:
+        own = advanced(loaded(), 10)
+        early, arrays_early = held_now(own)
+        advanced(own, 2 * STEPS)
+        late, arrays_late = held_now(own)
+    finally:
+        tracemalloc.stop()
+    assert own.counters.rebuilds >= 2
+    assert early >= arrays_early
+    assert (late - early) - (arrays_late - arrays_early) <= FIXED_BYTES
+
+
+def held_now(engine):
+    """Bytes that Python holds, and those of the backend's arrays."""
+    gc.collect()
+    return tracemalloc.get_traced_memory()[0], memory_of(engine, N)["bytes"]

@@ -1,0 +1,92 @@
+"""The closed forms against independent routes: differences, an ODE, Newton's law in the weak form."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import lambertw
+
+from pipelines.verification_cases.closed_forms import AxisAlignedWave, Vortex, standing_column, symplectic_free_fall
+from runout.model.materials import Elastic
+from runout.physics import elastic
+
+MATERIAL = Elastic(density=3.0, youngs_modulus=1e4, poisson_ratio=0.3)
+
+
+def hencky(F):
+    """First Piola stress P = tau F^-T of a deformation gradient (d, d), plane strain when d = 2."""
+    full = np.eye(3)
+    full[: len(F), : len(F)] = F
+    B = full @ full.T - np.eye(3)
+    h = elastic.log_strain((B[0, 0], B[1, 1], B[2, 2], B[0, 1], B[1, 2], B[2, 0]))
+    t = elastic.kirchhoff_stress(h, MATERIAL)
+    tau = np.array([[t[0], t[3], t[5]], [t[3], t[1], t[4]], [t[5], t[4], t[2]]])
+    return (tau @ np.linalg.inv(full).T)[: len(F), : len(F)]
+
+
+def needed(place, X, t, step=1e-4):
+    """Body force at X (d,) by differences of the motion ``place(X, t)``: acceleration less Div P over rho."""
+    d, e = len(X), step * np.eye(len(X))
+
+    def gradient(Y):
+        return np.column_stack([(place(Y + a, t) - place(Y - a, t)) / (2 * step) for a in e])
+
+    divergence = sum((hencky(gradient(X + e[k])) - hencky(gradient(X - e[k])))[:, k] / (2 * step) for k in range(d))
+    dt = 1e-5
+    acceleration = (place(X, t + dt) - 2 * place(X, t) + place(X, t - dt)) / dt**2
+    return acceleration - divergence / MATERIAL.density
+
+
+@pytest.mark.parametrize("amplitude", [(0.05, 0.0, 0.0), (0.05, 0.04, 0.0), (0.05, 0.04, 0.03)])
+def test_force_of_the_waves_satisfies_the_equation_of_motion(amplitude):
+    waves, X, t = AxisAlignedWave(MATERIAL, amplitude), np.array([0.31, 0.77, 1.12]), 0.0123
+    found = needed(lambda Y, s: Y + waves.displacement(Y[None], s)[0], X, t)
+    np.testing.assert_allclose(waves.body_force(X[None], t)[0], found, atol=2e-4 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("X", [(0.85, 0.1), (-0.5, 0.99), (0.2, -1.1)])
+def test_force_of_the_vortex_satisfies_the_equation_of_motion(X):
+    vortex, X, t = Vortex(MATERIAL, 0.3), np.array(X), 0.0037
+    found = needed(lambda Y, s: vortex.place(Y[None], s)[0], X, t)
+    np.testing.assert_allclose(vortex.body_force(X[None], t)[0], found, atol=2e-4 * np.abs(found).max())
+
+
+def test_vortex_leaves_what_lies_outside_the_ring_alone():
+    vortex, X = Vortex(MATERIAL, 1.0), np.array([[0.7, 0.0], [0.0, -1.3]])
+    np.testing.assert_array_equal(vortex.velocity(X, 0.1), 0.0)
+    np.testing.assert_allclose(vortex.place(X, 0.1), X, atol=1e-15)
+    np.testing.assert_array_equal(vortex.body_force(X, 0.1), 0.0)
+
+
+def test_velocities_and_their_gradients_are_those_of_the_motion():
+    t, d = 0.0037, 1e-6
+    waves, X = AxisAlignedWave(MATERIAL, (0.05, 0.04, 0.03)), np.array([[0.31, 0.77, 1.12]])
+    np.testing.assert_allclose(
+        waves.velocity(X, t), (waves.displacement(X, t + d) - waves.displacement(X, t - d)) / (2 * d), rtol=1e-7
+    )
+    stretching = (waves.stretch(X, t + d) - waves.stretch(X, t - d)) / (2 * d) / waves.stretch(X, t)
+    np.testing.assert_allclose(waves.velocity_gradient(X, t), stretching, rtol=1e-6)
+    vortex, Y = Vortex(MATERIAL, 0.3), np.array([[0.85, 0.1]])
+    np.testing.assert_allclose(vortex.velocity(Y, t), (vortex.place(Y, t + d) - vortex.place(Y, t - d)) / (2 * d), rtol=1e-6)
+    e = d * np.eye(2)
+    F, rate = (np.column_stack([(f(Y + a, t) - f(Y - a, t))[0] / (2 * d) for a in e]) for f in (vortex.place, vortex.velocity))
+    np.testing.assert_allclose(vortex.velocity_gradient(Y, t)[0], rate @ np.linalg.inv(F), rtol=1e-5, atol=1e-3)
+
+
+def test_column_stands_as_an_ode_says_and_its_stress_carries_its_weight():
+    length, weight, modulus = 50.0, 800.0, 1e6
+    Y = np.array([0.0, 10.0, 50.0])
+    stretch, stress, height = standing_column(Y, length, weight, modulus)
+    np.testing.assert_allclose(modulus * np.log(stretch) / stretch, stress, atol=1e-6)
+    assert stress[0] == pytest.approx(-40000.0)
+    found = solve_ivp(
+        lambda y, _: [np.exp(-np.real(lambertw(weight * (length - y) / modulus)))], (0, length), [0.0], rtol=1e-11, atol=1e-12
+    )
+    assert height[2] == pytest.approx(found.y[0, -1], abs=1e-7)
+
+
+def test_free_fall_is_what_symplectic_euler_does():
+    z = v = 0.0
+    for _ in range(137):
+        v -= 9.81e-3
+        z += v * 1e-3
+    np.testing.assert_allclose(symplectic_free_fall(137, 1e-3), (z, v), atol=1e-12)

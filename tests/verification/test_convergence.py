@@ -1,0 +1,54 @@
+"""Every case of `runout verify` at the sizes of CI: bounds and orders hold, and no error grows.
+
+`golden_errors.json` holds the errors of an earlier version. An error that is larger by more than 5 % fails; after a change that
+is meant to cost accuracy, and says so in the changelog, put the new errors there (`runout verify --json` prints them).
+"""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pipelines.verification import CASES
+from pipelines.verification_cases.finding import Bound, Convergence
+
+GOLDEN = json.loads(Path(__file__).with_name("golden_errors.json").read_text())
+GROWTH, ROUNDING = 1.05, 1e-12
+
+
+@pytest.fixture(scope="module", params=CASES, ids=str)
+def measured(request):
+    """A case and what it measures."""
+    case = CASES[request.param]
+    return case, case.measure(False)
+
+
+def test_bounds_and_declared_orders_hold(measured):
+    _, results = measured
+    assert [r for r in results if not r.holds] == []
+
+
+def test_no_error_grew_beyond_the_golden_one(measured):
+    case, results = measured
+    errors = {r.quantity: r.errors for r in results if isinstance(r, Convergence)}
+    golden = GOLDEN.get(case.name, {})
+    assert set(errors) == set(golden)
+    for quantity, found in errors.items():
+        limits = [GROWTH * e + ROUNDING for e in golden[quantity]]
+        assert all(e <= limit for e, limit in zip(found, limits, strict=True)), (quantity, found, golden[quantity])
+
+
+def test_every_case_of_the_suite_is_there():
+    assert list(CASES) == [*(f"u{k}" for k in range(1, 11)), "sliding-box"]
+
+
+def test_not_a_number_holds_no_bound_and_no_order():
+    assert not Bound("a number", float("nan"), 1.0).holds
+    assert not Convergence("errors", (1, 2, 4), (1.0, float("nan"), 0.1), 1.0).holds
+
+
+def test_order_is_the_slope_of_the_errors():
+    second = Convergence("errors", (8, 16, 32), (4e-2, 1e-2, 2.5e-3), 2.0)
+    assert second.order == pytest.approx(2.0)
+    assert second.holds
+    assert not Convergence("errors", (8, 16, 32), (4e-2, 2e-2, 1e-2), 2.0).holds

@@ -1,0 +1,72 @@
+"""What the verification writes: page, figure, JSON; and what its command says."""
+
+import json
+
+import pytest
+from matplotlib.image import imread
+
+from pipelines import verification
+from pipelines.verification_cases.finding import Bound, Case, Convergence, Finding
+from pipelines.verification_cases.page import as_json, as_lines, as_markdown
+from runout.cli import main
+
+CASE = Case("U0", "a case", "a set-up", lambda full: [], "A remark.")
+GOOD, BAD = Bound("a length [m]", 2e-5, 1e-4), Convergence("an error", (8, 16), (0.1, 0.09), 2.0)
+
+
+def test_page_names_what_does_not_hold():
+    page = as_markdown([Finding(CASE, (GOOD, BAD), 1.0)], "runout verify", 0.2)
+    assert "**Does not hold: U0.**" in page
+    assert "| a length [m] | 2e-05 | at most 0.0001 | yes |" in page
+    assert "| an error | 8: 0.1, 16: 0.09; order 0.15 | order 2 | **no** |" in page
+    assert "A remark." in page
+    assert "All 1 cases hold." in as_markdown([Finding(CASE, (GOOD,), 1.0)], "runout verify", 0.2)
+
+
+def test_terminal_names_what_does_not_hold():
+    lines = as_lines(Finding(CASE, (GOOD, BAD), 1.0))
+    assert lines[0] == "U0 a case: DOES NOT HOLD (1.0 s)"
+    assert [line.strip().startswith("NOT: ") for line in lines[1:]] == [False, True]
+
+
+def test_json_states_bounds_orders_and_verdicts():
+    content = as_json([Finding(CASE, (GOOD, BAD), 1.0)], False)
+    assert content["holds"] is False
+    bound, series = content["cases"][0]["results"]
+    assert (bound["value"], bound["low"], bound["high"], bound["holds"]) == (2e-5, None, 1e-4, True)
+    assert series["order"] == pytest.approx(0.152, abs=1e-3)
+    assert json.loads(json.dumps(content)) == content
+
+
+def test_command_writes_page_figure_and_json(tmp_path):
+    assert main(["verify", "U1", "U10", "--out", str(tmp_path), "--json", str(tmp_path / "again.json")]) == 0
+    page = (tmp_path / "verification.md").read_text()
+    assert "`runout verify U1 U10 --out" in page
+    assert "## U1: weights" in page
+    assert "## U10: element paths" in page
+    assert imread(tmp_path / "images" / "verification.png").shape[1] > 1000
+    assert json.loads((tmp_path / "again.json").read_text()).keys() == {"version", "full", "holds", "cases"}
+
+
+def test_command_prints_the_errors_of_a_plane_of_the_readers_choice(capsys):
+    assert main(["-q", "verify", "sliding-box", "--slope", "27", "--azimuth", "63", "--offset", "0.37", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert abs(found["relative_displacement_error"]) < 0.02
+    assert abs(found["residual_speed"]) < 0.01
+    assert abs(found["mean_gap"]) < 0.25
+    assert (found["setup"]["slope_deg"], found["setup"]["azimuth_deg"], found["setup"]["offset"]) == (27.0, 63.0, 0.37)
+    assert found["seconds"] > 0
+
+
+def test_command_fails_when_a_case_does_not_hold(monkeypatch):
+    monkeypatch.setitem(verification.CASES, "u1", Case("U1", "weights", "", lambda full: [BAD]))
+    assert main(["-q", "verify", "U1"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [("U99", "no case 'U99'; choose among U1"), ("U1 --slope 3", "slope"), ("sliding-box --slope 70", "slope is 70 deg")],
+)
+def test_command_refuses_what_it_cannot_run(words, message, capsys):
+    assert main(["verify", *words.split()]) == 2
+    assert message in capsys.readouterr().err
