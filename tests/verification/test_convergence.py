@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from pipelines.verification import CASES
+from pipelines.verification_cases.closed_forms import AxisAlignedWave
 from pipelines.verification_cases.finding import Bound, Convergence
+from pipelines.verification_cases.manufactured import wave_error
 
 GOLDEN = json.loads(Path(__file__).with_name("golden_errors.json").read_text())
 GROWTH, ROUNDING = 1.05, 1e-12
@@ -52,3 +54,10 @@ def test_order_is_the_slope_of_the_errors():
     assert second.order == pytest.approx(2.0)
     assert second.holds
     assert not Convergence("errors", (8, 16, 32), (4e-2, 2e-2, 1e-2), 2.0).holds
+
+
+def test_order_is_lost_when_the_body_force_is_one_percent_off(monkeypatch):
+    """The negative control: order 1.33 instead of 2.00; a stress one percent off leaves 0.29."""
+    force = AxisAlignedWave.body_force
+    monkeypatch.setattr(AxisAlignedWave, "body_force", lambda self, X, t: 1.01 * force(self, X, t))
+    assert not Convergence("u", (8, 16, 32), tuple(wave_error(n, 0.005)[0] for n in (8, 16, 32)), 2.0).holds
