@@ -3,7 +3,7 @@
 import ctypes
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -74,6 +74,14 @@ class Backend(Protocol):
 
     def columns(self) -> Columns:
         """Sums over the columns of the raster's cells."""
+
+
+@runtime_checkable
+class BatchBackend(Protocol):
+    """A backend that takes several steps without a word with the host; pays where a launch costs as much as a step."""
+
+    def steps(self, dt: float, count: int) -> None:
+        """``count`` explicit steps of ``dt`` [s]."""
 
 
 def get_backend(name: str, device: str = "auto", threads: int | None = None, *, deterministic: bool = False) -> Backend:
