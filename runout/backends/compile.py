@@ -87,16 +87,17 @@ class NumbaBinding:
         self.names = names
         self.__dict__.update(vars(spaces))
 
-    def kernels(self, *modules: ModuleType, **names: Any) -> SimpleNamespace:
+    def kernels(self, *modules: ModuleType, sources: tuple[ModuleType, ...] = (), **names: Any) -> SimpleNamespace:
         """Functions of kernel modules, compiled in order.
 
         Names that start with an underscore are inlined, the others are kernels: parallel if they call ``prange``,
         and cached on disk. ``names`` replace globals of the modules (the law, for one). Later modules see the
-        kernels of earlier ones.
+        kernels of earlier ones. ``sources`` are further modules whose change makes compiled code stale.
         """
         import numba
 
-        key = source_key((*PHYSICS, *modules), self.real.__name__, *(f"{k}={_label(v)}" for k, v in sorted(names.items())))
+        labels = (f"{k}={_label(v)}" for k, v in sorted(names.items()))
+        key = source_key((*PHYSICS, *modules, *sources), self.real.__name__, *labels)
         inline = numba.njit(forceinline=True, **self.options)
         compiled = dict(self._compiled)
         space = SimpleNamespace()

@@ -69,7 +69,7 @@ def prefetch(typing: Any, array: Any, place: Any) -> Any:
         byte, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [byte, flag, flag, flag])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(function, [builder.bitcast(p, byte), *(ir.Constant(flag, k) for k in (0, 3, 1))])
+        builder.call(function, [builder.bitcast(p, byte), *(ir.Constant(flag, k) for k in (0, 2, 1))])
         return context.get_dummy_value()
 
     return types.void(array, place), emit

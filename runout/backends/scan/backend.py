@@ -2,6 +2,7 @@
 
 import os
 import time
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,8 +12,9 @@ from runout.backends.compile import numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.scan import contact, ground, index, motion, observe, order, stencil, transfer
-from runout.backends.scan.store import Store
+from runout.backends.scan.store import PADDING, Store
 from runout.errors import CapacityError, ConfigError, StabilityError
+from runout.model.laws import Law
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import timestep
@@ -59,7 +61,7 @@ class ScanBackend:
         if not (particles.mass > 0).all():
             raise StabilityError("a particle has no mass; every particle needs a positive mass")
         self.scene, self.n = scene, len(particles)
-        self.k = _kernels(scene)
+        self.k = _kernels(scene.dtype, scene.law, len(scene.materials) == 1)
         self.counters = Counters()
         self.threads = max(1, min(self.allowed, self.n // PARTICLES_PER_THREAD))
         self.packed_dt = 0.0
@@ -99,21 +101,20 @@ class ScanBackend:
             raise CapacityError(f"a block of 64 cells holds {most} particles, at most {MOST_IN_A_BLOCK} fit; use smaller cells")
         self.index, numbers = found.rebuilt(self.k, MARGIN, self.dense)
         self.end = self._plan(found, numbers)
-        self.store = Store.empty(_capacity(self.end), self.scene.dtype)
         block = np.repeat(numbers, found.held)
         slot = self.index.first[block] + np.arange(self.n) - np.repeat(found.first, found.held)
-        self.store.fill(slot, particles.take(sequence), self.scene)
+        self.store = Store.of(_capacity(self.end), slot, particles.take(sequence), self.scene)
         self._occupy()
 
     def _plan(self, old: index.Index, numbers: np.ndarray) -> int:
         """Slots for the blocks of the new index; returns their number."""
         i = self.index
-        return int(self.k.plan_slots(numbers, old.starts, old.nown, i.starts, i.first, i.room, i.extent, i.held, i.nown))
+        return int(self.k.plan_slots(numbers, old.starts, old.nown, i.starts, i.first, i.room, i.held, i.nown))
 
     def _occupy(self) -> None:
         """Note which slots are in use, and make room for what belongs to blocks."""
         i, s = self.index, self.store
-        self.k.mark_slots(i.starts, i.first, i.room, i.nown, s.cell, s.order)
+        self.k.mark_slots(i.starts, i.first, i.nown, s.cell, s.order)
         self._allocate_blocks()
 
     def _rebuild(self) -> None:
@@ -123,12 +124,12 @@ class ScanBackend:
         self.index, numbers = old.rebuilt(k, MARGIN, self.dense)
         self.end = self._plan(old, numbers)
         if self.end > s.slots:
-            s = self.store = s.grown(_capacity(self.end))
+            s.grow(_capacity(self.end))
         i = self.index
         where = (s.order, old.starts, old.first, old.nown, numbers, i.first)
         k.gather_rows(s.rec, *where, s.spare)
         s.rec, s.spare = s.spare, s.rec
-        for values in (s.state, s.radius, s.label):
+        for values in (s.state, s.who.reshape(-1, 1)):
             room = s.spare.reshape(-1).view(values.dtype)[: values.size].reshape(values.shape)
             k.gather_rows(values, *where, room)
             k.copy_rows(room, i.first, i.held, i.nown, values)
@@ -141,16 +142,23 @@ class ScanBackend:
         low, high = self.domain[::2], self.domain[1::2]
         self.rim = ((edge - 2 < low) | (edge + 8 > high)).any(axis=1)
         self.arenas, self.grid = np.empty((n, stencil.ARENA), real), np.empty((i.nall, 256), real)
-        self.inverse_mass = np.empty((i.nall, 256), real)
-        self.tiles, self.planes, self.least_nz = np.empty((n, 36), real), np.empty((n, 48), real), np.empty(n, real)
+        self.inverse_mass = np.empty((i.nall, 64), real)
+        self.tiles, self.planes, self.bounds = (np.empty((n, width), real) for width in (36, 48, 2))
         self.touching, self.candidates, self.leaving, self.arrivals = (np.zeros(n, np.int64) for _ in range(4))
         self.before, self.changed = np.zeros(n, np.int64), np.zeros(n, np.bool_)
         self.sums, self.ground = np.zeros((n, 4)), np.zeros((n, 4))
+        self._allocate_buffers()
         s = self.scene.surface
         if s is not None:
             self.k.cut_tiles(
-                s.coefficients, *s.origin, *s.spacing, i.bxyz, n, self.corner, self.spacing, self.tiles, self.planes, self.least_nz
+                s.coefficients, *s.origin, *s.spacing, i.bxyz, n, self.corner, self.spacing, self.tiles, self.planes, self.bounds
             )
+
+    def _allocate_buffers(self) -> None:
+        """Room for the fullest block and some, for each thread."""
+        n, real = int(1.25 * self.index.held.max(initial=0)) + 2 * PADDING, self.scene.dtype
+        rec, state = np.empty((self.threads, n, 16), real), np.empty((self.threads, n, 8), real)
+        self.buffers = rec, state, np.empty((self.threads, n), np.int32)
 
     def stable_step(self) -> float:
         """Largest admissible time step [s]."""
@@ -183,30 +191,34 @@ class ScanBackend:
     def _to_grid(self, dt: float) -> None:
         i, s, real = self.index, self.store, self.scene.dtype
         if dt != self.packed_dt:
-            self.k.change_step(s.rec, s.state, s.label, s.cell, self.end, self.mats, real(dt - self.packed_dt), self.h)
+            self.k.change_step(
+                s.rec, s.state, s.who, s.label, s.order, i.first, i.held, i.nown, self.mats, real(dt - self.packed_dt), self.h
+            )
             self.packed_dt = dt
-        self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, i.extent, i.nown, self.arenas)
+        if self.scene.surface is None:
+            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, i.nown, self.arenas)
+        else:
+            band = self.scene.contact_band * min(self.scene.spacing)
+            reach = self.largest_radius + band + dt * self.max_speed * 1.001
+            self.k.particles_to_arenas_and_contacts(
+                s.rec, s.who, s.radius, s.label, s.order, i.starts, i.first, i.nown, self.tiles, self.planes, self.bounds,
+                self.friction, real(reach), real(dt), self.h, real(band), self.arenas, s.spare, s.listed, self.candidates,
+                self.touching,
+            )  # fmt: skip
         dv = np.tile([0.0, *(self.gravity * dt)], 4).astype(real)
         self.k.update_nodes(self.arenas, i.held, i.down, i.nall, self.grid, dv)
 
     def _contact(self, dt: float) -> None:
-        if self.scene.surface is None:
-            return
-        i, s, k, real = self.index, self.store, self.k, self.scene.dtype
-        band = self.scene.contact_band * min(self.scene.spacing)
-        reach = self.largest_radius + band + dt * self.max_speed * 1.001
-        k.find_contacts(
-            s.rec, s.radius, s.cell, s.label, s.order, i.starts, i.first, i.nown, self.tiles, self.planes, self.least_nz,
-            self.friction, real(reach), real(dt), self.h, real(band), self.arenas, s.spare, s.listed, self.candidates,
-            self.touching,
-        )  # fmt: skip
+        i, s, k = self.index, self.store, self.k
         self.contact_particles = int(self.touching.sum())
         if self.contact_particles == 0:
             return
+        k.spread_weights(s.spare, s.listed, s.cell, i.first, i.nown, self.candidates, self.arenas)
         k.share_contacts(self.arenas, self.touching, i.down, i.nall, self.grid, self.inverse_mass)
         k.solve_contacts(
-            s.spare, s.listed, s.cell, i.first, i.nown, self.grid, i.up, real(dt), self.arenas, self.candidates, self.ground
-        )
+            s.spare, s.listed, s.cell, i.first, i.nown, self.grid, i.up, self.scene.dtype(dt), self.arenas, self.candidates,
+            self.ground,
+        )  # fmt: skip
         k.apply_impulses(self.arenas, self.touching, i.down, i.nall, self.grid, self.inverse_mass)
         booked = self.ground[self.touching > 0].sum(0)
         self.basal_dissipation -= float(booked[0])
@@ -214,10 +226,12 @@ class ScanBackend:
 
     def _to_particles(self, dt: float) -> None:
         i, s, real = self.index, self.store, self.scene.dtype
+        if i.held.max() > self.buffers[0].shape[1] - PADDING:
+            self._allocate_buffers()
         slopes, cells = (4 * dt / self.spacing).astype(real), (dt / self.spacing).astype(real)
         self.k.grid_to_particles(
-            s.rec, s.state, s.cell, s.label, s.order, i.starts, i.first, i.extent, i.nown, self.grid, i.up, i.bxyz,
-            self.rim, self.domain, self.mats, tuple(slopes), tuple(cells), s.listed, self.leaving, self.changed, self.sums,
+            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, self.grid, i.up, i.bxyz, self.rim,
+            self.domain, self.mats, tuple(slopes), tuple(cells), *self.buffers, s.listed, self.leaving, self.changed, self.sums,
         )  # fmt: skip
         speed2, step = self.sums[:, 0].max(), self.sums[:, 1].max()
         if not (np.isfinite(speed2) and self.sums[:, 3].sum() == 0):
@@ -240,12 +254,12 @@ class ScanBackend:
             k.count_arrivals(i.around, i.first, i.nown, s.listed, self.leaving, i.held, i.room, self.before, self.arrivals)
         )
         if self.end + needed > s.slots:
-            s = self.store = s.grown(_capacity(self.end + needed))
+            s.grow(_capacity(self.end + needed))
         if needed:
             self.end = int(k.make_room(i.nown, i.held, self.arrivals, i.first, i.room, self.end))
         k.settle(
-            s.rec, s.state, s.radius, s.label, s.cell, s.order, i.starts, i.first, i.room, i.extent, i.held, self.before,
-            i.around, i.nown, s.listed, self.leaving, self.changed, self.arrivals,
+            s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, self.before, i.around, i.nown, s.listed,
+            self.leaving, self.changed, self.arrivals,
         )  # fmt: skip
         if i.held.sum() != self.n:
             missing = self.n - int(i.held.sum())
@@ -265,7 +279,7 @@ class ScanBackend:
         by_block = np.empty((i.nown, 7))
         dt = self.scene.dtype(self.packed_dt)
         kernel(
-            s.rec, s.state, s.label, *which, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, self.gravity, by_block
+            s.rec, s.state, s.who, s.label, *which, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, self.gravity, by_block
         )
         return by_block.sum(0)  # type: ignore[no-any-return]
 
@@ -303,15 +317,15 @@ class ScanBackend:
         place = np.cumsum(i.held) - i.held
         dt = self.scene.dtype(self.packed_dt)
         self.k.unpack(
-            s.rec, s.state, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, place,
-            node, affine,
+            s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.mats, dt,
+            self.spacing, place, node, affine,
         )  # fmt: skip
         slot = s.order[np.repeat(i.first - place, i.held) + np.arange(n)]
-        rec, state = s.rec[slot].astype(np.float64), s.state[slot].astype(np.float64)
+        rec, state, who = s.rec[slot].astype(np.float64), s.state[slot].astype(np.float64), s.who[slot]
         m = rec[:, 0]
         p = Particles(
             node, rec[:, 4::4], rec[:, 1:4] / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
-            s.radius[slot, 0].astype(np.float64), s.label[slot, 0], s.label[slot, 1].astype(np.int64),
+            s.radius[who].astype(np.float64), s.label[who, 0], s.label[who, 1].astype(np.int64),
         )  # fmt: skip
         return p.take(np.argsort(p.identity))
 
@@ -321,7 +335,7 @@ class ScanBackend:
         sums = np.zeros((r.rows, r.columns, 5))
         cell = np.array(r.cell_size)
         self.k.add_columns(
-            s.rec, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.density, self.spacing, cell, sums
+            s.rec, s.who, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.density, self.spacing, cell, sums
         )
         return Columns(sums[..., 0], sums[..., 1], sums[..., 2:])
 
@@ -343,21 +357,19 @@ def _capacity(slots: int) -> int:
     return slots + slots // 32 + 4096
 
 
-def _kernels(scene: Scene) -> SimpleNamespace:
-    """Kernels for the law and the number type of a scene."""
-    binding = numba_binding(scene.dtype)
-    law = getattr(binding, scene.law.module.__name__.rsplit(".", 1)[-1])
-    return binding.kernels(
+@cache
+def _kernels(real: Any, law: Law, one_material: bool) -> SimpleNamespace:
+    """Kernels for a number type and a law, made once a process; those that know no law are compiled for all."""
+    binding = numba_binding(real)
+    lanes = (vectors, shuffles, memory)
+    common = binding.kernels(stencil, ground, index, transfer, contact, order, observe, sources=(*lanes, motion))
+    physics = getattr(binding, law.module.__name__.rsplit(".", 1)[-1])
+    own = binding.kernels(
         stencil,
-        ground,
-        index,
         motion,
-        transfer,
-        contact,
-        order,
-        observe,
-        sources=(vectors, shuffles, memory),
-        law_update=law.update,
-        law_update_small=law.update_small,
-        ONE_MATERIAL=len(scene.materials) == 1,
+        sources=lanes,
+        law_update=physics.update,
+        law_update_small=physics.update_small,
+        ONE_MATERIAL=one_material,
     )
+    return SimpleNamespace(**(vars(common) | vars(own)))

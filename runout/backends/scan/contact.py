@@ -12,8 +12,10 @@ from numba import prange
 from runout.backends.lanes import (
     lane_sum,
     listed_record_vectors,
+    load4,
     load16,
     local_array,
+    permutation,
     permutation_of_two,
     record_vectors,
     row_vectors,
@@ -31,10 +33,11 @@ from runout.backends.scan.stencil import (
     _nothing,
     _spread,
     heads_and_tails,
+    in_groups,
     local_nodes,
     zeros,
 )
-from runout.backends.scan.transfer import _any_filled, _sum_row, masses, ones
+from runout.backends.scan.transfer import _any_filled, _fill_arena, _sum_row, masses, ones
 from runout.physics.contact import impulse, in_contact, work
 from runout.physics.tensors import real, vec
 
@@ -45,6 +48,8 @@ local_tile = local_array((28, TILE))
 load_listed = listed_record_vectors(16)
 load_contacts, store_contacts = record_vectors(16)
 load_16_rows, store_16_rows = row_vectors(16, TILE)
+heads = permutation((0, 4, 8, 12))
+in_all_four = permutation(in_groups(range(4)))
 first_of_two = permutation_of_two([*range(4), *range(20, 32)])
 
 
@@ -135,7 +140,7 @@ def _measure_candidates(t, rec, listed, contacts, start, n, dt, h, band):
     return _store_candidates(t, contacts, start, n)
 
 
-def _examine(rec, radius, label, order, starts, f, b, tile, planes, friction, cut, dt, h, band, contacts, listed):
+def _examine(rec, who, radius, label, order, starts, f, b, tile, planes, friction, cut, dt, h, band, contacts, listed):
     """Candidates of a block, and how many of them touch."""
     t = local_tile(rec)
     n = 0
@@ -148,7 +153,7 @@ def _examine(rec, radius, label, order, starts, f, b, tile, planes, friction, cu
             if not _below(rec, p, planes, b, c, cut):
                 continue
             listed[f + n] = p
-            _take_candidate(t, np.uint64(n & (TILE - 1)), tile, c, radius[p, 0], friction[label[p, 0]])
+            _take_candidate(t, np.uint64(n & (TILE - 1)), tile, c, radius[who[p]], friction[label[who[p], 0]])
             n += 1
             if n & (TILE - 1) == 0:
                 found += _measure_candidates(t, rec, listed, contacts, f + n - TILE, TILE, dt, h, band)
@@ -171,11 +176,11 @@ def _spread_block(contacts, listed, cell, f, n, arena):
         _add_rows(arena, _first_node(np.int64(c)), rows)
 
 
-def find_contacts(
-    rec, radius, cell, label, order, starts, first, nown, tiles, planes, least_nz, friction, reach, dt, h, band, arenas,
+def particles_to_arenas_and_contacts(
+    rec, who, radius, label, order, starts, first, nown, tiles, planes, bounds, friction, reach, dt, h, band, arenas,
     contacts, listed, candidates, touching,
 ):  # fmt: skip
-    """Find the particles that touch the ground, and add their weights to the arenas of their blocks.
+    """Fill the arenas, and find the particles that touch the ground while a block is in cache.
 
     ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch. Gives the numbers
     (nown,) of ``candidates``, none where no particle touches, and of particles that are ``touching``.
@@ -185,15 +190,23 @@ def find_contacts(
         touching[b] = 0
         if starts[b, 64] == 0:
             continue
-        f = first[b]
+        _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[b])
+        cut = reach / (bounds[b, 1] * h[2])
+        if real(0.5) - bounds[b, 0] > cut:
+            continue
         n, found = _examine(
-            rec, radius, label, order, starts, f, b, tiles[b], planes, friction, reach / (least_nz[b] * h[2]), dt, h, band,
-            contacts, listed,
-        )  # fmt: skip
+            rec, who, radius, label, order, starts, first[b], b, tiles[b], planes, friction, cut, dt, h, band, contacts, listed
+        )
         if found > 0:
             candidates[b] = n
             touching[b] = found
-            _spread_block(contacts, listed, cell, f, n, arenas[b])
+
+
+def spread_weights(contacts, listed, cell, first, nown, candidates, arenas):
+    """Put the weights of the contacts into the arenas of their blocks, once the nodes have taken the mass."""
+    for b in prange(nown):
+        if candidates[b] > 0:
+            _spread_block(contacts, listed, cell, first[b], candidates[b], arenas[b])
 
 
 def share_contacts(arenas, touching, down, nall, grid, inverse_mass):
@@ -209,7 +222,7 @@ def share_contacts(arenas, touching, down, nall, grid, inverse_mass):
                 inverse = select(m > zeros(m), ones(m) / select(m > zeros(m), m, ones(m)), zeros(m))
                 s = _sum_row(arenas, touching, down, b, i, j)
                 store(grid, o, heads_and_tails(s * inverse, node))
-                store(inverse_mass, o, inverse)
+                store(inverse_mass, o >> 2, heads(inverse))
 
 
 def _meet_grid(contacts, listed, cell, f, n, nodes):
@@ -282,4 +295,4 @@ def apply_impulses(arenas, touching, down, nall, grid, inverse_mass):
             for j in range(4):
                 o = b * 256 + (i * 4 + j) * 16
                 s = _sum_row(arenas, touching, down, b, i, j)
-                store(grid, o, load16(grid, o) + s * load16(inverse_mass, o))
+                store(grid, o, load16(grid, o) + s * in_all_four(load4(inverse_mass, o >> 2)))

@@ -37,9 +37,9 @@ def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
 
 
 def _bound_column(tile, o, plane, a):
-    """Plane value + slopes . f, over f in the stencil, that no point of a column's surface exceeds.
+    """Note a plane value + slopes . f that no point of a column's surface exceeds; returns its highest point in the column.
 
-    The slopes are those at its middle. A spline lies below a plane by no less than all its coefficients do.
+    The slopes are those at the middle. A spline lies below a plane by no less than all its coefficients do.
     """
     w = weights(real(1.0))
     west = interpolate(w, tile[o], tile[o + 1], tile[o + 2])
@@ -55,6 +55,7 @@ def _bound_column(tile, o, plane, a):
     plane[a] = top
     plane[a + 1] = sx
     plane[a + 2] = sy
+    return top + sx + sy + real(0.5) * (abs(sx) + abs(sy))
 
 
 def _least_normal_z(tile, h):
@@ -70,12 +71,12 @@ def _least_normal_z(tile, h):
     return normal_z(real(sx * h[2] / h[0]), real(sy * h[2] / h[1]))
 
 
-def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, nown, corner, h, tiles, planes, least_nz):
+def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, nown, corner, h, tiles, planes, bounds):
     """Surface coefficients (nown, 36) on the nodes of each block, relative to its lowest node [cells].
 
     The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. ``corner`` is
     the node at which blocks are counted from. ``planes`` (nown, 16, 3) bound the surface in each column of cells from
-    above, ``least_nz`` (nown,) the vertical component of the normal from below.
+    above; ``bounds`` (nown, 2) are the highest of them and the least vertical component of the normal.
     """
     for b in prange(nown):
         for i in range(6):
@@ -84,9 +85,11 @@ def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, nown, corner, h, tiles, planes
                 y = (corner[1] + 4 * bxyz[b, 1] + j) * h[1]
                 e = _node_coefficient(coefficients, ox, oy, sx, sy, x, y, h[0], h[1])
                 tiles[b, i * 6 + j] = real(e / h[2] - (corner[2] + 4 * bxyz[b, 2]))
+        top = real(-1.0e30)
         for c in range(16):
-            _bound_column(tiles[b], (c >> 2) * 6 + (c & 3), planes[b], 3 * c)
-        least_nz[b] = _least_normal_z(tiles[b], h)
+            top = max(top, _bound_column(tiles[b], (c >> 2) * 6 + (c & 3), planes[b], 3 * c))
+        bounds[b, 0] = top
+        bounds[b, 1] = _least_normal_z(tiles[b], h)
 
 
 def _surface_at(a, fx, fy):

@@ -1,11 +1,11 @@
-"""Grid to particles: velocities, then law, position and next record over tiles of 64 particles while a block is in cache.
+"""Grid to particles: velocities, then law, position and next record over tiles of 32 particles while a block is in cache.
 
 The law is plain scalar source. LLVM vectorises it over a tile because the index is unsigned (a signed one brings numba's
 test for negative indices into the loop), the functions are inlined, and tiles lie on the stack.
 """
 
 import numpy as np
-from numba import prange
+from numba import get_thread_id, prange
 
 from runout.backends.lanes import (
     constant,
@@ -13,6 +13,7 @@ from runout.backends.lanes import (
     lane_largest,
     lane_sum,
     largest,
+    load8,
     load16,
     local_array,
     lowest_bit,
@@ -27,8 +28,8 @@ from runout.physics.elastic import update as law_update
 from runout.physics.elastic import update_small as law_update_small
 from runout.physics.tensors import real, sym, tens
 
-TILE = 64
-DEAD, LEFT = 64, 65  # marks of a slot without particle; it left in this step
+TILE = 32
+LEFT = 64  # mark of a slot whose particle leaves the block
 STAYS = 13  # move code of a particle that stays in its cell
 HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
@@ -135,21 +136,21 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells):
     t[22, p] = history
 
 
-def _follow_tile(t, cell, label, first, count, mats, s, cells):
+def _follow_tile(t, who, label, first, count, mats, s, cells):
     """Law, motion and next record of a tile, for small strain; the others are marked LARGE."""
     mat = mats[0]
     for p in range(np.uint64(TILE)):
-        alive = (p < count) & (cell[first + p] < np.uint8(DEAD))
+        alive = p < count
         t[ALIVE, p] = real(1.0) if alive else real(0.0)
         if not ONE_MATERIAL:
-            mat = mats[label[first + p, 0]]
+            mat = mats[label[who[first + p], 0]]
         B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
         t[LARGE, p] = real(0.0) if is_small(size) else t[ALIVE, p]
         _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells)
 
 
 def _follow_large(t, rec, state, p, slot, mat, s, cells):
-    """The same for one particle of any strain, from the record and state in its slot."""
+    """The same for one particle of any strain, from its record and state before the law."""
     for k in range(16):
         t[k, p] = rec[slot, k]
     for k in range(8):
@@ -158,14 +159,15 @@ def _follow_large(t, rec, state, p, slot, mat, s, cells):
     _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells)
 
 
-def _follow_all_large(t, rec, state, label, slot, groups, mats, s, cells):
+def _follow_all_large(t, rec, state, slot, who, label, first, groups, mats, s, cells):
     """The robust law for the columns that are marked LARGE."""
     for g in range(groups):
         bits = lane_bits(load16(t, LARGE * TILE + 16 * g) > halves(t))
         while bits != np.uint64(0):
             column = np.int64(lowest_bit(bits)) + 16 * g
             bits = bits & (bits - np.uint64(1))
-            _follow_large(t, rec, state, column, slot + column, mats[label[slot + column, 0]], s, cells)
+            mat = mats[label[who[first + column], 0]]
+            _follow_large(t, rec, state, column, slot + column, mat, s, cells)
 
 
 def _lies_in_domain(bxyz, b, c, rec, slot, domain):
@@ -211,62 +213,73 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, leaving
     return leaving, changed
 
 
-def _gather_block(rec, order, starts, first, extent, b, following, nodes):
-    """Velocities and their first moments to all particles of a block."""
+def _gather_block(rec, state, who, cell, order, starts, first, b, following, nodes, rec2, state2, who2):
+    """Records with velocities and first moments, states and labels of all particles of a block, by cell, in a buffer."""
     flat = rec.reshape(-1)
+    states = state.reshape(-1)
+    flat2 = rec2.reshape(-1)
+    states2 = state2.reshape(-1)
     f = first[b]
     for c in range(64):
-        _prefetch_share(flat, first, extent, following, c)
-        s = np.uint64(f + starts[b, c])
-        e = np.uint64(f + starts[b, c + 1])
+        _prefetch_share(flat, first, starts, following, c)
+        s = np.uint64(starts[b, c])
+        e = np.uint64(starts[b, c + 1])
         if s == e:
             continue
         rows = _load_rows(nodes, _first_node(c))
         for t in range(s, e):
-            r = np.uint64(order[t]) * np.uint64(16)
-            store(flat, r, _gather(flat, r, rows))
+            p = np.uint64(order[np.uint64(f) + t])
+            store(flat2, t * np.uint64(16), _gather(flat, p * np.uint64(16), rows))
+            store(states2, t * np.uint64(8), load8(states, p * np.uint64(8)))
+            who2[t] = who[p]
+            cell[np.uint64(f) + t] = c
+            order[np.uint64(f) + t] = np.uint64(f) + t
+    for t in range(starts[b, 64]):
+        who[f + t] = who2[t]
 
 
 def grid_to_particles(
-    rec, state, cell, label, order, starts, first, extent, nown, grid, up, bxyz, rim, domain, mats, s, cells,
+    rec, state, cell, who, label, order, starts, first, nown, grid, up, bxyz, rim, domain, mats, s, cells, rec2, state2, who2,
     movers, leaving, changed, sums,
 ):  # fmt: skip
-    """One step of all particles.
+    """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
-    ``sums`` (nown, 4): largest speed squared, longest move [cells], dissipated energy [J], refused moves.
+    ``rec2``, ``state2`` and ``who2`` have room for one block for each thread. ``sums`` (nown, 4): largest speed squared,
+    longest move [cells], dissipated energy [J], refused moves.
     """
     for b in prange(nown):
         leaving[b] = 0
         changed[b] = False
         for k in range(4):
             sums[b, k] = 0.0
-        if starts[b, 64] == 0:
+        held = starts[b, 64]
+        if held == 0:
             continue
+        buffer = get_thread_id()
         nodes = local_nodes(rec)
         t = local_tile(rec)
         _load_nodes(nodes, grid, up, b)
-        _gather_block(rec, order, starts, first, extent, b, min(b + 1, nown - 1), nodes)
+        following = min(b + 1, nown - 1)
+        _gather_block(
+            rec, state, who, cell, order, starts, first, b, following, nodes, rec2[buffer], state2[buffer], who2[buffer]
+        )
         f = first[b]
-        speed = zeros(rec)
-        move = zeros(rec)
-        lost = zeros(rec)
-        refused = zeros(rec)
+        speed = move = lost = refused = zeros(rec)
         n = 0
         new = False
-        for k in range(0, extent[b], TILE):
-            p = f + k
-            count = min(TILE, extent[b] - k)
+        for k in range(0, held, TILE):
+            count = min(TILE, held - k)
             groups = (count + 15) >> 4
-            _load_tile(t, rec, state, p, groups)
-            _follow_tile(t, cell, label, np.uint64(p), np.uint64(count), mats, s, cells)
-            _follow_all_large(t, rec, state, label, p, groups, mats, s, cells)
-            _store_tile(t, rec, state, p, groups)
+            _load_tile(t, rec2[buffer], state2[buffer], k, groups)
+            _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells)
+            _follow_all_large(t, rec2[buffer], state2[buffer], k, who, label, f + k, groups, mats, s, cells)
+            _store_tile(t, rec, state, f + k, groups)
             for g in range(groups):
                 speed = largest(speed, load16(t, SPEED * TILE + 16 * g))
                 move = largest(move, load16(t, MOVE * TILE + 16 * g))
                 lost = lost + load16(t, LOST * TILE + 16 * g)
                 refused = refused + load16(t, REFUSED * TILE + 16 * g)
-                n, new = _note_moves(t, rec, cell, f, p, g, b, bxyz, rim, domain, movers, n, new)
+                n, new = _note_moves(t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, n, new)
         leaving[b] = n
         changed[b] = new
         sums[b, 0] = lane_largest(speed)

@@ -16,24 +16,24 @@ def _strain_of(state, p):
     return sym(state[p, 0], state[p, 1], state[p, 2], state[p, 3], state[p, 4], state[p, 5])
 
 
-def change_step(rec, state, label, cell, slots, mats, ddt, h):
+def change_step(rec, state, who, label, order, first, held, nown, mats, ddt, h):
     """Repack the records for a time step longer by ``ddt`` [s]."""
-    for p in prange(slots):
-        if cell[p] >= 64:
-            continue
-        tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[p, 0]])
-        x = -ddt * real(4.0) / h[0] * state[p, 7]
-        y = -ddt * real(4.0) / h[1] * state[p, 7]
-        z = -ddt * real(4.0) / h[2] * state[p, 7]
-        rec[p, 5] += x * tau[0]
-        rec[p, 6] += x * tau[3]
-        rec[p, 7] += x * tau[5]
-        rec[p, 9] += y * tau[3]
-        rec[p, 10] += y * tau[1]
-        rec[p, 11] += y * tau[4]
-        rec[p, 13] += z * tau[5]
-        rec[p, 14] += z * tau[4]
-        rec[p, 15] += z * tau[2]
+    for b in prange(nown):
+        for k in range(first[b], first[b] + held[b]):
+            p = order[k]
+            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[who[p], 0]])
+            x = -ddt * real(4.0) / h[0] * state[p, 7]
+            y = -ddt * real(4.0) / h[1] * state[p, 7]
+            z = -ddt * real(4.0) / h[2] * state[p, 7]
+            rec[p, 5] += x * tau[0]
+            rec[p, 6] += x * tau[3]
+            rec[p, 7] += x * tau[5]
+            rec[p, 9] += y * tau[3]
+            rec[p, 10] += y * tau[1]
+            rec[p, 11] += y * tau[4]
+            rec[p, 13] += z * tau[5]
+            rec[p, 14] += z * tau[4]
+            rec[p, 15] += z * tau[2]
 
 
 def _gradient_row(rec, state, p, j, stress, dt, h):
@@ -84,7 +84,7 @@ def _node_of(bxyz, b, c, corner):
     return x, y, z
 
 
-def sum_blocks(rec, state, label, order, starts, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
+def sum_blocks(rec, state, who, label, order, starts, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
     """Sums (nown, 7) over the particles of each block."""
     for b in prange(nown):
         for k in range(7):
@@ -93,10 +93,10 @@ def sum_blocks(rec, state, label, order, starts, first, nown, bxyz, corner, mats
             node = _node_of(bxyz, b, c, corner)
             for t in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
                 p = order[t]
-                _add_sums(rec, state, p, node, mats[label[p, 0]], dt, h, gravity, sums, b)
+                _add_sums(rec, state, p, node, mats[label[who[p], 0]], dt, h, gravity, sums, b)
 
 
-def sum_escaped(rec, state, label, movers, leaving, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
+def sum_escaped(rec, state, who, label, movers, leaving, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
     """The same over the particles that leave the domain in this step."""
     for b in prange(nown):
         for k in range(7):
@@ -108,10 +108,10 @@ def sum_escaped(rec, state, label, movers, leaving, first, nown, bxyz, corner, m
                 x, y, z = _node_of(bxyz, b, entry & 63, corner)
                 node = (x + 4 * (q // 9 - 1), y + 4 * ((q // 3) % 3 - 1), z + 4 * (q % 3 - 1))
                 p = first[b] + (entry >> 12)
-                _add_sums(rec, state, p, node, mats[label[p, 0]], dt, h, gravity, sums, b)
+                _add_sums(rec, state, p, node, mats[label[who[p], 0]], dt, h, gravity, sums, b)
 
 
-def unpack(rec, state, label, order, starts, first, nown, bxyz, corner, mats, dt, h, place, node, affine):
+def unpack(rec, state, who, label, order, starts, first, nown, bxyz, corner, mats, dt, h, place, node, affine):
     """First node (n, 3), velocity gradient (n, 3, 3) and slot (n,) of the particles; ``place`` is each block's first row."""
     for b in prange(nown):
         for c in range(64):
@@ -119,13 +119,13 @@ def unpack(rec, state, label, order, starts, first, nown, bxyz, corner, mats, dt
                 p = order[first[b] + t]
                 d = place[b] + t
                 node[d, 0], node[d, 1], node[d, 2] = _node_of(bxyz, b, c, corner)
-                columns = _gradient_of(rec, state, p, mats[label[p, 0]], dt, h)
+                columns = _gradient_of(rec, state, p, mats[label[who[p], 0]], dt, h)
                 for j in range(3):
                     for i in range(3):
                         affine[d, i, j] = columns[j][i]
 
 
-def add_columns(rec, label, order, starts, first, nown, bxyz, corner, density, h, cell, raster):
+def add_columns(rec, who, label, order, starts, first, nown, bxyz, corner, density, h, cell, raster):
     """Add each particle, spread over a plan box of one grid cell, to the raster (rows, columns, 5): volume, mass, momentum."""
     rows, columns, _ = raster.shape
     for b in range(nown):
@@ -145,7 +145,7 @@ def add_columns(rec, label, order, starts, first, nown, bxyz, corner, density, h
                         if share > 0.0:
                             row = rows - 1 - min(max(j, 0), rows - 1)
                             column = min(max(i, 0), columns - 1)
-                            raster[row, column, 0] += share * m / density[label[p, 0]]
+                            raster[row, column, 0] += share * m / density[label[who[p], 0]]
                             raster[row, column, 1] += share * m
                             for d in range(3):
                                 raster[row, column, 2 + d] += share * rec[p, 1 + d]

@@ -1,23 +1,23 @@
 """Order of the particles: slots of the blocks, lists by cell, exchange between blocks, and the rare move to fresh slots.
 
-A block owns the slots first to first + room; ``order`` names the occupied ones by cell. A particle that changes its cell
-stays in its slot; one that changes its block is copied to a free slot there. Blocks whose particles stay in their
-cells cost nothing.
+A block owns the slots first to first + room; ``order`` names the occupied ones by cell. Each step brings the particles of a
+block into the order of its list (:mod:`runout.backends.scan.motion`); here those that change their cell or block are
+listed anew. Blocks whose particles stay in their cells cost nothing.
 """
 
 import numpy as np
 from numba import prange
 
 from runout.backends.lanes import local_array
-from runout.backends.scan.motion import DEAD
+from runout.backends.scan.motion import LEFT
 
 CELLS = 64
-local_counts = local_array((CELLS,))
+local_counts = local_array((CELLS + 1,))  # and those that leave
 
 
 def _spacious(n):
     """Slots for ``n`` particles now and some that will come: a multiple of 16."""
-    return (n + (n >> 4) + 23) & ~15
+    return (n + (n >> 5) + 19) & ~15
 
 
 def count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals):
@@ -35,7 +35,7 @@ def count_arrivals(around, first, nown, movers, leaving, held, room, before, arr
     needed = 0
     for b in range(nown):
         if held[b] + arrivals[b] > room[b]:
-            needed += _spacious(held[b] + arrivals[b] + (held[b] >> 3) + 16)
+            needed += _spacious(held[b] + arrivals[b] + (held[b] >> 4) + 16)
     return needed
 
 
@@ -44,65 +44,52 @@ def make_room(nown, held, arrivals, first, room, end):
     for b in range(nown):
         if held[b] + arrivals[b] > room[b]:
             first[b] = end
-            room[b] = _spacious(held[b] + arrivals[b] + (held[b] >> 3) + 16)
+            room[b] = _spacious(held[b] + arrivals[b] + (held[b] >> 4) + 16)
             end += room[b]
     return end
 
 
-def _copy_slot(rec, state, radius, label, p, rec2, state2, radius2, label2, d):
+def _copy_slot(rec, state, who, cell, p, d, c):
+    """Copy a particle to another slot, into cell ``c``."""
     for k in range(16):
-        rec2[d, k] = rec[p, k]
+        rec[d, k] = rec[p, k]
     for k in range(8):
-        state2[d, k] = state[p, k]
-    radius2[d, 0] = radius[p, 0]
-    label2[d, 0] = label[p, 0]
-    label2[d, 1] = label[p, 1]
+        state[d, k] = state[p, k]
+    who[d] = who[p]
+    cell[d] = c
 
 
-def _relocate(rec, state, radius, label, cell, old, new, extent):
+def _relocate(rec, state, who, cell, old, new, n):
     """Copy what stays in a block to fresh slots; returns their number."""
-    n = 0
-    for p in range(old, old + extent):
-        if cell[p] < DEAD:
-            _copy_slot(rec, state, radius, label, p, rec, state, radius, label, new + n)
-            cell[new + n] = cell[p]
-            n += 1
-    return n
+    kept = 0
+    for p in range(old, old + n):
+        if cell[p] < LEFT:
+            _copy_slot(rec, state, who, cell, p, new + kept, cell[p])
+            kept += 1
+    return kept
 
 
-def _receive(rec, state, radius, label, cell, around, before, movers, leaving, b, first, extent):
-    """Copy the arrivals of a block to its free slots; returns the slots in use.
-
-    Slots that particles left in this step are still read by the neighbours: they are free from the next step on.
-    """
-    free = 0
+def _receive(rec, state, who, cell, around, before, movers, leaving, b, end):
+    """Copy the arrivals of a block to the slots from ``end`` on: the neighbours still read those that were left."""
     for q in range(27):
         s = around[b, q]
         if s < 0 or leaving[s] == 0:
             continue
         for t in range(leaving[s]):
             entry = movers[before[s] + t]
-            if (entry >> 6) & 63 != 26 - q:
-                continue
-            while free < extent and cell[first + free] != DEAD:
-                free += 1
-            extent = max(extent, free + 1)
-            _copy_slot(rec, state, radius, label, before[s] + (entry >> 12), rec, state, radius, label, first + free)
-            cell[first + free] = entry & 63
-    return extent
+            if (entry >> 6) & 63 == 26 - q:
+                _copy_slot(rec, state, who, cell, before[s] + (entry >> 12), end, entry & 63)
+                end += 1
+    return end
 
 
-def _list_by_cell(cell, order, starts, b, first, extent):
-    """Sort the occupied slots of a block by cell; slots that were left become free."""
+def _list_by_cell(cell, order, starts, b, first, end):
+    """Sort the occupied slots of a block by cell; returns their number."""
     place = local_counts(starts)
-    for c in range(CELLS):
+    for c in range(CELLS + 1):
         place[c] = 0
-    for p in range(np.uint64(first), np.uint64(first + extent)):
-        c = np.uint64(cell[p])
-        if c < np.uint64(DEAD):
-            place[c] += 1
-        else:
-            cell[p] = DEAD
+    for p in range(np.uint64(first), np.uint64(end)):
+        place[np.uint64(cell[p])] += 1
     total = 0
     for c in range(CELLS):
         n = place[c]
@@ -110,33 +97,31 @@ def _list_by_cell(cell, order, starts, b, first, extent):
         starts[b, c] = total
         total += n
     starts[b, CELLS] = total
-    for p in range(np.uint64(first), np.uint64(first + extent)):
+    for p in range(np.uint64(first), np.uint64(end)):
         c = np.uint64(cell[p])
-        if c < np.uint64(DEAD):
-            order[place[c]] = p
+        if c < np.uint64(CELLS):
+            order[np.uint64(place[c])] = p
             place[c] += 1
     return total
 
 
 def settle(
-    rec, state, radius, label, cell, order, starts, first, room, extent, held, before, around, nown, movers, leaving,
-    changed, arrivals,
-):  # fmt: skip
+    rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, changed, arrivals
+):
     """Let particles enter their new blocks, and list the blocks in which anything changed by cell."""
     for b in prange(nown):
         if arrivals[b] == 0 and not changed[b]:
             continue
         f = first[b]
-        n = extent[b]
+        end = f + held[b]
         if f != before[b]:
-            n = _relocate(rec, state, radius, label, cell, before[b], f, n)
+            end = f + _relocate(rec, state, who, cell, before[b], f, held[b])
         if arrivals[b] > 0:
-            n = _receive(rec, state, radius, label, cell, around, before, movers, leaving, b, f, n)
-        extent[b] = n
-        held[b] = _list_by_cell(cell, order, starts, b, f, n)
+            end = _receive(rec, state, who, cell, around, before, movers, leaving, b, end)
+        held[b] = _list_by_cell(cell, order, starts, b, f, end)
 
 
-def plan_slots(old_bxyz_slot, old_starts, old_nown, starts, first, room, extent, held, nown):
+def plan_slots(old_bxyz_slot, old_starts, old_nown, starts, first, room, held, nown):
     """Slots of the blocks of a new index, each with some room; ``old_bxyz_slot`` (old_nown,) are the new numbers of blocks.
 
     Returns the end of the slots.
@@ -155,7 +140,6 @@ def plan_slots(old_bxyz_slot, old_starts, old_nown, starts, first, room, extent,
     for b in range(nown):
         first[b] = end
         room[b] = _spacious(held[b]) if held[b] > 0 else 0
-        extent[b] = held[b]
         end += room[b]
     return end
 
@@ -181,13 +165,10 @@ def copy_rows(values, first, held, nown, target):
                 target[p, k] = values[p, k]
 
 
-def mark_slots(starts, first, room, nown, cell, order):
+def mark_slots(starts, first, nown, cell, order):
     """Cells of the slots and their order once particles lie sorted by cell."""
     for b in prange(nown):
-        f = first[b]
         for c in range(CELLS):
-            for p in range(f + starts[b, c], f + starts[b, c + 1]):
+            for p in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
                 cell[p] = c
                 order[p] = p
-        for p in range(f + starts[b, CELLS], f + room[b]):
-            cell[p] = DEAD

@@ -216,9 +216,9 @@ def _load_nodes(nodes, grid, up, b):
             store(nodes, a + 16, load8(grid, up[b, q + 1] * 256 + n))
 
 
-def _prefetch_share(flat, first, extent, b, c):
+def _prefetch_share(flat, first, starts, b, c):
     """Ask for one of 64 shares of the records of a block: they lie together, but are read in the order of their cells."""
     f = first[b]
-    n = extent[b]
+    n = starts[b, 64]
     for p in range(f + ((n * c) >> 6), f + ((n * (c + 1)) >> 6)):
         prefetch(flat, 16 * p)

@@ -1,18 +1,19 @@
-"""Where the particles live: arrays of slots, 112 bytes each in float32 and half of that again to sort in."""
+"""Where the particles live: arrays of slots, 109 bytes each in float32 and 64 to sort in, and what never moves."""
 
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from runout.backends.scan.motion import DEAD, TILE
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+
+PADDING = 64  # slots that vectors may read and write behind the last
 
 
 @dataclass
 class Store:
-    """Slots of particles; a block owns a range of them. All arrays end with a tile of padding.
+    """Slots of particles; a block owns a range of them. All end with some padding.
 
     Attributes
     ----------
@@ -20,57 +21,67 @@ class Store:
         Records, see :mod:`runout.backends.scan.stencil`.
     state : (slots, 8)
         B = b_e - I (6), history variable of the law, stress-free volume [m3].
-    radius : (slots, 1) [m]
-    label : (slots, 2) int32
-        Release and identity.
+    who : (slots,) int32
+        Row of the particle in ``radius`` and ``label``.
     cell : (slots,) uint8
-        Cell in the block, or a mark that the slot is free.
+        Cell in the block, or the mark that the particle leaves it.
     order : (slots,) int32
         Slots of the block's particles by cell.
     listed : (slots,) int32
         Contact particles; later in the step, particles that leave the block.
     spare : (slots, 16)
         Contacts during a step; room to sort in when the index is made anew.
+    radius : (n,) [m]
+    label : (n, 2) int32
+        Release and identity.
     """
 
     rec: np.ndarray
     state: np.ndarray
-    radius: np.ndarray
-    label: np.ndarray
+    who: np.ndarray
     cell: np.ndarray
     order: np.ndarray
     listed: np.ndarray
     spare: np.ndarray
+    radius: np.ndarray
+    label: np.ndarray
 
     @classmethod
-    def empty(cls, slots: int, dtype: Any) -> "Store":
-        """Free slots."""
-        n = slots + TILE
-        rec, state, radius, spare = (_zeros(n, width, dtype) for width in (16, 8, 1, 16))
-        label, order, listed = np.zeros((n, 2), np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
-        return cls(rec, state, radius, label, np.full(n, DEAD, np.uint8), order, listed, spare)
+    def of(cls, slots: int, slot: np.ndarray, p: Particles, scene: Scene) -> "Store":
+        """Particles in given slots (n,); the records hold no stress yet (time step 0)."""
+        n = slots + PADDING
+        rec, state, spare = (_zeros(n, width, scene.dtype) for width in (16, 8, 16))
+        who, order, listed = (np.zeros(n, np.int32) for _ in range(3))
+        label = np.stack([p.release, p.identity], axis=1).astype(np.int32)
+        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, spare, p.radius.astype(scene.dtype), label)
+        store.who[slot] = np.arange(len(p), dtype=np.int32)
+        store._fill(slot, p, scene)
+        return store
 
     @property
     def slots(self) -> int:
         """Number of slots."""
-        return len(self.cell) - TILE
+        return len(self.cell) - PADDING
 
-    def grown(self, slots: int) -> "Store":
-        """The same with more slots at the end."""
-        more = Store.empty(slots, self.rec.dtype)
-        for f in fields(self):
-            getattr(more, f.name)[: self.slots] = getattr(self, f.name)[: self.slots]
-        return more
+    def grow(self, slots: int) -> None:
+        """Make more slots at the end."""
+        n, old = slots + PADDING, self.slots
+        for name in ("rec", "state", "spare"):
+            before = getattr(self, name)
+            setattr(self, name, _zeros(n, before.shape[1], before.dtype))
+            getattr(self, name)[:old] = before[:old]
+        for name in ("who", "cell", "order", "listed"):
+            before = getattr(self, name)
+            setattr(self, name, np.zeros(n, before.dtype))
+            getattr(self, name)[:old] = before[:old]
 
-    def fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
-        """Put particles into slots (n,); the records hold no stress yet (time step 0)."""
+    def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
         self.rec[slot, 0] = p.mass
         self.rec[slot, 1:4] = p.mass[:, None] * p.velocity
         for j in range(3):
             self.rec[slot, 4 + 4 * j] = p.offset[:, j]
             self.rec[slot, 5 + 4 * j : 8 + 4 * j] = p.mass[:, None] * p.affine[:, :, j] * scene.spacing[j]
         self.state[slot, :6], self.state[slot, 6], self.state[slot, 7] = p.strain, p.history, p.volume
-        self.radius[slot, 0], self.label[slot, 0], self.label[slot, 1] = p.radius, p.release, p.identity
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""

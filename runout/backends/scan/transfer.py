@@ -24,26 +24,28 @@ ones = constant([1.0] * 16)
 widened = permutation([*range(8), *[8] * 8])
 
 
-def particles_to_arenas(rec, order, starts, first, extent, nown, arenas):
-    """Each block that holds particles adds them to its own arena."""
+def _fill_arena(rec, order, starts, first, b, following, arena):
+    """Add the particles of a block to its arena."""
     flat = rec.reshape(-1)
-    for b in prange(nown):
-        if starts[b, 64] == 0:
+    _clear(arena)
+    f = first[b]
+    for c in range(64):
+        _prefetch_share(flat, first, starts, following, c)
+        s = np.uint64(f + starts[b, c])
+        e = np.uint64(f + starts[b, c + 1])
+        if s == e:
             continue
-        arena = arenas[b]
-        _clear(arena)
-        f = first[b]
-        following = min(b + 1, nown - 1)
-        for c in range(64):
-            _prefetch_share(flat, first, extent, following, c)
-            s = np.uint64(f + starts[b, c])
-            e = np.uint64(f + starts[b, c + 1])
-            if s == e:
-                continue
-            rows = _nothing(rec)
-            for t in range(s, e):
-                rows = _scatter(flat, np.uint64(order[t]) * np.uint64(16), rows)
-            _add_rows(arena, _first_node(c), rows)
+        rows = _nothing(rec)
+        for t in range(s, e):
+            rows = _scatter(flat, np.uint64(order[t]) * np.uint64(16), rows)
+        _add_rows(arena, _first_node(c), rows)
+
+
+def particles_to_arenas(rec, order, starts, first, nown, arenas):
+    """Each block that holds particles adds them to its own arena."""
+    for b in prange(nown):
+        if starts[b, 64] > 0:
+            _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[b])
 
 
 def _any_filled(filled, down, block):
