@@ -10,11 +10,6 @@ def block_of(n: Any):
     return n >> 2
 
 
-def place_in_block(n: Any):
-    """Position of a node within its block, 0 to 3."""
-    return n & 3
-
-
 def local_index(x: Any, y: Any, z: Any):
     """Index 0 to 63 of a node within its block from its three positions."""
     return ((x & 3) << 4) | ((y & 3) << 2) | (z & 3)

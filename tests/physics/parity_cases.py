@@ -10,7 +10,7 @@ from types import FunctionType
 
 import numpy as np
 
-from runout.physics import blocks, bspline, contact, drucker_prager, elastic, heightfield, tensors, timestep
+from runout.physics import blocks, bspline, contact, drucker_prager, elastic, heightfield, moments, tensors, timestep
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
 MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "cone_slope": 0.75, "cone_intercept": 2.0e3, "volume_correction": 1.0}
@@ -137,12 +137,16 @@ CASES = [
     Case(bspline.weights, "s", "v", (between(0.5, 1.5),)),
     Case(bspline.weight_slopes, "s", "v", (between(0.5, 1.5),)),
     Case(bspline.inverse_inertia, "s", "s", (between(0.1, 50.0),)),
+    Case(moments.moment_slope, "ss", "s", (step, between(0.1, 50.0))),
+    Case(moments.velocity_gradient, "vvvv", "t", (vector, vector, vector, vector)),
+    Case(moments.stress_columns, "ysv", "t", (tensor, between(0.1, 50.0), vector)),
+    Case(moments.affine_columns, "svvv", "t", (between(0.1, 50.0), vector, vector, vector)),
+    Case(moments.gradient_column, "sss", "s", (number, between(0.1, 50.0), between(0.1, 50.0))),
     Case(heightfield.quasi_interpolant, "sss", "s", (number, number, number)),
     Case(heightfield.interpolate, "vsss", "s", (vector, number, number, number)),
     Case(heightfield.normal_z, "ss", "s", (number, number)),
     Case(heightfield.distance, "ss", "s", (number, angle)),
     Case(blocks.block_of, "i", "i", (node,)),
-    Case(blocks.place_in_block, "i", "i", (node,)),
     Case(blocks.local_index, "iii", "i", (node, node, node)),
     Case(blocks.block_key, "iii", "k", (block, block, block)),
     Case(blocks.key_x, "k", "k", (key,)),

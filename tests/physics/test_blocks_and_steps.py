@@ -12,9 +12,10 @@ block = st.integers(-(2**20), 2**20 - 1)
 
 
 @given(node)
-def test_block_and_place_give_the_node_back(n):
-    assert 4 * blocks.block_of(n) + blocks.place_in_block(n) == n
-    assert 0 <= blocks.place_in_block(n) <= 3
+def test_block_and_place_in_it_give_the_node_back(n):
+    place = blocks.local_index(0, 0, n)
+    assert 4 * blocks.block_of(n) + place == n
+    assert 0 <= place <= 3
 
 
 @given(block, block, block)

@@ -1,0 +1,43 @@
+"""What a particle hands to its nodes besides mass and momentum, packed in nine numbers (Hu et al. 2018, ACM TOG 37:150, eq. 18).
+
+With quadratic weights a particle's velocity gradient is C = B / (h^2/4), B the first moments of the nodal velocities about it.
+Kept in cells, b_j = B_j / h_j, so that m C (x_n - x_p) + the impulse of the internal force is one product with the offset in cells.
+Nine numbers are the three columns one after the other: column j belongs to axis j of the grid.
+"""
+
+from typing import Any
+
+from runout.physics.tensors import real, tens
+
+
+def moment_slope(dt: Any, h: Any):
+    """Factor 4 dt / h [s/m] between a first moment [m/s] and a velocity gradient times the step [1]; h^2/4 is the second moment."""
+    return real(4.0) * dt / h
+
+
+def velocity_gradient(bx: Any, by: Any, bz: Any, s: Any):
+    """Velocity gradient times the step [1] from the columns b_j of first moments [m/s]; ``s`` of :func:`moment_slope` by axis."""
+    return tens(
+        s[0] * bx[0], s[1] * by[0], s[2] * bz[0],
+        s[0] * bx[1], s[1] * by[1], s[2] * bz[1],
+        s[0] * bx[2], s[1] * by[2], s[2] * bz[2],
+    )  # fmt: skip
+
+
+def stress_columns(tau: Any, volume: Any, s: Any):
+    """Columns of the impulse of the internal force over a step [kg m/s], -4 dt/h_j V0 tau_j; Kirchhoff stress ``tau`` [Pa]."""
+    x = -s[0] * volume
+    y = -s[1] * volume
+    z = -s[2] * volume
+    return tens(x * tau[0], x * tau[3], x * tau[5], y * tau[3], y * tau[1], y * tau[4], z * tau[5], z * tau[4], z * tau[2])
+
+
+def affine_columns(m: Any, bx: Any, by: Any, bz: Any):
+    """Columns of the affine momentum m C_j h_j [kg m/s] from those of the first moments [m/s]."""
+    a = real(4.0) * m
+    return tens(a * bx[0], a * bx[1], a * bx[2], a * by[0], a * by[1], a * by[2], a * bz[0], a * bz[1], a * bz[2])
+
+
+def gradient_column(column: Any, m: Any, h: Any):
+    """Column j of the velocity gradient C [1/s] from that of the affine momentum, m C_j h_j."""
+    return column / (m * h)
