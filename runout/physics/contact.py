@@ -19,6 +19,11 @@ def in_contact(gap: Any, normal_velocity: Any, dt: Any, band: Any):
     return gap + dt * approach < band
 
 
+def reach(radius: Any, speed: Any, dt: Any, band: Any):
+    """Distance [m] of a particle's centre from the ground beyond which :func:`in_contact` never holds; with a reserve for rounding."""
+    return radius + band + real(1.001) * dt * speed
+
+
 def impulse(u: Any, n: Any, gap: Any, compliance: Any, friction: Any, dt: Any):
     """Impulse [N s] of the ground on a particle: unilateral, with Coulomb friction on the whole tangential vector.
 

@@ -1,4 +1,4 @@
-"""What a particle hands to its nodes besides mass and momentum, packed in nine numbers (Hu et al. 2018, ACM TOG 37:150, eq. 18).
+"""What particles hand to nodes and get back (Hu et al. 2018, ACM TOG 37:150, eq. 18), and the kinetic energy that they then hold.
 
 With quadratic weights a particle's velocity gradient is C = B / (h^2/4), B the first moments of the nodal velocities about it.
 Kept in cells, b_j = B_j / h_j, so that m C (x_n - x_p) + the impulse of the internal force is one product with the offset in cells.
@@ -7,7 +7,7 @@ Nine numbers are the three columns one after the other: column j belongs to axis
 
 from typing import Any
 
-from runout.physics.tensors import real, tens
+from runout.physics.tensors import dot, real, tens
 
 
 def moment_slope(dt: Any, h: Any):
@@ -41,3 +41,19 @@ def affine_columns(m: Any, bx: Any, by: Any, bz: Any):
 def gradient_column(column: Any, m: Any, h: Any):
     """Column j of the velocity gradient C [1/s] from that of the affine momentum, m C_j h_j."""
     return column / (m * h)
+
+
+def node_velocity(momentum: Any, mass: Any, dv: Any):
+    """Velocity of a node [m/s] after a step, from what its particles brought; ``dv`` = dt g. By component, and by lanes."""
+    return momentum / mass + dv
+
+
+def kinetic_energy(m: Any, v: Any, cx: Any, cy: Any, cz: Any, h: Any):
+    """Kinetic energy of a particle [J] with its affine part, from the columns of C [1/s]; h^2/4 is the second moment by axis."""
+    spin = h[0] * h[0] * dot(cx, cx) + h[1] * h[1] * dot(cy, cy) + h[2] * h[2] * dot(cz, cz)
+    return real(0.5) * m * (dot(v, v) + real(0.25) * spin)
+
+
+def potential_energy(m: Any, gravity: Any, x: Any):
+    """Potential energy of a particle [J] at ``x`` [m], against the local origin."""
+    return -(m * dot(gravity, x))
