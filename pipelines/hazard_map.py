@@ -38,6 +38,7 @@ def run(
     workers: int | None = None,
     force: bool = False,
     retry_failed: bool = False,
+    device: str | None = None,
 ) -> Outcome:
     """Do the stages of a site that are not up to date, in their order.
 
@@ -53,13 +54,15 @@ def run(
         Do the stages even when they are up to date; members that are done are never run again.
     retry_failed : bool
         Run also those members again that failed for a reason that is not expected to pass.
+    device : str or None
+        "cpu", "cuda:N" or "auto" instead of what site.yaml says.
 
     Raises
     ------
-    InputError, BudgetError, PartialEnsembleError
-        An input cannot be used; the members that are left need more than the budget; not one member is done.
+    InputError, DeviceError, BudgetError, PartialEnsembleError
+        An input cannot be used; the device is not there; the members that are left need more than the budget; not one member is done.
     """
-    study = Study.open(site_path, out, workers, retry_failed)
+    study = Study.open(site_path, out, workers, retry_failed, device)
     with log.to_file(study.results / "run.log"):
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
 

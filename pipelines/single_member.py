@@ -13,7 +13,7 @@ from runout.errors import ConfigError
 LOGGER = logging.getLogger("runout.single_member")
 
 
-def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snapshots: int = 20) -> Path:
+def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snapshots: int = 20, device: str | None = None) -> Path:
     """File with maps, ledger and snapshots of one member, after simulating it with all cores.
 
     Parameters
@@ -26,17 +26,19 @@ def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snap
         Row of the table of members.
     snapshots : int
         States to keep, evenly spaced over the time of the simulation.
+    device : str or None
+        "cpu", "cuda:N" or "auto" instead of what site.yaml says.
 
     Raises
     ------
-    ConfigError
-        If there is no such member or the number of snapshots is negative.
+    ConfigError, DeviceError
+        If there is no such member or the number of snapshots is negative, or the device is not there.
     """
     from runout.ensemble.member import plan_members
     from runout.io.atomic import whole_file
     from runout.simulation import simulate
 
-    study = Study.open(site_path, out)
+    study = Study.open(site_path, out, device=device)
     members = plan_members(study.site)
     if not 0 <= member < len(members):
         raise ConfigError(f"member is {member}; the site has members 0 to {len(members) - 1}, see `runout status`")

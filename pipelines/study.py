@@ -37,12 +37,22 @@ class Study:
 
     @classmethod
     def open(
-        cls, site_path: Path | str, out: Path | None = None, workers: int | None = None, retry_failed: bool = False
+        cls,
+        site_path: Path | str,
+        out: Path | None = None,
+        workers: int | None = None,
+        retry_failed: bool = False,
+        device: str | None = None,
     ) -> "Study":
-        """The study of a site folder or site.yaml; its results go to ``out``, or to ``results`` of the site."""
+        """The study of a site folder or site.yaml; its results go to ``out``, or to ``results`` of the site.
+
+        It is computed where site.yaml says, or on ``device`` (see :meth:`runout.config.site.Site.on_device`).
+        """
         from runout.config.site import read_site
 
         site = read_site(Path(site_path))
+        if device is not None:
+            site = site.on_device(device)
         return cls(site, Path(out) if out else site.folder / "results", workers, retry_failed)
 
     @cached_property
@@ -116,7 +126,7 @@ class Study:
     def key(self, stage: Stage) -> str:
         """Key of a stage as the site and its members stand now."""
         state = self.status["state"].to_dict() if stage.name in ("hazard", "report") else None
-        return stage_key(stage, self.site.resolved(), self.inputs, state)
+        return stage_key(stage, self.site.computed(), self.inputs, state)
 
     def why_stale(self, stage: Stage) -> str | None:
         """Why a stage has to be done; None when it is up to date."""

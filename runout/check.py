@@ -174,7 +174,7 @@ def least_friction(site: "Site", releases: "list[Release]") -> float:
     return min([angle, *(r.basal_friction_angle for r in releases if r.basal_friction_angle is not None)])
 
 
-def check_site(site_path: Path, out: Path | None = None) -> int:
+def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
     """Print the problems and warnings of a site, the stages that a run would do and why, and its forecast.
 
     Returns
@@ -196,17 +196,17 @@ def check_site(site_path: Path, out: Path | None = None) -> int:
     if found.problems or found.site is None:
         console.print(f"[bold]{len(found.problems)} problem{'s' * (len(found.problems) != 1)}; nothing was changed[/]")
         return ExitCode.CONFIGURATION
-    return _print_plan(console, found.site, found.releases, out)
+    return _print_plan(console, found.site, found.releases, out, device)
 
 
-def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out: Path | None) -> int:
+def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out: Path | None, device: str | None) -> int:
     from rich.text import Text
 
     from pipelines.study import Study
     from runout.plan import forecast
     from runout.status import print_stages
 
-    study = Study.open(site.folder, out)
+    study = Study.open(site.file, out, device=device)
     for release in releases:
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
         console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)

@@ -32,6 +32,7 @@ Workers = Annotated[int | None, Parameter(name="--workers", help="Members that r
 RetryFailed = Annotated[
     bool, Parameter(name="--retry-failed", negative="", help="Run also those members again that are expected to fail again.")
 ]
+Device = Annotated[str | None, Parameter(help="cpu, cuda:0, or auto: a GPU if there is one [default: what site.yaml says].")]
 Force = Annotated[bool, Parameter(name="--force", negative="", help="Do it even when nothing has changed.")]
 
 app = App(
@@ -57,20 +58,26 @@ def new(
     return ExitCode.OK
 
 
-def check(site: SiteArgument, *, session: Injected) -> int:
+def check(site: SiteArgument, *, device: Device = None, session: Injected) -> int:
     """List every problem of a site and forecast its run; change nothing."""
     from runout.check import check_site
 
-    return check_site(site, session.out)
+    return check_site(site, session.out, device)
 
 
 def run(
-    site: SiteArgument, *, workers: Workers = None, retry_failed: RetryFailed = False, force: Force = False, session: Injected
+    site: SiteArgument,
+    *,
+    workers: Workers = None,
+    device: Device = None,
+    retry_failed: RetryFailed = False,
+    force: Force = False,
+    session: Injected,
 ) -> int:
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
     from pipelines.hazard_map import STAGES
 
-    return _stages(site, STAGES, session, workers=workers, retry_failed=retry_failed, force=force)
+    return _stages(site, STAGES, session, workers=workers, device=device, retry_failed=retry_failed, force=force)
 
 
 def terrain(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
@@ -83,9 +90,11 @@ def release(site: SiteArgument, *, force: Force = False, session: Injected) -> i
     return _stages(site, ("release",), session, force=force)
 
 
-def ensemble(site: SiteArgument, *, workers: Workers = None, retry_failed: RetryFailed = False, session: Injected) -> int:
+def ensemble(
+    site: SiteArgument, *, workers: Workers = None, device: Device = None, retry_failed: RetryFailed = False, session: Injected
+) -> int:
     """Run the members that are left; write results/members/."""
-    return _stages(site, ("ensemble",), session, workers=workers, retry_failed=retry_failed)
+    return _stages(site, ("ensemble",), session, workers=workers, device=device, retry_failed=retry_failed)
 
 
 def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
@@ -110,12 +119,13 @@ def simulate(
     *,
     member: Annotated[int, Parameter(help="Number of the member, as in `runout status`.")] = 0,
     snapshots: Annotated[int, Parameter(help="How many states to keep, evenly spaced in time.")] = 20,
+    device: Device = None,
     session: Injected,
 ) -> int:
     """Run one member and keep snapshots; write results/simulations/."""
     from pipelines.single_member import run as run_member
 
-    run_member(site, session.out, member=member, snapshots=snapshots)
+    run_member(site, session.out, member=member, snapshots=snapshots, device=device)
     return ExitCode.OK
 
 

@@ -106,7 +106,7 @@ def get_backend(name: str, device: str = "auto", threads: int | None = None, *, 
     if name not in (*BACKENDS, "auto"):
         raise DeviceError(f"backend is {name!r}; choose one of {', '.join(BACKENDS)}, auto")
     if name in ("hash", "auto"):
-        place = _device(device)
+        place = find_device(device)
         if name == "hash" or place != "cpu":
             return import_module("runout.backends.hash.backend").create(place, deterministic)  # type: ignore[no-any-return]
         name = "scan"
@@ -116,8 +116,14 @@ def get_backend(name: str, device: str = "auto", threads: int | None = None, *, 
     return backend  # type: ignore[no-any-return]
 
 
-def _device(wanted: str) -> str:
-    """The device of that name, for warp; DeviceError names what is there."""
+def find_device(wanted: str) -> str:
+    """The device of that name: "cpu", "cuda:N", or for "auto" the first CUDA device, else "cpu".
+
+    Raises
+    ------
+    DeviceError
+        If it is not there; names what is there.
+    """
     if wanted == "cpu":
         return wanted
     there = _cuda_devices()

@@ -131,6 +131,30 @@ class Site:
         """The whole configuration as plain dicts, lists, numbers and text, defaults included, angles in degrees."""
         return self.settings.model_dump(mode="json", exclude_none=True)
 
+    def computed(self) -> dict[str, Any]:
+        """What of :meth:`resolved` makes the results: not where they are computed, since the sparse backends agree."""
+        content = self.resolved()
+        place = content["simulation"]
+        del place["device"]
+        if place["backend"] != "reference":
+            place["backend"] = "sparse"
+        return content
+
+    def on_device(self, device: str) -> "Site":
+        """The same site, computed on "cpu", "cuda:N", or "auto": the first GPU, where there is none the CPU.
+
+        Raises
+        ------
+        DeviceError
+            If the device is not there; names what is there.
+        """
+        from runout.backends.protocol import find_device
+
+        place, stated = find_device(device), self.settings.simulation
+        backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
+        simulation = stated.model_copy(update={"device": place, "backend": backend})
+        return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
+
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
         """The sampled parameters; refused where a name is not one."""
         unknown = [name for name in sample or {} if name not in PARAMETERS and name not in ROW_EXTRAS]

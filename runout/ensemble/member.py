@@ -76,7 +76,7 @@ def plan_members(site: "Site") -> list[Member]:
 
 def _common_key(site: "Site") -> str:
     """Checksum of what all members share: input contents, configuration, version of the solver."""
-    configuration = {k: v for k, v in site.resolved().items() if k not in NOT_IN_KEY}
+    configuration = {k: v for k, v in site.computed().items() if k not in NOT_IN_KEY}
     inputs = [_contents(path) for path in site.inputs()]
     return _checksum({"inputs": inputs, "configuration": configuration, "version": __version__})
 
