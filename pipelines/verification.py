@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pipelines.verification_cases import bar, column, element, kernel, manufactured, rigid, sliding_box, transfers
+from pipelines.verification_cases import bar, column, element, kernel, manufactured, rigid, single_precision, sliding_box, transfers
 from pipelines.verification_cases.finding import SLACK, Case, Finding
 from pipelines.verification_cases.page import as_json, as_lines, as_markdown, figure
 from runout.errors import ConfigError, ExitCode
@@ -19,7 +19,7 @@ CASES: dict[str, Case] = {
     case.name.lower(): case
     for case in (
         *(kernel.CASE, transfers.CONSERVATION, transfers.AFFINE, rigid.FALL, rigid.SPIN, bar.CASE),
-        *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
+        *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE, single_precision.CASE),
     )
 }
 
@@ -54,17 +54,27 @@ def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) 
     return findings
 
 
-def run_plane(slope: float = 20.0, azimuth: float = 0.0, offset: float = 0.35, full: bool = False) -> dict[str, Any]:
+def run_plane(
+    slope: float = 20.0,
+    azimuth: float = 0.0,
+    offset: float = 0.35,
+    precision: str = "float64",
+    settled: bool = True,
+    full: bool = False,
+) -> dict[str, Any]:
     """Errors of the sliding box on one plane, with its set-up and the seconds taken.
 
-    Angles in degrees, the offset in cells above a node; keys as in :func:`sliding_box.summary`.
+    Angles in degrees, the offset in cells above a node; ``settled`` False starts from the stresses of a slab, unbalanced on the
+    box's free faces. Keys as in :func:`sliding_box.summary`.
 
     Raises
     ------
     ConfigError
         If an angle or the offset is out of its range.
     """
-    plane, started = sliding_box.Plane(slope, azimuth, offset, 0.05 if full else 0.1), time.perf_counter()
+    spacing = 0.05 if full else 0.1
+    plane = sliding_box.Plane(slope, azimuth, offset, spacing, precision=precision, settled=settled)
+    started = time.perf_counter()
     found = sliding_box.summary(plane)
     LOGGER.info("sliding box at %g deg, azimuth %g deg, %g h off a node: %s", slope, azimuth, offset, found)
     setup = {**asdict(plane), "size": sliding_box.SIZE, "friction_angle_deg": sliding_box.FRICTION_ANGLE, **asdict(sliding_box.BOX)}
@@ -72,7 +82,7 @@ def run_plane(slope: float = 20.0, azimuth: float = 0.0, offset: float = 0.35, f
 
 
 def command(
-    cases: Sequence[str], full: bool, out: Path | None, json_file: Sequence[Path] | None, plane: Mapping[str, float]
+    cases: Sequence[str], full: bool, out: Path | None, json_file: Sequence[Path] | None, plane: Mapping[str, Any]
 ) -> ExitCode:
     """What ``runout verify`` does: run the cases, or the sliding box on one ``plane``, and write or print what was found.
 
