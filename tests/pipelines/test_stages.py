@@ -81,6 +81,9 @@ class FakeSite:
     def resolved(self):
         return self.sections
 
+    def computed(self):
+        return self.resolved()
+
 
 @pytest.fixture
 def study(tmp_path, monkeypatch):

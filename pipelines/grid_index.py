@@ -1,0 +1,88 @@
+"""Grid convergence index of one quantity over three grids (Roache 1994, J. Fluids Eng. 116:405), and distances between maps."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+SAFETY = 1.25  # for three grids
+LOWEST_ORDER, HIGHEST_ORDER = 0.5, 3.0  # outside, the three grids are not on the way to a limit
+
+
+@dataclass(frozen=True)
+class GridIndex:
+    """One quantity on a coarse, a middle and a fine grid.
+
+    Attributes
+    ----------
+    coarse, middle, fine : float
+        Means over the shifts of each grid.
+    spread : float
+        Standard deviation over the shifts of the middle grid.
+    order : float or None
+        Observed order; None where the differences are within the spread, or no order fits.
+    extrapolated : float or None
+        Richardson's limit.
+    error : float
+        Bar around the fine value, in its unit: the index of convergence where an order was observed, else half the range of
+        the three means plus two spreads.
+    converging : bool
+        Whether ``error`` is the index.
+    """
+
+    coarse: float
+    middle: float
+    fine: float
+    spread: float
+    order: float | None
+    extrapolated: float | None
+    error: float
+    converging: bool
+
+    @classmethod
+    def of(cls, values: Sequence[Sequence[float]], ratio: float) -> "GridIndex":
+        """Index from the values on the three grids, coarse first, one per shift; ``ratio`` between neighbouring cells."""
+        coarse, middle, fine = (float(np.mean(v)) for v in values)
+        spread = float(np.std(values[1], ddof=1)) if len(values[1]) > 1 else 0.0
+        first, second = middle - coarse, fine - middle
+        order = limit = None
+        if first * second > 0 and min(abs(first), abs(second)) > 2 * spread:
+            order = float(np.log(first / second) / np.log(ratio))
+        if order is None or not LOWEST_ORDER <= order <= HIGHEST_ORDER:
+            error = 0.5 * float(np.ptp([coarse, middle, fine])) + 2 * spread
+            return cls(coarse, middle, fine, spread, order, None, error, False)
+        left = second / (ratio**order - 1)
+        limit = fine + left
+        return cls(coarse, middle, fine, spread, order, limit, SAFETY * abs(left), True)
+
+    @property
+    def relative(self) -> float:
+        """Error over the fine value [1]; infinite where that is zero."""
+        return self.error / abs(self.fine) if self.fine else float("inf")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, the relative error among them."""
+        return {**asdict(self), "relative_error": self.relative}
+
+
+def restricted(field: np.ndarray, block: int) -> np.ndarray:
+    """Means of a map (rows, columns) over blocks of ``block`` x ``block`` cells; what does not fill a block counts as dry."""
+    rows, columns = (-(-n // block) * block for n in field.shape)
+    padded = np.zeros((rows, columns))
+    padded[: field.shape[0], : field.shape[1]] = field
+    return padded.reshape(rows // block, block, columns // block, block).mean(axis=(1, 3))
+
+
+def compared(field: np.ndarray, reference: np.ndarray, block: int, thresholds: Sequence[float]) -> dict[str, Any]:
+    """Relative L1 distance of two maps and their critical success index per threshold, both restricted to blocks of cells.
+
+    The index is hits over hits, misses and false alarms; 1 where neither map exceeds the threshold.
+    """
+    a, b = restricted(field, block), restricted(reference, block)
+    distance = float(np.abs(a - b).sum() / b.sum()) if b.sum() else float(a.sum() > 0)
+    index = {}
+    for threshold in thresholds:
+        either = int(((a > threshold) | (b > threshold)).sum())
+        index[f"{threshold:g}"] = float(((a > threshold) & (b > threshold)).sum() / either) if either else 1.0
+    return {"relative_l1": distance, "critical_success_index": index}
