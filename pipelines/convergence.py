@@ -18,7 +18,13 @@ if TYPE_CHECKING:
     from runout.result import Result
 
 LOGGER = logging.getLogger("runout.convergence")
+FILE = "convergence.json"
 RATIO = math.sqrt(2.0)  # between cells of neighbouring grids; a member costs a quarter on the next coarser one
+TITLES = {
+    "f99": ("front of 99 % of the mass", "m"),
+    "centre_of_mass_runout": ("run-out of the centre of mass", "m"),
+    "peak_speed": ("peak speed (99th percentile of the cells)", "m/s"),
+}
 SHIFTS = 5  # of the grid against the terrain, on every grid but the finest
 
 
@@ -176,9 +182,14 @@ def _summary(
             for level in (2, 1, 0)
         ],
         "block_of_cells": block,
-        "quantities": {name: GridIndex.of(v, ratio).as_dict() for name, v in values.items()},
+        "quantities": {name: {**_titled(name), **GridIndex.of(v, ratio).as_dict()} for name, v in values.items()},
         "fields": fields,
     }
+
+
+def _titled(name: str) -> dict[str, str]:
+    title, unit = TITLES.get(name) or (f"area deeper than {name.removeprefix('area_above_').removesuffix('_m')} m", "m2")
+    return {"title": title, "unit": unit}
 
 
 def command(site_path: Path, out: Path | None, device: str | None = None, shifts: int | None = None) -> int:
@@ -194,7 +205,7 @@ def command(site_path: Path, out: Path | None, device: str | None = None, shifts
     for line in as_lines(found):
         log.output().print(line, markup=False)
     for path in (
-        write_json(found, opened.results / "convergence.json"),
+        write_json(found, opened.results / FILE),
         write_text(as_markdown(found), opened.results / "convergence.md"),
     ):
         LOGGER.info("wrote %s", path)

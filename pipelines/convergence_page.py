@@ -3,19 +3,6 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-UNITS = {"f99": "m", "centre_of_mass_runout": "m", "peak_speed": "m/s"}
-NAMES = {
-    "f99": "front of 99 % of the mass",
-    "centre_of_mass_runout": "run-out of the centre of mass",
-    "peak_speed": "peak speed (99th percentile of the cells)",
-}
-
-
-def _name(quantity: str) -> str:
-    if quantity in NAMES:
-        return NAMES[quantity]
-    return f"area deeper than {quantity.removeprefix('area_above_').removesuffix('_m')} m"
-
 
 def _verdict(found: Mapping[str, Any]) -> str:
     if found["converging"]:
@@ -27,10 +14,9 @@ def as_lines(content: Mapping[str, Any]) -> Iterator[str]:
     """What an analyst reads on the terminal: the error bar of each quantity."""
     finest = content["levels"][-1]
     yield f"{content['site']}: numerical error of the median scenario with cells of {finest['cell_size'][0]:g} m"
-    for quantity, found in content["quantities"].items():
-        unit = UNITS.get(quantity, "m2")
+    for found in content["quantities"].values():
         yield (
-            f"  {_name(quantity)}: {found['fine']:.4g} +- {found['error']:.2g} {unit} "
+            f"  {found['title']}: {found['fine']:.4g} +- {found['error']:.2g} {found['unit']} "
             f"({100 * found['relative_error']:.1f} %, {_verdict(found)})"
         )
 
@@ -58,10 +44,10 @@ def as_markdown(content: Mapping[str, Any]) -> str:
         "| quantity | unit | coarse | middle | fine | spread of shifts | error | relative | from |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    for quantity, f in content["quantities"].items():
+    for f in content["quantities"].values():
         numbers = " | ".join(f"{f[k]:.4g}" for k in ("coarse", "middle", "fine"))
         lines.append(
-            f"| {_name(quantity)} | {UNITS.get(quantity, 'm2')} | {numbers} | {f['spread']:.2g} | {f['error']:.2g} | "
+            f"| {f['title']} | {f['unit']} | {numbers} | {f['spread']:.2g} | {f['error']:.2g} | "
             f"{100 * f['relative_error']:.1f} % | {_verdict(f)} |"
         )
     lines += [

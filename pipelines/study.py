@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipelines.stages import Stage, StageRecord, digest_files, stage_key
 from runout.errors import PartialEnsembleError, StorageError
@@ -125,7 +125,10 @@ class Study:
 
     def key(self, stage: Stage) -> str:
         """Key of a stage as the site and its members stand now."""
-        state = self.status["state"].to_dict() if stage.name in ("hazard", "report") else None
+        state: Any = self.status["state"].to_dict() if stage.name in ("hazard", "report") else None
+        error = self.results / "convergence.json"
+        if stage.name == "report" and error.is_file():
+            state = [state, digest_files([error])]
         return stage_key(stage, self.site.computed(), self.inputs, state)
 
     def why_stale(self, stage: Stage) -> str | None:

@@ -50,6 +50,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "further": [_printed(sheet, study, window) for sheet in further],
         "location": _embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
+        "error": tables.numerical_error(study.convergence),
         "members": tables.members(study),
         "balance": tables.balance(study),
         "settings": tables.settings(settings),

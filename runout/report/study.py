@@ -31,6 +31,8 @@ class Study:
         Terrain and outlines of the releases.
     run : dict
         Provenance, ``run.json``.
+    convergence : dict or None
+        Numerical error of the maps, ``convergence.json``, where it was asked for.
     """
 
     hazard: "xr.Dataset"
@@ -38,6 +40,7 @@ class Study:
     ledgers: "dict[int, xr.Dataset]"
     basemap: Basemap
     run: dict[str, Any]
+    convergence: dict[str, Any] | None = None
 
     @property
     def valid(self) -> "pd.DataFrame":
@@ -62,7 +65,15 @@ def read_study(results: Path) -> Study:
     basemap = Basemap(
         hazard["x"].values, hazard["y"].values, hazard["elevation"].values, release_outlines(_required(results, "outlines.gpkg"))
     )
-    return Study(hazard, table.join(figures), ledgers, basemap, _provenance(_required(results, "run.json")))
+    error = Path(results) / "convergence.json"
+    return Study(
+        hazard,
+        table.join(figures),
+        ledgers,
+        basemap,
+        _provenance(_required(results, "run.json")),
+        _provenance(error, "verify --convergence") if error.is_file() else None,
+    )
 
 
 def _required(results: Path, name: str) -> Path:
@@ -110,9 +121,9 @@ def release_outlines(path: Path) -> list[Any]:
     return list(geopandas.read_file(path, layer="release").geometry) if "release" in layers else []
 
 
-def _provenance(path: Path) -> dict[str, Any]:
+def _provenance(path: Path, command: str = "hazard") -> dict[str, Any]:
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as cause:
-        raise StorageError(f"{path}: not valid JSON ({cause}); run `runout hazard` for this site again") from None
+        raise StorageError(f"{path}: not valid JSON ({cause}); run `runout {command}` for this site again") from None
     return content

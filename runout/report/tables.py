@@ -266,3 +266,15 @@ def provenance(run: dict[str, Any]) -> dict[str, Any]:
     rest |= {"members": run["ensemble"]["statement"]} if "ensemble" in run else {}
     rest |= {k: ", ".join(f"{n} {_value('', e)}" for n, e in v.items()) for k, v in rest.items() if isinstance(v, dict)}
     return {"inputs": inputs, "lines": _lines(rest), "changes": run.get("changes", [])}
+
+
+def numerical_error(convergence: dict[str, Any] | None) -> str | None:
+    """The numerical error of the maps in a sentence; None where it was not found out."""
+    if convergence is None:
+        return None
+    bars = [
+        f"{q['title']} {number(q['fine'])} ± {quantity(q['error'], q['unit'].replace('m/s', 'm s-1'), 2)}"
+        for q in convergence["quantities"].values()
+    ]
+    size = quantity(convergence["levels"][-1]["cell_size"][0], "m")
+    return f"Of the median scenario on cells of {size}, from three grids: {'; '.join(bars)}."

@@ -201,3 +201,13 @@ def test_a_template_name_without_a_value_is_an_error():
 
     with pytest.raises(UndefinedError):
         render({"title": "x"})
+
+
+def test_numerical_error_is_said_where_it_was_found_out(site, copy, text):
+    assert "The grid itself has an error" not in text
+    front = {"title": "front of 99 % of the mass", "unit": "m", "fine": 1234.0, "error": 21.4}
+    found = {"quantities": {"f99": front}, "levels": [{"cell_size": [8.0] * 3}, {"cell_size": [4.0] * 3}]}
+    (copy / "convergence.json").write_text(json.dumps(found), encoding="utf-8")
+    said = write_report(site, copy).read_text(encoding="utf-8").replace("\u202f", " ")
+    assert "The grid itself has an error.</b> Of the median scenario on cells of 4 m, from three grids: " in said
+    assert "front of 99 % of the mass 1 234 ± 21 m." in said
