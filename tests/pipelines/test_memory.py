@@ -1,0 +1,102 @@
+"""Memory is forecast from the releases; what does not fit is refused before anything large is made."""
+
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from runout import DruckerPrager, Release, Terrain
+from runout.backends.protocol import get_backend
+from runout.errors import CapacityError
+from runout.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory
+from runout.release.sample import particles_per_axis
+from runout.simulation import build_scene, simulate
+
+SAND = DruckerPrager(density=2000.0, youngs_modulus=1e7, friction_angle=30.0)
+
+
+def valley(cell, thickness, rows=60):
+    """Terrain with a slope and a cross profile, and a round release of ``thickness`` [m] on or in it."""
+    east, north = np.meshgrid(np.arange(2 * rows) * cell, np.arange(rows) * cell)
+    terrain = Terrain(400.0 - 0.5 * east + 0.002 / cell * (north - rows * cell / 2) ** 2, (cell, cell))
+    distance = np.hypot(east - 20 * cell, north - rows * cell / 2) / (12 * cell)
+    return terrain, Release(np.where(distance < 1, thickness * (1.2 - distance), 0.0), terrain, placement="on_surface")
+
+
+CASES = {
+    "thick, grid finer than the raster": (10.0, 30.0, 5.0, 8),
+    "thin, grid finer than the raster": (10.0, 4.0, 3.0, 8),
+    "grid coarser than the raster": (2.0, 12.0, 3.0, (3, 3, 3)),
+    "flat cells, few particles": (8.0, 20.0, (8.0, 8.0, 4.0), 4),
+}
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("case", CASES)
+def test_forecast_agrees_with_what_the_scan_backend_holds(case, precision):
+    cell, thickness, spacing, per_cell = CASES[case]
+    terrain, release = valley(cell, thickness)
+    seen = []
+    scene, particles = build_scene(
+        terrain, release, SAND, 20.0, spacing, per_cell, precision=precision, accept=lambda extent: seen.append(extent)
+    )
+    engine = get_backend("scan", threads=1)
+    engine.load(scene, particles)
+    (extent,) = seen
+    assert extent.particles == pytest.approx(len(particles), rel=0.05)
+    forecast = expected_memory(extent, terrain.elevation.size, precision)
+    assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
+
+
+def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any():
+    terrain, release = valley(10.0, 30.0)
+    tracemalloc.start()
+    started = time.perf_counter()
+    try:
+        with pytest.raises(CapacityError) as refused:
+            simulate(terrain, release, SAND, cell_size=0.5, end_time=1.0, memory_gb=2.0)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    text = str(refused.value)
+    assert "of memory, memory_gb is 2 GB; use a cell_size" in text
+    needed = float(text.split("about ")[1].split(" GB")[0])
+    volume = release.thickness.sum() * terrain.cell_area
+    assert needed == pytest.approx(volume / 0.5**3 * 8 * (110 * 1.06 + 12 + 448) / GIGABYTE, rel=0.3)
+    assert peak < 0.1 * needed * GIGABYTE
+    assert time.perf_counter() - started < 9
+
+
+def test_a_run_that_the_machine_cannot_hold_is_refused(monkeypatch):
+    terrain, release = valley(10.0, 30.0)
+    monkeypatch.setattr("runout.memory.available_bytes", lambda: 1e8)
+    with pytest.raises(CapacityError, match=r"the memory that is available is 0\.1 GB"):
+        simulate(terrain, release, SAND, cell_size=5.0, end_time=1.0)
+
+
+def test_memory_of_a_device_does_not_count_on_the_host():
+    forecast = MemoryForecast(backend=80e9, host=5e9, on_device=True)
+    assert forecast.total == 5e9
+    forecast.require(6e9, "memory_gb")
+    with pytest.raises(CapacityError, match="85 GB"):
+        MemoryForecast(backend=80e9, host=5e9).require(6e9, "memory_gb")
+
+
+def test_forecast_for_a_gpu_is_that_of_its_own_figures():
+    pytest.importorskip("warp")
+
+    class Card:
+        is_cuda = True
+
+    class Engine:
+        device = Card()
+
+    terrain, release = valley(10.0, 60.0)
+    scene, _ = build_scene(terrain, release, SAND, 20.0, 10.0)
+    extent = expected_extent([release], scene.surface, (2.0, 2.0, 2.0), particles_per_axis(8))
+    assert 1e6 < extent.particles < 5e6
+    for precision, published in (("float32", 150), ("float64", 270)):  # docs/benchmarks/gpu.md at 1 to 10 million
+        forecast = expected_memory(extent, terrain.elevation.size, precision, Engine())
+        assert forecast.on_device
+        assert forecast.backend / extent.particles == pytest.approx(published, rel=0.25)
