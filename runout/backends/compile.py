@@ -75,7 +75,7 @@ class NumbaBinding:
     def __init__(self, real: type, contract: bool = True):
         import numba
 
-        self.real = real
+        self.real, self.contract = real, contract
         self.options: dict[str, Any] = {"error_model": "numpy", "boundscheck": False}
         if contract:
             self.options["fastmath"] = {"contract"}
@@ -96,7 +96,7 @@ class NumbaBinding:
         """
         import numba
 
-        labels = (f"{k}={_label(v)}" for k, v in sorted(names.items()))
+        labels = (f"contract={self.contract}", *(f"{k}={_label(v)}" for k, v in sorted(names.items())))
         key = source_key((*PHYSICS, *modules, *sources), self.real.__name__, *labels)
         inline = numba.njit(forceinline=True, **self.options)
         compiled = dict(self._compiled)

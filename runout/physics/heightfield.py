@@ -32,7 +32,7 @@ def distance(height_above: Any, n_z: Any):
 
 
 def surface_at(c: Any, fx: Any, fy: Any):
-    """Elevation, and its slopes by the two plan coordinates in cells, from nine coefficients around a point, ordered by rows of x."""
+    """Elevation and its slopes by the two coordinates [m / cell], from nine coefficients [m] by rows of x around the point."""
     wx = weights(fx)
     wy = weights(fy)
     dx = weight_slopes(fx)

@@ -22,6 +22,7 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from runout import DruckerPrager
+from runout.backends.hash.batch import Batch
 from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -34,9 +35,12 @@ LAYERS = {  # cells along x, y and through the thickness; 8 particles a cell
     "0.3M": (100, 100, 4),
     "1M": (180, 180, 4),
     "2.6M thin": (400, 400, 2),
+    "6.4M": (450, 450, 4),
     "10M": (400, 400, 8),
     "64M": (1000, 1000, 8),
 }
+MEMBER = (56, 56, 4)  # a scene of the batching curve: 100 352 particles
+MEMBERS = (1, 4, 16, 64)
 QUICK = {"0.02M": (25, 25, 4), "0.3M": LAYERS["0.3M"]}
 ON_CPU = {"0.02M": (25, 25, 4)}
 
@@ -114,13 +118,14 @@ def check(device: str) -> dict[str, Any]:
 
 def stages(backend: Any, steps: int) -> dict[str, float]:
     """Mean seconds of the stages of a step, by events between the launches (no graph), and of a sort with a new index."""
-    names = ("p2g and nodes", "contact", "g2p", "cells")
-    works = (backend._to_grid, backend._contact, backend._to_particles, backend._list_cells)
+    names = ("p2g", "nodes and contact", "g2p", "cells")
+    works = (backend._to_grid, backend._move_nodes, backend._to_particles, backend._list_cells)
     sums = dict.fromkeys(names, 0.0)
     with wp.ScopedDevice(backend.device):
-        backend.flags.zero_()
+        backend._rebuild()  # or a particle might leave the index within the steps
+        backend.left.fill_(steps)
         for _ in range(steps):
-            wp.launch(backend.k.begin_step, dim=1, inputs=[backend.flags, backend.peaks], block_dim=128)
+            backend._begin()
             marks = [mark(backend)]
             for work in works:
                 work()
@@ -132,7 +137,10 @@ def stages(backend: Any, steps: int) -> dict[str, float]:
         backend._rebuild()
         after = mark(backend)
         wp.synchronize_device(backend.device)
-    return {**sums, "sort and index": between(before, after)}
+        backend.columns(), backend.ledger()
+        started = time.perf_counter()
+        backend.flow_columns(), backend.ledger()
+    return {**sums, "sort and index": between(before, after), "an observation": time.perf_counter() - started}
 
 
 def mark(backend: Any) -> Any:
@@ -188,6 +196,30 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
     return record
 
 
+def measure_batch(device: str, members: int, steps: int) -> dict[str, Any]:
+    """One record: scenes of 100 000 particles in one launch, each with its own ground, friction and time step."""
+    scenes = []
+    for n in range(members):
+        scene, p = layer(*MEMBER)
+        scenes.append((replace(scene, friction=(np.tan(np.radians(12.0 + 6.0 * n / members)),)), p))
+    together = Batch(scenes, device)
+    together.graphs = together.device.is_cuda
+    dt = [0.8 * together.stable_step(n) * (1.0 - 0.2 * n / members) for n in range(members)]
+    together.advance(dt, [steps // 4 + 4] * members)
+    started = time.perf_counter()
+    together.advance(dt, [steps] * members)
+    taken = time.perf_counter() - started
+    rows = together.ledgers()
+    mass = sum(p.mass.sum() for _, p in scenes)
+    assert abs(sum(row.mass + row.escaped_mass for row in rows) - mass) < 1e-6 * mass
+    particles = sum(len(p) for _, p in scenes)
+    return {
+        "name": f"{members} scenes", "members": members, "particles": particles, "steps": steps, "seconds": taken,
+        "particle_steps_per_second": particles * steps / taken, "bytes_per_particle": together.bytes_used() / particles,
+        "graph": True, "deterministic": False, "precision": "float32", "stage_seconds": {},
+    }  # fmt: skip
+
+
 def driver() -> str:
     """Version of the graphics driver, if its tool is there."""
     try:
@@ -202,7 +234,7 @@ def configurations(device: str, quick: bool) -> list[tuple[str, tuple[int, int, 
     plain = {"graph": True, "deterministic": False, "precision": "float32"}
     sizes = (ON_CPU if device == "cpu" else QUICK) if quick else LAYERS
     wanted = [(name, cells, plain) for name, cells in sizes.items()]
-    middle = list(sizes)[min(3, len(sizes) - 1)]
+    middle = "10M" if "10M" in sizes else list(sizes)[-1]
     for change in ({"graph": False}, {"deterministic": True}, {"precision": "float64"}):
         wanted.append((middle, sizes[middle], plain | change))
     if not quick:
@@ -247,6 +279,11 @@ def main() -> None:
             print(table_row(report["records"][-1]), flush=True)
             if a.out:
                 a.out.write_text(json.dumps(report, indent=1))
+    for members in () if a.sizes else MEMBERS[: 2 if a.quick else None]:
+        report["records"].append(measure_batch(a.device, members, steps))
+        print(table_row(report["records"][-1]), flush=True)
+    if a.out:
+        a.out.write_text(json.dumps(report, indent=1))
 
 
 if __name__ == "__main__":

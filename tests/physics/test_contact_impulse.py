@@ -48,9 +48,28 @@ def test_approach_is_slowed_just_enough_to_close_the_gap():
     assert contact.impulse((0.0, 0.0, -1.5), UP, 0.02, 1.0, 0.5, 0.01) == (0.0, 0.0, 0.0)
 
 
-def test_particle_below_the_ground_is_not_pushed_out():
-    v, _ = after((0.0, 0.0, -1.0), UP, -0.3, 1.0, 0.5)
-    assert v[2] == pytest.approx(0.0)
+def test_particle_below_the_ground_rises_by_a_twentieth_of_its_depth_in_a_step():
+    v, _ = after((0.0, 0.0, -1.0), UP, -0.03, 1.0, 0.5, dt=0.01)
+    assert v[2] * 0.01 == pytest.approx(0.03 / 20)
+
+
+def test_particle_deep_below_the_ground_gets_back_half_its_speed_and_no_more():
+    v, _ = after((0.0, 0.0, -1.0), UP, -30.0, 1.0, 0.5)
+    assert v[2] == pytest.approx(0.5)
+
+
+def test_departing_particle_below_the_ground_feels_nothing():
+    assert contact.impulse((1.0, 0.0, 0.1), UP, -0.3, 1.0, 0.5, 0.01) == (0.0, 0.0, 0.0)
+
+
+def test_load_presses_in_every_step_while_a_particle_rises_out_of_the_ground():
+    """Under its weight, 3 s: the impulse never vanishes, so that friction holds all the while, and the depth goes to zero."""
+    depth, speed, dt = 1e-3, 0.0, 1e-3
+    for _ in range(3000):
+        (_, _, speed), push = after((0.0, 0.0, speed - 9.81 * dt), UP, -depth, 1.0, 0.5, dt)
+        assert push[2] > 0.0
+        depth -= speed * dt
+    assert 0 <= depth < 1e-6
 
 
 @given(velocity, friction, compliance, st.floats(-0.1, 0.1), st.integers(0, 10_000))
@@ -64,7 +83,7 @@ def test_impulse_never_pulls_stays_in_the_friction_cone_and_takes_energy(u, mu, 
     assert tangential <= mu * normal + 1e-9 * size
     assert v @ v <= np.dot(u, u) * (1 + 1e-12) + 1e-12
     if normal > 0:
-        assert v @ n == pytest.approx(-max(gap, 0.0) / 0.01, abs=1e-9)
+        assert v @ n == pytest.approx(contact.normal_target(np.dot(u, n), gap, 0.01), abs=1e-9)
 
 
 @given(velocity, friction, compliance, st.integers(0, 10_000))

@@ -1,8 +1,9 @@
 """The GPU backend: a sparse grid of 4 x 4 x 4 blocks found by an open-addressing table of keys, compiled by warp.
 
-``index`` finds the blocks and orders the particles by cell, ``transfer`` moves mass and momentum between particles and grid,
-``grid`` updates nodes and applies contact, ``particles`` holds the law, the motion and the sums over particles, ``backend``
-puts them in order. The same kernels run on the CPU, one lane a block, which is how they are tested without a GPU.
+``index`` finds the blocks, ``cells`` lists the particles of each cell, ``transfer`` brings mass and momentum to the nodes,
+``contact`` pushes them off the ground that ``ground`` cuts into tiles, ``motion`` takes velocities back to the particles and
+holds the order of the law, ``observe`` and ``looks`` sum up what is seen. ``batch`` puts them in order for any number of
+scenes, ``backend`` for one. The same kernels run on the CPU, one lane a block, which is how they are tested without a GPU.
 
 A thread owns a cell, keeps the sums of its 27 nodes in registers and adds them to a tile that the block shares, in turns in
 which no two cells meet at a node. Steps are captured as a CUDA graph: every kernel reads the time step, and whether to go on,

@@ -1,142 +1,115 @@
-"""Particles to grid and back.
-
-Rows of the particle matrix, one column a particle; f is the offset from the cell's first node [cells]:
-
-    0 m | 1-3 m v | 4-6 f | 7-15 A, column by column | 16-21 B = b_e - I | 22 history | 23 stress-free volume | 24 radius
-
-with A = h_j (m C - dt 4/h_j^2 V0 tau), so that the momentum at node x is m v + A (x - f) with x in cells
-(Hu et al. 2018, ACM TOG 37:150, eq. 18). A tile holds the 6 x 6 x 6 nodes that the particles of one block reach.
-"""
+"""Particles to grid and back, through the tile of nodes that a block shares; see :mod:`runout.backends.hash.layout`."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import warp as wp
 
-from runout.backends.hash.index import HALT, ORDERED, Flags, Ints, Nodes, Rows, Table2, Tile, Vectors
+from runout.backends.hash.contact import _find_contacts
+from runout.backends.hash.layout import (
+    ACTIVE,
+    AFFINE,
+    CELL_LANES,
+    HALT,
+    MASS,
+    MOMENTUM,
+    OFFSET,
+    ORDERED,
+    TILE,
+    TOUCHED,
+    Ints,
+    Nodes,
+    Real,
+    Rows,
+    Table2,
+    Vector,
+    add_node,
+    node4,
+    sums4,
+)
+from runout.backends.hash.stencil import _arms, _first_node, _node
 from runout.physics.bspline import weights
 from runout.physics.tensors import real, vec
 
-MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, RADIUS, ROWS = 0, 1, 4, 7, 16, 22, 23, 24, 25
-TILE = 216
-PADDED = 256  # trips of a loop that every lane of a block runs alike
 
-
-# vectors of the compiler that the binding puts in their place: four numbers of a node, and of 27 nodes
-node4: Any = None
-sums4: Any = None
-
-
-def _first_node(c: int):
-    """Place in the tile of the first node of cell ``c`` of a block."""
-    return (c >> 4) * 36 + ((c >> 2) & 3) * 6 + (c & 3)
-
-
-def _node(up: Table2, b: int, t: int):
-    """Place in the grid of node ``t`` of a block's tile."""
-    x = t // 36
-    y = (t // 6) % 6
-    z = t % 6
-    return up[b, ((x >> 2) << 2) | ((y >> 2) << 1) | (z >> 2)] * 64 + (((x & 3) << 4) | ((y & 3) << 2) | (z & 3))
-
-
-def _arms(f: Any):
-    """Distances [cells] of the three nodes of an axis from a particle."""
-    return vec(-f, real(1.0) - f, real(2.0) - f)
-
-
-def particles_to_grid(rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Flags, grid: Nodes, arenas: Nodes):
-    """Mass and momentum of the particles to the nodes; in fixed order, each block only fills its own arena."""
-    b, lane = wp.tid()
-    if flags[HALT] != 0 or cstart[b, 0] == cstart[b, 64]:
-        return
-    tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
-    for c in range(lane, 64, wp.block_dim()):
-        acc = sums4()
-        for t in range(cstart[b, c], cstart[b, c + 1]):
-            p = order[t]
-            m = rec[MASS, p]
-            fx = rec[OFFSET, p]
-            fy = rec[OFFSET + 1, p]
-            fz = rec[OFFSET + 2, p]
-            wx = weights(fx)
-            wy = weights(fy)
-            wz = weights(fz)
-            ax = vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p])
-            ay = vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
-            az = vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p])
-            q = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p])
-            dx = _arms(fx)
-            dy = _arms(fy)
-            dz = _arms(fz)
-            for i in range(3):
-                for j in range(3):
-                    wij = wx[i] * wy[j]
-                    r = q + dx[i] * ax + dy[j] * ay
-                    for k in range(3):
-                        w = wij * wz[k]
-                        s = r + dz[k] * az
-                        acc[(i * 3 + j) * 3 + k, 0] += w * m
-                        acc[(i * 3 + j) * 3 + k, 1] += w * s[0]
-                        acc[(i * 3 + j) * 3 + k, 2] += w * s[1]
-                        acc[(i * 3 + j) * 3 + k, 3] += w * s[2]
-        first = _first_node(c)
+def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
+    """Mass and momentum that the particles at some places of the list hand to the 27 nodes of their cell."""
+    acc = sums4()
+    ahead = int(0)
+    if first < last:
+        ahead = int(order[first])
+    for t in range(first, last):
+        p = int(ahead)
+        if t + 1 < last:
+            ahead = int(order[t + 1])
+        m = rec[MASS, p]
+        fx = rec[OFFSET, p]
+        fy = rec[OFFSET + 1, p]
+        fz = rec[OFFSET + 2, p]
+        wx = weights(fx)
+        wy = weights(fy)
+        wz = weights(fz)
+        ax = vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p])
+        ay = vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
+        az = vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p])
+        q = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p])
+        dx = _arms(fx)
+        dy = _arms(fy)
+        dz = _arms(fz)
         for i in range(3):
             for j in range(3):
+                wij = wx[i] * wy[j]
+                r = q + dx[i] * ax + dy[j] * ay
                 for k in range(3):
-                    n = (i * 3 + j) * 3 + k
-                    wp.tile_scatter_add(
-                        tile, first + (i * 6 + j) * 6 + k, node4(acc[n, 0], acc[n, 1], acc[n, 2], acc[n, 3]), True, False
-                    )
-    for t in range(lane, TILE, wp.block_dim()):
-        g = tile[t]
-        if ORDERED:
-            arenas[b * TILE + t] = g
-        elif g[0] != real(0.0):
-            wp.atomic_add(grid, _node(up, b, t), g)
+                    w = wij * wz[k]
+                    s = r + dz[k] * az
+                    acc[(i * 3 + j) * 3 + k, 0] += w * m
+                    acc[(i * 3 + j) * 3 + k, 1] += w * s[0]
+                    acc[(i * 3 + j) * 3 + k, 2] += w * s[1]
+                    acc[(i * 3 + j) * 3 + k, 3] += w * s[2]
+    return acc
 
 
-def _load(tile: Tile, grid: Nodes, pushes: Vectors, pushed: int, up: Table2, b: int, lane: int):
-    """Nodes that the particles of a block reach, with what the impulses of the ground (if ``pushed``) add to velocity."""
-    for q in range(PADDED // wp.block_dim()):
-        t = q * wp.block_dim() + lane
-        g = node4()
-        if t < TILE:
-            n = _node(up, b, t)
-            g = grid[n]
-            if pushed != 0 and g[0] > real(0.0):
-                push = pushes[n]
-                g = node4(g[0], g[1] + push[0] / g[0], g[2] + push[1] / g[0], g[3] + push[2] / g[0])
-        wp.tile_scatter_add(tile, t, g, t < TILE, False)
+def particles_to_grid(
+    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
+    tiles: Rows, near: Ints, h: Vector, band: Real, listed: Ints, count: Ints, touching: Ints, touched: Ints, contacts: Ints,
+    grid: Nodes, arenas: Nodes, launched: int,
+):  # fmt: skip
+    """Mass and momentum of the particles to the nodes, and which particles touch the ground.
 
-
-def _gather(rec: Rows, p: int, tile: Tile, first: int):
-    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``."""
-    fx = rec[OFFSET, p]
-    fy = rec[OFFSET + 1, p]
-    fz = rec[OFFSET + 2, p]
-    wx = weights(fx)
-    wy = weights(fy)
-    wz = weights(fz)
-    dx = _arms(fx)
-    dy = _arms(fy)
-    dz = _arms(fz)
-    v = vec(real(0.0), real(0.0), real(0.0))
-    x = vec(real(0.0), real(0.0), real(0.0))
-    y = vec(real(0.0), real(0.0), real(0.0))
-    z = vec(real(0.0), real(0.0), real(0.0))
-    for i in range(3):
-        for j in range(3):
-            wij = wx[i] * wy[j]
-            s = vec(real(0.0), real(0.0), real(0.0))
-            for k in range(3):
-                g = tile[first + (i * 6 + j) * 6 + k]
-                w = wij * wz[k]
-                u = vec(w * g[1], w * g[2], w * g[3])
-                s += u
-                z += dz[k] * u
-            v += s
-            x += dx[i] * s
-            y += dy[j] * s
-    return v, x, y, z
+    In fixed order, each block only fills its own arena. ``listed`` names the particles in contact, cell by cell where the cell's
+    stretch of the list begins; ``count`` tells how many they are.
+    """
+    begin, lane = wp.tid()
+    if flags[HALT] != 0:
+        return
+    for a in range(begin, tally[ACTIVE], launched):
+        b = active[a]
+        dt = clock[member[b], 0]
+        if dt > real(0.0):
+            if near[b] != 0:
+                found = int(0)
+                for c in range(lane, CELL_LANES, wp.block_dim()):
+                    n = _find_contacts(rec, order, cstart, tiles, b, c, h, dt, band, clock[member[b], 4], listed)
+                    count[b * CELL_LANES + c] = n
+                    found += n
+                all_found = wp.tile_sum(wp.tile(found))
+                if lane == 0 and all_found[0] > 0:
+                    touching[b] = all_found[0]
+                    touched[wp.atomic_add(tally, TOUCHED, 1)] = b
+                    wp.atomic_add(contacts, member[b], all_found[0])
+            tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+            for c in range(lane, CELL_LANES, wp.block_dim()):
+                acc = _sum_cell(rec, order, cstart[b, c], cstart[b, c + 1])
+                first = _first_node(c)
+                for i in range(3):
+                    for j in range(3):
+                        for k in range(3):
+                            n = (i * 3 + j) * 3 + k
+                            g = node4(acc[n, 0], acc[n, 1], acc[n, 2], acc[n, 3])
+                            wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
+            for t in range(lane, TILE, wp.block_dim()):
+                g = tile[t]
+                if ORDERED:
+                    arenas[b * TILE + t] = g
+                elif g[0] != real(0.0):
+                    add_node(grid, _node(up, b, t), g)

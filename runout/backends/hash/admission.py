@@ -1,0 +1,41 @@
+"""Scenes and particles that a batch may take over."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from runout.errors import ConfigError, StabilityError
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+
+LARGEST_BLOCK = 2**20
+
+
+def fastest(p: Particles) -> float:
+    """Largest speed [m/s]."""
+    return float(np.sqrt((p.velocity**2).sum(1).max(initial=0.0)))
+
+
+def extent(scene: Scene) -> np.ndarray:
+    """Size of the domain [cells] from west to east and from south to north."""
+    r = scene.raster
+    return np.array([r.columns * r.cell_size[0], r.rows * r.cell_size[1]]) / np.array(scene.spacing[:2])
+
+
+def require_alike(scenes: Sequence[Scene]) -> None:
+    """ConfigError unless scenes can be stepped together."""
+    for name in ("spacing", "gravity", "precision", "contact_band"):
+        values = {getattr(s, name) for s in scenes}
+        if len(values) > 1:
+            raise ConfigError(f"scenes that run in one batch must share {name}; these have {sorted(values)}")
+    if len({s.law.name for s in scenes}) > 1 or len({s.surface is None for s in scenes}) > 1:
+        raise ConfigError("scenes that run in one batch must follow one law, and all or none of them lie on a ground")
+
+
+def require_finite(p: Particles, scene: Scene) -> None:
+    """StabilityError or CapacityError for particles that no step can move."""
+    if not np.isfinite(p.velocity).all() or not np.isfinite(p.offset).all():
+        raise StabilityError("positions or velocities of the particles are not finite; check the input")
+    if not (p.mass > 0).all():
+        raise StabilityError("a particle has no mass; every particle needs a positive mass")
+    p.require_index_range(scene.spacing, np.zeros(3, np.int64))

@@ -1,0 +1,385 @@
+"""Scenes on a device, stepped together: the order of one step, and the look of the host at it once in many.
+
+Scenes of a batch share the grid's spacing, the law and the number type. Each has its own domain, a stretch of blocks from south to
+north that no other reaches, so that one index serves all of them; and its own terrain, materials, friction, time step and end.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+from runout.backends.hash import looks, observe
+from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, require_alike, require_finite
+from runout.backends.hash.ground import Ground
+from runout.backends.hash.index import GAP, Index
+from runout.backends.hash.kernels import compiled_kernels
+from runout.backends.hash.layout import (
+    CELL_LANES,
+    FAILED,
+    PENDING,
+    STEPS,
+    UNSTABLE,
+    bytes_of,
+    run,
+    run_blocks,
+)
+from runout.backends.hash.nodes import NodeArrays
+from runout.backends.hash.store import Store
+from runout.backends.protocol import Columns, Counters, LedgerRow
+from runout.errors import CapacityError, StabilityError
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+
+STEPS_PER_SORT = 64  # the particles come back into the order of their cells in memory after so many steps
+FEWEST = 4  # but not before so many, unless a particle leaves the index
+FARTHEST = 1.75  # cells that a particle moves in a step at most, in any direction, before the run is called unstable
+SURE_MARGIN = 0.5  # cells that a particle may move between two sorts for blocks one cell around it to do
+
+
+@dataclass
+class Account:
+    """What a scene has lost so far, and how fast it is."""
+
+    particles: int
+    mass: float  # [kg]
+    max_speed: float
+    packed_dt: float = 0.0  # time step for which the records hold the stress [s]
+    contact_particles: int = 0
+    escaped: np.ndarray = field(default_factory=lambda: np.zeros(observe.SUMS))
+    booked: np.ndarray = field(default_factory=lambda: np.zeros(5))
+    failure: str = ""
+
+
+class Batch:
+    """Scenes and their particles on one device.
+
+    Parameters
+    ----------
+    scenes : sequence of (Scene, Particles)
+        All of one spacing, law, gravity, precision and contact band.
+    device : str
+        "cpu" or "cuda:N".
+    deterministic : bool
+        Results on a GPU repeat bit by bit, and those of a scene equal those of its own run.
+
+    Raises
+    ------
+    ConfigError
+        If scenes differ in what they must share.
+    CapacityError
+        If they need more memory or more blocks than there are.
+    """
+
+    def __init__(self, scenes: Sequence[tuple[Scene, Particles]], device: str = "cpu", deterministic: bool = False):
+        self.device, self.deterministic = wp.get_device(device), deterministic
+        self.graphs = self.device.is_cuda  # record steps as a graph
+        self.scenes, self.counters = [s for s, _ in scenes], Counters()
+        self.scene = self.scenes[0]
+        require_alike(self.scenes)
+        for scene, particles in scenes:
+            require_finite(particles, scene)
+        self.accounts = [Account(len(p), float(p.mass.sum()), fastest(p)) for _, p in scenes]
+        self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic)
+        self.since_sort, self.graph, self.graph_of = 0, None, (-1, -1)
+        self.present = np.ones(len(scenes), bool)
+        self.identity = np.concatenate([p.identity for _, p in scenes])
+        self.first_number = np.cumsum([0, *(len(p) for _, p in scenes)])
+        with self._on_device():
+            self._load_scenes()
+            self._load_particles([p for _, p in scenes])
+
+    @contextmanager
+    def _on_device(self) -> Iterator[None]:
+        """Scope of the device; a device without memory left is a CapacityError with numbers."""
+        try:
+            with wp.ScopedDevice(self.device):
+                yield
+        except RuntimeError as error:
+            if "allocate" not in str(error):
+                raise
+            raise CapacityError(
+                f"{self.device.alias} has no memory left ({error}) for {len(self.identity)} particles; "
+                f"this run holds {self.bytes_used() / 2**30:.2f} GiB so far; use larger cells or fewer particles per cell"
+            ) from error
+
+    def _load_scenes(self) -> None:
+        s, n = self.scene, len(self.scenes)
+        self.real = wp.float32 if s.precision == "float32" else wp.float64
+        self.h = wp.types.vector(length=3, dtype=self.real)(*s.spacing)
+        materials = [m for scene in self.scenes for m in scene.materials]
+        self.mats = wp.array(s.law.table(tuple(materials), s.dtype), dtype=self.k.record)
+        self.first_release = np.cumsum([0, *(len(scene.materials) for scene in self.scenes)])
+        self.friction = wp.array(np.array([f for scene in self.scenes for f in scene.friction]), dtype=self.real)
+        self.density = wp.array(np.array([m.density for m in materials]), dtype=wp.float64)
+        limits = np.array([extent(scene) for scene in self.scenes])
+        self.limits = wp.array(limits, dtype=wp.float64)
+        self.rows = 2**20 if n == 1 else int(limits[:, 1].max()) // 4 + 1 + GAP
+        if n > 1 and n * self.rows >= LARGEST_BLOCK:
+            raise CapacityError(f"{n} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
+        self.shifts = 4 * self.rows * np.arange(n)
+        self.shift = wp.array(self.shifts.astype(np.int32), dtype=wp.int32)
+        self.flags, self.left, self.contacts = (wp.zeros(m, dtype=wp.int32) for m in (4, n, n))
+        self.peaks = wp.array(np.array([*(a.max_speed**2 for a in self.accounts), 0.0]), dtype=self.real)
+        self.steps_of, self.packed = (wp.zeros(n, dtype=self.real) for _ in range(2))
+        self.clock = wp.zeros((n, 5), dtype=self.real)
+        self.band = self.real(s.contact_band * min(s.spacing))
+
+    def _load_particles(self, given: list[Particles]) -> None:
+        """Find the blocks of the particles, and bring their arrays to the device in the order of the cells."""
+        self.largest = max((float(p.radius.max(initial=0.0)) for p in given), default=0.0)
+        reach = self.largest + float(self.band) + FARTHEST * max(self.scene.spacing)
+        surfaces = [s.surface for s in self.scenes if s.surface is not None]
+        self.ground = Ground(surfaces, self.scene.spacing, reach) if surfaces else None
+        self.store = s = Store(len(self.identity), self.real)
+        self.index = i = Index(self.k, s.size, self.deterministic, len(self.scenes), self.rows)
+        self.nodes, self.nodes_of = self._node_arrays(), i.room
+        if not s.size:
+            return
+        for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
+            p.node[:, 1] += np.int32(shift)
+            p.release[:] += np.int32(first)
+        p = given[0] if len(given) == 1 else Particles.concatenate(given)
+        s.fill(p, self.scene.spacing, self.scene.dtype)
+        node = wp.array(np.ascontiguousarray(p.node, np.int32), dtype=wp.int32)
+        i.find_blocks(lambda i: run(self.k.enter_given, s.n, node, self._margin(), i.table, i.members, i.entered))
+        run(self.k.number_given, s.n, node, i.table, i.slots, s.key, i.count)
+        self._sort()
+        for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
+            p.node[:, 1] -= np.int32(shift)
+            p.release[:] -= np.int32(first)
+
+    def _node_arrays(self) -> NodeArrays:
+        return NodeArrays(self.index.room, self.real, self.ground is not None, self.deterministic)
+
+    def _margin(self) -> int:
+        """Cells around a particle whose blocks are there: more where it may move far before the next sort."""
+        moves = max(self.stable_step(s) * a.max_speed for s, a in enumerate(self.accounts)) / min(self.scene.spacing)
+        return 1 if 0 < moves * STEPS_PER_SORT <= SURE_MARGIN else 2
+
+    def _rebuild(self) -> None:
+        """Find the blocks anew; bring the particles back into the order of their cells in memory."""
+        self.counters.rebuilds += 1
+        i, k, s = self.index, self.k, self.store
+        for account, booked, gone in zip(self.accounts, looks.booked(self), looks.gone(self), strict=True):
+            account.booked += booked
+            account.escaped += gone
+        self.nodes.booked.zero_()
+        old, margin = wp.clone(i.coordinates), self._margin()
+        i.find_blocks(lambda i: run(k.enter_present, s.n, s.rec, s.key, old, margin, i.table, i.members, i.entered))
+        run(k.number_present, s.n, s.rec, old, i.table, i.slots, s.key, i.count)
+        self._sort()
+
+    def _sort(self) -> None:
+        """After the cells have been numbered: make the arrays by block fit, and sort the particles."""
+        if self.nodes_of != self.index.room:
+            self.nodes, self.nodes_of = self._node_arrays(), self.index.room
+        self.flags.zero_()
+        if self.ground is not None:
+            self.ground.cut(self.k, self.index, self.nodes, self.shift, self.h)
+        self.store.sort(self.k, self.index, self.nodes, self.deterministic, self.flags)
+        self.since_sort = 0
+
+    def bytes_used(self) -> int:
+        """Memory of the device arrays of the run [byte]."""
+        return bytes_of(*(part for part in map(vars(self).get, ("store", "index", "nodes", "ground")) if part is not None))
+
+    def stable_step(self, scene: int = 0) -> float:
+        """Largest admissible time step [s] of a scene."""
+        return self.scenes[scene].stable_step(self.accounts[scene].max_speed)
+
+    def advance(self, dt: Sequence[float], count: Sequence[int]) -> None:
+        """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted."""
+        started = time.perf_counter()
+        self._require_stable(dt, count)
+        left = np.where(self.present, np.asarray(count, np.int64), 0)
+        with self._on_device():
+            self._set_clock(np.asarray(dt, float), left)
+            while left.max() > 0 and self.store.n > 0:
+                if self.since_sort >= self._steps_per_sort(left):
+                    self._rebuild()
+                self.left.assign(left.astype(np.int32))
+                done = self._batch(min(int(left.max()), self._steps_per_sort(left) - self.since_sort), left)
+                left = np.where(self.present, np.maximum(left - done, 0), 0)
+        self.counters.steps += int(left.max())
+        seconds = self.counters.seconds
+        seconds["steps"] = seconds.get("steps", 0.0) + time.perf_counter() - started
+
+    def _require_stable(self, dt: Sequence[float], count: Sequence[int]) -> None:
+        """A scene whose step is too long ends the run if it is the only one; one of several leaves."""
+        for s in map(int, np.flatnonzero(self.present & (np.asarray(count) > 0))):
+            try:
+                self.scenes[s].require_stable(float(dt[s]), self.accounts[s].max_speed, self.counters.steps + 1)
+            except StabilityError as error:
+                self._break(s, str(error))
+
+    def _steps_per_sort(self, left: np.ndarray) -> int:
+        """Steps from one sort to the next: as many as the fastest particle takes to come one cell further."""
+        moves = [a.packed_dt * a.max_speed for a, n in zip(self.accounts, left, strict=True) if n > 0]
+        cells = max(moves) / min(self.scene.spacing)
+        return STEPS_PER_SORT if cells * STEPS_PER_SORT <= 1 else max(FEWEST, int(1 / cells))
+
+    def _set_clock(self, dt: np.ndarray, left: np.ndarray) -> None:
+        before = np.array([a.packed_dt for a in self.accounts])
+        now = np.where(left > 0, dt, before)
+        if np.array_equal(before, now):
+            return
+        i, s = self.index, self.store
+        longer = wp.array(now - before, dtype=self.real)
+        run(self.k.change_step, s.n, s.rec, s.key, s.release, i.member, self.mats, longer, self.h)
+        for account, step in zip(self.accounts, now, strict=True):
+            account.packed_dt = float(step)
+        kinds = self.scene.dtype
+        self.steps_of.assign(now.astype(kinds))
+        self.packed.assign(now.astype(kinds))
+        clock = np.zeros((len(now), 5))
+        clock[:, 1:4] = now[:, None] * np.array(self.scene.gravity)
+        self.clock.assign(clock.astype(kinds))
+
+    def _batch(self, count: int, left: np.ndarray) -> int:
+        """Up to ``count`` steps without a look at the device; returns how many were done."""
+        self.flags.zero_()
+        self._launch_steps(count)
+        flags, peaks, contacts = self.flags.numpy(), self.peaks.numpy().astype(float), self.contacts.numpy()
+        done = int(flags[STEPS])
+        self.counters.steps += done
+        held = [self.store.n] if len(self.scenes) == 1 else [a.particles for a in self.accounts]
+        self.counters.particle_steps += int(np.minimum(done, left) @ np.array(held))
+        self.since_sort += done
+        for account, peak, touching in zip(self.accounts, peaks, contacts, strict=False):
+            account.max_speed, account.contact_particles = float(np.sqrt(peak)), int(touching)
+        broken = self.present & ~np.isfinite(peaks[:-1])
+        if flags[PENDING] >= UNSTABLE:
+            broken[flags[FAILED]] = True
+        for s in np.flatnonzero(broken):
+            a = self.accounts[s]
+            moved = f"a particle moved {peaks[-1]:.3g} cells in step {self.counters.steps} of {a.packed_dt:.3g} s"
+            self._break(int(s), f"{moved} at {a.max_speed:.3g} m/s; use a smaller cfl, or check material and terrain there")
+        if flags[PENDING] or broken.any():
+            self._rebuild()
+        return done
+
+    def _break(self, scene: int, reason: str) -> None:
+        """A scene has become unstable: the only one ends the run, one of several leaves."""
+        if len(self.scenes) == 1:
+            raise StabilityError(reason)
+        self.accounts[scene].failure = reason
+        self.leave([scene])
+
+    def leave(self, scenes: Sequence[int]) -> None:
+        """Scenes that have come to their end leave the device at the next sort; look at them before."""
+        self.present[list(scenes)] = False
+        peaks = self.peaks.numpy()
+        peaks[list(scenes)] = 0.0
+        with self._on_device():
+            self.peaks.assign(peaks)
+            gone = wp.array((~self.present).astype(np.int32), dtype=wp.int32)
+            run(self.k.leave, self.store.n, self.store.key, self.index.member, gone)
+
+    def _launch_steps(self, count: int) -> None:
+        if not self.graphs or count == 1:
+            for _ in range(count):
+                self._enqueue()
+            return
+        of = (self.index.generation, self.nodes.generation)
+        if self.graph is None or self.graph_of != of:
+            for module, lanes in self.k.modules:
+                wp.load_module(module, device=self.device, block_dim=lanes)
+            with wp.ScopedCapture(force_module_load=False) as capture:
+                self._enqueue()
+            self.graph, self.graph_of = capture.graph, of
+        for _ in range(count):
+            wp.capture_launch(self.graph)
+
+    def _enqueue(self) -> None:
+        """Launches of one step."""
+        self._begin()
+        self._to_grid()
+        self._move_nodes()
+        self._to_particles()
+        self._list_cells()
+
+    def _begin(self) -> None:
+        run(
+            self.k.begin_step, len(self.scenes), self.flags, self.index.tally, self.left, self.steps_of, self.real(self.largest),
+            self.band, self.clock, self.peaks, self.contacts,
+        )  # fmt: skip
+
+    def _list_cells(self) -> None:
+        """The particles of each cell, after they have moved."""
+        i, k, s = self.index, self.k, self.store
+        i.list_cells(self.flags, self.nodes)
+        run(k.place_particles, s.size, self.flags, s.key, i.ends, s.order)
+        if self.deterministic:
+            run(k.sort_cells, i.room * CELL_LANES, self.flags, i.tally, i.active, s.number, i.cstart, s.order)
+
+    def _to_grid(self) -> None:
+        i, k, s, n = self.index, self.k, self.store, self.nodes
+        run_blocks(
+            k.particles_to_grid, i.room, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
+            self.clock, n.tiles, n.near, self.h, self.band, s.listed, i.count, i.touching, i.touched, self.contacts, n.grid,
+            n.arenas,
+        )  # fmt: skip
+        if self.deterministic:
+            run(k.note_held, i.room, i.cstart, n.held)
+            run(k.sum_nodes, i.room * 64, self.flags, n.arenas, n.held, i.down, n.grid)
+
+    def _move_nodes(self) -> None:
+        """Velocities of the nodes; the impulses of the ground lie between the two halves."""
+        i, k, n = self.index, self.k, self.nodes
+        if self.ground is not None:
+            self._add_shares()
+        run(k.update_nodes, i.room * 64, self.flags, i.tally, i.member, self.clock, n.grounded, n.contact, n.grid)
+        if self.ground is not None:
+            self._push()
+            run(k.push_nodes, i.room * 64, self.flags, i.tally, n.grounded, n.contact, n.grid)
+
+    def _add_shares(self) -> None:
+        i, k, s, n = self.index, self.k, self.store, self.nodes
+        run_blocks(
+            k.add_shares, i.shared, CELL_LANES, s.rec, i.cstart, i.up, self.flags, i.tally, i.touched, s.listed, i.count,
+            n.grounded, n.shares, n.arenas,
+        )  # fmt: skip
+        if self.deterministic:
+            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.contact)
+
+    def _push(self) -> None:
+        i, k, s, n = self.index, self.k, self.store, self.nodes
+        run_blocks(
+            k.solve_contacts, i.shared, CELL_LANES, s.rec, s.release, i.cstart, i.up, self.flags, i.tally, i.touched, s.listed,
+            i.count, i.member, self.clock, n.tiles, self.h, self.friction, n.grounded, n.grid, n.contact, n.arenas, n.booked,
+        )  # fmt: skip
+        if self.deterministic:
+            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.contact)
+
+    def _to_particles(self) -> None:
+        i, s, n = self.index, self.store, self.nodes
+        run_blocks(
+            self.k.grid_to_particles, i.room, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.count, i.around, i.up,
+            i.coordinates, self.flags, i.tally, i.member, self.clock, n.grid, self.mats, self.h, self.shift,
+            self.limits, self.peaks, n.booked,
+        )  # fmt: skip
+
+    def ledgers(self) -> list[LedgerRow]:
+        """Sums of the present state, a row a scene."""
+        with self._on_device():
+            return looks.ledgers(self)
+
+    def particles_of(self, scene: int) -> Particles:
+        """The particles of a scene as they are, in the order of their identity."""
+        with self._on_device():
+            return looks.particles(self, scene)
+
+    def columns_of(self, scene: int) -> Columns:
+        """Sums over the columns of the cells of a scene's raster."""
+        raster = self.scenes[scene].raster
+        with self._on_device():
+            return looks.columns(self, scene, (0, 0, raster.rows, raster.columns))
+
+    def flow_columns_of(self, scene: int) -> Columns:
+        """The same over a window of cells that holds all mass."""
+        with self._on_device():
+            return looks.columns(self, scene, looks.window(self, scene))

@@ -1,0 +1,142 @@
+"""Particles of each cell: counts, the list, and the order in memory."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.layout import (
+    BLOCKS,
+    CELL_LANES,
+    CURSOR,
+    HALT,
+    HOMES,
+    NEXT,
+    Ints,
+    Nodes,
+    Reals,
+    Shorts,
+    Table2,
+    node4,
+)
+
+next_in: Any = None  # adds one to a count and tells what it was before; the binding puts it in its place
+
+
+def count_blocks(count: Ints, totals: Ints):
+    """Particles of each block."""
+    b = wp.tid()
+    total = int(0)
+    for c in range(64):
+        total += count[b * 64 + c]
+    totals[b] = total
+
+
+def _list_block(b: int, lane: int, totals: Ints, given: int, count: Ints, cstart: Table2, active: Ints, tally: Ints):
+    """Places of the first particles of a block's cells, each in the place of the next cell; the counts return to zero."""
+    total = int(0)
+    for q in range(CELL_LANES // wp.block_dim()):
+        c = q * wp.block_dim() + lane
+        n = int(count[b * CELL_LANES + c])
+        cells = wp.tile(n)
+        cstart[b, c + 1] = total + wp.untile(wp.tile_scan_exclusive(cells))
+        total += wp.tile_sum(cells)[0]
+        count[b * CELL_LANES + c] = 0
+    if total > 0:
+        start = int(0)
+        if lane == 0:
+            active[wp.atomic_add(tally, NEXT, 1)] = b
+            if given != 0:
+                start = int(totals[b])
+            else:
+                start = wp.atomic_add(tally, CURSOR, total)
+            cstart[b, 0] = start
+        begin = wp.tile_sum(wp.tile(start))[0]
+        for c in range(lane, CELL_LANES, wp.block_dim()):
+            cstart[b, c + 1] = cstart[b, c + 1] + begin
+    elif lane == 0:
+        cstart[b, 0] = 0
+
+
+def list_cells(
+    flags: Ints, totals: Ints, given: int, count: Ints, cstart: Table2, active: Ints, tally: Ints, grounded: Ints,
+    touching: Ints, grid: Nodes, contact: Nodes, launched: int,
+):  # fmt: skip
+    """Where the cells start in the list of particles, which blocks hold any; and nodes without mass for the next step.
+
+    With ``given``, ``totals`` are the sums over the blocks before; else each block takes the next free stretch, in no fixed order.
+    """
+    first, lane = wp.tid()
+    if flags[HALT] != 0:
+        return
+    for b in range(first, tally[BLOCKS], launched):
+        _list_block(b, lane, totals, given, count, cstart, active, tally)
+        if lane == 0:
+            touching[b] = 0
+        for c in range(lane, CELL_LANES, wp.block_dim()):
+            grid[b * CELL_LANES + c] = node4()
+            if grounded[b] >= 0:
+                contact[grounded[b] * CELL_LANES + c] = node4()
+
+
+def note_homes(tally: Ints, active: Ints, cstart: Table2, homes: Ints, home: Table2):
+    """Where the particles of each block are in memory, just sorted."""
+    i = wp.tid()
+    if i == 0:
+        tally[HOMES] = tally[NEXT]
+    if i < tally[NEXT]:
+        b = active[i]
+        homes[i] = b
+        home[b, 0] = cstart[b, 0]
+        home[b, 1] = cstart[b, CELL_LANES]
+
+
+def place_particles(flags: Ints, key: Ints, ends: Ints, order: Ints):
+    """List the particles of each cell; the start of each cell, in the place of the next, moves on to its end as it fills."""
+    p = wp.tid()
+    k = key[p]
+    if flags[HALT] == 0 and k >= 0:
+        order[next_in(ends, (k >> 6) * (CELL_LANES + 1) + (k & 63) + 1)] = p
+
+
+def sort_cells(flags: Ints, tally: Ints, active: Ints, number: Ints, cstart: Table2, order: Ints):
+    """Bring the particles of each cell into the order of their numbers: atomic ranks come in any order."""
+    i = wp.tid()
+    if flags[HALT] != 0 or (i >> 6) >= tally[NEXT]:
+        return
+    t = active[i >> 6] * CELL_LANES + (i & 63)
+    first = cstart[t >> 6, t & 63]
+    for k in range(first + 1, cstart[t >> 6, (t & 63) + 1]):
+        p = order[k]
+        j = int(k)
+        while j > first and number[order[wp.max(j - 1, first)]] > number[p]:
+            order[j] = order[j - 1]
+            j = j - 1
+        order[j] = p
+
+
+def gather_reals(source: Reals, order: Ints, target: Reals):
+    """Numbers in the order of the cells."""
+    t = wp.tid()
+    target[t] = source[order[t]]
+
+
+def gather_ints(source: Ints, order: Ints, target: Ints):
+    """Integers in the order of the cells."""
+    t = wp.tid()
+    target[t] = source[order[t]]
+
+
+def gather_shorts(source: Shorts, order: Ints, target: Shorts):
+    """Small integers in the order of the cells."""
+    t = wp.tid()
+    target[t] = source[order[t]]
+
+
+def count_up(numbers: Ints, n: int, beyond: Ints):
+    """The numbers 0, 1, ... ; places from ``n`` on hold no particle: ``beyond`` becomes -1 there."""
+    t = wp.tid()
+    numbers[t] = t
+    if t >= n:
+        beyond[t] = -1

@@ -1,0 +1,132 @@
+"""The sliding surface on the device: cut into tiles of the blocks, and the blocks that may touch it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import warp as wp
+
+from runout.backends.hash.index import Index
+from runout.backends.hash.layout import Doubles, Doubles2, Ints, Real, Rows, Table2, Vector, run
+from runout.backends.hash.nodes import NodeArrays
+from runout.model.surface import Surface
+from runout.physics.bspline import first_node as first_node64
+from runout.physics.bspline import weights as weights64
+from runout.physics.heightfield import distance, upward_normal
+from runout.physics.heightfield import interpolate as interpolate64
+from runout.physics.heightfield import quasi_interpolant as quasi_interpolant64
+from runout.physics.tensors import real
+
+
+def _surface_value(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64):
+    """Elevation [m] at lattice position (qx, qy) of the surface whose nx x ny coefficients start at ``first``."""
+    wx = weights64(qx - wp.float64(wp.clamp(first_node64(qx), 0, nx - 3)))
+    wy = weights64(qy - wp.float64(wp.clamp(first_node64(qy), 0, ny - 3)))
+    o = first + wp.clamp(first_node64(qx), 0, nx - 3) * ny + wp.clamp(first_node64(qy), 0, ny - 3)
+    r0 = interpolate64(wy, coefficients[o], coefficients[o + 1], coefficients[o + 2])
+    o += ny
+    r1 = interpolate64(wy, coefficients[o], coefficients[o + 1], coefficients[o + 2])
+    o += ny
+    r2 = interpolate64(wy, coefficients[o], coefficients[o + 1], coefficients[o + 2])
+    return interpolate64(wx, r0, r1, r2)
+
+
+def _north_south(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64, ay: wp.float64):
+    south = _surface_value(coefficients, first, nx, ny, qx, qy - ay)
+    here = _surface_value(coefficients, first, nx, ny, qx, qy)
+    return quasi_interpolant64(south, here, _surface_value(coefficients, first, nx, ny, qx, qy + ay))
+
+
+def cut_tiles(
+    coefficients: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2, nall: int,
+    h: Doubles, tiles: Rows,
+):  # fmt: skip
+    """Surface coefficients on the nodes of each block, relative to its lowest node [cells].
+
+    The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells.
+    """
+    b, t = wp.tid()
+    if b >= nall:
+        return
+    s = member[b]
+    first = shapes[s, 0]
+    nx = shapes[s, 1]
+    ny = shapes[s, 2]
+    qx = (wp.float64(4 * coordinates[b, 0] + t // 6) * h[0] - lattices[s, 0]) / lattices[s, 2]
+    qy = (wp.float64(4 * coordinates[b, 1] - shift[s] + t % 6) * h[1] - lattices[s, 1]) / lattices[s, 3]
+    ax = h[0] / lattices[s, 2]
+    ay = h[1] / lattices[s, 3]
+    west = _north_south(coefficients, first, nx, ny, qx - ax, qy, ay)
+    here = _north_south(coefficients, first, nx, ny, qx, qy, ay)
+    e = quasi_interpolant64(west, here, _north_south(coefficients, first, nx, ny, qx + ax, qy, ay))
+    tiles[b, t] = real(e / h[2] - wp.float64(4 * coordinates[b, 2]))
+
+
+def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, grounded: Ints):
+    """Blocks whose particles may come within ``reach`` [m] of the ground, and the blocks of the nodes that these reach.
+
+    A spline keeps to the hull of its coefficients, and no steeper slope is found than between two of them.
+    """
+    b = wp.tid()
+    near[b] = 0
+    if up[b, 0] < 0:
+        return
+    top = tiles[b, 0]
+    east = real(0.0)
+    north = real(0.0)
+    for t in range(36):
+        top = wp.max(top, tiles[b, t])
+        if t >= 6:
+            east = wp.max(east, wp.abs(tiles[b, t] - tiles[b, t - 6]))
+        if t % 6 > 0:
+            north = wp.max(north, wp.abs(tiles[b, t] - tiles[b, t - 1]))
+    n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
+    if distance((real(0.5) - top) * h[2], n[2]) <= reach:
+        near[b] = 1
+        for q in range(8):
+            grounded[up[b, q]] = 1
+
+
+def number_grounded(places: Ints, grounded: Ints):
+    """Place of the impulses of each block that may get any, -1 for the others; ``places`` are sums over the blocks before."""
+    b = wp.tid()
+    if grounded[b] != 0:
+        grounded[b] = places[b]
+    else:
+        grounded[b] = -1
+
+
+class Ground:
+    """The sliding surfaces of the scenes of a batch on the device of the scope; scenes may share one.
+
+    ``reach`` [m] is the distance of a particle's centre beyond which it touches the ground in no step.
+    """
+
+    def __init__(self, surfaces: list[Surface], spacing: tuple[float, float, float], reach: float):
+        first, kept = 0, {}
+        for surface in surfaces:
+            if id(surface) not in kept:
+                kept[id(surface)] = (first, surface)
+                first += surface.coefficients.size
+        flat = np.concatenate([np.ascontiguousarray(s.coefficients, np.float64).ravel() for _, s in kept.values()])
+        self.coefficients = wp.array(flat, dtype=wp.float64)
+        shapes = np.array([(kept[id(s)][0], *s.coefficients.shape) for s in surfaces], np.int32)
+        self.shapes = wp.array(shapes, dtype=wp.int32)
+        self.lattices = wp.array(np.array([(*s.origin, *s.spacing) for s in surfaces]), dtype=wp.float64)
+        self.spacing = wp.array(np.array(spacing), dtype=wp.float64)
+        self.reach = reach
+
+    def cut(self, kernels: SimpleNamespace, index: Index, nodes: NodeArrays, shift: wp.array, h: wp.array) -> None:
+        """Cut the surfaces into tiles of the blocks; give room for impulses to the blocks near the ground."""
+        run(
+            kernels.cut_tiles, (index.nall, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
+            index.coordinates, index.nall, self.spacing, nodes.tiles,
+        )  # fmt: skip
+        nodes.grounded.zero_()
+        run(kernels.note_near, index.nall, nodes.tiles, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
+        places = wp.zeros(index.room + 1, dtype=wp.int32)
+        wp.copy(places, nodes.grounded, count=index.room)
+        wp.utils.array_scan(places, places, inclusive=False)
+        run(kernels.number_grounded, index.room, places, nodes.grounded)
+        nodes.make_room(int(places[index.room :].numpy()[0]))

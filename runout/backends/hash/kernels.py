@@ -1,0 +1,116 @@
+"""The kernels for a law and a number type, bound to the formulas of :mod:`runout.physics` and compiled by warp."""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from runout.backends.compile import warp_binding, warp_kernels, warp_record
+from runout.backends.hash import cells as cell_lists
+from runout.backends.hash import contact, ground, index, motion, observe, stencil, transfer
+from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES
+from runout.model.laws import LAWS
+
+CELL_KERNELS = ("particles_to_grid", "add_shares", "solve_contacts", "grid_to_particles", "list_cells")
+
+FLOAT32_BLOCKS = 8  # of threads that share a multiprocessor in ``grid_to_particles``: 128 registers each
+
+# Neighbours in a warp mostly enter the same cell: one atomic serves them all.
+COUNT_IN = """
+#if defined(__CUDA_ARCH__)
+    unsigned same = __match_any_sync(__activemask(), cell);
+    if ((threadIdx.x & 31) == __ffs(same) - 1) atomicAdd(&count[cell], __popc(same));
+#else
+    wp::atomic_add(count, cell, 1);
+#endif
+"""
+NEXT_IN = """
+#if defined(__CUDA_ARCH__)
+    unsigned same = __match_any_sync(__activemask(), cell);
+    int lane = threadIdx.x & 31, first = __ffs(same) - 1, rank = 0;
+    if (lane == first) rank = atomicAdd(&count[cell], __popc(same));
+    return __shfl_sync(same, rank, first) + __popc(same & ((1u << lane) - 1u));
+#else
+    return wp::atomic_add(count, cell, 1);
+#endif
+"""
+
+
+@wp.func_native(COUNT_IN)
+def count_in(count: wp.array(dtype=wp.int32), cell: int):  # type: ignore[valid-type, no-untyped-def]
+    """Add one to the count of a cell."""
+
+
+@wp.func_native(NEXT_IN)
+def next_in(count: wp.array(dtype=wp.int32), cell: int) -> int:  # type: ignore[valid-type, empty-body]
+    """Add one to the count of a cell; returns what it was before."""
+
+
+# Four sums at once: one reduction of 16 bytes, which chips before sm_90 lack.
+ADD_NODE = """
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    asm volatile("red.relaxed.gpu.global.add.v4.f32 [%0], {%1, %2, %3, %4};"
+                 :: "l"(&nodes.data[i]), "f"(g[0]), "f"(g[1]), "f"(g[2]), "f"(g[3]) : "memory");
+#else
+    wp::atomic_add(nodes, i, g);
+#endif
+"""
+
+
+@wp.func_native(ADD_NODE)
+def add_node32(nodes: wp.array(dtype=wp.vec4f), i: int, g: wp.vec4f):  # type: ignore[valid-type, no-untyped-def]
+    """Add four numbers to a node."""
+
+
+@wp.func
+def add_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: ignore[valid-type, no-untyped-def]
+    """Add four numbers to a node."""
+    wp.atomic_add(nodes, i, g)
+
+
+def _argument_types(real: Any, record: Any) -> dict[str, Any]:
+    """What the names of argument types in the kernels stand for."""
+    vec, vec4 = wp.types.vector(length=3, dtype=real), wp.types.vector(length=4, dtype=real)
+    return {
+        "Real": real, "Vector": vec, "Rows": wp.array2d(dtype=real), "Reals": wp.array(dtype=real), "Nodes": wp.array(dtype=vec4),
+        "Table": wp.array(dtype=wp.uint64), "Keys": wp.array(dtype=wp.int64), "Ints": wp.array(dtype=wp.int32),
+        "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16), "Doubles": wp.array(dtype=wp.float64),
+        "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64), "Materials": wp.array(dtype=record),
+        "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real), "sums3": wp.types.matrix(shape=(9, 3), dtype=real),
+        "sums1": wp.types.vector(length=27, dtype=real), "double4": wp.vec4d,
+        "double7": wp.types.vector(length=7, dtype=wp.float64),
+    }  # fmt: skip
+
+
+_physics = cache(warp_binding)
+
+
+@cache
+def compiled_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace:
+    """Kernels for a law and a number type; ``ordered``: sums over particles in a fixed order.
+
+    ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart from the others,
+    because warp compiles a module for every number of lanes.
+    """
+    real = wp.float32 if precision == "float32" else wp.float64
+    physics, wide = _physics(real), _physics(wp.float64)
+    record = warp_record(law, LAWS[law].fields, real)
+    name = f"runout.hash.{law}.{precision}" + ".ordered" * ordered
+    cells, others = wp.get_module(f"{name}.cells"), wp.get_module(name)
+    for module in (cells, others):
+        module.options.update(enable_backward=False, max_unroll=3)
+    kernels = warp_kernels(
+        physics, (index, cell_lists, stencil, contact, transfer, motion, ground, observe),
+        lambda kernel: cells if kernel in CELL_KERNELS else others,
+        **_argument_types(real, record), ORDERED=ordered,
+        law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
+        count_in=count_in, next_in=next_in, add_node=add_node32 if precision == "float32" else add_node64,
+        first_node64=wide.bspline.first_node, weights64=wide.bspline.weights, interpolate64=wide.heightfield.interpolate,
+        quasi_interpolant64=wide.heightfield.quasi_interpolant, gradient_column64=wide.moments.gradient_column,
+        kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
+    )  # fmt: skip
+    if precision == "float32":
+        kernels.grid_to_particles.options["launch_bounds"] = (CELL_LANES, FLOAT32_BLOCKS)
+    kernels.record, kernels.modules = record, ((cells, CELL_LANES), (others, PARTICLE_LANES))
+    return kernels

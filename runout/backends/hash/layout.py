@@ -1,0 +1,74 @@
+"""What the kernels share: stand-ins for the types of their arguments, rows of the particle matrix, numbers the device counts.
+
+Rows of the particle matrix, one column a particle; f is the offset from the cell's first node [cells]:
+
+    0 m | 1-3 m v | 4-6 f | 7-15 A, column by column | 16-21 B = b_e - I | 22 history | 23 stress-free volume | 24 radius
+
+with A = h_j (m C - dt 4/h_j^2 V0 tau), so that the momentum at node x is m v + A (x - f) with x in cells
+(Hu et al. 2018, ACM TOG 37:150, eq. 18). A tile holds the 6 x 6 x 6 nodes that the particles of one block reach.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import warp as wp
+
+wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)  # no banner, and no warning where a machine has no GPU
+
+# types of kernel arguments; the binding puts the compiler's in their place
+Rows: TypeAlias = Any
+Reals: TypeAlias = Any
+Real: TypeAlias = Any
+Nodes: TypeAlias = Any
+Vector: TypeAlias = Any
+Table: TypeAlias = Any
+Keys: TypeAlias = Any
+Ints: TypeAlias = Any
+Table2: TypeAlias = Any
+Shorts: TypeAlias = Any
+Doubles: TypeAlias = Any
+Doubles2: TypeAlias = Any
+Longs: TypeAlias = Any
+Materials: TypeAlias = Any
+Tile: TypeAlias = Any
+
+# vectors of the compiler that the binding puts in their place: four numbers of a node, of 27 nodes, of nine; one of 27
+node4: Any = None
+sums4: Any = None
+sums3: Any = None
+sums1: Any = None
+double4: Any = None
+double7: Any = None
+add_node: Any = None  # adds four numbers to a node
+
+ORDERED = False  # sums in fixed order; the binding decides
+MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, RADIUS, ROWS = 0, 1, 4, 7, 16, 22, 23, 24, 25
+TILE = 216
+PADDED = 256  # trips of a loop that every lane of a block runs alike
+WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
+HALT, PENDING, STEPS, FAILED = range(4)  # flags on the device: why it stands still, why it will, steps done, member that failed
+# counts of a step: places listed so far, blocks, those with particles in this step and in the next, those with contact, and
+# particles that have left the domain since the last sort; blocks that held particles then
+CURSOR, BLOCKS, ACTIVE, NEXT, TOUCHED, GONE, HOMES, TALLY = range(8)
+LEFT_INDEX, UNSTABLE = 1, 2  # why a batch halts
+CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
+SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
+
+
+def run(kernel: Any, dim: int | tuple[int, int], *arguments: Any) -> None:
+    """Launch a kernel on the device of the scope, if there is anything to do."""
+    if dim:
+        wp.launch(kernel, dim=dim, inputs=list(arguments), block_dim=PARTICLE_LANES)
+
+
+def run_blocks(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
+    """Launch a kernel with ``lanes`` threads for each block on the device of the scope; it is told the number of blocks."""
+    if blocks:
+        wp.launch_tiled(kernel, dim=blocks, inputs=[*arguments, blocks], block_dim=lanes)
+
+
+def bytes_of(*holders: Any) -> int:
+    """Size [byte] of the device arrays that objects hold; what shares memory counts once."""
+    arrays = [a for holder in holders for a in vars(holder).values() if isinstance(a, wp.array)]
+    return sum({a.ptr: a.capacity for a in arrays if a.ptr}.values())

@@ -1,0 +1,294 @@
+"""Motion: velocities back to particles, the law, the next record, and the cell that each particle moves to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.layout import (
+    ACTIVE,
+    AFFINE,
+    CURSOR,
+    FAILED,
+    GONE,
+    HALT,
+    HISTORY,
+    HOMES,
+    LEFT_INDEX,
+    MASS,
+    MOMENTUM,
+    NEXT,
+    OFFSET,
+    PENDING,
+    STEPS,
+    STRAIN,
+    TOUCHED,
+    UNSTABLE,
+    VOLUME,
+    WIDE_TILE,
+    WIDE_X,
+    WIDE_Y,
+    Doubles2,
+    Ints,
+    Materials,
+    Nodes,
+    Real,
+    Reals,
+    Rows,
+    Shorts,
+    Table2,
+    Tile,
+    Vector,
+    node4,
+)
+from runout.backends.hash.stencil import _arms, _load_wide
+from runout.physics.blocks import local_index
+from runout.physics.bspline import weights
+from runout.physics.contact import reach
+from runout.physics.elastic import kirchhoff_stress
+from runout.physics.elastic import update as law_update
+from runout.physics.moments import affine_columns, moment_slope, stress_columns, velocity_gradient
+from runout.physics.tensors import dot, real, sym, vec
+
+SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
+count_in: Any = None  # adds one to a count; the binding puts it in its place
+
+
+def begin_step(
+    flags: Ints, tally: Ints, left: Ints, steps: Reals, largest: Real, band: Real, clock: Rows, peaks: Reals, contacts: Ints
+):
+    """Open a step, unless the last one asked to halt; a thread a scene. A scene without steps left has time step 0.
+
+    Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m].
+    """
+    s = wp.tid()
+    if flags[PENDING] != 0:
+        if s == 0:
+            flags[HALT] = flags[PENDING]
+        return
+    if s == 0:
+        flags[STEPS] = flags[STEPS] + 1
+        tally[ACTIVE] = tally[NEXT]
+        tally[CURSOR] = 0
+        tally[NEXT] = 0
+        tally[TOUCHED] = 0
+    clock[s, 0] = real(0.0)
+    if left[s] > 0:
+        left[s] = left[s] - 1
+        clock[s, 0] = steps[s]
+        clock[s, 4] = reach(largest, wp.sqrt(peaks[s]), steps[s], band)
+        peaks[s] = real(0.0)
+        contacts[s] = 0
+
+
+def _strain_of(rec: Rows, p: int):
+    return sym(rec[STRAIN, p], rec[STRAIN + 1, p], rec[STRAIN + 2, p], rec[STRAIN + 3, p], rec[STRAIN + 4, p], rec[STRAIN + 5, p])
+
+
+def _slopes(dt: Any, h: Vector):
+    return vec(moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2]))
+
+
+def _store(rec: Rows, p: int, m: Any, v: Vector, affine: Any, packed: Any, B: Any, history: Any):
+    """Write the next record of a particle, except for its place."""
+    for d in range(3):
+        rec[MOMENTUM + d, p] = m * v[d]
+        rec[AFFINE + d, p] = affine[d] + packed[d]
+        rec[AFFINE + 3 + d, p] = affine[3 + d] + packed[3 + d]
+        rec[AFFINE + 6 + d, p] = affine[6 + d] + packed[6 + d]
+        rec[STRAIN + d, p] = B[d]
+        rec[STRAIN + 3 + d, p] = B[3 + d]
+    rec[HISTORY, p] = history
+
+
+def _inside(node: int, f: Any, last: int, limit: wp.float64):
+    """Whether a coordinate lies in the domain, 0 <= node + f <= limit [cells]; surely so from node 0 to ``last``."""
+    if node >= 0 and node <= last:
+        return True
+    q = wp.float64(node) + wp.float64(f)
+    return q >= wp.float64(0.0) and q <= limit
+
+
+def _gather(f: Any, tile: Tile, first: int):
+    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``.
+
+    Weights and arms are products over the axes: summed axis by axis.
+    """
+    wx = weights(f[0])
+    wy = weights(f[1])
+    wz = weights(f[2])
+    dx = _arms(f[0])
+    dy = _arms(f[1])
+    dz = _arms(f[2])
+    v = vec(real(0.0), real(0.0), real(0.0))
+    x = vec(real(0.0), real(0.0), real(0.0))
+    y = vec(real(0.0), real(0.0), real(0.0))
+    z = vec(real(0.0), real(0.0), real(0.0))
+    for i in range(3):
+        si = vec(real(0.0), real(0.0), real(0.0))
+        yi = vec(real(0.0), real(0.0), real(0.0))
+        zi = vec(real(0.0), real(0.0), real(0.0))
+        for j in range(3):
+            s = vec(real(0.0), real(0.0), real(0.0))
+            r = vec(real(0.0), real(0.0), real(0.0))
+            for k in range(3):
+                g = tile[first + i * WIDE_X + j * WIDE_Y + k]
+                u = vec(g[0], g[1], g[2])
+                s += wz[k] * u
+                r += (wz[k] * dz[k]) * u
+            si += wy[j] * s
+            yi += (wy[j] * dy[j]) * s
+            zi += wy[j] * r
+        v += wx[i] * si
+        x += (wx[i] * dx[i]) * si
+        y += wx[i] * yi
+        z += wx[i] * zi
+    return v, x, y, z
+
+
+def _next_cell(
+    f: Vector, x: int, y: int, z: int, k: int, b: int, bx: int, by: int, around: Table2, up: Table2, shift: int,
+    limit_x: wp.float64, limit_y: wp.float64,
+):  # fmt: skip
+    """Cell of a particle that has moved to offset ``f`` from cell (x, y, z) of block ``b``, its home, or of those around.
+
+    -1: more than one cell out of its home, or no block there; -2 - k: outside the domain.
+    """
+    sx = wp.floor(f[0] - real(0.5))
+    sy = wp.floor(f[1] - real(0.5))
+    sz = wp.floor(f[2] - real(0.5))
+    i = x + int(sx)
+    j = y + int(sy)
+    n = z + int(sz)
+    new = int(-1)
+    if wp.min(i, wp.min(j, n)) >= -1 and wp.max(i, wp.max(j, n)) <= 4:
+        to = around[b, ((i + 4) >> 2) * 9 + ((j + 4) >> 2) * 3 + ((n + 4) >> 2)]
+        if to >= 0 and up[wp.max(to, 0), 0] >= 0:
+            new = to * 64 + local_index(i, j, n)
+    inside = _inside(4 * bx + i, f[0] - sx, int(limit_x) - 2, limit_x)
+    if not (inside and _inside(4 * by - shift + j, f[1] - sy, int(limit_y) - 2, limit_y)):
+        new = -2 - k
+    return new
+
+
+def _in_cell(f: Any):
+    """Offset in the cell that holds it."""
+    return f - wp.floor(f - real(0.5))
+
+
+def _rates(dt: Any, h: Vector):
+    """Cells that a particle moves in a step at unit velocity [s/m]."""
+    return vec(dt / h[0], dt / h[1], dt / h[2])
+
+
+def _write_place(rec: Rows, p: int, f: Vector, new: int):
+    """Offset of a particle from its cell, or from the one that it keeps."""
+    for d in range(3):
+        g = f[d]
+        if new >= 0:
+            g = _in_cell(f[d])
+        rec[OFFSET + d, p] = g
+
+
+def _keep(new: int, k: int, flags: Ints, tally: Ints):
+    """What the key of a particle becomes, and a word to the host if it is in no cell of the index."""
+    if new == k:
+        return k
+    if new == -1 and k >= 0:
+        wp.atomic_max(flags, PENDING, LEFT_INDEX)
+        return k
+    if new < -1:
+        wp.atomic_add(tally, GONE, 1)
+    return new
+
+
+def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):
+    """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J].
+
+    All of it is read before anything is written, so that the loads are under way together.
+    """
+    m = rec[MASS, p] * real(1.0)
+    volume = rec[VOLUME, p] * real(1.0)
+    history = rec[HISTORY, p] * real(1.0)
+    B = _strain_of(rec, p)
+    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+    v, x, y, z = _gather(f, tile, first)
+    B, log, history, work = law_update(B, velocity_gradient(x, y, z, slopes), history, mat)
+    packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
+    _store(rec, p, m, v, affine_columns(m, x, y, z), packed, B, history)
+    return f, v, work * volume
+
+
+def _is_sound(moves: Vector, scene: int, worst: int, flags: Ints, peaks: Reals):
+    """Whether a particle moves less than a cell; otherwise a word to the host."""
+    far = wp.max(wp.abs(moves[0]), wp.max(wp.abs(moves[1]), wp.abs(moves[2])))
+    if far < real(1.0) and wp.isfinite(moves[0] + moves[1] + moves[2]):
+        return True
+    wp.atomic_max(flags, PENDING, UNSTABLE)
+    flags[FAILED] = scene
+    wp.atomic_max(peaks, worst, wp.where(wp.isfinite(far), far, real(wp.inf)))
+    return False
+
+
+def grid_to_particles(
+    rec: Rows, release: Shorts, key: Ints, homes: Ints, home: Table2, count: Ints, around: Table2, up: Table2,
+    coordinates: Table2, flags: Ints, tally: Ints, member: Ints, clock: Rows, grid: Nodes,
+    mats: Materials, h: Vector, shift: Ints, limits: Doubles2, peaks: Reals, booked: Doubles2, launched: int,
+):  # fmt: skip
+    """Velocities to particles, law, motion and next record; cells of the particles anew, and how many enter each.
+
+    A block of threads takes the particles that were in one block at the last sort, in the order of memory, as far as they have
+    come at most one cell out of it. One that has come further, or finds no block, or leaves the domain, keeps its cell, and an
+    offset beyond it, until the index is made anew.
+    """
+    begin, lane = wp.tid()
+    if flags[HALT] != 0:
+        return
+    for a in range(begin, tally[HOMES], launched):
+        b = homes[a]
+        scene = member[b]
+        dt = clock[scene, 0]
+        tile = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
+        _load_wide(tile, grid, around, b, lane)
+        slopes = _slopes(dt, h)
+        rates = _rates(dt, h)
+        bx = int(coordinates[b, 0])
+        by = int(coordinates[b, 1])
+        bz = int(coordinates[b, 2])
+        fastest = real(0.0)
+        lost = wp.float64(0.0)
+        for p in range(home[b, 0] // SECTOR * SECTOR + lane, home[b, 1], wp.block_dim()):
+            if p >= home[b, 0]:
+                k = int(key[p])
+                new = int(k)
+                if k >= 0 and dt > real(0.0):
+                    i = (k >> 4) & 3
+                    j = (k >> 2) & 3
+                    n = k & 3
+                    if (k >> 6) != b:
+                        i += 4 * (coordinates[k >> 6, 0] - bx)
+                        j += 4 * (coordinates[k >> 6, 1] - by)
+                        n += 4 * (coordinates[k >> 6, 2] - bz)
+                    mat = mats[int(release[p])]
+                    f, v, work = _deform(rec, p, tile, (i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1, mat, slopes)
+                    lost += wp.float64(work)
+                    fastest = wp.max(fastest, dot(v, v))
+                    moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
+                    if _is_sound(moves, scene, shift.shape[0], flags, peaks):
+                        f = f + moves
+                        new = _next_cell(
+                            f, i, j, n, k, b, bx, by, around, up, shift[scene], limits[scene, 0], limits[scene, 1]
+                        )  # fmt: skip
+                        _write_place(rec, p, f, new)
+                new = _keep(new, k, flags, tally)
+                if new != k:
+                    key[p] = new
+                if new >= 0:
+                    count_in(count, new)
+        if dt > real(0.0):
+            all_fastest = wp.tile_max(wp.tile(fastest))
+            all_lost = wp.tile_sum(wp.tile(lost))
+            if lane == 0:
+                wp.atomic_max(peaks, scene, all_fastest[0])
+                booked[b, 0] = booked[b, 0] + all_lost[0]

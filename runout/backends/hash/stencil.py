@@ -1,0 +1,133 @@
+"""Nodes of a block's tile: where they are in the grid, what is read from them, and sums over blocks in a fixed order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.layout import BLOCKS, HALT, PADDED, TILE, WIDE, WIDE_X, WIDE_Y, Ints, Nodes, Rows, Table2, Tile, node4
+from runout.physics.moments import node_velocity
+from runout.physics.tensors import real, vec
+
+
+def _first_node(c: int):
+    """Place in the tile of the first node of cell ``c`` of a block."""
+    return (c >> 4) * 36 + ((c >> 2) & 3) * 6 + (c & 3)
+
+
+def _block(up: Table2, b: int, t: int):
+    """Block of node ``t`` of a block's tile."""
+    return up[b, ((t // 36) >> 2 << 2) | (((t // 6) % 6) >> 2 << 1) | ((t % 6) >> 2)]
+
+
+def _local(t: int):
+    """Place of node ``t`` of a tile in its block."""
+    return (((t // 36) & 3) << 4) | ((((t // 6) % 6) & 3) << 2) | ((t % 6) & 3)
+
+
+def _node(up: Table2, b: int, t: int):
+    """Place in the grid of node ``t`` of a block's tile."""
+    return _block(up, b, t) * 64 + _local(t)
+
+
+def _arms(f: Any):
+    """Distances [cells] of the three nodes of an axis from a particle."""
+    return vec(-f, real(1.0) - f, real(2.0) - f)
+
+
+def _load(tile: Tile, grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, lane: int):
+    """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach."""
+    for q in range(PADDED // wp.block_dim()):
+        t = q * wp.block_dim() + lane
+        v = node4()
+        if t < TILE:
+            o = _block(up, b, t)
+            g = grid[o * 64 + _local(t)]
+            v = node4(g[1], g[2], g[3], contact[grounded[o] * 64 + _local(t)][0])
+        wp.tile_scatter_masked(tile, t, v, t < TILE)
+
+
+def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
+    """Velocity of the nodes that particles reach which have come up to one cell out of a block."""
+    for q in range(WIDE // wp.block_dim()):
+        t = q * wp.block_dim() + lane
+        x = t >> 6
+        y = (t >> 3) & 7
+        z = t & 7
+        o = around[b, ((x + 3) >> 2) * 9 + ((y + 3) >> 2) * 3 + ((z + 3) >> 2)]
+        g = node4()
+        if o >= 0:
+            g = grid[o * 64 + ((((x + 3) & 3) << 4) | (((y + 3) & 3) << 2) | ((z + 3) & 3))]
+        wp.tile_scatter_masked(tile, x * WIDE_X + y * WIDE_Y + z, node4(g[1], g[2], g[3], real(0.0)), True)
+
+
+def update_nodes(flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, contact: Nodes, grid: Nodes):
+    """Momentum of every node to velocity [m/s], after gravity; the sum of its contact weights to the same over mass [1/kg]."""
+    t = wp.tid()
+    b = t >> 6
+    if flags[HALT] != 0 or b >= tally[BLOCKS]:
+        return
+    g = grid[t]
+    if g[0] > real(0.0):
+        s = member[b]
+        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
+        grid[t] = node4(g[0], v[0], v[1], v[2])
+        if grounded[b] >= 0:
+            n = grounded[b] * 64 + (t & 63)
+            contact[n] = node4(contact[n][0] / g[0], real(0.0), real(0.0), real(0.0))
+
+
+def push_nodes(flags: Ints, tally: Ints, grounded: Ints, contact: Nodes, grid: Nodes):
+    """Velocity of the nodes after the impulses of the ground."""
+    t = wp.tid()
+    b = t >> 6
+    if flags[HALT] != 0 or b >= tally[BLOCKS] or grounded[b] < 0:
+        return
+    push = contact[grounded[b] * 64 + (t & 63)]
+    if push[0] > real(0.0):
+        g = grid[t]
+        v = node_velocity(vec(push[1], push[2], push[3]), g[0], vec(g[1], g[2], g[3]))
+        grid[t] = node4(g[0], v[0], v[1], v[2])
+
+
+def _sum_arenas(arenas: Nodes, held: Ints, down: Table2, t: int):
+    """Sum at a node over the up to eight arenas that overlap it and hold something, in a fixed order."""
+    b = t >> 6
+    s = node4()
+    for q in range(8):
+        o = down[b, q]
+        x = ((t >> 4) & 3) + (q & 4)
+        y = ((t >> 2) & 3) + ((q & 2) << 1)
+        z = (t & 3) + ((q & 1) << 2)
+        if o >= 0 and x < 6 and y < 6 and z < 6 and held[wp.max(o, 0)] > 0:
+            s += arenas[o * TILE + (x * 6 + y) * 6 + z]
+    return s
+
+
+def note_held(cstart: Table2, held: Ints):
+    """Particles of each block, for sums in fixed order."""
+    b = wp.tid()
+    held[b] = cstart[b, 64] - cstart[b, 0]
+
+
+def sum_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes):
+    """Mass and momentum of every node, in fixed order."""
+    t = wp.tid()
+    if flags[HALT] == 0:
+        grid[t] = _sum_arenas(arenas, held, down, t)
+
+
+def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, grounded: Ints, part: int, contact: Nodes):
+    """Weights of the contact particles (``part`` 0) or their impulses (1) at each node near the ground, in fixed order."""
+    t = wp.tid()
+    slot = grounded[t >> 6]
+    if flags[HALT] != 0 or slot < 0:
+        return
+    s = _sum_arenas(arenas, touching, down, t)
+    g = contact[slot * 64 + (t & 63)]
+    if part == 0:
+        g = node4(s[0], g[1], g[2], g[3])
+    else:
+        g = node4(g[0], s[1], s[2], s[3])
+    contact[slot * 64 + (t & 63)] = g
