@@ -36,10 +36,7 @@ class Case:
 
 def engine_of(case: Case) -> Any:
     """A backend for a case, without a scene: scan on the CPU, hash on a GPU."""
-    engine: Any = get_backend("scan" if case.device == "cpu" else "hash", case.device, case.threads)
-    if case.index == "dense":
-        engine.dense = True  # the control that only scan offers: every block in the box around the particles
-    return engine
+    return get_backend("scan" if case.device == "cpu" else "hash", case.device, case.threads, index=case.index)
 
 
 @dataclass(frozen=True)

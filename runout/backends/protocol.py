@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from runout.backends.state import State
 from runout.errors import DeviceError
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -35,11 +36,19 @@ class LedgerRow:
 
 @dataclass
 class Columns:
-    """What stands over each cell of the raster (rows, columns): sums over its column of particles."""
+    """What stands over each cell of the raster, or of a window of it (rows, columns): sums over its column of particles."""
 
     volume: np.ndarray  # [m3]
     mass: np.ndarray  # [kg]
     momentum: np.ndarray  # (rows, columns, 3) [kg m/s]
+    row: int = 0  # of the raster, where the window begins
+    column: int = 0
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the raster that are covered; beside them there is nothing."""
+        rows, columns = self.mass.shape
+        return slice(self.row, self.row + rows), slice(self.column, self.column + columns)
 
 
 @dataclass
@@ -84,7 +93,28 @@ class BatchBackend(Protocol):
         """``count`` explicit steps of ``dt`` [s]."""
 
 
-def get_backend(name: str, device: str = "auto", threads: int | None = None, *, deterministic: bool = False) -> Backend:
+@runtime_checkable
+class WindowBackend(Protocol):
+    """A backend that knows where on the raster its mass is, so that observers need not look at the rest."""
+
+    def flow_columns(self) -> Columns:
+        """The sums of :meth:`Backend.columns`, bit by bit, over a window of the raster that holds all mass."""
+
+
+@runtime_checkable
+class ResumableBackend(Protocol):
+    """A backend whose state can be kept, so that a run goes on bit by bit as if it had not been broken off."""
+
+    def checkpoint(self) -> State:
+        """The state between two steps by name; arrays may be those of the backend: write them before the next step."""
+
+    def restore(self, scene: Scene, state: State) -> None:
+        """Take over a scene in the state that :meth:`checkpoint` gave for the same scene, whatever the threads."""
+
+
+def get_backend(
+    name: str, device: str = "auto", threads: int | None = None, *, deterministic: bool = False, index: str = "sparse"
+) -> Backend:
     """Backend by name: "scan" (numba, CPU), "hash" (warp, CPU or GPU), "reference" (NumPy), or "auto".
 
     Parameters
@@ -97,6 +127,8 @@ def get_backend(name: str, device: str = "auto", threads: int | None = None, *, 
         Threads of the CPU, for scan.
     deterministic : bool
         Results on a GPU repeat bit by bit; those on the CPU always do.
+    index : str
+        "sparse", or for scan "dense": every block of the box around the particles, a control for measurements.
 
     Raises
     ------
@@ -112,8 +144,20 @@ def get_backend(name: str, device: str = "auto", threads: int | None = None, *, 
         name = "scan"
     elif device not in ("cpu", "auto"):
         raise DeviceError(f"device is {device!r}; backend {name!r} runs on 'cpu' only")
-    backend = import_module(f"runout.backends.{name}.backend").create(threads)
+    options = {"index": index} if name == "scan" else {}
+    backend = import_module(f"runout.backends.{name}.backend").create(threads, **options)
     return backend  # type: ignore[no-any-return]
+
+
+def bytes_on_host(particles: int, held: int, owners: int, nodes: int, precision: str) -> int:
+    """Memory [byte] that the scan backend takes (see :func:`runout.backends.scan.forecast.bytes_needed`)."""
+    forecast = import_module("runout.backends.scan.forecast")
+    return forecast.bytes_needed(particles, held, owners, nodes, precision)  # type: ignore[no-any-return]
+
+
+def bytes_on_device(particles: int, blocks: int, precision: str) -> int:
+    """Memory [byte] that the hash backend takes for so many particles and blocks of nodes."""
+    return import_module("runout.backends.hash.backend").bytes_needed(particles, blocks, precision)  # type: ignore[no-any-return]
 
 
 def find_device(wanted: str) -> str:
@@ -133,6 +177,13 @@ def find_device(wanted: str) -> str:
     if named not in there:
         raise DeviceError(f"device is {wanted!r}, which is not there; this machine has {', '.join((*there, 'cpu'))}")
     return named
+
+
+def devices_of(device: str) -> tuple[str, ...]:
+    """The GPUs that members of an ensemble may share: all of them for "cuda", the named one, none for "cpu"."""
+    if not device.startswith("cuda"):
+        return ()
+    return _cuda_devices() if device == "cuda" else (find_device(device),)
 
 
 def _cuda_devices() -> tuple[str, ...]:

@@ -1,6 +1,10 @@
 """The sparse backend gives what the dense one gives; and the same bits on one thread and on two."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -108,6 +112,28 @@ def test_one_and_two_threads_give_the_same_bits(monkeypatch, precision):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     for name in vars(row_a):
         np.testing.assert_array_equal(getattr(row_a, name), getattr(row_b, name))
+
+
+def test_four_threads_give_the_bits_of_one():
+    """In a process of its own: more threads than processors must be asked for before numba starts."""
+    program = """if True:
+        import os
+        os.sched_getaffinity = lambda process: range(4)
+        from test_sparse_equals_dense import SAND, CASES, CLAY, get_backend, np, run, scan, scene, single_precision, two_bodies
+        scan.PARTICLES_PER_THREAD = 50
+        surface, spacing = CASES["bowl"]
+        s, p = single_precision(scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))), two_bodies(surface, spacing)
+        one, four = (get_backend("scan", threads=n) for n in (1, 4))
+        states = [run(engine, s, p, 30, 2e-3) for engine in (one, four)]
+        assert (one.threads, four.threads) == (1, 4)
+        for a, b in zip(states[0][:2], states[1][:2]):
+            for name in vars(a):
+                np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+    """
+    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    settings = {**os.environ, "NUMBA_NUM_THREADS": "4", "PYTHONPATH": path}
+    done = subprocess.run([sys.executable, "-c", program], env=settings, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_index_is_rebuilt_only_when_its_margin_is_used_up():

@@ -13,11 +13,12 @@ import numpy as np
 from runout.backends.compile import numba_binding
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.reference import particles as loops_source
+from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import CapacityError, StabilityError
 from runout.model.laws import LAWS
 from runout.model.particles import Particles
 from runout.model.scene import Scene
-from runout.physics import blocks, bspline, timestep
+from runout.physics import blocks, bspline
 
 LARGEST_GRID = 30_000_000  # nodes; about 3 GB
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
@@ -58,9 +59,7 @@ class Stencils:
         shape = np.minimum(particles.node.max(axis=0) + 3 - self.first, period)
         self.size = int(np.prod(shape))
         if self.size > LARGEST_GRID:
-            raise CapacityError(
-                f"the reference backend would need {self.size} grid nodes, its limit is {LARGEST_GRID}; use backend='scan'"
-            )
+            raise CapacityError(f"the reference backend would need {self.size} nodes, at most {LARGEST_GRID} fit; use 'scan'")
         i, j, k = np.moveaxis(((particles.node - self.first)[:, None, :] + STENCIL) % period, -1, 0)
         self.node = (i * shape[1] + j) * shape[2] + k
         w = np.stack(bspline.weights(particles.offset), axis=-1)
@@ -87,6 +86,7 @@ class ReferenceBackend:
 
     def load(self, scene: Scene, particles: Particles) -> None:
         """Take over a scene and its particles; sums and counters start anew."""
+        particles.require_index_range(scene.spacing)
         self.counters = Counters()
         self.scene = scene
         self.spacing = np.array(scene.spacing, np.float64)
@@ -97,19 +97,16 @@ class ReferenceBackend:
         self._p = particles.take(np.argsort(particles.identity, kind="stable"))
         self._log = np.zeros((len(particles), 6))
         self.loops.take_log(self._p.strain, self._log)
-        self._contacts = 0
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
-        self._basal_impulse = np.zeros(3)
+        self._contacts, self._basal_impulse = 0, np.zeros(3)
 
     def stable_step(self) -> float:
         """Largest admissible time step [s] from the acoustic and the particle limit."""
-        h = float(self.spacing.min())
-        speed = self._max_speed()
-        limit = timestep.acoustic_limit(self.scene.cfl, h, self.scene.wave_speed, speed)
-        return min(limit, timestep.particle_limit(h, speed)) if speed > 0.0 else limit
+        return self.scene.stable_step(self._max_speed())
 
     def step(self, dt: float) -> None:
         """One explicit step of ``dt`` [s]."""
+        self.scene.require_stable(dt, self._max_speed(), self.counters.steps + 1)
         self.counters.steps += 1
         self.counters.particle_steps += len(self._p)
         self._contacts = 0
@@ -132,10 +129,19 @@ class ReferenceBackend:
         """The particles as they are, in the order of their identity."""
         return self._p.take(np.arange(len(self._p)))
 
+    def checkpoint(self) -> State:
+        """The state between two steps."""
+        return arrays_of(self, ("table",), "own.") | arrays_of(self._p, (), "p.") | arrays_of(self.counters, (), "done.")
+
+    def restore(self, scene: Scene, state: State) -> None:
+        """Go on from a state of the same scene."""
+        self.load(scene, Particles(**part(state, "p.")))
+        put_arrays(self, state, "own.")
+        put_arrays(self.counters, state, "done.")
+
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
-        p = self._p
-        kinetic, potential, elastic = self._energies()
+        p, (kinetic, potential, elastic) = self._p, self._energies()
         return LedgerRow(
             mass=float(p.mass.sum()),
             escaped_mass=self._escaped_mass,
@@ -154,8 +160,7 @@ class ReferenceBackend:
 
     def columns(self) -> Columns:
         """Sums over the columns of the raster's cells; a particle covers one grid cell in plan, centred on it."""
-        raster, p = self.scene.raster, self._p
-        x = p.position(self.spacing)
+        raster, p, x = self.scene.raster, self._p, self._p.position(self.spacing)
         columns = _overlaps(x[:, 0], self.spacing[0], raster.cell_size[0], raster.columns)
         lines = _overlaps(x[:, 1], self.spacing[1], raster.cell_size[1], raster.rows)
         density = np.array([m.density for m in self.scene.materials])[p.release]
@@ -170,8 +175,7 @@ class ReferenceBackend:
 
     def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Nodal mass (nodes,) [kg] and velocity (nodes, 3) [m/s] with internal force and gravity."""
-        p = self._p
-        stress, _ = self._stress_and_energy()
+        p, (stress, _) = self._p, self._stress_and_energy()
         force = (dt * p.volume)[:, None, None] * stress[:, MATRIX] * self.inverse_inertia
         packed = p.mass[:, None, None] * p.affine - force
         momentum = (p.mass[:, None] * p.velocity)[:, None, :] + np.einsum("pij,pnj->pni", packed, stencils.arm)
@@ -214,9 +218,8 @@ class ReferenceBackend:
         p = self._p
         cells = dt * p.velocity / self.spacing
         if not np.abs(cells).max() < 1.0:  # not a number is refused too
-            raise StabilityError(
-                f"a particle moved {np.abs(cells).max():.3g} cells in step {self.counters.steps} of {dt:.3g} s; use a smaller cfl"
-            )
+            moved = f"{np.abs(cells).max():.3g} cells in step {self.counters.steps} of {dt:.3g} s"
+            raise StabilityError(f"a particle moved {moved}; use a smaller cfl")
         offset = p.offset + cells
         shift = np.floor(offset - 0.5)
         p.offset = offset - shift
@@ -226,8 +229,7 @@ class ReferenceBackend:
         """Remove what has left the raster's outline and book its mass and energy."""
         raster = self.scene.raster
         x = self._p.position(self.spacing)[:, :2]
-        edge = np.array([raster.columns * raster.cell_size[0], raster.rows * raster.cell_size[1]])
-        inside = np.all((x >= 0.0) & (x <= edge), axis=1)
+        inside = np.all((x >= 0.0) & (x <= np.multiply((raster.columns, raster.rows), raster.cell_size)), axis=1)
         if inside.all():
             return
         self._escaped_mass += float(self._p.mass[~inside].sum())

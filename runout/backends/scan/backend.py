@@ -1,5 +1,6 @@
 """The order of one step on the CPU, and the arrays it works on."""
 
+import math
 import os
 import time
 from functools import cache
@@ -11,18 +12,21 @@ import numpy as np
 from runout.backends.compile import numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.protocol import Columns, Counters, LedgerRow
-from runout.backends.scan import contact, ground, index, motion, observe, order, stencil, transfer
-from runout.backends.scan.store import PADDING, Store
+from runout.backends.scan import arenas, checkpoint, columns, contact, ground, index, motion, observe, order, stencil, transfer
+from runout.backends.scan.arenas import Arenas
+from runout.backends.scan.store import PADDING, Store, capacity, reserve
+from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.laws import Law
 from runout.model.particles import Particles
 from runout.model.scene import Scene
-from runout.physics import timestep
+from runout.physics import contact as contact_law
+from runout.physics import moments
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
-LARGEST_BLOCK = 2**20
 PARTICLES_PER_THREAD = 10_000  # below, waiting for each other costs more than threads gain
 MOST_IN_A_BLOCK = 2**18
+LONGEST_LIST = 1024  # of holes between the slots of blocks
 INDEXES = ("sparse", "dense")
 
 
@@ -53,6 +57,7 @@ class ScanBackend:
         self.threads = 1
         self.dense = index == "dense"
         self.counters = Counters()
+        self.buffers: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     def load(self, scene: Scene, particles: Particles) -> None:
         """Take over a scene and its particles."""
@@ -61,10 +66,12 @@ class ScanBackend:
         if not (particles.mass > 0).all():
             raise StabilityError("a particle has no mass; every particle needs a positive mass")
         self.scene, self.n = scene, len(particles)
+        self.cursors = np.zeros((self.allowed, 8), np.int64)
+        self.holes, self.n_holes = np.zeros((LONGEST_LIST, 2), np.int64), 0
         self.k = _kernels(scene.dtype, scene.law, len(scene.materials) == 1)
         self.counters = Counters()
         self.threads = max(1, min(self.allowed, self.n // PARTICLES_PER_THREAD))
-        self.packed_dt = 0.0
+        self.packed_dt, self.moved = 0.0, False
         self.escaped_mass = self.escaped_energy = self.basal_dissipation = self.plastic_dissipation = 0.0
         self.basal_impulse = np.zeros(3)
         self.contact_particles = 0
@@ -79,7 +86,7 @@ class ScanBackend:
         self.mats = scene.law.table(scene.materials, real)
         self.friction = np.array(scene.friction, real)
         self.density = np.array([m.density for m in scene.materials], np.float64)
-        self.gravity = np.array(scene.gravity, np.float64)
+        self.gravity, self.dv = np.array(scene.gravity, np.float64), np.zeros(16, real)
         self.corner = particles.node.min(0).astype(np.int64) if self.n else np.zeros(3, np.int64)
         size = np.array([scene.raster.columns, scene.raster.rows]) * np.array(scene.raster.cell_size) / self.spacing[:2]
         self.domain = np.stack([-self.corner[:2], size - self.corner[:2]], axis=1).ravel().astype(np.float64)
@@ -92,84 +99,67 @@ class ScanBackend:
         So a scene that is moved by whole cells gives the same bits.
         """
         node = particles.node - self.corner
-        if self.n and node.max() >= 4 * LARGEST_BLOCK - 8:
-            reach = 4 * LARGEST_BLOCK * min(self.scene.spacing)
-            raise CapacityError(f"the particles span more than the index range of {reach:g} m; use larger cells")
+        particles.require_index_range(self.scene.spacing, self.corner)
         sequence, found = index.Index.of_nodes(node)
         if found.nown and found.held.max() > MOST_IN_A_BLOCK:
             most = found.held.max()
             raise CapacityError(f"a block of 64 cells holds {most} particles, at most {MOST_IN_A_BLOCK} fit; use smaller cells")
-        self.index, numbers = found.rebuilt(self.k, MARGIN, self.dense)
-        self.end = self._plan(found, numbers)
-        block = np.repeat(numbers, found.held)
-        slot = self.index.first[block] + np.arange(self.n) - np.repeat(found.first, found.held)
-        self.store = Store.of(_capacity(self.end), slot, particles.take(sequence), self.scene)
-        self._occupy()
+        before = found.first.copy()
+        self.end = int(self.k.give_slots(found.held, found.first, found.room, found.nown))
+        slot = np.arange(self.n) + np.repeat(found.first - before, found.held)
+        self.store = Store.of(capacity(self.end), slot, particles.take(sequence), self.scene)
+        self._index_anew(found)
+        self.k.mark_slots(self.index.starts, self.index.first, self.index.nown, self.store.cell, self.store.order)
 
-    def _plan(self, old: index.Index, numbers: np.ndarray) -> int:
-        """Slots for the blocks of the new index; returns their number."""
+    def _index_anew(self, old: index.Index) -> None:
+        """Find the blocks anew; the particles keep their slots."""
+        self.index, numbers = old.rebuilt(self.k, MARGIN, self.dense)
         i = self.index
-        return int(self.k.plan_slots(numbers, old.starts, old.nown, i.starts, i.first, i.room, i.held, i.nown))
-
-    def _occupy(self) -> None:
-        """Note which slots are in use, and make room for what belongs to blocks."""
-        i, s = self.index, self.store
-        self.k.mark_slots(i.starts, i.first, i.nown, s.cell, s.order)
+        self.k.hand_over_slots(numbers, old.starts, old.first, old.room, old.nown, i.starts, i.first, i.room, i.held)
         self._allocate_blocks()
 
-    def _rebuild(self) -> None:
-        """Find the blocks anew, and bring the particles into the order of their cells."""
-        self.counters.rebuilds += 1
-        old, s, k = self.index, self.store, self.k
-        self.index, numbers = old.rebuilt(k, MARGIN, self.dense)
-        self.end = self._plan(old, numbers)
-        if self.end > s.slots:
-            s.grow(_capacity(self.end))
-        i = self.index
-        where = (s.order, old.starts, old.first, old.nown, numbers, i.first)
-        k.gather_rows(s.rec, *where, s.spare)
-        s.rec, s.spare = s.spare, s.rec
-        for values in (s.state, s.who.reshape(-1, 1)):
-            room = s.spare.reshape(-1).view(values.dtype)[: values.size].reshape(values.shape)
-            k.gather_rows(values, *where, room)
-            k.copy_rows(room, i.first, i.held, i.nown, values)
-        self._occupy()
+    def _make_slots(self) -> None:
+        """Close the gaps that blocks have left behind, once few slots remain; more slots if they do not gain much."""
+        i, s, k = self.index, self.store, self.k
+        self._fit_buffers()
+        self.n_holes = 0
+        packed = k.packed_end(i.held, i.nown)
+        if packed + 4 * reserve(self.n) > s.slots:
+            s.grow(capacity(packed))
+        used = np.flatnonzero(i.held)
+        by_slot = used[np.argsort(i.first[used])]
+        buffers = (buffer[0] for buffer in self.buffers)
+        self.end = k.pack_slots(s.rec, s.state, s.who, s.cell, s.order, i.starts, by_slot, i.first, i.room, i.held, *buffers)
 
     def _allocate_blocks(self) -> None:
         """Arrays by block, after a rebuild."""
-        i, real = self.index, self.scene.dtype
-        n, edge = i.nown, 4 * i.bxyz[: i.nown, :2]
-        low, high = self.domain[::2], self.domain[1::2]
-        self.rim = ((edge - 2 < low) | (edge + 8 > high)).any(axis=1)
-        self.arenas, self.grid = np.empty((n, stencil.ARENA), real), np.empty((i.nall, 256), real)
-        self.inverse_mass = np.empty((i.nall, 64), real)
-        self.tiles, self.planes, self.bounds = (np.empty((n, width), real) for width in (36, 48, 2))
-        self.touching, self.candidates, self.leaving, self.arrivals = (np.zeros(n, np.int64) for _ in range(4))
-        self.before, self.changed = np.zeros(n, np.int64), np.zeros(n, np.bool_)
-        self.sums, self.ground = np.zeros((n, 4)), np.zeros((n, 4))
-        self._allocate_buffers()
-        s = self.scene.surface
-        if s is not None:
+        i, surface = self.index, self.scene.surface
+        self.room = a = Arenas.of(i, self.scene.dtype, self.domain)
+        self.reaches_rim = bool(a.rim.any())
+        self._fit_buffers(anew=True)
+        if surface is not None:
             self.k.cut_tiles(
-                s.coefficients, *s.origin, *s.spacing, i.bxyz, n, self.corner, self.spacing, self.tiles, self.planes, self.bounds
-            )
+                surface.coefficients, *surface.origin, *surface.spacing, i.bxyz, i.nown, self.corner, self.spacing, a.tiles,
+                a.planes, a.bounds,
+            )  # fmt: skip
 
-    def _allocate_buffers(self) -> None:
-        """Room for the fullest block and some, for each thread."""
-        n, real = int(1.25 * self.index.held.max(initial=0)) + 2 * PADDING, self.scene.dtype
-        rec, state = np.empty((self.threads, n, 16), real), np.empty((self.threads, n, 8), real)
-        self.buffers = rec, state, np.empty((self.threads, n), np.int32)
+    def _fit_buffers(self, anew: bool = False) -> None:
+        """Buffers that hold the fullest block, for each thread; with some room where they are made."""
+        _, fullest = self.k.total_held(self.index.held, self.index.nown)
+        if not anew and fullest + PADDING <= self.buffers[0].shape[1]:
+            return
+        shape, real = (self.threads, int(1.25 * fullest) + 2 * PADDING), self.scene.dtype
+        self.buffers = np.empty((*shape, 16), real), np.empty((*shape, 8), real), np.empty(shape, np.int32)
 
     def stable_step(self) -> float:
         """Largest admissible time step [s]."""
-        h = min(self.scene.spacing)
-        limit = timestep.acoustic_limit(self.scene.cfl, h, self.scene.wave_speed, self.max_speed)
-        return min(limit, timestep.particle_limit(h, self.max_speed)) if self.max_speed > 0 else limit
+        return self.scene.stable_step(self.max_speed)
 
     def step(self, dt: float) -> None:
         """One explicit step of ``dt`` [s]."""
         import numba
 
+        self.scene.require_stable(dt, self.max_speed, self.counters.steps + 1)
         numba.set_num_threads(self.threads)
         self.counters.steps += 1
         self.counters.particle_steps += self.n
@@ -177,123 +167,162 @@ class ScanBackend:
             return
         clock = _Clock(self.counters.seconds)
         if self.index.travelled + 1 > MARGIN:
-            self._rebuild()
+            self.counters.rebuilds += 1
+            self._index_anew(self.index)
+        if self.end + reserve(self.n) > self.store.slots:
+            self._make_slots()
         clock("index")
         self._to_grid(dt)
         clock("p2g")
-        self._contact(dt)
+        self._contact()
         clock("contact")
         self._to_particles(dt)
         clock("g2p")
         self._sort()
         clock("sort")
 
-    def _to_grid(self, dt: float) -> None:
+    def _change_step(self, dt: float) -> None:
+        """Constants of steps of ``dt`` [s]; the records are packed anew."""
         i, s, real = self.index, self.store, self.scene.dtype
+        self.k.change_step(
+            s.rec, s.state, s.who, s.label, s.order, i.first, i.held, i.nown, self.mats, real(dt - self.packed_dt), self.h
+        )
+        self.packed_dt, self.dt = dt, real(dt)
+        for k in range(16):
+            self.dv[k] = dt * self.scene.gravity[k % 4 - 1] if k % 4 else 0.0
+        self.slopes = tuple(real(moments.moment_slope(dt, h)) for h in self.scene.spacing)
+        self.cells = tuple(real(dt / h) for h in self.scene.spacing)
+
+    def _to_grid(self, dt: float) -> None:
+        i, s, a, real = self.index, self.store, self.room, self.scene.dtype
         if dt != self.packed_dt:
-            self.k.change_step(
-                s.rec, s.state, s.who, s.label, s.order, i.first, i.held, i.nown, self.mats, real(dt - self.packed_dt), self.h
-            )
-            self.packed_dt = dt
+            self._change_step(dt)
+        a.make_arenas(self.k.number_arenas(i.held, i.nown, a.number))
         if self.scene.surface is None:
-            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, i.nown, self.arenas)
+            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, i.nown, a.number, a.arenas)
         else:
             band = self.scene.contact_band * min(self.scene.spacing)
-            reach = self.largest_radius + band + dt * self.max_speed * 1.001
-            self.k.particles_to_arenas_and_contacts(
-                s.rec, s.who, s.radius, s.label, s.order, i.starts, i.first, i.nown, self.tiles, self.planes, self.bounds,
-                self.friction, real(reach), real(dt), self.h, real(band), self.arenas, s.spare, s.listed, self.candidates,
-                self.touching,
-            )  # fmt: skip
-        dv = np.tile([0.0, *(self.gravity * dt)], 4).astype(real)
-        self.k.update_nodes(self.arenas, i.held, i.down, i.nall, self.grid, dv)
+            reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
+            self._to_arenas_and_contacts(real(reach), real(band))
+        self.k.update_nodes(a.arenas, a.number, i.held, i.down, i.nall, a.grid, self.dv)
 
-    def _contact(self, dt: float) -> None:
-        i, s, k = self.index, self.store, self.k
-        self.contact_particles = int(self.touching.sum())
+    def _to_arenas_and_contacts(self, reach: Any, band: Any) -> None:
+        """Arenas and rows of contacts; where these lack room, it is made and all is done again."""
+        i, s, a = self.index, self.store, self.room
+        while True:
+            region = (len(s.contacts) - PADDING) // self.threads
+            for t in range(self.threads):
+                self.cursors[t, 0] = 0
+            self.k.particles_to_arenas_and_contacts(
+                s.rec, s.who, s.radius, s.label, s.order, i.starts, i.first, i.nown, a.tiles, a.planes, a.bounds,
+                self.friction, reach, self.dt, self.h, band, a.number, a.arenas, s.contacts, region, self.cursors, a.place,
+                s.listed, a.candidates, a.touching,
+            )  # fmt: skip
+            needed = max(int(self.cursors[t, 0]) for t in range(self.threads))
+            if needed <= region:
+                return
+            s.make_contacts((needed + needed // 8 + PADDING) * self.threads)
+
+    def _contact(self) -> None:
+        i, s, a, k = self.index, self.store, self.room, self.k
+        self.contact_particles = k.total_touching(a.touching, i.nown)
         if self.contact_particles == 0:
             return
-        k.spread_weights(s.spare, s.listed, s.cell, i.first, i.nown, self.candidates, self.arenas)
-        k.share_contacts(self.arenas, self.touching, i.down, i.nall, self.grid, self.inverse_mass)
+        k.spread_weights(s.contacts, a.place, s.listed, s.cell, i.first, i.nown, a.candidates, a.number, a.arenas)
+        k.share_contacts(a.arenas, a.number, a.touching, i.down, i.nall, a.grid, a.inverse_mass)
         k.solve_contacts(
-            s.spare, s.listed, s.cell, i.first, i.nown, self.grid, i.up, self.scene.dtype(dt), self.arenas, self.candidates,
-            self.ground,
-        )  # fmt: skip
-        k.apply_impulses(self.arenas, self.touching, i.down, i.nall, self.grid, self.inverse_mass)
-        booked = self.ground[self.touching > 0].sum(0)
-        self.basal_dissipation -= float(booked[0])
-        self.basal_impulse += booked[1:]
+            s.contacts,
+            a.place,
+            s.listed,
+            s.cell,
+            i.first,
+            i.nown,
+            a.grid,
+            i.up,
+            self.dt,
+            a.number,
+            a.arenas,
+            a.candidates,
+            a.ground,
+        )
+        k.apply_impulses(a.arenas, a.number, a.touching, i.down, i.nall, a.grid, a.inverse_mass)
+        k.total_rows(a.ground, a.touching, i.nown, a.total)
+        self.basal_dissipation -= float(a.total[0])
+        for d in range(3):
+            self.basal_impulse[d] += a.total[1 + d]
 
     def _to_particles(self, dt: float) -> None:
-        i, s, real = self.index, self.store, self.scene.dtype
-        if i.held.max() > self.buffers[0].shape[1] - PADDING:
-            self._allocate_buffers()
-        slopes, cells = (4 * dt / self.spacing).astype(real), (dt / self.spacing).astype(real)
+        i, s, a = self.index, self.store, self.room
+        self._fit_buffers()
         self.k.grid_to_particles(
-            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, self.grid, i.up, i.bxyz, self.rim,
-            self.domain, self.mats, tuple(slopes), tuple(cells), *self.buffers, s.listed, self.leaving, self.changed, self.sums,
+            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
+            self.domain, self.mats, self.slopes, self.cells, *self.buffers, s.listed, a.leaving, a.changed, a.motion,
         )  # fmt: skip
-        speed2, step = self.sums[:, 0].max(), self.sums[:, 1].max()
-        if not (np.isfinite(speed2) and self.sums[:, 3].sum() == 0):
+        speed2, step, lost, refused, self.moved = self.k.total_motion(a.motion, a.changed, i.nown)
+        if refused > 0:
             raise StabilityError(
-                f"a particle moved {step:.3g} cells in step {self.counters.steps} of {dt:.3g} s at {np.sqrt(speed2):.3g} m/s; "
+                f"a particle moved {step:.3g} cells in step {self.counters.steps} of {dt:.3g} s at {math.sqrt(speed2):.3g} m/s; "
                 "use a smaller cfl, or check material and terrain there"
             )
-        self.max_speed = float(np.sqrt(speed2))
-        i.travelled += float(step)
-        self.plastic_dissipation += float(self.sums[:, 2].sum())
+        self.max_speed = math.sqrt(speed2)
+        i.travelled += step
+        self.plastic_dissipation += lost
 
     def _sort(self) -> None:
         """Hand particles over to the blocks that they enter; those that left the domain are booked and go."""
-        if not self.changed.any():
+        if not self.moved:
             return
-        i, s, k = self.index, self.store, self.k
-        if self.rim.any():
+        i, s, a, k = self.index, self.store, self.room, self.k
+        if self.reaches_rim:
             self._book_escaped()
-        needed = int(
-            k.count_arrivals(i.around, i.first, i.nown, s.listed, self.leaving, i.held, i.room, self.before, self.arrivals)
-        )
+        needed = k.count_arrivals(i.around, i.first, i.nown, s.listed, a.leaving, i.held, i.room, a.before, a.arrivals)
         if self.end + needed > s.slots:
-            s.grow(_capacity(self.end + needed))
-        if needed:
-            self.end = int(k.make_room(i.nown, i.held, self.arrivals, i.first, i.room, self.end))
+            s.grow(capacity(self.end + needed))
+        self.end, self.n_holes = k.make_room(i.nown, i.held, a.arrivals, i.first, i.room, self.end, self.holes, self.n_holes)
         k.settle(
-            s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, self.before, i.around, i.nown, s.listed,
-            self.leaving, self.changed, self.arrivals,
+            s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, s.listed, a.leaving,
+            a.changed, a.arrivals,
         )  # fmt: skip
-        if i.held.sum() != self.n:
-            missing = self.n - int(i.held.sum())
-            raise StabilityError(f"{missing} particles left the index in step {self.counters.steps}; please report this")
+        there, _ = k.total_held(i.held, i.nown)
+        if there != self.n:
+            raise StabilityError(f"{self.n - there} particles left the index in step {self.counters.steps}; please report this")
 
     def _book_escaped(self) -> None:
-        i, s = self.index, self.store
-        sums = self._sums(self.k.sum_escaped, s.listed, self.leaving, i.first)
+        i, s, leaving = self.index, self.store, self.room.leaving
+        self._sum(self.k.sum_escaped, s.listed, leaving, i.first)
+        sums = self.room.total
         self.escaped_mass += float(sums[observe.MASS])
-        self.escaped_energy += float(sums[observe.KINETIC :].sum())
-        gone = sum(int(((s.listed[f : f + m] >> 6) & motion.OUTSIDE > 0).sum()) for f, m in zip(i.first, self.leaving, strict=True))
-        self.n -= gone
+        self.escaped_energy += float(sums[observe.KINETIC] + sums[observe.POTENTIAL] + sums[observe.ELASTIC])
+        self.n -= self.k.total_escaped(s.listed, leaving, i.first, i.nown, motion.OUTSIDE)
 
-    def _sums(self, kernel: Any, *which: np.ndarray) -> np.ndarray:
-        """Sums of a kernel over all blocks (see :mod:`runout.backends.scan.observe`)."""
-        i, s = self.index, self.store
-        by_block = np.empty((i.nown, 7))
+    def _sum(self, kernel: Any, *which: np.ndarray) -> None:
+        """Sums of a kernel over all blocks (see :mod:`runout.backends.scan.observe`), in ``room.total``."""
+        i, s, a = self.index, self.store, self.room
         dt = self.scene.dtype(self.packed_dt)
         kernel(
-            s.rec, s.state, s.who, s.label, *which, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, self.gravity, by_block
+            s.rec, s.state, s.who, s.label, *which, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, self.gravity, a.sums
         )
-        return by_block.sum(0)  # type: ignore[no-any-return]
+        self.k.total_rows(a.sums, i.room, i.nown, a.total)
+
+    def checkpoint(self) -> State:
+        """The state between two steps; its arrays change with the next one."""
+        return checkpoint.taken(self)
+
+    def restore(self, scene: Scene, state: State) -> None:
+        """Go on from a state of the same scene."""
+        checkpoint.put_back(self, scene, state)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
-        sizes = self.store.memory()
-        for owner in (self.index, self):
-            sizes |= {name: int(a.nbytes) for name, a in vars(owner).items() if isinstance(a, np.ndarray)}
-        return sizes
+        named = {**vars(self.index), **vars(self), **{f"buffer_{k}": a for k, a in enumerate(self.buffers)}}
+        own = {name: int(a.nbytes) for name, a in named.items() if isinstance(a, np.ndarray)}
+        return {**self.store.memory(), **self.room.memory(), **own}
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
         i = self.index
-        sums = self._sums(self.k.sum_blocks, self.store.order, i.starts, i.first)
+        self._sum(self.k.sum_blocks, self.store.order, i.starts, i.first)
+        sums = self.room.total
         return LedgerRow(
             mass=float(sums[observe.MASS]),
             escaped_mass=self.escaped_mass,
@@ -331,13 +360,11 @@ class ScanBackend:
 
     def columns(self) -> Columns:
         """Sums over the columns of the raster's cells."""
-        i, s, r = self.index, self.store, self.scene.raster
-        sums = np.zeros((r.rows, r.columns, 5))
-        cell = np.array(r.cell_size)
-        self.k.add_columns(
-            s.rec, s.who, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.density, self.spacing, cell, sums
-        )
-        return Columns(sums[..., 0], sums[..., 1], sums[..., 2:])
+        return columns.whole(self)
+
+    def flow_columns(self) -> Columns:
+        """The same over a window of cells that holds all mass."""
+        return columns.around_flow(self)
 
 
 class _Clock:
@@ -352,17 +379,12 @@ class _Clock:
         self.last = now
 
 
-def _capacity(slots: int) -> int:
-    """Slots to allocate: some for blocks that grow."""
-    return slots + slots // 32 + 4096
-
-
 @cache
 def _kernels(real: Any, law: Law, one_material: bool) -> SimpleNamespace:
     """Kernels for a number type and a law, made once a process; those that know no law are compiled for all."""
     binding = numba_binding(real)
     lanes = (vectors, shuffles, memory)
-    common = binding.kernels(stencil, ground, index, transfer, contact, order, observe, sources=(*lanes, motion))
+    common = binding.kernels(stencil, arenas, ground, index, transfer, contact, order, observe, columns, sources=(*lanes, motion))
     physics = getattr(binding, law.module.__name__.rsplit(".", 1)[-1])
     own = binding.kernels(
         stencil,

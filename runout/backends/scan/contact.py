@@ -1,13 +1,14 @@
 """Contact with the ground: one impulse per contact particle, see :mod:`runout.physics.contact`.
 
 Only cells near the ground are looked at, and only particles under a bound of its surface are measured: the candidates. Each
-gets a row of 16 numbers in ``contacts`` at the slots of its block, and a weight of one if it touches, of zero if not:
+gets a row of 16 numbers in ``contacts``, and a weight of one if it touches, of zero if not. The rows of a block lie one
+after the other from ``place[b]`` on, in the region of the thread that found them:
 
     [ weight, then compliance; 0, then velocity, then impulse | fx, normal | fy, gap, friction, weight | fz, v before ]
 """
 
 import numpy as np
-from numba import prange
+from numba import get_thread_id, prange
 
 from runout.backends.lanes import (
     lane_sum,
@@ -37,7 +38,7 @@ from runout.backends.scan.stencil import (
     local_nodes,
     zeros,
 )
-from runout.backends.scan.transfer import _any_filled, _fill_arena, _sum_row, masses, ones
+from runout.backends.scan.transfer import _fill_arena, _find_arenas, _sum_row, local_places, masses, ones
 from runout.physics.contact import impulse, in_contact, work
 from runout.physics.tensors import real, vec
 
@@ -96,9 +97,9 @@ def _coefficients(t, q):
     )  # fmt: skip
 
 
-def _measure(t, east, north, dz, dt, band):
+def _measure(t, n, east, north, dz, dt, band):
     """Turn records into rows of contacts: weight, normal, gap, friction and velocity."""
-    for q in range(np.uint64(TILE)):
+    for q in range(n):
         z = t[FLOOR, q] + t[12, q]
         nx, ny, nz, gap = _ground(_coefficients(t, q), t[4, q], t[8, q], z, t[RADIUS, q], east, north, dz)
         m = real(1.0) / t[0, q]
@@ -121,26 +122,28 @@ def _measure(t, east, north, dz, dt, band):
         t[15, q] = vz
 
 
-def _store_candidates(t, contacts, start, n):
-    """Rows of ``n`` candidates; returns how many touch."""
-    for g in range((n + 15) >> 4):
-        store_contacts(contacts, 16 * (start + 16 * g), load_16_rows(t, 16 * g))
+def _store_candidates(t, contacts, row, end, n):
+    """Rows of ``n`` candidates, if there is room before ``end``; returns how many touch."""
+    groups = (n + 15) >> 4
+    if row + 16 * groups <= end:
+        for g in range(groups):
+            store_contacts(contacts, 16 * (row + 16 * g), load_16_rows(t, 16 * g))
     found = 0
     for q in range(n):
         found += t[0, q] > real(0.0)
     return found
 
 
-def _measure_candidates(t, rec, listed, contacts, start, n, dt, h, band):
+def _measure_candidates(t, rec, listed, contacts, start, row, end, n, dt, h, band):
     """Rows of ``n`` candidates whose places are in a tile; returns how many touch."""
     if n == 0:
         return 0
     _load_candidates(t, rec, listed, start, n)
-    _measure(t, h[2] / h[0], h[2] / h[1], h[2], dt, band)
-    return _store_candidates(t, contacts, start, n)
+    _measure(t, np.uint64((n + 15) & ~15), h[2] / h[0], h[2] / h[1], h[2], dt, band)
+    return _store_candidates(t, contacts, row, end, n)
 
 
-def _examine(rec, who, radius, label, order, starts, f, b, tile, planes, friction, cut, dt, h, band, contacts, listed):
+def _examine(rec, who, radius, label, order, starts, f, b, tile, planes, friction, cut, dt, h, band, contacts, row, end, listed):
     """Candidates of a block, and how many of them touch."""
     t = local_tile(rec)
     n = 0
@@ -156,13 +159,15 @@ def _examine(rec, who, radius, label, order, starts, f, b, tile, planes, frictio
             _take_candidate(t, np.uint64(n & (TILE - 1)), tile, c, radius[who[p]], friction[label[who[p], 0]])
             n += 1
             if n & (TILE - 1) == 0:
-                found += _measure_candidates(t, rec, listed, contacts, f + n - TILE, TILE, dt, h, band)
+                done = n - TILE
+                found += _measure_candidates(t, rec, listed, contacts, f + done, row + done, end, TILE, dt, h, band)
     rest = n & (TILE - 1)
-    found += _measure_candidates(t, rec, listed, contacts, f + n - rest, rest, dt, h, band)
+    done = n - rest
+    found += _measure_candidates(t, rec, listed, contacts, f + done, row + done, end, rest, dt, h, band)
     return n, found
 
 
-def _spread_block(contacts, listed, cell, f, n, arena):
+def _spread_block(contacts, row, listed, cell, f, n, arena):
     """Fill the arena of a block with the first four numbers of its contacts, which come by cell."""
     flat = contacts.reshape(-1)
     _clear(arena)
@@ -171,48 +176,55 @@ def _spread_block(contacts, listed, cell, f, n, arena):
         c = cell[listed[f + t]]
         rows = _nothing(contacts)
         while t < n and cell[listed[f + t]] == c:
-            rows = _spread(flat, np.uint64(16 * (f + t)), rows)
+            rows = _spread(flat, np.uint64(16 * (row + t)), rows)
             t += 1
         _add_rows(arena, _first_node(np.int64(c)), rows)
 
 
 def particles_to_arenas_and_contacts(
-    rec, who, radius, label, order, starts, first, nown, tiles, planes, bounds, friction, reach, dt, h, band, arenas,
-    contacts, listed, candidates, touching,
+    rec, who, radius, label, order, starts, first, nown, tiles, planes, bounds, friction, reach, dt, h, band, number, arenas,
+    contacts, region, cursors, place, listed, candidates, touching,
 ):  # fmt: skip
     """Fill the arenas, and find the particles that touch the ground while a block is in cache.
 
     ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch. Gives the numbers
-    (nown,) of ``candidates``, none where no particle touches, and of particles that are ``touching``.
+    (nown,) of ``candidates``, none where no particle touches, and of particles that are ``touching``. Each thread has
+    ``region`` rows of contacts and counts in ``cursors`` (threads, 1) those that it needs; where one needs more, rows are missing.
     """
     for b in prange(nown):
         candidates[b] = 0
         touching[b] = 0
         if starts[b, 64] == 0:
             continue
-        _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[b])
+        _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[number[b]])
         cut = reach / (bounds[b, 1] * h[2])
         if real(0.5) - bounds[b, 0] > cut:
             continue
+        thread = get_thread_id()
+        row = thread * region + cursors[thread, 0]
         n, found = _examine(
-            rec, who, radius, label, order, starts, first[b], b, tiles[b], planes, friction, cut, dt, h, band, contacts, listed
-        )
+            rec, who, radius, label, order, starts, first[b], b, tiles[b], planes, friction, cut, dt, h, band, contacts, row,
+            (thread + 1) * region, listed,
+        )  # fmt: skip
         if found > 0:
             candidates[b] = n
             touching[b] = found
+            place[b] = row
+            cursors[thread, 0] += (n + 15) & ~15
 
 
-def spread_weights(contacts, listed, cell, first, nown, candidates, arenas):
+def spread_weights(contacts, place, listed, cell, first, nown, candidates, number, arenas):
     """Put the weights of the contacts into the arenas of their blocks, once the nodes have taken the mass."""
     for b in prange(nown):
         if candidates[b] > 0:
-            _spread_block(contacts, listed, cell, first[b], candidates[b], arenas[b])
+            _spread_block(contacts, place[b], listed, cell, first[b], candidates[b], arenas[number[b]])
 
 
-def share_contacts(arenas, touching, down, nall, grid, inverse_mass):
+def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
     """Put the sum of the contacts' weights over the mass in the place of the mass, and one over the mass in ``inverse_mass``."""
     for b in prange(nall):
-        if not _any_filled(touching, down, b):
+        overlapping = local_places(touching)
+        if not _find_arenas(overlapping, number, touching, down, b):
             continue
         for i in range(4):
             for j in range(4):
@@ -220,12 +232,12 @@ def share_contacts(arenas, touching, down, nall, grid, inverse_mass):
                 node = load16(grid, o)
                 m = masses(node)
                 inverse = select(m > zeros(m), ones(m) / select(m > zeros(m), m, ones(m)), zeros(m))
-                s = _sum_row(arenas, touching, down, b, i, j)
+                s = _sum_row(arenas, overlapping, i, j)
                 store(grid, o, heads_and_tails(s * inverse, node))
                 store(inverse_mass, o >> 2, heads(inverse))
 
 
-def _meet_grid(contacts, listed, cell, f, n, nodes):
+def _meet_grid(contacts, row, listed, cell, f, n, nodes):
     """Compliance and velocity that the grid would give to each contact."""
     flat = contacts.reshape(-1)
     t = 0
@@ -233,14 +245,14 @@ def _meet_grid(contacts, listed, cell, f, n, nodes):
         c = cell[listed[f + t]]
         rows = _load_rows(nodes, _first_node(np.int64(c)))
         while t < n and cell[listed[f + t]] == c:
-            r = np.uint64(16 * (f + t))
+            r = np.uint64(16 * (row + t))
             store(flat, r, first_of_two(_mean(flat, r, rows), load16(flat, r)))
             t += 1
 
 
 def _push(t, count, dt):
     """Impulse of each column and its work; nothing beyond ``count``."""
-    for q in range(np.uint64(TILE)):
+    for q in range((count + np.uint64(15)) & ~np.uint64(15)):
         compliance = t[0, q]
         u = vec(t[1, q], t[2, q], t[3, q])
         here = (q < count) & (t[11, q] > real(0.0))
@@ -256,7 +268,7 @@ def _push(t, count, dt):
         t[PUSH_Z, q] = push[2] if here else real(0.0)
 
 
-def _push_block(contacts, f, n, dt, ground, b):
+def _push_block(contacts, first_row, n, dt, ground, b):
     """Impulses of all contacts of a block; their work [J] and sums [N s] go to ``ground``."""
     t = local_tile(contacts)
     for k in range(4):
@@ -265,15 +277,15 @@ def _push_block(contacts, f, n, dt, ground, b):
         some = min(TILE, n - k)
         groups = (some + 15) >> 4
         for g in range(groups):
-            store_16_rows(t, 16 * g, load_contacts(contacts, 16 * (f + k + 16 * g)))
+            store_16_rows(t, 16 * g, load_contacts(contacts, 16 * (first_row + k + 16 * g)))
         _push(t, np.uint64(some), dt)
         for g in range(groups):
-            store_contacts(contacts, 16 * (f + k + 16 * g), load_16_rows(t, 16 * g))
+            store_contacts(contacts, 16 * (first_row + k + 16 * g), load_16_rows(t, 16 * g))
             for row in range(4):
                 ground[b, row] += lane_sum(load16(t, (DONE + row) * TILE + 16 * g))
 
 
-def solve_contacts(contacts, listed, cell, first, nown, grid, up, dt, arenas, candidates, ground):
+def solve_contacts(contacts, place, listed, cell, first, nown, grid, up, dt, number, arenas, candidates, ground):
     """One impulse per contact, spread to the arena of its block; ``ground`` (nown, 4) is their work [J] and sum [N s]."""
     for b in prange(nown):
         n = candidates[b]
@@ -281,18 +293,19 @@ def solve_contacts(contacts, listed, cell, first, nown, grid, up, dt, arenas, ca
             continue
         nodes = local_nodes(contacts)
         _load_nodes(nodes, grid, up, b)
-        _meet_grid(contacts, listed, cell, first[b], n, nodes)
-        _push_block(contacts, first[b], n, dt, ground, b)
-        _spread_block(contacts, listed, cell, first[b], n, arenas[b])
+        _meet_grid(contacts, place[b], listed, cell, first[b], n, nodes)
+        _push_block(contacts, place[b], n, dt, ground, b)
+        _spread_block(contacts, place[b], listed, cell, first[b], n, arenas[number[b]])
 
 
-def apply_impulses(arenas, touching, down, nall, grid, inverse_mass):
+def apply_impulses(arenas, number, touching, down, nall, grid, inverse_mass):
     """Add the impulses to the nodes that have mass."""
     for b in prange(nall):
-        if not _any_filled(touching, down, b):
+        overlapping = local_places(touching)
+        if not _find_arenas(overlapping, number, touching, down, b):
             continue
         for i in range(4):
             for j in range(4):
                 o = b * 256 + (i * 4 + j) * 16
-                s = _sum_row(arenas, touching, down, b, i, j)
+                s = _sum_row(arenas, overlapping, i, j)
                 store(grid, o, load16(grid, o) + s * in_all_four(load4(inverse_mass, o >> 2)))

@@ -2,8 +2,8 @@
 
 from numba import prange
 
-from runout.physics.bspline import first_node, weight_slopes, weights
-from runout.physics.heightfield import distance, interpolate, normal_z, quasi_interpolant
+from runout.physics.bspline import first_node, weights
+from runout.physics.heightfield import distance, interpolate, normal_z, quasi_interpolant, surface_at, upward_normal
 from runout.physics.tensors import real
 
 
@@ -92,25 +92,8 @@ def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, nown, corner, h, tiles, planes
         bounds[b, 1] = _least_normal_z(tiles[b], h)
 
 
-def _surface_at(a, fx, fy):
-    """Elevation above the block [cells] and its two slopes [cells per cell], from nine coefficients."""
-    wx = weights(fx)
-    wy = weights(fy)
-    dx = weight_slopes(fx)
-    dy = weight_slopes(fy)
-    r0 = interpolate(wy, a[0], a[1], a[2])
-    r1 = interpolate(wy, a[3], a[4], a[5])
-    r2 = interpolate(wy, a[6], a[7], a[8])
-    s0 = interpolate(dy, a[0], a[1], a[2])
-    s1 = interpolate(dy, a[3], a[4], a[5])
-    s2 = interpolate(dy, a[6], a[7], a[8])
-    return interpolate(wx, r0, r1, r2), interpolate(dx, r0, r1, r2), interpolate(wx, s0, s1, s2)
-
-
 def _ground(a, fx, fy, z, radius, east, north, dz):
     """Unit normal and gap [m] of a particle at height ``z`` [cells] in a block; east, north = dz/dx, dz/dy."""
-    e, sx, sy = _surface_at(a, fx, fy)
-    sx = sx * east
-    sy = sy * north
-    nz = normal_z(sx, sy)
-    return -sx * nz, -sy * nz, nz, distance((z - e) * dz, nz) - radius
+    e = surface_at(a, fx, fy)
+    n = upward_normal(e[1] * east, e[2] * north)
+    return n[0], n[1], n[2], distance((z - e[0]) * dz, n[2]) - radius

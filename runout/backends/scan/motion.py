@@ -26,7 +26,8 @@ from runout.backends.scan.stencil import _first_node, _gather, _load_nodes, _loa
 from runout.physics.elastic import is_small, kirchhoff_stress
 from runout.physics.elastic import update as law_update
 from runout.physics.elastic import update_small as law_update_small
-from runout.physics.tensors import real, sym, tens
+from runout.physics.moments import affine_columns, stress_columns, velocity_gradient
+from runout.physics.tensors import real, sym, vec
 
 TILE = 32
 LEFT = 64  # mark of a slot whose particle leaves the block
@@ -58,13 +59,17 @@ def _store_tile(t, rec, state, p, groups):
         store_states(state, 8 * (p + 16 * g), load_8_rows(t, 16 * TILE + 16 * g))
 
 
+def _moments(t, p):
+    """Columns of first moments [m/s] of a column of a tile."""
+    x = vec(t[5, p], t[6, p], t[7, p])
+    y = vec(t[9, p], t[10, p], t[11, p])
+    return x, y, vec(t[13, p], t[14, p], t[15, p])
+
+
 def _gradient(t, p, s):
     """Velocity gradient times the step [1] from first moments; s = 4 dt / h [s/m]."""
-    return tens(
-        s[0] * t[5, p], s[1] * t[9, p], s[2] * t[13, p],
-        s[0] * t[6, p], s[1] * t[10, p], s[2] * t[14, p],
-        s[0] * t[7, p], s[1] * t[11, p], s[2] * t[15, p],
-    )  # fmt: skip
+    x, y, z = _moments(t, p)
+    return velocity_gradient(x, y, z, s)
 
 
 def _strain(t, p):
@@ -74,22 +79,21 @@ def _strain(t, p):
 def _pack(t, p, tau, s):
     """Next momentum and A of a column from its velocity, first moments and stress."""
     m = t[0, p]
-    m4 = real(4.0) * m
-    x = s[0] * t[23, p]
-    y = s[1] * t[23, p]
-    z = s[2] * t[23, p]
+    x, y, z = _moments(t, p)
+    a = affine_columns(m, x, y, z)
+    f = stress_columns(tau, t[23, p], s)
     t[1, p] = m * t[1, p]
     t[2, p] = m * t[2, p]
     t[3, p] = m * t[3, p]
-    t[5, p] = m4 * t[5, p] - x * tau[0]
-    t[6, p] = m4 * t[6, p] - x * tau[3]
-    t[7, p] = m4 * t[7, p] - x * tau[5]
-    t[9, p] = m4 * t[9, p] - y * tau[3]
-    t[10, p] = m4 * t[10, p] - y * tau[1]
-    t[11, p] = m4 * t[11, p] - y * tau[4]
-    t[13, p] = m4 * t[13, p] - z * tau[5]
-    t[14, p] = m4 * t[14, p] - z * tau[4]
-    t[15, p] = m4 * t[15, p] - z * tau[2]
+    t[5, p] = a[0] + f[0]
+    t[6, p] = a[1] + f[1]
+    t[7, p] = a[2] + f[2]
+    t[9, p] = a[3] + f[3]
+    t[10, p] = a[4] + f[4]
+    t[11, p] = a[5] + f[5]
+    t[13, p] = a[6] + f[6]
+    t[14, p] = a[7] + f[7]
+    t[15, p] = a[8] + f[8]
 
 
 def _move(t, p, cells):
@@ -139,7 +143,7 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells):
 def _follow_tile(t, who, label, first, count, mats, s, cells):
     """Law, motion and next record of a tile, for small strain; the others are marked LARGE."""
     mat = mats[0]
-    for p in range(np.uint64(TILE)):
+    for p in range((count + np.uint64(15)) & ~np.uint64(15)):
         alive = p < count
         t[ALIVE, p] = real(1.0) if alive else real(0.0)
         if not ONE_MATERIAL:
@@ -260,9 +264,7 @@ def grid_to_particles(
         t = local_tile(rec)
         _load_nodes(nodes, grid, up, b)
         following = min(b + 1, nown - 1)
-        _gather_block(
-            rec, state, who, cell, order, starts, first, b, following, nodes, rec2[buffer], state2[buffer], who2[buffer]
-        )
+        _gather_block(rec, state, who, cell, order, starts, first, b, following, nodes, rec2[buffer], state2[buffer], who2[buffer])
         f = first[b]
         speed = move = lost = refused = zeros(rec)
         n = 0

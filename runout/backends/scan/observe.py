@@ -1,15 +1,24 @@
-"""What observers see: energies, columns of the raster, and particles as the backends exchange them."""
+"""What observers see: energies, and particles as the backends exchange them."""
 
-import math
+from collections import namedtuple
 
 import numpy as np
 from numba import prange
 
+from runout.backends.lanes import local_array
+from runout.backends.scan.arenas import SUMS
 from runout.backends.scan.motion import OUTSIDE
-from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
-from runout.physics.tensors import real, sym
+from runout.physics.elastic import energy_density, is_small, kirchhoff_stress, log_strain, log_strain_scaled, log_strain_series
+from runout.physics.moments import gradient_column, kinetic_energy, moment_slope, potential_energy, stress_columns
+from runout.physics.tensors import contracted, real, sym
 
 MASS, MOMENTUM, KINETIC, POTENTIAL, ELASTIC = 0, 1, 4, 5, 6  # places in a row of sums
+TILE = 32
+LAMBDA, SHEAR, LARGE = 24, 25, 26  # rows of a tile after record and state
+NODE = SUMS  # first of three rows after the sums
+Moduli = namedtuple("Moduli", ("lame_lambda", "shear_modulus"))
+local_tile = local_array((27, TILE))
+local_sums = local_array((SUMS + 3, TILE))
 
 
 def _strain_of(state, p):
@@ -18,62 +27,106 @@ def _strain_of(state, p):
 
 def change_step(rec, state, who, label, order, first, held, nown, mats, ddt, h):
     """Repack the records for a time step longer by ``ddt`` [s]."""
+    slopes = moment_slope(ddt, h[0]), moment_slope(ddt, h[1]), moment_slope(ddt, h[2])
     for b in prange(nown):
         for k in range(first[b], first[b] + held[b]):
             p = order[k]
             tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[who[p], 0]])
-            x = -ddt * real(4.0) / h[0] * state[p, 7]
-            y = -ddt * real(4.0) / h[1] * state[p, 7]
-            z = -ddt * real(4.0) / h[2] * state[p, 7]
-            rec[p, 5] += x * tau[0]
-            rec[p, 6] += x * tau[3]
-            rec[p, 7] += x * tau[5]
-            rec[p, 9] += y * tau[3]
-            rec[p, 10] += y * tau[1]
-            rec[p, 11] += y * tau[4]
-            rec[p, 13] += z * tau[5]
-            rec[p, 14] += z * tau[4]
-            rec[p, 15] += z * tau[2]
+            push = stress_columns(tau, state[p, 7], slopes)
+            for j in range(3):
+                for i in range(3):
+                    rec[p, 5 + 4 * j + i] += push[3 * j + i]
 
 
-def _gradient_row(rec, state, p, j, stress, dt, h):
-    """Column j of the velocity gradient C of a particle, in float64."""
-    push = dt * 4.0 / h[j] * state[p, 7]
-    scale = 1.0 / (np.float64(rec[p, 0]) * h[j])
-    x = (rec[p, 5 + 4 * j] + push * stress[0]) * scale
-    y = (rec[p, 6 + 4 * j] + push * stress[1]) * scale
-    z = (rec[p, 7 + 4 * j] + push * stress[2]) * scale
+def _take_record(t, q, rec, state, p):
+    """Record and state of a particle as column ``q`` of a tile."""
+    for k in range(16):
+        t[k, q] = rec[p, k]
+    for k in range(8):
+        t[16 + k, q] = state[p, k]
+
+
+def _take_place(t, x, q, mat, node):
+    """What the record does not hold: moduli, and the first node of the cell."""
+    t[LAMBDA, q] = mat.lame_lambda
+    t[SHEAR, q] = mat.shear_modulus
+    for j in range(3):
+        x[NODE + j, q] = node[j]
+
+
+def _strain(t, q):
+    return sym(t[16, q], t[17, q], t[18, q], t[19, q], t[20, q], t[21, q])
+
+
+def _gradient(t, q, tau, dt, h):
+    """Columns of the velocity gradient C of a particle, in float64: what its record holds besides the stress."""
+    m = np.float64(t[0, q])
+    s = stress_columns(tau, np.float64(t[23, q]), (moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2])))
+    x = (
+        gradient_column(t[5, q] - s[0], m, h[0]),
+        gradient_column(t[6, q] - s[1], m, h[0]),
+        gradient_column(t[7, q] - s[2], m, h[0]),
+    )
+    y = (
+        gradient_column(t[9, q] - s[3], m, h[1]),
+        gradient_column(t[10, q] - s[4], m, h[1]),
+        gradient_column(t[11, q] - s[5], m, h[1]),
+    )
+    z = (
+        gradient_column(t[13, q] - s[6], m, h[2]),
+        gradient_column(t[14, q] - s[7], m, h[2]),
+        gradient_column(t[15, q] - s[8], m, h[2]),
+    )
     return x, y, z
 
 
-def _gradient_of(rec, state, p, mat, dt, h):
-    """Columns of the velocity gradient C of a particle, in float64."""
-    tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mat)
-    x = _gradient_row(rec, state, p, 0, (tau[0], tau[3], tau[5]), dt, h)
-    y = _gradient_row(rec, state, p, 1, (tau[3], tau[1], tau[4]), dt, h)
-    z = _gradient_row(rec, state, p, 2, (tau[5], tau[4], tau[2]), dt, h)
-    return x, y, z
+def _account(t, x, q, dt, h, gravity):
+    """Mass, momentum, kinetic, potential and elastic energy of a column that holds its log strain, in float64."""
+    mat = Moduli(t[LAMBDA, q], t[SHEAR, q])
+    log = _strain(t, q)
+    m = np.float64(t[0, q])
+    cx, cy, cz = _gradient(t, q, kirchhoff_stress(log, mat), dt, h)
+    v = t[1, q] / m, t[2, q] / m, t[3, q] / m
+    place = h[0] * (x[NODE, q] + t[4, q]), h[1] * (x[NODE + 1, q] + t[8, q]), h[2] * (x[NODE + 2, q] + t[12, q])
+    x[MASS, q] = m
+    x[MOMENTUM, q] = t[1, q]
+    x[MOMENTUM + 1, q] = t[2, q]
+    x[MOMENTUM + 2, q] = t[3, q]
+    x[KINETIC, q] = kinetic_energy(m, v, cx, cy, cz, h)
+    x[POTENTIAL, q] = potential_energy(m, gravity, place)
+    x[ELASTIC, q] = np.float64(energy_density(log, mat)) * t[23, q]
 
 
-def _add_sums(rec, state, p, node, mat, dt, h, gravity, sums, b):
-    """Add mass, momentum, kinetic, potential and elastic energy of a particle to row ``b`` of sums."""
-    m = np.float64(rec[p, 0])
-    u = np.float64(rec[p, 1]) / m
-    v = np.float64(rec[p, 2]) / m
-    w = np.float64(rec[p, 3]) / m
-    spin = 0.0
-    columns = _gradient_of(rec, state, p, mat, dt, h)
-    for j in range(3):
-        c = columns[j]
-        spin += 0.25 * h[j] * h[j] * (c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
-    sums[b, MASS] += m
-    sums[b, MOMENTUM] += rec[p, 1]
-    sums[b, MOMENTUM + 1] += rec[p, 2]
-    sums[b, MOMENTUM + 2] += rec[p, 3]
-    sums[b, KINETIC] += 0.5 * m * (u * u + v * v + w * w + spin)
-    for j in range(3):
-        sums[b, POTENTIAL] -= m * gravity[j] * h[j] * (node[j] + rec[p, 4 + 4 * j])
-    sums[b, ELASTIC] += energy_density(log_strain(_strain_of(state, p)), mat) * state[p, 7]
+def _take_logs(t, n):
+    """Log strain in place of the strain of ``n`` columns; small strains, nearly all, without a branch."""
+    for q in range(np.uint64(TILE)):
+        B = _strain(t, q)
+        log = log_strain_series(B)
+        small = is_small(contracted(B, B))
+        t[LARGE, q] = real(0.0) if small else real(1.0)
+        t[16, q] = log[0] if small else B[0]
+        t[17, q] = log[1] if small else B[1]
+        t[18, q] = log[2] if small else B[2]
+        t[19, q] = log[3] if small else B[3]
+        t[20, q] = log[4] if small else B[4]
+        t[21, q] = log[5] if small else B[5]
+    for q in range(n):
+        if t[LARGE, q] > real(0.0):
+            log = log_strain_scaled(_strain(t, q))
+            for k in range(6):
+                t[16 + k, q] = log[k]
+
+
+def _account_tile(t, x, n, dt, h, gravity, sums, b):
+    """Add the ``n`` columns of a tile to row ``b`` of sums."""
+    hx, hy, hz = h[0], h[1], h[2]
+    gx, gy, gz = gravity[0], gravity[1], gravity[2]
+    _take_logs(t, n)
+    for q in range(np.uint64(TILE)):
+        _account(t, x, q, dt, (hx, hy, hz), (gx, gy, gz))
+    for q in range(n):
+        for k in range(SUMS):
+            sums[b, k] += x[k, q]
 
 
 def _node_of(bxyz, b, c, corner):
@@ -87,65 +140,59 @@ def _node_of(bxyz, b, c, corner):
 def sum_blocks(rec, state, who, label, order, starts, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
     """Sums (nown, 7) over the particles of each block."""
     for b in prange(nown):
-        for k in range(7):
+        for k in range(SUMS):
             sums[b, k] = 0.0
+        if starts[b, 64] == 0:
+            continue
+        t = local_tile(rec)
+        x = local_sums(sums)
+        n = 0
         for c in range(64):
             node = _node_of(bxyz, b, c, corner)
-            for t in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
-                p = order[t]
-                _add_sums(rec, state, p, node, mats[label[who[p], 0]], dt, h, gravity, sums, b)
+            for k in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
+                p = order[k]
+                _take_record(t, n, rec, state, p)
+                _take_place(t, x, n, mats[label[who[p], 0]], node)
+                n += 1
+                if n == TILE:
+                    _account_tile(t, x, n, dt, h, gravity, sums, b)
+                    n = 0
+        _account_tile(t, x, n, dt, h, gravity, sums, b)
 
 
 def sum_escaped(rec, state, who, label, movers, leaving, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
     """The same over the particles that leave the domain in this step."""
     for b in prange(nown):
-        for k in range(7):
+        for k in range(SUMS):
             sums[b, k] = 0.0
-        for t in range(leaving[b]):
-            entry = movers[first[b] + t]
+        if leaving[b] == 0:
+            continue
+        t = local_tile(rec)
+        x = local_sums(sums)
+        for m in range(leaving[b]):
+            entry = movers[first[b] + m]
             q = ((entry >> 6) & 63) - OUTSIDE
             if q >= 0:
-                x, y, z = _node_of(bxyz, b, entry & 63, corner)
-                node = (x + 4 * (q // 9 - 1), y + 4 * ((q // 3) % 3 - 1), z + 4 * (q % 3 - 1))
+                i, j, k = _node_of(bxyz, b, entry & 63, corner)
+                node = (i + 4 * (q // 9 - 1), j + 4 * ((q // 3) % 3 - 1), k + 4 * (q % 3 - 1))
                 p = first[b] + (entry >> 12)
-                _add_sums(rec, state, p, node, mats[label[who[p], 0]], dt, h, gravity, sums, b)
+                _take_record(t, 0, rec, state, p)
+                _take_place(t, x, 0, mats[label[who[p], 0]], node)
+                _account_tile(t, x, 1, dt, h, gravity, sums, b)
 
 
 def unpack(rec, state, who, label, order, starts, first, nown, bxyz, corner, mats, dt, h, place, node, affine):
     """First node (n, 3), velocity gradient (n, 3, 3) and slot (n,) of the particles; ``place`` is each block's first row."""
     for b in prange(nown):
+        column = local_tile(rec)
         for c in range(64):
             for t in range(starts[b, c], starts[b, c + 1]):
                 p = order[first[b] + t]
                 d = place[b] + t
                 node[d, 0], node[d, 1], node[d, 2] = _node_of(bxyz, b, c, corner)
-                columns = _gradient_of(rec, state, p, mats[label[who[p], 0]], dt, h)
+                _take_record(column, 0, rec, state, p)
+                tau = kirchhoff_stress(log_strain(_strain(column, 0)), mats[label[who[p], 0]])
+                columns = _gradient(column, 0, tau, dt, h)
                 for j in range(3):
                     for i in range(3):
                         affine[d, i, j] = columns[j][i]
-
-
-def add_columns(rec, who, label, order, starts, first, nown, bxyz, corner, density, h, cell, raster):
-    """Add each particle, spread over a plan box of one grid cell, to the raster (rows, columns, 5): volume, mass, momentum."""
-    rows, columns, _ = raster.shape
-    for b in range(nown):
-        for c in range(64):
-            node = _node_of(bxyz, b, c, corner)
-            for t in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
-                p = order[t]
-                x = (node[0] + rec[p, 4] - 0.5) * h[0] / cell[0]
-                y = (node[1] + rec[p, 8] - 0.5) * h[1] / cell[1]
-                wx = h[0] / cell[0]
-                wy = h[1] / cell[1]
-                m = rec[p, 0]
-                for i in range(math.floor(x), math.floor(x + wx) + 1):
-                    sx = (min(x + wx, i + 1.0) - max(x, i)) / wx
-                    for j in range(math.floor(y), math.floor(y + wy) + 1):
-                        share = sx * (min(y + wy, j + 1.0) - max(y, j)) / wy
-                        if share > 0.0:
-                            row = rows - 1 - min(max(j, 0), rows - 1)
-                            column = min(max(i, 0), columns - 1)
-                            raster[row, column, 0] += share * m / density[label[who[p], 0]]
-                            raster[row, column, 1] += share * m
-                            for d in range(3):
-                                raster[row, column, 2 + d] += share * rec[p, 1 + d]

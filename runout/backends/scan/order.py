@@ -1,4 +1,4 @@
-"""Order of the particles: slots of the blocks, lists by cell, exchange between blocks, and the rare move to fresh slots.
+"""Order of the particles: slots of the blocks, lists by cell, exchange between blocks, rare moves to fresh slots.
 
 A block owns the slots first to first + room; ``order`` names the occupied ones by cell. Each step brings the particles of a
 block into the order of its list (:mod:`runout.backends.scan.motion`); here those that change their cell or block are
@@ -39,14 +39,66 @@ def count_arrivals(around, first, nown, movers, leaving, held, room, before, arr
     return needed
 
 
-def make_room(nown, held, arrivals, first, room, end):
-    """Give fresh slots from ``end`` on to the blocks that overflow; returns the new end."""
+def _fill_hole(holes, n, needed):
+    """First slot of the smallest of ``n`` holes that is large enough, and its size; -1 if there is none. Takes it off the list."""
+    best = -1
+    for k in range(n):
+        if holes[k, 1] >= needed and (best < 0 or holes[k, 1] < holes[best, 1]):
+            best = k
+    if best < 0:
+        return -1, 0
+    start = holes[best, 0]
+    size = holes[best, 1]
+    if size >= 2 * needed:
+        holes[best, 0] += needed
+        holes[best, 1] -= needed
+        return start, needed
+    holes[best, 1] = 0
+    return start, size
+
+
+def _leave_hole(holes, n, start, size):
+    """Put slots on the list, if it has room; returns its new length."""
+    if size > 0 and n < len(holes):
+        holes[n, 0] = start
+        holes[n, 1] = size
+        return n + 1
+    return n
+
+
+def _drop_filled(holes, n):
+    """Close up the list; returns its new length."""
+    kept = 0
+    for k in range(n):
+        if holes[k, 1] > 0:
+            holes[kept, 0] = holes[k, 0]
+            holes[kept, 1] = holes[k, 1]
+            kept += 1
+    return kept
+
+
+def make_room(nown, held, arrivals, first, room, end, holes, n):
+    """Fresh slots for the blocks that overflow: in one of ``n`` holes, else from ``end`` on; returns the new end and ``n``.
+
+    What they leave becomes a hole for later steps: neighbours read there in this one.
+    """
+    for b in range(nown):
+        if held[b] + arrivals[b] == 0 and room[b] > 0:
+            n = _leave_hole(holes, n, first[b], room[b])
+            room[b] = 0
+    free = n
     for b in range(nown):
         if held[b] + arrivals[b] > room[b]:
-            first[b] = end
-            room[b] = _spacious(held[b] + arrivals[b] + (held[b] >> 4) + 16)
-            end += room[b]
-    return end
+            needed = _spacious(held[b] + arrivals[b] + (held[b] >> 4) + 16)
+            n = _leave_hole(holes, n, first[b], room[b])
+            start, size = _fill_hole(holes, free, needed)
+            if start < 0:
+                start = end
+                size = needed
+                end += needed
+            first[b] = start
+            room[b] = size
+    return end, _drop_filled(holes, n)
 
 
 def _copy_slot(rec, state, who, cell, p, d, c):
@@ -105,9 +157,7 @@ def _list_by_cell(cell, order, starts, b, first, end):
     return total
 
 
-def settle(
-    rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, changed, arrivals
-):
+def settle(rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, changed, arrivals):
     """Let particles enter their new blocks, and list the blocks in which anything changed by cell."""
     for b in prange(nown):
         if arrivals[b] == 0 and not changed[b]:
@@ -121,21 +171,8 @@ def settle(
         held[b] = _list_by_cell(cell, order, starts, b, f, end)
 
 
-def plan_slots(old_bxyz_slot, old_starts, old_nown, starts, first, room, held, nown):
-    """Slots of the blocks of a new index, each with some room; ``old_bxyz_slot`` (old_nown,) are the new numbers of blocks.
-
-    Returns the end of the slots.
-    """
-    for b in prange(nown):
-        held[b] = 0
-        for c in range(CELLS + 1):
-            starts[b, c] = 0
-    for b in prange(old_nown):
-        if old_starts[b, CELLS] > 0:
-            d = old_bxyz_slot[b]
-            held[d] = old_starts[b, CELLS]
-            for c in range(CELLS + 1):
-                starts[d, c] = old_starts[b, c]
+def give_slots(held, first, room, nown):
+    """Slots for blocks that hold particles, one block after the other; returns their number."""
     end = 0
     for b in range(nown):
         first[b] = end
@@ -144,25 +181,76 @@ def plan_slots(old_bxyz_slot, old_starts, old_nown, starts, first, room, held, n
     return end
 
 
-def gather_rows(values, order, old_starts, old_first, old_nown, numbers, first, sorted_values):
-    """Rows of an array (slots, k) by cell in the slots of the new blocks."""
-    width = values.shape[1]
+def hand_over_slots(numbers, old_starts, old_first, old_room, old_nown, starts, first, room, held):
+    """Particles and slots of the old blocks that hold some, to their new ``numbers``: nothing is moved."""
     for b in prange(old_nown):
         if old_starts[b, CELLS] > 0:
-            to = first[numbers[b]]
-            for t in range(old_starts[b, CELLS]):
-                p = order[old_first[b] + t]
-                for k in range(width):
-                    sorted_values[to + t, k] = values[p, k]
+            d = numbers[b]
+            first[d] = old_first[b]
+            room[d] = old_room[b]
+            held[d] = old_starts[b, CELLS]
+            for c in range(CELLS + 1):
+                starts[d, c] = old_starts[b, c]
 
 
-def copy_rows(values, first, held, nown, target):
-    """The rows of all blocks back to where an array lives."""
-    width = values.shape[1]
-    for b in prange(nown):
-        for p in range(first[b], first[b] + held[b]):
-            for k in range(width):
-                target[p, k] = values[p, k]
+def _take_block(rec, state, who, order, starts, b, first, rec2, state2, who2):
+    """Copy the particles of a block by cell into a buffer."""
+    for t in range(starts[b, CELLS]):
+        p = order[first + t]
+        for k in range(16):
+            rec2[t, k] = rec[p, k]
+        for k in range(8):
+            state2[t, k] = state[p, k]
+        who2[t] = who[p]
+
+
+def _put_block(rec, state, who, cell, order, starts, b, first, rec2, state2, who2):
+    """Copy the particles of a block from a buffer to the slots from ``first`` on."""
+    for c in range(CELLS):
+        for t in range(starts[b, c], starts[b, c + 1]):
+            for k in range(16):
+                rec[first + t, k] = rec2[t, k]
+            for k in range(8):
+                state[first + t, k] = state2[t, k]
+            who[first + t] = who2[t]
+            cell[first + t] = c
+            order[first + t] = first + t
+
+
+def pack_slots(rec, state, who, cell, order, starts, by_slot, first, room, held, rec2, state2, who2):
+    """Close the gaps between the slots of the blocks ``by_slot`` that hold any, in place; returns the end of the slots.
+
+    All particles move down as far as they can, and then up into rooms of the usual size. ``rec2``, ``state2`` and ``who2``
+    have room for one block.
+    """
+    for b in range(len(held)):
+        if held[b] == 0:
+            room[b] = 0
+    to = 0
+    end = 0
+    for b in by_slot:
+        _take_block(rec, state, who, order, starts, b, first[b], rec2, state2, who2)
+        _put_block(rec, state, who, cell, order, starts, b, to, rec2, state2, who2)
+        first[b] = to
+        to += held[b]
+        room[b] = _spacious(held[b])
+        end += room[b]
+    to = end
+    for k in range(len(by_slot) - 1, -1, -1):
+        b = by_slot[k]
+        to -= room[b]
+        _take_block(rec, state, who, order, starts, b, first[b], rec2, state2, who2)
+        _put_block(rec, state, who, cell, order, starts, b, to, rec2, state2, who2)
+        first[b] = to
+    return end
+
+
+def packed_end(held, nown):
+    """Slots that the blocks need once they are packed."""
+    end = 0
+    for b in range(nown):
+        end += _spacious(held[b]) if held[b] > 0 else 0
+    return end
 
 
 def mark_slots(starts, first, nown, cell, order):

@@ -1,4 +1,4 @@
-"""Where the particles live: arrays of slots, 109 bytes each in float32 and 64 to sort in, and what never moves."""
+"""Where the particles live: arrays of slots, 109 bytes each in float32, and what never moves."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -9,6 +9,16 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 PADDING = 64  # slots that vectors may read and write behind the last
+
+
+def reserve(slots: int) -> int:
+    """Free slots that a step may need for blocks that overflow."""
+    return slots // 128 + 256
+
+
+def capacity(slots: int) -> int:
+    """Slots to allocate: some for blocks that grow, and for the gaps that they leave behind."""
+    return slots + slots // 10 + 1024
 
 
 @dataclass
@@ -29,8 +39,8 @@ class Store:
         Slots of the block's particles by cell.
     listed : (slots,) int32
         Contact particles; later in the step, particles that leave the block.
-    spare : (slots, 16)
-        Contacts during a step; room to sort in when the index is made anew.
+    contacts : (rows, 16)
+        Rows of contact particles during a step, a region for each thread (:mod:`runout.backends.scan.contact`).
     radius : (n,) [m]
     label : (n, 2) int32
         Release and identity.
@@ -42,7 +52,7 @@ class Store:
     cell: np.ndarray
     order: np.ndarray
     listed: np.ndarray
-    spare: np.ndarray
+    contacts: np.ndarray
     radius: np.ndarray
     label: np.ndarray
 
@@ -50,10 +60,10 @@ class Store:
     def of(cls, slots: int, slot: np.ndarray, p: Particles, scene: Scene) -> "Store":
         """Particles in given slots (n,); the records hold no stress yet (time step 0)."""
         n = slots + PADDING
-        rec, state, spare = (_zeros(n, width, scene.dtype) for width in (16, 8, 16))
+        rec, state, contacts = (_zeros(k, width, scene.dtype) for k, width in ((n, 16), (n, 8), (PADDING, 16)))
         who, order, listed = (np.zeros(n, np.int32) for _ in range(3))
         label = np.stack([p.release, p.identity], axis=1).astype(np.int32)
-        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, spare, p.radius.astype(scene.dtype), label)
+        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, contacts, p.radius.astype(scene.dtype), label)
         store.who[slot] = np.arange(len(p), dtype=np.int32)
         store._fill(slot, p, scene)
         return store
@@ -66,7 +76,7 @@ class Store:
     def grow(self, slots: int) -> None:
         """Make more slots at the end."""
         n, old = slots + PADDING, self.slots
-        for name in ("rec", "state", "spare"):
+        for name in ("rec", "state"):
             before = getattr(self, name)
             setattr(self, name, _zeros(n, before.shape[1], before.dtype))
             getattr(self, name)[:old] = before[:old]
@@ -74,6 +84,10 @@ class Store:
             before = getattr(self, name)
             setattr(self, name, np.zeros(n, before.dtype))
             getattr(self, name)[:old] = before[:old]
+
+    def make_contacts(self, rows: int) -> None:
+        """Room for so many rows of contacts; the old ones are forgotten."""
+        self.contacts = _zeros(rows + PADDING, 16, self.rec.dtype)
 
     def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
         self.rec[slot, 0] = p.mass

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import constant, load8, load16, permutation, select, store
+from runout.backends.lanes import constant, load8, load16, local_array, permutation, select, store
 from runout.backends.scan.stencil import (
     ARENA,
     PLANE,
@@ -18,9 +18,11 @@ from runout.backends.scan.stencil import (
     in_groups,
     zeros,
 )
+from runout.physics.moments import node_velocity
 
 masses = permutation(in_groups((0, 4, 8, 12)))
 ones = constant([1.0] * 16)
+local_places = local_array((8,))
 widened = permutation([*range(8), *[8] * 8])
 
 
@@ -41,30 +43,32 @@ def _fill_arena(rec, order, starts, first, b, following, arena):
         _add_rows(arena, _first_node(c), rows)
 
 
-def particles_to_arenas(rec, order, starts, first, nown, arenas):
+def particles_to_arenas(rec, order, starts, first, nown, number, arenas):
     """Each block that holds particles adds them to its own arena."""
     for b in prange(nown):
         if starts[b, 64] > 0:
-            _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[b])
+            _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[number[b]])
 
 
-def _any_filled(filled, down, block):
-    """Whether any arena that overlaps a node block holds something."""
+def _find_arenas(place, number, filled, down, block):
+    """Where the up to eight arenas begin that overlap a node block and hold something, -1 for the others; whether any does."""
+    found = False
     for q in range(8):
-        if down[block, q] >= 0 and filled[down[block, q]] > 0:
-            return True
-    return False
+        b = down[block, q]
+        here = b >= 0 and filled[b] > 0
+        place[q] = number[b] * ARENA if here else -1
+        found = found or here
+    return found
 
 
-def _sum_row(arenas, filled, down, block, i, j):
+def _sum_row(arenas, place, i, j):
     """Sum of the arenas over four nodes in the order of their blocks."""
     s = zeros(arenas)
     for q in range(8):
-        b = down[block, q]
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
-        if b >= 0 and x < 6 and y < 6 and filled[b] > 0:
-            a = b * ARENA + x * PLANE + y * ROW
+        if place[q] >= 0 and x < 6 and y < 6:
+            a = place[q] + x * PLANE + y * ROW
             if q & 1:
                 s = s + widened(load8(arenas, a + 16))
             else:
@@ -72,15 +76,16 @@ def _sum_row(arenas, filled, down, block, i, j):
     return s
 
 
-def update_nodes(arenas, held, down, nall, grid, dv):
+def update_nodes(arenas, number, held, down, nall, grid, dv):
     """Mass and velocity of every node that particles reach, after internal forces and gravity; without mass it rests."""
     for b in prange(nall):
-        if not _any_filled(held, down, b):
+        place = local_places(held)
+        if not _find_arenas(place, number, held, down, b):
             continue
         for i in range(4):
             for j in range(4):
-                s = _sum_row(arenas, held, down, b, i, j)
+                s = _sum_row(arenas, place, i, j)
                 m = masses(s)
                 filled = m > zeros(s)
-                v = select(filled, s / select(filled, m, ones(s)) + load16(dv, 0), zeros(s))
+                v = select(filled, node_velocity(s, select(filled, m, ones(s)), load16(dv, 0)), zeros(s))
                 store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))

@@ -1,0 +1,174 @@
+"""Arrays that belong to the blocks of one index, and sums over blocks; a step writes into them and makes none."""
+
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from runout.backends.scan.index import Index
+from runout.backends.scan.stencil import ARENA
+
+SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
+
+
+@dataclass
+class Arenas:
+    """Scratch of the steps between two rebuilds of the index.
+
+    Attributes
+    ----------
+    number : (nown,) int32
+        Place of each owner that holds particles among the arenas.
+    arenas : (some, ARENA)
+        What the particles of such an owner give to the nodes that they reach.
+    grid : (nall, 256)
+        Mass, later contact compliance, and velocity of the 64 nodes of each block.
+    inverse_mass : (nall, 64) [1/kg]
+    tiles, planes, bounds : (nown, 36), (nown, 48), (nown, 2)
+        The ground, see :func:`runout.backends.scan.ground.cut_tiles`.
+    touching, candidates : (nown,) int64
+        Particles that touch the ground, and that were measured.
+    place : (nown,) int64
+        First row of a block among the contacts.
+    leaving, arrivals, before : (nown,) int64
+        Particles that leave and enter; first slot before they do.
+    changed : (nown,) bool
+        Whether a particle changed its cell.
+    rim : (nown,) bool
+        Whether particles of the block may leave the domain.
+    motion : (nown, 4)
+        Largest speed squared, longest move [cells], dissipated energy [J], refused moves.
+    ground : (nown, 4)
+        Work of the ground [J] and its impulse [N s].
+    sums : (nown, 7)
+        What :mod:`runout.backends.scan.observe` adds up.
+    total : (7,)
+        Sums over the blocks.
+    """
+
+    number: np.ndarray
+    arenas: np.ndarray
+    grid: np.ndarray
+    inverse_mass: np.ndarray
+    tiles: np.ndarray
+    planes: np.ndarray
+    bounds: np.ndarray
+    touching: np.ndarray
+    candidates: np.ndarray
+    place: np.ndarray
+    leaving: np.ndarray
+    arrivals: np.ndarray
+    before: np.ndarray
+    changed: np.ndarray
+    rim: np.ndarray
+    motion: np.ndarray
+    ground: np.ndarray
+    sums: np.ndarray
+    total: np.ndarray
+
+    @classmethod
+    def of(cls, index: Index, real: Any, domain: np.ndarray) -> "Arenas":
+        """Arrays for the blocks of an index; ``domain`` (4,) is the box [cells] that particles leave at its edges."""
+        n, edge = index.nown, 4 * index.bxyz[: index.nown, :2]
+        beside = (edge - 2 < domain[::2]) | (edge + 8 > domain[1::2])
+        count = partial(np.zeros, n, np.int64)
+        return cls(
+            number=np.zeros(n, np.int32),
+            arenas=np.empty((_roomy(int(np.count_nonzero(index.held))), ARENA), real),
+            grid=np.empty((index.nall, 256), real),
+            inverse_mass=np.empty((index.nall, 64), real),
+            tiles=np.empty((n, 36), real),
+            planes=np.empty((n, 48), real),
+            bounds=np.empty((n, 2), real),
+            touching=count(),
+            candidates=count(),
+            place=count(),
+            leaving=count(),
+            arrivals=count(),
+            before=count(),
+            changed=np.zeros(n, np.bool_),
+            rim=beside[:, 0] | beside[:, 1],
+            motion=np.zeros((n, 4)),
+            ground=np.zeros((n, 4)),
+            sums=np.zeros((n, SUMS)),
+            total=np.zeros(SUMS),
+        )
+
+    def make_arenas(self, wanted: int) -> None:
+        """More arenas, if there are fewer than ``wanted``."""
+        if wanted > len(self.arenas):
+            self.arenas = np.empty((_roomy(wanted), ARENA), self.arenas.dtype)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes by array."""
+        return {f.name: int(getattr(self, f.name).nbytes) for f in fields(self)}
+
+
+def _roomy(count: int) -> int:
+    return count + count // 8 + 8
+
+
+def number_arenas(held, nown, number):
+    """Number the blocks that hold particles; returns how many there are."""
+    n = 0
+    for b in range(nown):
+        number[b] = n
+        n += held[b] > 0
+    return n
+
+
+def total_held(held, nown):
+    """Number of particles, and of those in the fullest block."""
+    n = 0
+    most = 0
+    for b in range(nown):
+        n += held[b]
+        most = max(most, held[b])
+    return n, most
+
+
+def total_touching(touching, nown):
+    """Number of particles that touch the ground."""
+    n = 0
+    for b in range(nown):
+        n += touching[b]
+    return n
+
+
+def total_motion(motion, changed, nown):
+    """Largest speed squared, longest move, dissipated energy, refused moves, and whether any particle changed its cell.
+
+    A move that is not a number counts as refused, so that the other numbers are sound if none is.
+    """
+    speed = 0.0
+    move = 0.0
+    lost = 0.0
+    refused = 0.0
+    moved = False
+    for b in range(nown):
+        speed = max(speed, motion[b, 0])
+        move = max(move, motion[b, 1])
+        lost += motion[b, 2]
+        refused += motion[b, 3]
+        moved = moved or changed[b]
+    return speed, move, lost, refused, moved
+
+
+def total_rows(rows, chosen, nown, total):
+    """Sums of the rows of the blocks that hold something of what is ``chosen``."""
+    for k in range(rows.shape[1]):
+        total[k] = 0.0
+    for b in range(nown):
+        if chosen[b] > 0:
+            for k in range(rows.shape[1]):
+                total[k] += rows[b, k]
+
+
+def total_escaped(movers, leaving, first, nown, outside):
+    """Number of particles that leave the domain in this step."""
+    n = 0
+    for b in range(nown):
+        for t in range(leaving[b]):
+            n += (movers[first[b] + t] >> 6) & outside > 0
+    return n

@@ -1,0 +1,61 @@
+"""Memory of the scan backend from numbers of particles and blocks: the sizes are those of small arrays of the same makers."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from runout.backends.scan.arenas import Arenas
+from runout.backends.scan.index import Index
+from runout.backends.scan.order import _spacious
+from runout.backends.scan.store import Store, capacity
+from runout.model.materials import Elastic
+from runout.model.particles import Particles
+from runout.model.scene import Raster, Scene
+
+SAMPLE = 4096  # slots or blocks that are made to learn their size
+
+
+def bytes_needed(particles: int, held: int, owners: int, nodes: int, precision: str) -> int:
+    """Memory [byte] of a loaded backend.
+
+    Parameters
+    ----------
+    particles : int
+    held, owners, nodes : int
+        Blocks that hold particles, that particles may enter, and that hold nodes.
+    precision : str
+        "float32" or "float64".
+    """
+    rock = Elastic(density=2000.0, youngs_modulus=1e6)
+    scene = Scene((1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (0.5,), precision=precision)
+    full = particles // max(held, 1)
+    slots = capacity(held * _spacious(full))
+    of_slot = _slope(lambda n: _store(n, 0, scene))
+    of_particle = _slope(lambda n: _store(0, n, scene))
+    of_owner = _slope(lambda n: _blocks(0, n, n, scene))
+    of_held = _slope(lambda n: _blocks(n, SAMPLE, SAMPLE, scene))
+    of_node = _slope(lambda n: _blocks(0, SAMPLE, SAMPLE + n, scene)) if nodes else 0.0
+    blocks = of_held * held + (of_owner - of_node) * owners + of_node * nodes
+    return round(of_slot * slots + of_particle * particles + blocks)
+
+
+def _slope(size: Callable[[int], int]) -> float:
+    """Bytes a unit of what grows in proportion."""
+    return (size(SAMPLE) - size(0)) / SAMPLE
+
+
+def _store(slots: int, particles: int, scene: Scene) -> int:
+    nowhere = np.zeros(0, np.int64)
+    store = Store.of(slots, nowhere, Particles.zeros(0), scene)
+    labels = Store.of(particles, np.arange(particles), Particles.zeros(particles), scene)
+    without = Store.of(particles, nowhere, Particles.zeros(0), scene)
+    return sum(store.memory().values()) + sum(labels.memory().values()) - sum(without.memory().values())
+
+
+def _blocks(held: int, owners: int, nodes: int, scene: Scene) -> int:
+    """Bytes of the index and of what belongs to its blocks."""
+    index = Index.room_for(owners, nodes)
+    index.bxyz[:] = 0
+    index.held[:held] = 1
+    own = sum(values.nbytes for values in vars(index).values() if isinstance(values, np.ndarray))
+    return own + sum(Arenas.of(index, scene.dtype, np.zeros(4)).memory().values())
