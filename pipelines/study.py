@@ -20,8 +20,8 @@ PLAN = (
     Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
     Stage("release", "read and check the release", ("name", "terrain", "release")),
     Stage("ensemble", "run the members", FLOW),
-    Stage("hazard", "aggregate the members into maps", ("name", "title", *FLOW, "hazard")),
-    Stage("report", "write the report", ("name", "title", *FLOW, "hazard")),
+    Stage("hazard", "aggregate the members into maps", ("name", "title", "description", *FLOW, "hazard")),
+    Stage("report", "write the report", ("name", "title", "description", *FLOW, "hazard", "budget")),  # all that it prints
 )
 STAGES = tuple(stage.name for stage in PLAN)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout import log
-from runout.errors import ConfigError, DemError, ExitCode, InputError, RunoutError
+from runout.errors import BudgetError, CapacityError, ConfigError, DemError, ExitCode, InputError, RunoutError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -211,8 +211,12 @@ def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
         console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)
     print_stages(console, study)
-    with log.progress("calibration") as bar, log.muted():
-        expected = forecast(study.site, study.left, progress=bar)
+    try:
+        with log.progress("calibration") as bar, log.muted():
+            expected = forecast(study.site, study.left, progress=bar)
+    except (BudgetError, CapacityError) as error:  # known from the releases: nothing was calibrated
+        console.print(Text.assemble(("over budget ", "bold red"), str(error)))
+        return error.exit_code
     for line in expected.lines():
         console.print(line, markup=False)
     over = expected.over_budget(study.site.settings.budget)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from runout.backends.protocol import Columns, LedgerRow
+from runout.backends.state import State, part, plain
 from runout.model.scene import Raster
 
 
@@ -34,12 +35,15 @@ class PeakMaps:
     def observe(self, time: float, columns: Columns) -> None:
         """Take in the columns at one time [s]."""
         thickness, speed, pressure = flow_fields(columns, self.raster)
-        thick = thickness >= self.arrival_threshold
-        np.maximum(self.max_flow_thickness, thickness, out=self.max_flow_thickness)
-        np.maximum(self.max_speed, np.where(thick, speed, 0.0), out=self.max_speed)
-        np.maximum(self.max_pressure, np.where(thick, pressure, 0.0), out=self.max_pressure)
-        self.arrival_time[thick & np.isnan(self.arrival_time)] = time
-        self.deposit_thickness = thickness
+        thick, window = thickness >= self.arrival_threshold, columns.window
+        highest, fastest, hardest = (m[window] for m in (self.max_flow_thickness, self.max_speed, self.max_pressure))
+        np.maximum(highest, thickness, out=highest)
+        np.maximum(fastest, np.where(thick, speed, 0.0), out=fastest)
+        np.maximum(hardest, np.where(thick, pressure, 0.0), out=hardest)
+        arrival = self.arrival_time[window]
+        arrival[thick & np.isnan(arrival)] = time
+        self.deposit_thickness.fill(0.0)
+        self.deposit_thickness[window] = thickness
 
     def maps(self) -> dict[str, np.ndarray]:
         """The maps by name."""
@@ -69,6 +73,17 @@ class Ledger:
         self.time.append(time)
         self.dt.append(dt)
         self.rows.append(row)
+
+    def state(self) -> State:
+        """All rows as arrays by name, first axis the times: what :meth:`restore` takes."""
+        rows = {f"row.{name}": np.array([getattr(row, name) for row in self.rows]) for name in vars(self.rows[0])}
+        return {"time": np.array(self.time), "dt": np.array(self.dt), **rows}
+
+    def restore(self, state: State) -> None:
+        """Take back what :meth:`state` gave."""
+        self.time, self.dt = state["time"].tolist(), state["dt"].tolist()
+        rows = part(state, "row.")
+        self.rows = [LedgerRow(**{name: plain(values[i, ...]) for name, values in rows.items()}) for i in range(len(self.time))]
 
     def series(self) -> dict[str, np.ndarray]:
         """Arrays (times,) by name; ``numerical_dissipation`` is what closes the budget of energy [J]."""

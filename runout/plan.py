@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import log
-from runout.errors import BudgetError
+from runout.backends.protocol import Backend, get_backend
+from runout.errors import BudgetError, CapacityError
+from runout.memory import GIGABYTE, MemoryForecast, available_bytes, expected_memory
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -27,7 +29,7 @@ FINEST, COARSEST = 1.5, 4.0  # its cells over the fine ones; it costs the fourth
 START_SECONDS = 8.0  # of worker processes: imports, compiled code from the cache
 CROWDING = 1.2  # a core is slower while the others work
 MEMBER_MAPS = 5
-GIGABYTE = 1e9
+CHECKPOINT_BYTES = {"float32": 130, "float64": 240}  # of a particle, while its member runs
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,7 @@ class Forecast:
         """What exceeds ``budget`` (hours, memory_gb, disk_gb; each may be None), with both numbers."""
         needs = {"hours": self.seconds / 3600, "memory_gb": self.memory / GIGABYTE, "disk_gb": self.disk / GIGABYTE}
         limits = {name: getattr(budget, name, None) for name in needs}
-        return [
-            f"budget.{name} is {limit:g}, the run needs about {needs[name]:.2g}; raise it, or use larger cells or fewer members"
-            for name, limit in limits.items()
-            if limit is not None and needs[name] > limit
-        ]
+        return [_over(name, limit, needs[name]) for name, limit in limits.items() if limit is not None and needs[name] > limit]
 
 
 def forecast(
@@ -95,20 +93,27 @@ def forecast(
         Members at a time; one per core when None.
     progress : callable, optional
         Called with the finished fraction of the calibration, 0 to 1.
+
+    Raises
+    ------
+    BudgetError, CapacityError
+        If the members that run at once need more memory than the budget allows, or than there is; nothing large has been made.
     """
-    from runout.ensemble.crew import worker_count
+    from runout.ensemble.crew import crew_for
     from runout.ensemble.member import plan_members
 
     members = [member for member in plan_members(site) if member.number in set(left)]
     if not members:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     largest = _largest(members)
-    particles, steps, seconds = _calibrated(site, largest, progress)
+    crew = min(crew_for(site.settings.simulation.device, workers, 1)[0], len(members))
+    memory: list[float] = []  # one number, known before the particles are made
+    particles, steps, seconds = _calibrated(site, largest, progress, lambda needed: memory.append(_fitting(site, needed, crew)))
     work = seconds * sum(_relative_work(member.parameters, largest.parameters) for member in members)
-    crew = min(worker_count(workers, 1), len(members))
     disk = 2.0 * len(members) * MEMBER_MAPS * 4 * site.terrain().elevation.size  # members/*.nc and members.nc, before compression
+    disk += crew * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]
     total = work if crew == 1 else START_SECONDS + CROWDING * max(work / crew, seconds)
-    return Forecast(len(members), crew, particles, steps, seconds, total, crew * _resident_memory(), disk)
+    return Forecast(len(members), crew, particles, steps, seconds, total, memory[0], disk)
 
 
 def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> None:
@@ -150,19 +155,21 @@ def _relative_work(parameters: Mapping[str, float], reference: Mapping[str, floa
     return ratio("release_volume_factor") * math.sqrt(ratio("youngs_modulus") / ratio("density"))
 
 
-def _calibrated(site: "Site", member: "Member", progress: Callable[[float], None] | None) -> tuple[int, int, float]:
+def _calibrated(
+    site: "Site", member: "Member", progress: Callable[[float], None] | None, accept: Callable[[MemoryForecast], None]
+) -> tuple[int, int, float]:
     """Particles, steps and seconds of one member on one core.
 
     How long the flow lasts, what its observers cost and how much dearer a step becomes when the mass spreads and moves
     comes from a run with coarse cells: time steps are proportional to their size. What a step costs at the start
     comes from the first steps with the fine ones. Processor time is measured, so that other work on the machine does
-    not count.
+    not count. ``accept`` hears the memory that it takes before that is taken.
     """
     from runout.simulation import simulate
 
     started = time.process_time()
     arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1}
-    scene, particles = _scene(arguments)
+    scene, particles = _scene(arguments, accept)
     setup_seconds = time.process_time() - started
     step, step_seconds = _timed_steps(scene, particles, arguments)
     longest = step_seconds * arguments["end_time"] / step
@@ -181,17 +188,25 @@ def _calibrated(site: "Site", member: "Member", progress: Callable[[float], None
     return len(particles), steps, setup_seconds + steps * step_seconds * growth + observers
 
 
-def _scene(arguments: Mapping[str, Any]) -> "tuple[Scene, Particles]":
+def _scene(
+    arguments: Mapping[str, Any], accept: Callable[[MemoryForecast], None] = lambda needed: None
+) -> "tuple[Scene, Particles]":
     from runout.simulation import build_scene
 
-    return build_scene(**{name: value for name, value in arguments.items() if name in signature(build_scene).parameters})
+    engine = _engine(arguments)
+    cells = arguments["terrain"].elevation.size
+    precision = arguments.get("precision", "float32")
+    given = {name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
+    return build_scene(**given, accept=lambda extent: accept(expected_memory(extent, cells, precision, engine)))
+
+
+def _engine(arguments: Mapping[str, Any]) -> Backend:
+    return get_backend(arguments.get("backend", "scan"), arguments.get("device", "cpu"), 1)
 
 
 def _timed_steps(scene: "Scene", particles: "Particles", arguments: Mapping[str, Any]) -> tuple[float, float]:
     """Length of the first step [s] and the processor time of a step [s]."""
-    from runout.backends.protocol import get_backend
-
-    engine = get_backend(arguments.get("backend", "scan"), arguments.get("device", "cpu"), 1)
+    engine = _engine(arguments)
     engine.load(scene, particles)
     first = engine.stable_step()
     for step in range(UNTIMED_STEPS + TIMED_STEPS):
@@ -201,7 +216,20 @@ def _timed_steps(scene: "Scene", particles: "Particles", arguments: Mapping[str,
     return first, (time.process_time() - started) / TIMED_STEPS
 
 
-def _resident_memory() -> float:
-    import psutil
+def _fitting(site: "Site", needed: MemoryForecast, crew: int) -> float:
+    """Memory of ``crew`` members [byte], if budget and machine allow it."""
+    total, budget = crew * needed.total, getattr(site.settings, "budget", None)
+    limit = getattr(budget, "memory_gb", None)
+    if limit is not None and total > limit * GIGABYTE:
+        raise BudgetError(_over("memory_gb", limit, total / GIGABYTE))
+    free = available_bytes()
+    if free is not None and total > free:
+        raise CapacityError(
+            f"{crew} members at a time need about {total / GIGABYTE:.2g} GB of memory, {free / GIGABYTE:.2g} GB are available; "
+            "use fewer workers, larger cells or fewer particles per cell"
+        )
+    return total
 
-    return float(psutil.Process().memory_info().rss)
+
+def _over(name: str, limit: float, needed: float) -> str:
+    return f"budget.{name} is {limit:g}, the run needs about {needed:.2g}; raise it, or use larger cells or fewer members"

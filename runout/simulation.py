@@ -1,22 +1,29 @@
 """The time loop: step size, steps, observers, stop rule. It knows no physics and no array layout."""
 
+import logging
 import math
+import os
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from runout.backends.protocol import Backend, BatchBackend, get_backend
+from runout.backends.protocol import Backend, BatchBackend, Columns, ResumableBackend, WindowBackend, get_backend
+from runout.backends.state import State, arrays_of, part, put_arrays
+from runout.checkpoint import EVERY, Checkpoint, run_key
 from runout.errors import ConfigError, ReleaseError
+from runout.memory import Extent, expected_extent, expected_memory, require_memory
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
-from runout.model.scene import Raster, Scene
+from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.terrain import Terrain
 from runout.observers import AtRest, Ledger, PeakMaps, flow_fields
 from runout.result import Result
 
+LOGGER = logging.getLogger(__name__)
 OBSERVATIONS = 200  # at least so many over the whole time
 CROSSING = 0.5  # and one whenever the fastest particle crosses so much of a cell of the raster
 BATCH = 32  # steps at one step size: gravity adds little to the speed meanwhile, and the limit is checked again after
@@ -25,12 +32,31 @@ STEP_RATIO = 1.04  # steps of time change in these ratios, so that records are r
 
 @dataclass(frozen=True)
 class Course:
-    """How a run goes on in time: times in seconds."""
+    """How a run goes on in time, and what of it is skipped because nothing needs it.
+
+    Attributes
+    ----------
+    end_time : float
+        Latest time [s].
+    stop : bool
+        Stop at rest.
+    arrival_threshold : float
+        Thickness from which a cell counts as reached [m].
+    snapshot_times : tuple of float
+        Ascending [s].
+    crossing : float
+        Observe whenever the fastest particle may have crossed so much of a cell of the raster, and at least
+        :data:`OBSERVATIONS` times; 0 observes after every step.
+    crop : bool
+        Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
+    """
 
     end_time: float
     stop: bool = True
     arrival_threshold: float = 0.1
     snapshot_times: tuple[float, ...] = ()
+    crossing: float = CROSSING
+    crop: bool = True
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.end_time) and self.end_time > 0):
@@ -58,6 +84,9 @@ def simulate(
     arrival_threshold: float = 0.1,
     snapshot_times: Sequence[float] = (),
     progress: Callable[[float], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_every: float = EVERY,
+    memory_gb: float | None = None,
 ) -> Result:
     """Run one scenario.
 
@@ -94,6 +123,13 @@ def simulate(
         Times [s] at which thickness and speed are kept.
     progress : callable, optional
         Called with the fraction of the time that is done, 0 to 1.
+    checkpoint : path, optional
+        File from which the same call goes on when it was broken off, bit by bit as if it had not been; written now and then,
+        removed at the end.
+    checkpoint_every : float
+        Wall time between two checkpoints [s].
+    memory_gb : float, optional
+        Most memory that the run may take [GB], besides what is available: a run that is expected to take more is refused.
 
     Raises
     ------
@@ -106,26 +142,45 @@ def simulate(
     course = Course(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
     engine = get_backend(backend, device, threads)
     scene, particles = build_scene(
-        terrain, release, material, basal_friction_angle, cell_size, particles_per_cell, seed=seed, cfl=cfl, precision=precision
-    )
-    engine.load(scene, particles)
+        terrain, release, material, basal_friction_angle, cell_size, particles_per_cell, seed=seed, cfl=cfl, precision=precision,
+        accept=lambda extent: require_memory(expected_memory(extent, terrain.elevation.size, precision, engine), engine, memory_gb),
+    )  # fmt: skip
+    keep = _checkpoint(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
+    run = Run(engine, scene, course, progress, keep)
+    n_particles = len(particles)
+    run.start(particles)
+    del particles
     loaded = clock.perf_counter()
-    run = _Run(engine, scene, course, progress)
     run.go()
-    total = clock.perf_counter() - started
-    timing = {"setup": loaded - started, **engine.counters.seconds, "observers": run.observing, "total": total}
-    return Result(
+    run.seconds += clock.perf_counter() - loaded
+    result = Result(
         terrain=terrain,
         fields=run.peaks.maps(),
         series={"time": np.array(run.ledger.time), **run.ledger.series()},
         state=engine.particles(),
         spacing=scene.spacing,
         steps=engine.counters.steps,
-        n_particles=len(particles),
-        timing=timing,
+        n_particles=n_particles,
+        timing=run.timing(loaded - started),
         stop_reason=run.reason,
         snapshots=run.snapshots,
     )
+    if keep:
+        keep.remove()
+    return result
+
+
+def _checkpoint(path: str | os.PathLike[str] | None, every: float, engine: Backend, key: str) -> Checkpoint | None:
+    """Where the run keeps its checkpoints; None where none is asked for, or the backend has none."""
+    if path is None:
+        return None
+    if not every >= 0:
+        raise ConfigError(f"checkpoint_every is {every:g} s; it must be 0 or more")
+    if isinstance(engine, ResumableBackend):
+        return Checkpoint(Path(path), key, every)
+    text = "%s: %s keeps no checkpoints; a run that is broken off starts from time zero (backends scan and reference keep them)"
+    LOGGER.warning(text, path, type(engine).__name__)
+    return None
 
 
 def build_scene(
@@ -139,9 +194,13 @@ def build_scene(
     seed: int = 0,
     cfl: float = 0.4,
     precision: str = "float32",
+    accept: Callable[[Extent], None] | None = None,
 ) -> tuple[Scene, Particles]:
-    """Scene and particles of a scenario; parameters as in :func:`simulate`."""
-    from runout.release.sample import sample_particles
+    """Scene and particles of a scenario; parameters as in :func:`simulate`.
+
+    ``accept`` is asked before the particles are made, and refuses with an error what is too large.
+    """
+    from runout.release.sample import particles_per_axis, sample_particles
     from runout.terrain import prepare, sdf
 
     releases = [release] if isinstance(release, Release) else list(release)
@@ -152,11 +211,15 @@ def build_scene(
     if not all(0 <= a <= math.radians(60) for a in angles):
         worst = max(angles, key=lambda a: abs(a - 0.5))
         raise ConfigError(f"basal_friction_angle is {math.degrees(worst):g} deg; it must lie between 0 and 60 deg")
+    for r, m in zip(releases, materials, strict=True):
+        m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     spacing = _spacing(cell_size)
     released = np.sum([r.thickness for r in releases], axis=0)
     prepare.require_known(terrain, prepare.reachable(terrain, released, min(angles)), "the area that the flow can reach")
     dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if dug else None, spacing[:2])
+    if accept:
+        accept(expected_extent(releases, surface, spacing, particles_per_axis(particles_per_cell)))
     particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed)
     raster = Raster(*terrain.shape, terrain.cell_size)
     friction = tuple(math.tan(a) for a in angles)
@@ -168,25 +231,64 @@ def _spacing(cell_size: float | tuple[float, float, float]) -> tuple[float, floa
     return float(sizes[0]), float(sizes[1]), float(sizes[2])
 
 
-class _Run:
-    """One run from time zero to its end."""
+class Run:
+    """One run from time zero, or from its checkpoint, to its end."""
 
-    def __init__(self, engine: Backend, scene: Scene, course: Course, progress: Callable[[float], None] | None):
-        self.engine, self.scene, self.course, self.progress = engine, scene, course, progress
+    def __init__(
+        self, engine: Backend, scene: Scene, course: Course, progress: Callable[[float], None] | None, keep: Checkpoint | None
+    ):
+        self.engine, self.scene, self.course, self.progress, self.keep = engine, scene, course, progress, keep
         self.peaks = PeakMaps(scene.raster, course.arrival_threshold)
         self.ledger, self.rest = Ledger(), AtRest()
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.pending = list(course.snapshot_times)
-        self.time, self.dt, self.observing, self.reason = 0.0, 0.0, 0.0, ""
+        self.time, self.dt, self.due, self.reason = 0.0, 0.0, 0.0, ""
+        self.seconds = self.observing = 0.0
+
+    def start(self, particles: Particles) -> None:
+        """Load the backend with the particles, or with the state of the checkpoint if there is one of this run."""
+        state = self.keep.read() if self.keep else None
+        if state is None or not isinstance(self.engine, ResumableBackend):
+            self.engine.load(self.scene, particles)
+            return
+        self.engine.restore(self.scene, part(state, "backend."))
+        put_arrays(self, state, "run.")
+        put_arrays(self.peaks, state, "peaks.")
+        put_arrays(self.rest, state, "rest.")
+        self.ledger.restore(part(state, "ledger."))
+        frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
+        self.snapshots = list(zip(*frames, strict=True))
+        self.pending = self.pending[len(self.snapshots) :]
+        LOGGER.info("goes on from a checkpoint at %.4g s of %.4g s", self.time, self.course.end_time)
+
+    def _state(self, seconds: float) -> State:
+        """All that :meth:`start` needs to go on, after ``seconds`` [s] of wall time here."""
+        assert isinstance(self.engine, ResumableBackend)
+        state = {f"backend.{name}": values for name, values in self.engine.checkpoint().items()}
+        state |= arrays_of(self, prefix="run.") | arrays_of(self.peaks, prefix="peaks.") | arrays_of(self.rest, prefix="rest.")
+        state |= {f"ledger.{name}": values for name, values in self.ledger.state().items()}
+        for k, name in enumerate(("time", "thickness", "speed")):
+            state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
+        state["run.seconds"] = np.asarray(self.seconds + seconds)
+        return state
+
+    def timing(self, setup: float) -> dict[str, float]:
+        """Seconds by stage; what was done before a checkpoint counts."""
+        own = {"observers": self.observing, "checkpoints": self.keep.seconds} if self.keep else {"observers": self.observing}
+        return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
 
     def go(self) -> None:
         """Step until the end time or rest."""
-        due = self._observe()
+        started = clock.perf_counter()
+        if not self.ledger.time:
+            self.due = self._observe()
         while not self.reason:
+            if self.keep and self.keep.due():
+                self.keep.write(self._state(clock.perf_counter() - started))
             self.dt = min(_on_ladder(self.engine.stable_step()), self._next_stop() - self.time)
-            self.time += self.dt * self._advance(min(due, self._next_stop()) - self.time)
-            if self.time >= min(due, self._next_stop()) - 1e-12 * self.course.end_time:
-                due = self._observe()
+            self.time += self.dt * self._advance(min(self.due, self._next_stop()) - self.time)
+            if self.time >= min(self.due, self._next_stop()) - 1e-12 * self.course.end_time:
+                self.due = self._observe()
 
     def _advance(self, span: float) -> int:
         """Take one step, or several that stay within ``span`` [s] where the backend takes them at once; their number."""
@@ -203,12 +305,11 @@ class _Run:
     def _observe(self) -> float:
         """Record the present state; returns when the next observation is due [s]."""
         started = clock.perf_counter()
-        columns, row = self.engine.columns(), self.engine.ledger()
+        columns, row = self._columns(), self.engine.ledger()
         self.peaks.observe(self.time, columns)
         self.ledger.record(self.time, self.dt, row)
         while self.pending and self.time >= self.pending[0] - 1e-12 * self.course.end_time:
-            thickness, speed, _ = flow_fields(columns, self.scene.raster)
-            self.snapshots.append((self.pending.pop(0), thickness, speed))
+            self.snapshots.append((self.pending.pop(0), *self._frame(columns)))
         if self.course.stop and self.rest.reached(row):
             self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
         elif self.time >= self.course.end_time * (1 - 1e-12):
@@ -216,11 +317,21 @@ class _Run:
         if self.progress:
             self.progress(1.0 if self.reason else self.time / self.course.end_time)
         self.observing += clock.perf_counter() - started
-        crossing = CROSSING * min(self.scene.raster.cell_size) / max(row.max_speed, 1e-3)
+        crossing = self.course.crossing * min(self.scene.raster.cell_size) / max(row.max_speed, 1e-3)
         return self.time + min(self.course.end_time / OBSERVATIONS, crossing)
+
+    def _columns(self) -> Columns:
+        if self.course.crop and isinstance(self.engine, WindowBackend):
+            return self.engine.flow_columns()
+        return self.engine.columns()
+
+    def _frame(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+        """Thickness [m] and speed [m/s] on the whole raster."""
+        whole = np.zeros((2, self.scene.raster.rows, self.scene.raster.columns))
+        whole[:, *columns.window] = flow_fields(columns, self.scene.raster)[:2]
+        return whole[0], whole[1]
 
 
 def _on_ladder(limit: float) -> float:
     """Largest step of a geometric ladder that does not exceed the limit."""
     return float(STEP_RATIO ** math.floor(math.log(limit) / math.log(STEP_RATIO)))
-

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +49,15 @@ class Member:
     def failure_file(self, results: Path) -> Path:
         """Where the reason goes when it fails."""
         return members_folder(results) / f"{self.number:04d}.failed.json"
+
+    def checkpoint_file(self, results: Path) -> Path:
+        """Where its checkpoint lies while it runs, or since it was broken off; each key has its own."""
+        return members_folder(results) / f"{self.number:04d}.{self.key[:16]}.checkpoint.npz"
+
+    def forget_checkpoints(self, results: Path) -> None:
+        """Remove its checkpoints, those of older configurations too: it is finished, or would fail again."""
+        for path in members_folder(results).glob(f"{self.number:04d}.*.checkpoint.npz"):
+            path.unlink(missing_ok=True)
 
 
 def members_folder(results: Path) -> Path:
@@ -109,16 +119,30 @@ def stored_key(path: Path) -> str | None:
 
 
 def simulate_member(
-    site: "Site", member: Member, results: Path, *, simulate: "Callable[..., Result] | None" = None, threads: int = 1
+    site: "Site",
+    member: Member,
+    results: Path,
+    *,
+    simulate: "Callable[..., Result] | None" = None,
+    threads: int = 1,
+    progress: Callable[[float], None] | None = None,
+    device: str | None = None,
 ) -> None:
     """Simulate one member and write its file, whole or not at all; runs in a worker process.
+
+    One that was broken off half-way goes on from its checkpoint.
 
     Parameters
     ----------
     simulate : callable, optional
-        Takes the place of :func:`runout.simulate`; importable by name, since it travels to other processes.
+        Takes the place of :func:`runout.simulate`; importable by name, since it travels to other processes. It is given
+        ``checkpoint`` and ``progress`` if it takes them.
     threads : int
         Threads of the simulation.
+    progress : callable, optional
+        Called with the fraction of the member that is done, 0 to 1.
+    device : str, optional
+        Takes the place of the site's: one of several GPUs.
     """
     if stored_key(member.file(results)) == member.key:
         return  # finished just before its worker died, and handed out again
@@ -127,7 +151,11 @@ def simulate_member(
 
         simulate = runout.simulate
     arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": threads}
-    result = simulate(**arguments)
+    if device is not None:
+        arguments["device"] = device
+    taken = signature(simulate).parameters
+    offered = {"checkpoint": member.checkpoint_file(results), "progress": progress}
+    result = simulate(**arguments, **{name: value for name, value in offered.items() if name in taken})
     attributes = {
         "member": member.number,
         "member_key": member.key,

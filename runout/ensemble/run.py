@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.ensemble.crew import Outcome, in_cluster, in_process, worker_count
+from runout.ensemble.crew import Outcome, crew_for, in_cluster, in_process
 from runout.ensemble.member import Member, members_folder, plan_members, simulate_member
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.errors import RunoutError, StorageError
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
+LEAST_WORK = 0.01  # members' worth of it, before the time that is left is told
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,9 @@ class EnsembleProgress:
     seconds : float
         Time since the start [s].
     remaining : float or None
-        Time left at the present rate [s]; None before the first member is finished.
+        Time left at the present rate [s]; None before anything is done.
+    under_way : float
+        Sum of the fractions of the members that are running.
     """
 
     finished: int
@@ -72,11 +75,12 @@ class EnsembleProgress:
     failed: int
     seconds: float
     remaining: float | None
+    under_way: float = 0.0
 
     @property
     def fraction(self) -> float:
-        """Finished part, 0 to 1."""
-        return self.finished / self.of
+        """Part that is done, 0 to 1; members that are running count with their fractions."""
+        return (self.finished + self.under_way) / self.of
 
 
 def run_ensemble(
@@ -101,11 +105,12 @@ def run_ensemble(
     results : Path
         Folder of the results; made when absent.
     workers : int, optional
-        Members at a time, by default as many as there are cores for; never more. 1 runs in this process.
+        Members at a time, by default one per GPU on GPUs, else as many as there are cores for; never more than cores. 1 runs
+        in this process.
     threads_per_worker : int
         Threads of each simulation.
     progress : callable, optional
-        Called in this process at the start and after every member.
+        Called in this process at the start, after every member, and now and then while members run.
     retry_failed : bool
         Try also those members again that would fail again on any machine.
     simulate : callable, optional
@@ -124,11 +129,14 @@ def run_ensemble(
         remove_stale(folder)
         tally = _Tally(members, results, retry_failed, progress)
         if tally.waiting:
-            crew = worker_count(workers, threads_per_worker)
+            crew, devices = crew_for(site.settings.simulation.device, workers, threads_per_worker)
             task = partial(simulate_member, site, results=results, simulate=simulate, threads=threads_per_worker)
             todo = len(tally.waiting)
             LOGGER.info("%d of %d members to simulate, %d at a time", todo, len(members), min(crew, todo))
-            run = in_process(task, tally.waiting) if crew == 1 else in_cluster(task, tally.waiting, crew, threads_per_worker)
+            if crew == 1:
+                run = in_process(task, tally.waiting, tally.advance, devices)
+            else:
+                run = in_cluster(task, tally.waiting, crew, threads_per_worker, tally.advance, devices)
             with closing(run) as outcomes:
                 tally.collect(outcomes)
     LOGGER.info("%s", tally.report())
@@ -142,21 +150,22 @@ class _Tally:
         self, members: list[Member], results: Path, retry_failed: bool, progress: Callable[[EnsembleProgress], None] | None
     ):
         self.results, self.progress, self.of = results, progress, len(members)
-        self.start = time.perf_counter()
+        self.start, self.finished_now = time.perf_counter(), 0
         self.done: list[int] = []
         self.skipped: list[int] = []
         self.failed: dict[int, str] = {}
         self.waiting: list[Member] = []
+        self.under_way: dict[int, float] = {}
         for member in members:
             self._sort(member, retry_failed)
-        self._tell(finished_now=0)
+        self._tell()
 
     def _sort(self, member: Member, retry_failed: bool) -> None:
         state, reason = member_state(member, self.results)
         failure = Failure.read(member.failure_file(self.results)) if state is State.FAILED else None
         if state is State.DONE:
             self.skipped.append(member.number)
-            member.failure_file(self.results).unlink(missing_ok=True)  # killed between writing one and removing the other
+            self._clear(member)  # killed between writing one and removing the other
         elif failure and failure.lasting and not retry_failed:
             self.failed[member.number] = reason
         else:
@@ -164,26 +173,42 @@ class _Tally:
 
     def collect(self, outcomes: Iterator[Outcome]) -> None:
         """Book every outcome as it comes."""
-        for finished_now, outcome in enumerate(outcomes, start=1):
+        for outcome in outcomes:
             number = outcome.member.number
+            self.finished_now += 1
+            self.under_way.pop(number, None)
             if outcome.error is None:
                 self.done.append(number)
-                outcome.member.failure_file(self.results).unlink(missing_ok=True)
+                self._clear(outcome.member)
             else:
                 failure = _failure(outcome.member, outcome.error)
                 self.failed[number] = failure.reason
                 failure.write(outcome.member.failure_file(self.results))
                 outcome.member.file(self.results).unlink(missing_ok=True)  # of an older configuration
+                if failure.lasting:
+                    outcome.member.forget_checkpoints(self.results)
                 LOGGER.warning("member %d failed: %s", number, failure.reason)
-            self._tell(finished_now)
+            self._tell()
 
-    def _tell(self, finished_now: int) -> None:
+    def advance(self, member: int, fraction: float) -> None:
+        """Note the fraction, 0 to 1, of a member that is running."""
+        if fraction != self.under_way.get(member):
+            self.under_way[member] = fraction
+            self._tell()
+
+    def _clear(self, member: Member) -> None:
+        """Remove what tells of earlier attempts at a member that is done."""
+        member.failure_file(self.results).unlink(missing_ok=True)
+        member.forget_checkpoints(self.results)
+
+    def _tell(self) -> None:
         if self.progress is None:
             return
         seconds = time.perf_counter() - self.start
-        left = len(self.waiting) - finished_now
-        remaining = seconds / finished_now * left if finished_now else (None if left else 0.0)
-        self.progress(EnsembleProgress(self.of - left, self.of, len(self.failed), seconds, remaining))
+        left, under_way = len(self.waiting) - self.finished_now, sum(self.under_way.values())
+        work = self.finished_now + under_way
+        remaining = seconds / work * (left - under_way) if work > LEAST_WORK else (None if left else 0.0)
+        self.progress(EnsembleProgress(self.of - left, self.of, len(self.failed), seconds, remaining, under_way))
 
     def report(self) -> EnsembleReport:
         """What was done."""

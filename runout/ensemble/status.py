@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.checkpoint import stored_time
 from runout.ensemble.member import Member, plan_members, stored_key
 from runout.errors import InputError, StabilityError
 from runout.io.atomic import write_json
@@ -78,6 +79,9 @@ def member_state(member: Member, results: Path) -> tuple[State, str]:
     failure = Failure.read(member.failure_file(results))
     if failure and failure.key == member.key:
         return State.FAILED, failure.reason
+    kept = stored_time(member.checkpoint_file(results))
+    if kept is not None:
+        return State.LEFT, f"broken off or running, kept at {kept:.4g} s; a run goes on from there"
     return State.LEFT, "inputs, settings or parameters changed since it was run" if key or failure else "not run yet"
 
 

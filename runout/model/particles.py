@@ -4,6 +4,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from runout.errors import CapacityError
+
+INDEX_CELLS = 4 * 2**20 - 16  # that blocks of 4 cells with coordinates of 21 bits, sign included, count from an origin
+AXES = ("east-west", "north-south", "height")
 ARRAYS = {  # name: (dtype, trailing shape)
     "node": (np.int32, (3,)),
     "offset": (np.float64, (3,)),
@@ -82,6 +86,25 @@ class Particles:
     def position(self, spacing: np.ndarray) -> np.ndarray:
         """Local positions (n, 3) [m], float64."""
         return (self.node + self.offset) * np.asarray(spacing, np.float64)
+
+    def require_index_range(self, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
+        """Nothing, if blocks counted from the node ``origin`` (3,), by default the lowest one, reach all particles.
+
+        Raises
+        ------
+        CapacityError
+            With the largest admissible extent [m].
+        """
+        if not len(self):
+            return
+        cells = np.abs(self.node.astype(np.int64) - (self.node.min(axis=0) if origin is None else origin)).max(axis=0)
+        worst = int(np.argmax(cells))
+        if cells[worst] > INDEX_CELLS:
+            h = spacing[worst]
+            raise CapacityError(
+                f"a particle lies beyond the index range, {cells[worst] * h:.7g} m from where blocks are counted ({AXES[worst]}); "
+                f"the largest admissible extent is {INDEX_CELLS * h:.7g} m with cells of {h:g} m (21 bits): use larger cells"
+            )
 
     def take(self, index: np.ndarray) -> "Particles":
         """The particles of an index or mask."""

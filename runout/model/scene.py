@@ -1,5 +1,6 @@
 """Scene: everything a backend needs besides the particles."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,9 +10,11 @@ from runout.errors import ConfigError, StabilityError
 from runout.model.laws import LAWS, Law
 from runout.model.materials import Material
 from runout.model.surface import Surface
+from runout.physics import timestep
 
 STANDARD_GRAVITY = 9.81
 LARGEST_CFL = 0.6  # an isolated particle in 3D is unstable near 0.52 to 0.6
+STEP_TOLERANCE = 1.02  # a step that was chosen some steps ago may be so much longer than a limit: the flow has sped up
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,40 @@ class Scene:
     def wave_speed(self) -> float:
         """Largest speed of pressure waves [m/s]."""
         return max(m.wave_speed for m in self.materials)
+
+    def stable_step(self, speed: float) -> float:
+        """Largest admissible time step [s] while the fastest particle moves at ``speed`` [m/s]."""
+        return min(self._limits(speed, self.cfl).values())
+
+    def require_stable(self, dt: float, speed: float, step: int) -> None:
+        """Nothing, if step number ``step`` of ``dt`` [s] can be stable while the fastest particle moves at ``speed`` [m/s].
+
+        The limits are those of the scheme: that of a scene is lower where its ``cfl`` is.
+
+        Raises
+        ------
+        StabilityError
+            If ``dt`` is not positive or above a limit; names the limit and its reason.
+        """
+        limits = self._limits(speed, LARGEST_CFL)
+        reason = min(limits, key=lambda name: limits[name])
+        if 0 < dt <= STEP_TOLERANCE * limits[reason]:
+            return
+        if not dt > 0:
+            raise StabilityError(f"step {step} is {dt:g} s long; it must be positive")
+        most = LARGEST_CFL if reason == "acoustic" else 0.5
+        what = f"a pressure wave of {self.wave_speed:.4g} m/s" if reason == "acoustic" else f"a particle of {speed:.4g} m/s"
+        raise StabilityError(
+            f"{what} would cross {most * dt / limits[reason]:.3g} cells in step {step} of {dt:.4g} s; the {reason} limit is "
+            f"{limits[reason]:.4g} s ({most:g} cells of {min(self.spacing):g} m): take {self.stable_step(speed):.4g} s or less "
+            "(stable_step)"
+        )
+
+    def _limits(self, speed: float, cfl: float) -> dict[str, float]:
+        """Limits of the time step [s] by name."""
+        h = min(self.spacing)
+        acoustic = timestep.acoustic_limit(cfl, h, self.wave_speed, speed)
+        return {"acoustic": acoustic, "particle": timestep.particle_limit(h, speed) if speed > 0 else math.inf}
 
     @property
     def dtype(self) -> Any:

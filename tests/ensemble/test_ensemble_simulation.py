@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from netCDF4 import Dataset
 
+import runout
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import run_ensemble
+from runout.ensemble.status import member_status
 from runout.model.materials import DruckerPrager
 from runout.model.release import Release
 from runout.model.terrain import Terrain
@@ -32,13 +34,17 @@ class SlopeSite:
     @property
     def settings(self):
         parameters = {"basal_friction_angle_deg": ANGLES, "density": DENSITY}
-        return SimpleNamespace(ensemble=SimpleNamespace(members=4, seed=1, parameters=parameters))
+        ensemble = SimpleNamespace(members=4, seed=1, parameters=parameters)
+        return SimpleNamespace(ensemble=ensemble, simulation=SimpleNamespace(device="cpu"))
 
     def inputs(self):
         return []
 
     def resolved(self):
         return {"simulation": {"cell_size": 5.0}}
+
+    def computed(self):
+        return self.resolved()
 
     def member_arguments(self, sample):
         elevation = np.tile(100.0 - SLOPE * 5.0 * np.arange(24), (16, 1))
@@ -71,3 +77,41 @@ def test_members_of_a_slope_run_faster_with_less_friction_and_bad_ones_are_recor
     assert len(report.failed) == 1
     assert min(speeds[5.0]) > 1.5 * max(speeds[25.0]) > 0
     assert run_ensemble(site, tmp_path / "results", workers=2).done == ()
+
+
+def interrupted(*, checkpoint, progress, **arguments):
+    """A simulation that a user ends when it is half done."""
+
+    def end(fraction):
+        if fraction > 0.5:
+            raise KeyboardInterrupt
+
+    return runout.simulate(**arguments, checkpoint=checkpoint, checkpoint_every=0.0, progress=end)
+
+
+def everything_of(file):
+    def arrays(group):
+        yield from ((name, variable[:].tobytes()) for name, variable in group.variables.items())
+        for inner in group.groups.values():
+            yield from arrays(inner)
+
+    with Dataset(file) as dataset:
+        dataset.set_auto_mask(False)
+        return dict(arrays(dataset))
+
+
+def test_a_member_that_was_broken_off_goes_on_from_its_checkpoint(tmp_path):
+    site, results = SlopeSite(tmp_path), tmp_path / "results"
+    first = next(m for m in plan_members(site) if m.parameters["density"] > 0)
+    with pytest.raises(KeyboardInterrupt):
+        run_ensemble(site, results, workers=1, simulate=interrupted)
+    status = member_status(site, results).loc[first.number]
+    assert status["state"] == "left"
+    assert "kept at 0.9" in status["reason"]
+    assert "a run goes on from there" in status["reason"]
+    seen = []
+    run_ensemble(site, results, workers=1, progress=seen.append)
+    assert min(p.fraction for p in seen[1:]) > 0.5 / 4  # it did not start anew
+    assert not list((results / "members").glob("*.npz"))
+    run_ensemble(site, tmp_path / "whole", workers=1)
+    assert everything_of(first.file(results)) == everything_of(first.file(tmp_path / "whole"))

@@ -112,6 +112,22 @@ def test_a_run_over_its_budget_is_refused_with_both_numbers(tmp_path, capsys):
         plan.require_budget(runout.read_site(folder), [0, 1])
 
 
+def test_a_run_that_cannot_fit_is_refused_before_anything_is_calibrated(tmp_path, capsys, monkeypatch):
+    def refused(*arguments):
+        pytest.fail("particles were made")
+
+    monkeypatch.setattr("runout.release.sample.sample_particles", refused)
+    fine = SITE.replace("cell_size: 10", "cell_size: 0.25")
+    code, out = said(capsys, "check", write_site(tmp_path / "budget", fine + "budget: {memory_gb: 2}\n"))
+    assert code == ExitCode.OVER_BUDGET
+    assert "budget.memory_gb is 2, the run needs about" in out
+    folder = write_site(tmp_path / "machine", fine)
+    monkeypatch.setattr(plan, "available_bytes", lambda: 3e9)
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.OVER_BUDGET
+    assert "3 GB are available; use fewer workers" in out
+
+
 def test_forecast_holds_within_a_factor_of_two(tmp_path):
     site = runout.read_site(write_site(tmp_path / "ramp", SITE.replace("cell_size: 10", "cell_size: 5")))
     expected = plan.forecast(site, [0, 1, 2, 3], workers=1)

@@ -1,0 +1,99 @@
+"""Checkpoint of a run: everything that it needs to go on bit by bit as if it had not been broken off, in one file.
+
+The file is an archive of plain arrays (.npz) beside a key of the inputs. It replaces the one before as a whole, and goes when the
+run is complete. A checkpoint of other inputs, of another version or half written is not used: the run starts anew and says so.
+"""
+
+import hashlib
+import logging
+import time
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout import __version__
+from runout.backends.state import State
+from runout.io.atomic import whole_file
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+
+LOGGER = logging.getLogger(__name__)
+FORMAT = 1  # of the file; raise it when the meaning of a state changes
+EVERY = 120.0  # [s] between two checkpoints
+
+
+@dataclass
+class Checkpoint:
+    """The file that holds the latest checkpoint of one run.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder is made when absent.
+    key : str
+        What the run is, see :func:`run_key`.
+    every : float
+        Wall time from one checkpoint to the next [s].
+    """
+
+    path: Path
+    key: str
+    every: float = EVERY
+    written: int = field(default=0, init=False)  # number of checkpoints
+    seconds: float = field(default=0.0, init=False)  # spent on them
+    last: float = field(default_factory=time.perf_counter, init=False)
+
+    def due(self) -> bool:
+        """Whether so much time has passed that the next one has to be written."""
+        return time.perf_counter() - self.last >= self.every
+
+    def write(self, state: State) -> None:
+        """Write a state in place of the one before, whole; StorageError when it cannot be written."""
+        started = time.perf_counter()
+        with whole_file(self.path) as temporary, temporary.open("wb") as file:
+            np.savez(file, key=np.array(self.key), **state)  # type: ignore[arg-type]
+        self.last = time.perf_counter()
+        self.written += 1
+        self.seconds += self.last - started
+
+    def read(self) -> State | None:
+        """The state to go on from; None without a file, and with one that does not belong to this run."""
+        if not self.path.is_file():
+            return None
+        try:
+            with np.load(self.path, allow_pickle=False) as archive:
+                if str(archive["key"]) == self.key:
+                    return {name: archive[name] for name in archive.files if name != "key"}
+            reason = "it belongs to other inputs or another version of runout"
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            reason = f"it cannot be read ({error})"
+        LOGGER.warning("%s: checkpoint not used, %s; the run starts from time zero", self.path, reason)
+        return None
+
+    def remove(self) -> None:
+        """Remove the file, if there is one."""
+        self.path.unlink(missing_ok=True)
+
+
+def stored_time(path: Path) -> float | None:
+    """Simulated time [s] of the checkpoint in a file; None if there is none that can be read."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return float(archive["run.time"])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
+    """Checksum of all that a run depends on: version, scene, particles, and further choices that have a sound ``repr``."""
+    digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, choices)).encode())
+    ground = scene.surface
+    plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
+    digest.update(repr((plain, scene.contact_band, ground and (ground.spacing, ground.origin))).encode())
+    arrays = [] if ground is None else [ground.coefficients]
+    for values in (*arrays, *vars(particles).values()):
+        digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
+    return digest.hexdigest()

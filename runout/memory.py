@@ -1,0 +1,165 @@
+"""Forecast of the memory of a run from its releases, before anything large is made; and the refusal of what does not fit."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
+from runout.errors import CapacityError
+from runout.model.release import Release
+from runout.model.surface import Surface
+
+GIGABYTE = 1e9
+REACH = 3  # cells around particles that the index holds
+EXCHANGED = 224  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
+PER_MAP_CELL = 150  # of a cell of the raster: sums, peaks and what computing them takes
+PROGRAM = 0.35e9  # libraries and compiled code
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What is to be held: particles, blocks with particles, blocks that they may enter, and blocks of nodes."""
+
+    particles: int
+    held: int
+    owners: int
+    nodes: int
+
+
+@dataclass(frozen=True)
+class MemoryForecast:
+    """Memory of a run at its start [byte]; a flow that spreads thinly may take more blocks later.
+
+    Attributes
+    ----------
+    backend : float
+        Particles, index and blocks; on the device if that is a GPU.
+    host : float
+        What the host holds besides: particles while they are loaded or handed back, maps, the program.
+    on_device : bool
+    """
+
+    backend: float
+    host: float
+    on_device: bool = False
+
+    @property
+    def total(self) -> float:
+        """Memory of the host [byte], with the backend if it runs there."""
+        return self.host + (0.0 if self.on_device else self.backend)
+
+    def require(self, limit: float, what: str) -> None:
+        """CapacityError if the host needs more than ``limit`` [byte]; ``what`` names the limit."""
+        if self.total > limit:
+            raise _too_much(self.total, limit, what)
+
+
+def _too_much(needed: float, limit: float, what: str) -> CapacityError:
+    coarser = math.ceil(100 * (needed / limit) ** (1 / 3)) / 100 if limit > 0 else math.inf
+    return CapacityError(
+        f"the run needs about {needed / GIGABYTE:.3g} GB of memory, {what} is {limit / GIGABYTE:.3g} GB; "
+        f"use a cell_size {coarser:g} times as large, fewer particles_per_cell, or raise the limit"
+    )
+
+
+def require_memory(forecast: MemoryForecast, engine: Backend, memory_gb: float | None) -> None:
+    """CapacityError if a run needs more than ``memory_gb`` [GB], or than what machine and device have free."""
+    if memory_gb is not None:
+        forecast.require(memory_gb * GIGABYTE, "memory_gb")
+    free = available_bytes()
+    if free is not None:
+        forecast.require(free, "the memory that is available")
+    device: Any = getattr(engine, "device", None)
+    if forecast.on_device and forecast.backend > device.free_memory:
+        raise _too_much(forecast.backend, device.free_memory, f"the free memory of {device.alias}")
+
+
+def available_bytes() -> float | None:
+    """Memory that this process may still take [byte]; None where nothing tells (psutil is not installed)."""
+    if find_spec("psutil") is None:
+        return None
+    import psutil
+
+    return float(psutil.virtual_memory().available)
+
+
+def expected_memory(extent: Extent, map_cells: int, precision: str, engine: Backend | None = None) -> MemoryForecast:
+    """Forecast for a backend, by default scan.
+
+    Parameters
+    ----------
+    extent : Extent
+    map_cells : int
+        Cells of the elevation raster.
+    precision : str
+    engine : Backend, optional
+        On a GPU its own figures hold, elsewhere those of scan.
+    """
+    host = PROGRAM + 2 * EXCHANGED * extent.particles + PER_MAP_CELL * map_cells
+    device: Any = getattr(engine, "device", None)
+    if device is not None and device.is_cuda:
+        return MemoryForecast(bytes_on_device(extent.particles, extent.nodes, precision), host, True)
+    return MemoryForecast(bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision), host)
+
+
+def expected_extent(
+    releases: Sequence[Release], surface: Surface, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]
+) -> Extent:
+    """Particles and blocks of releases, counted from their thickness, before a particle is made."""
+    number = sum(_particles(release, spacing, per_axis) for release in releases)
+    columns = [_columns(release, surface, spacing) for release in releases]
+    low, high = (np.concatenate([c[k] for c in columns]) for k in (0, 1))
+    held = _blocks(low, high, (0,), 0)
+    owners = _blocks(low, high, (-REACH - 1, 0, REACH), REACH)
+    up = np.concatenate([owners[:, :2] + (i, j) for i in (0, 1) for j in (0, 1)])
+    nodes = _hull(up, np.tile(owners[:, 2:] + (0, 1), (4, 1)))
+    return Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in (held, owners, nodes)))
+
+
+def _particles(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> int:
+    """Particles of a release: at least one in each column of the lattice of particles."""
+    layer, plan = spacing[2] / per_axis[2], spacing[0] * spacing[1] / (per_axis[0] * per_axis[1])
+    rows = np.maximum(1.0, release.thickness[release.thickness > 0] / layer)
+    return math.ceil(rows.sum() * release.terrain.cell_area / plan)
+
+
+def _columns(release: Release, surface: Surface, spacing: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest grid node (n, 3) of the mass in squares of two cells by two."""
+    terrain = release.terrain
+    rows, columns = (np.flatnonzero((release.thickness > 0).any(axis=axis)) for axis in (1, 0))
+    x = _middles(columns[0] * terrain.cell_size[0], (columns[-1] + 1) * terrain.cell_size[0], 2 * spacing[0])
+    south, north = terrain.shape[0] - 1 - rows[-1], terrain.shape[0] - rows[0]
+    y = _middles(south * terrain.cell_size[1], north * terrain.cell_size[1], 2 * spacing[1])
+    row = terrain.shape[0] - 1 - np.minimum(y // terrain.cell_size[1], terrain.shape[0] - 1).astype(np.int64)
+    column = np.minimum(x // terrain.cell_size[0], terrain.shape[1] - 1).astype(np.int64)
+    thickness = release.thickness[np.ix_(row, column)]
+    j, i = np.nonzero(thickness)
+    ground, east, north_slope = surface.evaluate(x[i], y[j])
+    rise = 0.5 * (np.abs(east) * spacing[0] + np.abs(north_slope) * spacing[1])  # of the mean corner
+    plan = np.floor(np.column_stack([x[i] / spacing[0], y[j] / spacing[1]]) - 0.5)
+    bottom, top = (np.floor(z / spacing[2] - 0.5) for z in (ground - rise, ground + rise + thickness[j, i]))
+    return np.column_stack([plan, bottom]).astype(np.int64), np.column_stack([plan, top]).astype(np.int64)
+
+
+def _middles(first: float, last: float, step: float) -> np.ndarray:
+    return first + (np.arange(max(1, math.ceil((last - first) / step))) + 0.5) * step
+
+
+def _blocks(low: np.ndarray, high: np.ndarray, shifts: tuple[int, ...], margin: int) -> np.ndarray:
+    """Columns (m, 4) of blocks around nodes: place east and north, lowest and highest block."""
+    plan = np.concatenate([(low[:, :2] + np.array((i, j))) >> 2 for i in shifts for j in shifts])
+    heights = np.column_stack([(low[:, 2] - margin) >> 2, (high[:, 2] + margin) >> 2])
+    return _hull(plan, np.tile(heights, (len(shifts) ** 2, 1)))
+
+
+def _hull(plan: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Lowest and highest of the heights (n, 2) over each place (n, 2): (m, 4)."""
+    places, which = np.unique(plan, axis=0, return_inverse=True)
+    low, high = np.full(len(places), np.iinfo(np.int64).max), np.full(len(places), np.iinfo(np.int64).min)
+    np.minimum.at(low, which.ravel(), heights[:, 0])
+    np.maximum.at(high, which.ravel(), heights[:, 1])
+    return np.column_stack([places, low, high])
