@@ -141,7 +141,9 @@ class Site:
         return content
 
     def on_device(self, device: str) -> "Site":
-        """The same site, computed on "cpu", "cuda:N", or "auto": the first GPU, where there is none the CPU.
+        """The same site, computed on "cpu", "cuda:N", "cuda", or "auto": the GPUs if there are any, else the CPU.
+
+        "cuda" spreads the members over all GPUs.
 
         Raises
         ------
@@ -150,7 +152,8 @@ class Site:
         """
         from runout.backends.protocol import find_device
 
-        place, stated = find_device(device), self.settings.simulation
+        found, stated = find_device(device), self.settings.simulation
+        place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
         backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
         simulation = stated.model_copy(update={"device": place, "backend": backend})
         return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))

@@ -2,12 +2,15 @@
 
 import logging
 import os
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
 
+from runout.backends.protocol import devices_of
 from runout.ensemble.member import Member
 from runout.errors import CapacityError, ConfigError, DeviceError
 
@@ -16,6 +19,8 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger(__name__)
 MEMORY_SHARE = 0.9  # of the machine, for all workers together
+TICK_SECONDS = 0.5  # between two words of a member that runs
+TOPIC = "runout-progress"
 RESTART_SECONDS = 60  # to wait for a new worker in place of a dead one
 THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 CLUSTER_SETTINGS = {
@@ -60,21 +65,54 @@ def worker_count(workers: int | None, threads_per_worker: int) -> int:
     return most if workers is None else min(workers, most)
 
 
-def in_process(task: Callable[[Member], None], members: Sequence[Member]) -> Generator[Outcome, None, None]:
-    """Outcomes of ``task`` for every member, run here one after the other."""
+def crew_for(device: str, workers: int | None, threads_per_worker: int) -> tuple[int, tuple[str, ...]]:
+    """Number of workers for members on a ``device``, one per GPU if nothing else is asked for, and the GPUs that they share.
+
+    Raises
+    ------
+    ConfigError, DeviceError
+        If a number is below 1, or the device is not there.
+    """
+    devices = devices_of(device)
+    return worker_count(workers or len(devices) or None, threads_per_worker), devices
+
+
+class Task(Protocol):
+    """What is done with a member; ``progress`` is to be called with the fraction that is done, 0 to 1.
+
+    ``device`` is one of the GPUs that the members share; None where they do not.
+    """
+
+    def __call__(self, member: Member, /, *, progress: Callable[[float], None], device: str | None) -> None: ...
+
+
+def in_process(
+    task: Task, members: Sequence[Member], advance: Callable[[int, float], None], devices: Sequence[str] = ()
+) -> Generator[Outcome, None, None]:
+    """Outcomes of ``task`` for every member, run here one after the other; ``advance`` hears a member's number and fraction."""
+    device = devices[0] if devices else None
     from dask.local import synchronous_executor
 
     for member in members:
-        error = synchronous_executor.submit(task, member).exception()
+        error = synchronous_executor.submit(task, member, progress=partial(advance, member.number), device=device).exception()
         if error is not None and not isinstance(error, Exception):
             raise error  # an interrupt ends the run, a failed member does not
         yield Outcome(member, error)
 
 
 def in_cluster(
-    task: Callable[[Member], None], members: Sequence[Member], workers: int, threads: int
+    task: Task,
+    members: Sequence[Member],
+    workers: int,
+    threads: int,
+    advance: Callable[[int, float], None],
+    devices: Sequence[str] = (),
 ) -> Generator[Outcome, None, None]:
-    """Outcomes of ``task`` for every member as they come, run in worker processes of ``threads`` threads each."""
+    """Outcomes of ``task`` for every member as they come, run in worker processes of ``threads`` threads each.
+
+    ``advance`` is called in this thread with the number of a member that runs and its fraction. The workers share the GPUs
+    ``devices``, each keeping to one.
+    """
     import dask
     from distributed import Client, LocalCluster
     from distributed.system import MEMORY_LIMIT
@@ -94,21 +132,31 @@ def in_cluster(
         ) as cluster,
         Client(cluster) as client,
     ):
-        yield from _feed(client, task, members, workers, memory)
+        heard: dict[int, float] = {}
+        client.subscribe_topic(TOPIC, lambda event: heard.update([event[1]]))
+        yield from _feed(client, partial(_silent, task, tuple(devices)), members, workers, memory, lambda: _pass_on(heard, advance))
 
 
 def _feed(
-    client: "Client", task: Callable[[Member], None], members: Sequence[Member], workers: int, memory: int
+    client: "Client",
+    task: Callable[[Member], None],
+    members: Sequence[Member],
+    workers: int,
+    memory: int,
+    tick: Callable[[], None],
 ) -> Generator[Outcome, None, None]:
-    """Outcomes of members, never more under way than workers alive; a member whose worker dies is tried once more."""
-    from distributed import KilledWorker, wait
+    """Outcomes of members, never more under way than workers alive; a member whose worker dies is tried once more.
+
+    ``tick`` is called now and then meanwhile.
+    """
+    from distributed import KilledWorker
 
     waiting, died, running = deque(members), set[int](), dict["Future", Member]()
     while waiting or running:
         while waiting and len(running) < workers:
             member = waiting.popleft()
-            running[client.submit(_silent, task, member, pure=False)] = member
-        for future in wait(list(running), return_when="FIRST_COMPLETED").done:
+            running[client.submit(task, member, pure=False)] = member
+        for future in _first_done(list(running), tick):
             member, error = running.pop(future), future.exception()
             if not isinstance(error, KilledWorker):
                 yield Outcome(member, error and error.with_traceback(future.traceback()))
@@ -122,10 +170,37 @@ def _feed(
                 waiting.append(member)
 
 
-def _silent(task: Callable[[Member], None], member: Member) -> None:
+def _first_done(futures: "list[Future]", tick: Callable[[], None]) -> "set[Future]":
+    """The futures that are done, as soon as there is one."""
+    from distributed import wait
+
+    while True:
+        try:
+            return wait(futures, timeout=TICK_SECONDS, return_when="FIRST_COMPLETED").done  # type: ignore[no-any-return]
+        except TimeoutError:
+            tick()
+
+
+def _pass_on(heard: dict[int, float], advance: Callable[[int, float], None]) -> None:
+    """Tell what has been heard from the workers since the last time."""
+    while heard:
+        advance(*heard.popitem())
+
+
+def _silent(task: Task, devices: Sequence[str], member: Member) -> None:
     """Run a task in a worker without its messages: the process that started it has said what the inputs have to say."""
+    from distributed import get_worker
+
+    worker, last = get_worker(), [time.monotonic()]
+
+    def tell(fraction: float) -> None:
+        if time.monotonic() - last[0] >= TICK_SECONDS:
+            last[0] = time.monotonic()
+            worker.log_event(TOPIC, (member.number, fraction))
+
     logging.getLogger("runout").addHandler(logging.NullHandler())
-    task(member)
+    device = devices[int(worker.name) % len(devices)] if devices else None  # a local cluster numbers its workers
+    task(member, progress=tell, device=device)
 
 
 def _workers_again(client: "Client", workers: int) -> int:

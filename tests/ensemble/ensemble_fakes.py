@@ -1,6 +1,7 @@
 """A site and a simulation that take no time, for tests of the ensemble; picklable, since they travel to workers."""
 
 import os
+import signal
 import sys
 import time
 from dataclasses import dataclass, field
@@ -29,10 +30,12 @@ class FakeSite:
     faults: dict[float, str] = field(default_factory=dict)
     pause: float = 0.0
     name: str = "fake"
+    device: str = "cpu"
 
     @property
     def settings(self):
-        return SimpleNamespace(ensemble=SimpleNamespace(members=self.members, seed=self.seed, parameters=self.parameters))
+        ensemble = SimpleNamespace(members=self.members, seed=self.seed, parameters=self.parameters)
+        return SimpleNamespace(ensemble=ensemble, simulation=SimpleNamespace(device=self.device))
 
     def inputs(self):
         return [self.folder / "dem.txt"]
@@ -45,6 +48,9 @@ class FakeSite:
             "ensemble": {"members": self.members},
             "hazard": {"thickness_thresholds": [0.1]},
         }
+
+    def computed(self):
+        return self.resolved()
 
     def member_arguments(self, sample):
         angle = sample.get("basal_friction_angle_deg", 20.0)
@@ -60,12 +66,13 @@ class FakeSite:
 
 class FakeResult:
     def __init__(self, value, threads):
-        self.value, self.threads = value, threads
+        self.value, self.threads, self.device = value, threads, "cpu"
 
     def to_netcdf(self, path, attrs=None):
         import xarray as xr
 
-        environment = {"numba_threads": os.environ.get("NUMBA_NUM_THREADS", "unset"), "pid": os.getpid(), "threads": self.threads}
+        environment = {"numba_threads": os.environ.get("NUMBA_NUM_THREADS", "unset"), "pid": os.getpid()}
+        environment |= {"threads": self.threads, "device": self.device}
         xr.Dataset({"max_speed": (("y", "x"), np.full((3, 4), self.value))}, attrs={**environment, **attrs}).to_netcdf(path)
 
 
@@ -76,6 +83,22 @@ def simulate(*, basal_friction_angle, cell_size, fault, pause, calls, seed, thre
     if fault:
         FAULTS[fault]()
     return FakeResult(basal_friction_angle, threads)
+
+
+def simulate_step_by_step(*, progress, pause, **arguments):
+    """The same, in ten steps that tell how far it is."""
+    for done in range(10):
+        time.sleep(pause / 10)
+        progress((done + 1) / 10)
+    return simulate(pause=0.0, **arguments)
+
+
+def simulate_on(*, device, pause, **arguments):
+    """The same, on a device that the result names."""
+    time.sleep(pause)
+    result = simulate(pause=0.0, **arguments)
+    result.device = device
+    return result
 
 
 def _material():
@@ -128,6 +151,7 @@ def main():
 
     from runout.ensemble.run import run_ensemble
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored when the tests themselves run in the background of a shell
     dask.system.CPU_COUNT = 2
     folder, pause = Path(sys.argv[1]), float(sys.argv[2])
     run_ensemble(site(folder, pause=pause), folder / "results", workers=2, simulate=simulate)

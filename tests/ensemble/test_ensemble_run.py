@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import dask.system
 import pytest
 from distributed.system import MEMORY_LIMIT
-from ensemble_fakes import calls, simulate, site
+from ensemble_fakes import calls, simulate, simulate_on, simulate_step_by_step, site
 from netCDF4 import Dataset
 
 from runout.ensemble import crew
@@ -184,6 +184,27 @@ def test_progress_tells_how_far_the_run_is_and_what_is_left(tmp_path):
     assert all(a.seconds <= b.seconds for a, b in itertools.pairwise(seen))
 
 
+def test_members_under_way_count_before_the_first_one_is_finished(tmp_path):
+    seen = []
+    run(site(tmp_path, members=2, pause=0.2), progress=seen.append, simulate=simulate_step_by_step)
+    first = [p for p in seen if p.finished == 0]
+    assert [p.under_way for p in first] == pytest.approx([k / 10 for k in range(11)])
+    assert [p.fraction for p in first] == pytest.approx([k / 20 for k in range(11)])
+    assert first[0].remaining is None
+    assert all(p.remaining == pytest.approx(p.seconds * (2 - p.under_way) / p.under_way) for p in first[1:])
+    assert (seen[-1].finished, seen[-1].under_way, seen[-1].remaining) == (2, 0.0, 0.0)
+
+
+def test_workers_tell_how_far_their_members_are(tmp_path, two_cores):
+    seen = []
+    run(site(tmp_path, members=2, pause=2.0), progress=seen.append, simulate=simulate_step_by_step, workers=2)
+    early = [p for p in seen if p.finished == 0]
+    assert early[0].remaining is None
+    assert 0.2 < max(p.under_way for p in early) <= 2.0
+    assert all(p.remaining > 0 for p in early if p.under_way > 0.1)
+    assert [p.finished for p in seen][-1] == 2
+
+
 def test_status_lists_members_done_failed_and_left(tmp_path):
     run(site(tmp_path, members=4, faults={float(v): "material" for v in range(4)}))
     status = member_status(site(tmp_path, members=8), tmp_path / "results")
@@ -233,6 +254,22 @@ def test_more_workers_than_cores_are_not_started(two_cores, caplog):
     assert crew.worker_count(None, 2) == crew.worker_count(None, 8) == 1
     with pytest.raises(ConfigError, match="workers is 0"):
         crew.worker_count(0, 1)
+
+
+def test_members_on_all_gpus_are_spread_one_process_a_gpu(tmp_path, two_cores, monkeypatch):
+    monkeypatch.setattr("runout.backends.protocol._cuda_devices", lambda: ("cuda:0", "cuda:1"))
+    place = site(tmp_path, members=4, device="cuda", pause=0.5)
+    assert run(place, workers=None, simulate=simulate_on).done == (0, 1, 2, 3)
+    where = [(attributes(place, i)["pid"], attributes(place, i)["device"]) for i in range(4)]
+    assert len(set(where)) == 2
+    assert {device for _, device in where} == {"cuda:0", "cuda:1"}
+
+
+def test_members_on_one_gpu_run_in_one_process(tmp_path, two_cores, monkeypatch):
+    monkeypatch.setattr("runout.backends.protocol._cuda_devices", lambda: ("cuda:0", "cuda:1"))
+    place = site(tmp_path, members=2, device="cuda:1")
+    run(place, workers=None, simulate=simulate_on)
+    assert {(attributes(place, i)["pid"], attributes(place, i)["device"]) for i in range(2)} == {(os.getpid(), "cuda:1")}
 
 
 def test_cluster_survives_workers_that_die_of_memory_or_at_once(tmp_path, two_cores, monkeypatch, capfd):

@@ -32,12 +32,12 @@ def test_device_that_is_not_there_is_one_line_that_names_what_is(command, ramp, 
     assert not (ramp / "results").exists()
 
 
-def test_auto_takes_the_first_gpu_and_else_the_cpu(ramp, gpus):
+def test_auto_takes_the_gpus_and_else_the_cpu(ramp, gpus):
     site = read_site(ramp)
     assert site.on_device("auto").settings.simulation.backend == "scan"
     gpus("cuda:0", "cuda:1")
     found = site.on_device("auto").settings.simulation
-    assert (found.backend, found.device) == ("hash", "cuda:0")
+    assert (found.backend, found.device) == ("hash", "cuda")
 
 
 def test_second_gpu_is_taken_by_name_and_a_third_refused(ramp, gpus):

@@ -133,6 +133,14 @@ def test_a_change_of_thresholds_leaves_the_members_alone(study):
     assert again(study).done == ("hazard", "report")
 
 
+def test_a_change_of_what_only_the_report_prints_makes_the_report_again(study):
+    again(study)
+    study.site.sections = {**study.site.sections, "budget": {"hours": 2}}
+    assert again(study).done == ("report",)
+    study.site.sections = {**study.site.sections, "description": "heads the report, and is the summary of hazard.nc"}
+    assert again(study).done == ("hazard", "report")
+
+
 def test_a_new_member_is_simulated_and_the_maps_are_made_again(study):
     again(study)
     study.states[2] = "left"
