@@ -60,7 +60,8 @@ def run(
     Raises
     ------
     InputError, DeviceError, BudgetError, PartialEnsembleError
-        An input cannot be used; the device is not there; the members that are left need more than the budget; not one member is done.
+        An input cannot be used; the device is not there; the members that are left need more than the budget; not one member is
+        done.
     """
     study = Study.open(site_path, out, workers, retry_failed, device)
     with log.to_file(study.results / "run.log"):

@@ -8,7 +8,20 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pipelines.verification_cases import bar, column, element, kernel, manufactured, rigid, single_precision, sliding_box, transfers
+from pipelines.verification_cases import (
+    bar,
+    column,
+    curved_ground,
+    element,
+    ground_contact,
+    kernel,
+    manufactured,
+    rigid,
+    single_precision,
+    sliding_box,
+    thin_layers,
+    transfers,
+)
 from pipelines.verification_cases.finding import SLACK, Case, Finding
 from pipelines.verification_cases.page import as_json, as_lines, as_markdown, figure
 from runout.errors import ConfigError, ExitCode
@@ -19,7 +32,9 @@ CASES: dict[str, Case] = {
     case.name.lower(): case
     for case in (
         *(kernel.CASE, transfers.CONSERVATION, transfers.AFFINE, rigid.FALL, rigid.SPIN, bar.CASE),
-        *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE, single_precision.CASE),
+        *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
+        *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
+        *(curved_ground.BOWL, curved_ground.RAMP, thin_layers.CASE, single_precision.CASE),
     )
 }
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from cyclopts import App, CycloptsError, Group, Parameter
 
 from runout import __version__, log
-from runout.errors import ExitCode, RunoutError
+from runout.errors import ConfigError, ExitCode, RunoutError
 
 LOGGER = logging.getLogger(__name__)
 INTERRUPTED = 130  # what shells give for a command that Ctrl-C ended
@@ -158,13 +158,42 @@ def verify(
     slope: Annotated[float | None, Parameter(help="Slope of the sliding box's plane [deg].")] = None,
     azimuth: Annotated[float | None, Parameter(help="Azimuth of that plane, from east to north [deg].")] = None,
     offset: Annotated[float | None, Parameter(help="Height of that plane above a node [cells].")] = None,
+    precision: Annotated[str | None, Parameter(help="float32 or float64, of the sliding box.")] = None,
+    settled: Annotated[bool | None, Parameter(help="Whether the sliding box starts from balanced stresses.")] = None,
+    convergence: Annotated[bool, Parameter(negative="", help="Of a site instead: the numerical error of its maps.")] = False,
+    device: Device = None,
     session: Injected,
 ) -> int:
-    """Check the scheme against closed forms and its orders of convergence; --out DIR writes page and figure."""
+    """Check the scheme against closed forms and its orders of convergence; --out DIR writes page and figure.
+
+    `runout verify SITE --convergence` finds the numerical error of the maps of a site, from three grids.
+    """
+    if convergence:
+        return _convergence(cases, session.out, device)
     from pipelines.verification import command
 
-    plane = {"slope": slope, "azimuth": azimuth, "offset": offset}
+    plane = {"slope": slope, "azimuth": azimuth, "offset": offset, "precision": precision, "settled": settled}
     return command(cases, full, session.out, json, {name: value for name, value in plane.items() if value is not None})
+
+
+def _convergence(sites: Sequence[str], out: Path | None, device: str | None) -> int:
+    from pipelines.convergence import command
+
+    if len(sites) != 1:
+        raise ConfigError(f"--convergence takes one site, {len(sites)} are given; say `runout verify SITE --convergence`")
+    return command(Path(sites[0]), out, device)
+
+
+def stress(
+    *,
+    full: Annotated[bool, Parameter(negative="", help="Every choice alone and 200 at once; takes some minutes.")] = False,
+    backend: Annotated[str, Parameter(help="scan, hash or reference, on the CPU.")] = "scan",
+    session: Injected,
+) -> int:
+    """Push every choice of a run to its end and see that nothing breaks; --out DIR writes a page."""
+    from pipelines.stability_stress import command
+
+    return command(session.out, full, backend)
 
 
 def doctor(*, session: Injected) -> int:
@@ -177,7 +206,7 @@ def doctor(*, session: Injected) -> int:
 COMMANDS: tuple[Callable[..., int], ...] = (
     *(new, check, run),
     *(terrain, release, ensemble, hazard, report),
-    *(status, simulate, bench, verify, doctor),
+    *(status, simulate, bench, verify, stress, doctor),
 )
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)

@@ -1,5 +1,7 @@
 """Bodies of regular particles, and runs of a backend in equal steps."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from runout.backends.protocol import Backend, get_backend
@@ -45,3 +47,35 @@ def equal_steps(time: float, limit: float) -> tuple[int, float]:
     """How many equal steps within 0.95 of ``limit`` [s] make up ``time`` [s], and their length [s]."""
     steps = int(np.ceil(time / (0.95 * limit)))
     return steps, time / steps
+
+
+def relaxed(
+    scene: Scene,
+    particles: Particles,
+    time: float,
+    damping: float,
+    along: np.ndarray | None = None,
+    ramp: float = 0.0,
+    every: int = 10,
+) -> Particles:
+    """Particles at rest with the stresses that remain after ``time`` [s] with ``damping`` [1/s].
+
+    Velocities are damped towards rest, or towards the mean velocity ``along`` a unit vector (3,), once in ``every`` steps.
+    Gravity grows from zero during ``ramp`` [s].
+    """
+    engine = loaded(scene, particles)
+    steps, dt = equal_steps(time, engine.stable_step())
+    kept = float(np.exp(-damping * every * dt))
+    for step in range(0, steps, every):
+        share = min(1.0, (step + every) * dt / ramp) if ramp > 0 else 1.0
+        x, y, z = scene.gravity
+        engine.load(replace(scene, gravity=(share * x, share * y, share * z)), particles)
+        for _ in range(every):
+            engine.step(dt)
+        particles = engine.particles()
+        rigid = np.zeros(3) if along is None else (particles.velocity @ along).mean() * along
+        particles.velocity[:] = rigid + kept * (particles.velocity - rigid)
+        particles.affine *= kept
+    particles.velocity[:] = 0.0
+    particles.affine[:] = 0.0
+    return particles

@@ -1,10 +1,16 @@
-"""T1: an elastic box, pre-stressed, on a plane of any slope, azimuth and place between the nodes."""
+"""T1: an elastic box, pre-stressed, on a plane of any slope, azimuth and place between the nodes.
+
+An elastic body is no rigid block. Stresses of an infinite slab do not balance on the box's free faces; the waves that this
+starts hold a strip of the base back while the rest slides, and the box gains 0.41 % at 20 degrees in its first hundredth of
+a second, on any grid. So the stresses of the slab are settled first: deviations from rigid motion are damped while the box
+slides, then it starts anew from rest and without damping. ``settled=False`` starts from the stresses of the slab.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipelines.verification_cases.bodies import equal_steps, lattice, loaded, particles_at
+from pipelines.verification_cases.bodies import equal_steps, lattice, loaded, particles_at, relaxed
 from pipelines.verification_cases.closed_forms import GRAVITY, sliding_block, symplectic_excess
 from pipelines.verification_cases.finding import Bound, Case, Result
 from runout.errors import ConfigError
@@ -18,13 +24,16 @@ FRICTION_ANGLE = 15.0  # [deg]
 FRICTION = float(np.tan(np.radians(FRICTION_ANGLE)))
 SIZE = (1.0, 0.5, 0.5)  # [m]
 BOX = Elastic(density=1000.0, youngs_modulus=1e7, poisson_ratio=0.3)
+SETTLING = 80 * SIZE[2] / BOX.wave_speed  # [s]
+AZIMUTHS = (0.0, 37.0, 63.0)  # [deg]
+DAMPING = 0.25 * BOX.wave_speed / SIZE[2]  # [1/s], while the box settles
 
 
 @dataclass(frozen=True)
 class Plane:
     """The plane and the box's grid: angles in degrees, ``offset`` in cells between nodes, ``spacing`` [m].
 
-    ``aligned`` keeps the plane along the grid and tilts gravity instead.
+    ``aligned`` keeps the plane along the grid and tilts gravity instead; ``settled`` starts from balanced stresses.
     """
 
     slope_deg: float
@@ -34,6 +43,7 @@ class Plane:
     friction: float = FRICTION
     aligned: bool = False
     precision: str = "float64"
+    settled: bool = True
 
     def __post_init__(self) -> None:
         for name, low, high in (("slope", 0.0, 60.0), ("azimuth", -360.0, 360.0)):
@@ -46,35 +56,51 @@ class Plane:
 
 @dataclass(frozen=True)
 class Slide:
-    """What a box did: mean displacement along the slope [m], its speed at the end [m/s], mean gap of its lowest layer
-    [cells], and the step [s]."""
+    """What a box did: mean displacement along the slope [m], its mean speed in the last tenth of the time [m/s] and the middle
+    of that tenth [s], mean gap of its lowest layer [cells], and the step [s]."""
 
     moved: float
     speed: float
+    when: float
     gap: float
     dt: float
 
 
 def slide(plane: Plane, time: float = 1.0) -> Slide:
     """A box of 1 m x 0.5 m x 0.5 m, 1000 kg/m3 and 10 MPa after ``time`` [s] on the plane, from rest."""
+    scene, p, frame = prepared(plane, time)
+    spacing, lowest = np.array(scene.spacing), np.argsort(p.position(np.array(scene.spacing)) @ frame[2], kind="stable")
+    engine = loaded(scene, p)
+    steps, dt = equal_steps(time, engine.stable_step())
+    last = max(1, steps // 10)
+    places = [p.position(spacing) @ frame[0]]
+    for some in (steps - last, last):
+        for _ in range(some):
+            engine.step(dt)
+        places.append(engine.particles().position(spacing) @ frame[0])
+    lowest = lowest[: round(SIZE[0] * SIZE[1] * 4 / plane.spacing**2)]
+    gap = gaps(scene, engine.particles(), frame[2])[lowest]
+    moved, speed = (places[2] - places[0]).mean(), (places[2] - places[1]).mean() / (last * dt)
+    return Slide(float(moved), float(speed), time - 0.5 * (last - 1) * dt, float(gap.mean() / plane.spacing), dt)
+
+
+def prepared(plane: Plane, time: float) -> tuple[Scene, Particles, np.ndarray]:
+    """Scene, box at rest and frame (down the slope, across, normal) for a slide of ``time`` [s]."""
     h, slope = plane.spacing, np.radians(plane.slope_deg)
     acceleration = GRAVITY * max(np.sin(slope) - plane.friction * np.cos(slope), 0.0)
-    extent = 0.5 * acceleration * time**2 + 4.0
+    extent = 0.5 * acceleration * (time + SETTLING) ** 2 + 5.0
     surface, frame = _ground(plane, extent)
     local = lattice(SIZE, h)
     p = _placed(plane, surface, frame, local, extent)
     prestressed(p, SIZE[2] - local[:, 2], frame, BOX, plane.slope_deg, acceleration)
     gravity = GRAVITY * (np.array([np.sin(slope), 0.0, -np.cos(slope)]) if plane.aligned else np.array([0.0, 0.0, -1.0]))
     raster = Raster(100, 100, (extent / 100,) * 2)
-    friction, tilt = (plane.friction,), (float(gravity[0]), float(gravity[1]), float(gravity[2]))
-    engine = loaded(Scene((h,) * 3, surface, raster, (BOX,), friction, tilt, precision=plane.precision), p)
-    steps, dt = equal_steps(time, engine.stable_step())
-    for _ in range(steps):
-        engine.step(dt)
-    end, start = engine.particles(), p.position(np.full(3, h))
-    moved, lowest = (end.position(np.full(3, h)) - start) @ frame[0], local[:, 2] < 0.5 * h
-    gap = _gap(surface, end.position(np.full(3, h))[lowest], frame[2]) - p.radius[lowest]
-    return Slide(float(moved.mean()), float((end.velocity @ frame[0]).mean()), float(gap.mean() / h), dt)
+    tilt = (float(gravity[0]), float(gravity[1]), float(gravity[2]))
+    scene = Scene((h,) * 3, surface, raster, (BOX,), (plane.friction,), tilt, precision=plane.precision)
+    if plane.settled:
+        p.velocity[:] = 0.5 * frame[0] if acceleration > 0 else 0.0
+        p = relaxed(scene, p, SETTLING, DAMPING, frame[0] if acceleration > 0 else None)
+    return scene, p, frame
 
 
 def tilted_plane(slope_deg: float, azimuth_deg: float, extent: float, height: float) -> tuple[Surface, np.ndarray]:
@@ -106,14 +132,22 @@ def prestressed(
         p.strain[k] = elastic.strain_of_log((h[0, 0], h[1, 1], h[2, 2], h[0, 1], h[1, 2], h[2, 0]))
 
 
+def gaps(scene: Scene, p: Particles, normal: np.ndarray) -> np.ndarray:
+    """Gaps (n,) [m] between particles and a plane ground of unit ``normal``."""
+    x = p.position(np.array(scene.spacing))
+    height = x[:, 2] - scene.surface.elevation(x[:, 0], x[:, 1])  # type: ignore[union-attr]
+    return height * normal[2] - p.radius  # type: ignore[no-any-return]
+
+
 def summary(plane: Plane, time: float = 1.0) -> dict[str, float | None]:
     """The errors of one plane by the names that the command prints.
 
     ``relative_displacement_error`` against a rigid block (None where that stays at rest), ``residual_speed`` [m/s] beyond
-    that block's, ``mean_gap`` [cells] of the lowest layer, ``displacement`` [m].
+    that block's in the last tenth of the time, ``mean_gap`` [cells] of the lowest layer, ``displacement`` [m].
     """
     found = slide(plane, time)
-    exact, speed = sliding_block(time, plane.slope_deg, plane.friction)
+    _, speed = sliding_block(found.when, plane.slope_deg, plane.friction)
+    exact, _ = sliding_block(time, plane.slope_deg, plane.friction)
     exact += symplectic_excess(time, plane.slope_deg, plane.friction, found.dt)
     return {
         "relative_displacement_error": float(found.moved / exact - 1) if exact > 0 else None,
@@ -125,25 +159,46 @@ def summary(plane: Plane, time: float = 1.0) -> dict[str, float | None]:
 
 
 def bounds(plane: Plane) -> list[Result]:
-    """What must hold on a plane: half a percent from 30 degrees, 2 % from 20, rest below 14.5 degrees."""
+    """What must hold on a plane: 0.2 % from 30 degrees, 0.6 % from 20 (1 % from unbalanced stresses), rest below 14.5 degrees."""
     found, place = summary(plane), f"{plane.slope_deg:g} deg, azimuth {plane.azimuth_deg:g} deg, {plane.offset:g} h off a node"
+    place += "" if plane.settled else ", stresses of a slab"
     error, results = found["relative_displacement_error"], list[Result]()
     if error is not None:
-        limit = 0.005 if plane.slope_deg >= 30 else 0.02 if plane.slope_deg >= 20 else np.inf
+        limit = 0.01 if not plane.settled else 0.002 if plane.slope_deg >= 30 else 0.006 if plane.slope_deg >= 20 else np.inf
         results.append(Bound(f"relative displacement error, {place}", error, limit, -limit))
-    still = 1e-3 if plane.slope_deg <= FRICTION_ANGLE - 0.5 else np.inf
+    still = 2e-4 if plane.slope_deg <= FRICTION_ANGLE - 0.5 else np.inf
     results.append(Bound(f"residual speed [m/s], {place}", float(found["residual_speed"] or 0.0), still, -still))
-    results.append(Bound(f"mean gap [h], {place}", float(found["mean_gap"] or 0.0), 0.25, -0.25))
+    results.append(Bound(f"mean gap [h], {place}", float(found["mean_gap"] or 0.0), 0.05, -0.05))
     return results
+
+
+def envelope(slope: float, spacing: float) -> list[Result]:
+    """Extremes over three azimuths and eight places of the plane between the nodes."""
+    found = [summary(Plane(slope, azimuth, k / 8 + 0.06, spacing)) for azimuth in AZIMUTHS for k in range(8)]
+    place = f"{slope:g} deg, azimuths 0, 37, 63 deg, eight offsets"
+    errors, speeds, gap = (
+        np.array([f[key] or 0.0 for f in found]) for key in ("relative_displacement_error", "residual_speed", "mean_gap")
+    )
+    limit = 0.002 if slope >= 30 else 0.006
+    results: list[Result] = [Bound(f"mean gap [h], largest of {place}", float(np.abs(gap).max()), 0.05)]
+    results.append(Bound(f"spread of the mean gap [h], {place}", float(np.ptp(gap)), 0.05))
+    if slope <= FRICTION_ANGLE - 0.5:
+        return [Bound(f"residual speed [m/s], largest of {place}", float(np.abs(speeds).max()), 2e-4), *results]
+    return [Bound(f"relative displacement error, largest of {place}", float(np.abs(errors).max()), limit), *results]
 
 
 def measure(full: bool) -> list[Result]:
     """Rest, sliding, on the axes of the grid and across them."""
-    spacing = 0.05 if full else 0.1
-    planes = [Plane(s, 37.0, 0.35, spacing) for s in ((14.0, 20.0, 25.0, 30.0) if full else (14.0, 20.0))]
-    if full:
-        planes += [Plane(20.0, 0.0, 0.85, spacing), Plane(27.0, 63.0, 0.37, spacing)]
-    return [bound for plane in planes for bound in bounds(plane)]
+    if not full:
+        few = (Plane(14.0, 37.0, 0.35), Plane(20.0, 37.0, 0.35), Plane(30.0, 63.0, 0.85), Plane(20.0, 37.0, 0.35, settled=False))
+        return [bound for plane in few for bound in bounds(plane)]
+    results = [bound for slope in (14.0, 20.0, 30.0) for bound in envelope(slope, 0.1)]
+    planes = (
+        *(Plane(slope, 37.0, 0.35, 0.05) for slope in (14.0, 16.0, 20.0, 30.0)),
+        Plane(20.0, 63.0, 0.37, 0.05, precision="float32"),
+        Plane(20.0, 37.0, 0.35, 0.05, settled=False),
+    )
+    return results + [bound for plane in planes for bound in bounds(plane)]
 
 
 def _ground(plane: Plane, extent: float) -> tuple[Surface, np.ndarray]:
@@ -159,15 +214,17 @@ def _placed(plane: Plane, surface: Surface, frame: np.ndarray, local: np.ndarray
     return particles_at(origin + local @ frame, h, BOX.density, h / 4)
 
 
-def _gap(surface: Surface, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    return (position[:, 2] - surface.elevation(position[:, 0], position[:, 1])) * normal[2]
-
-
 CASE = Case(
     "sliding-box",
     "sliding box (T1)",
-    "box of 1 m x 0.5 m x 0.5 m, E = 10 MPa, nu = 0.3, 1000 kg/m3, friction angle 15 deg, pre-stressed, 1 s, against a rigid block",
+    "box of 1 m x 0.5 m x 0.5 m, E = 10 MPa, nu = 0.3, 1000 kg/m3, friction angle 15 deg, pre-stressed and settled, 1 s, "
+    "against a rigid block",
     measure,
-    "Near the friction angle the elastic vibration of the start counts: at 20 degrees 0.4 % too far with h = 0.1 m and 0.7 % with "
-    "h = 0.05 m, so that this error does not fall with the grid; at 30 degrees 0.03 and 0.04 %.",
+    "Settled: the stresses of an infinite slab, with which the box starts, do not balance on its free faces; deviations from "
+    "rigid motion are damped away before the box starts from rest, free of damping. Without that, waves from the free faces hold "
+    "a strip of the base back while the rest slides, and friction does not act in full: 0.39, 0.42 and 0.41 % of the way at "
+    "20 deg with h = 0.1, 0.05 and 0.025 m come from the first hundredth of a second, on any grid; that is the elastic body, not "
+    "its contact. Vibrations of the sliding box grow, by a factor of e in 0.05 to 0.07 s, until friction limits them at about "
+    "0.02 m/s; they do not with nu = 0 or with a friction coefficient of 0.1. They matter near the friction angle, where the box "
+    "itself is slow. Rows of extremes: h = 0.1 m; single planes: h = 0.05 m.",
 )

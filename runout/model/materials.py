@@ -8,6 +8,8 @@ from typing import ClassVar
 from runout.errors import MaterialError
 from runout.physics import drucker_prager, elastic
 
+LARGEST_COMPRESSION = 0.3  # elastic strain of a column under its own weight
+
 
 class Cone(StrEnum):
     """How the Drucker-Prager cone meets the Mohr-Coulomb surface."""
@@ -71,6 +73,23 @@ class Material:
     def wave_speed(self) -> float:
         """Speed of pressure waves [m/s]."""
         return elastic.wave_speed(self.lame_lambda, self.shear_modulus, self.density)
+
+    def require_carries(self, thickness: float, gravity: float) -> None:
+        """Nothing, if the material can carry ``thickness`` [m] of itself under ``gravity`` [m/s2].
+
+        Raises
+        ------
+        MaterialError
+            If it would be compressed by more than three tenths: such a mass collapses into its lowest cells, and waves in it are
+            slower than its fall. Names the strain and the modulus that is needed.
+        """
+        strain = self.density * gravity * thickness / (self.lame_lambda + 2 * self.shear_modulus)
+        if strain > LARGEST_COMPRESSION:
+            needed = 1.01 * self.youngs_modulus * strain / LARGEST_COMPRESSION
+            raise MaterialError(
+                f"youngs_modulus is {self.youngs_modulus:g} Pa; the weight of {thickness:.4g} m of this material would strain it "
+                f"by {strain:.3g}, at most {LARGEST_COMPRESSION:g} can be carried; take {needed:.3g} Pa or more"
+            )
 
     def record(self) -> dict[str, float]:
         """Parameters of the law by name, SI and radians."""

@@ -14,7 +14,21 @@ HEAVY = (
     *("numpy", "scipy", "pandas", "xarray", "numba", "warp", "dask", "distributed"),
     *("rasterio", "geopandas", "shapely", "matplotlib", "pydantic"),
 )
-COMMANDS = ("new", "check", "run", "terrain", "release", "ensemble", "hazard", "report", "status", "simulate", "verify", "doctor")
+COMMANDS = (
+    "new",
+    "check",
+    "run",
+    "terrain",
+    "release",
+    "ensemble",
+    "hazard",
+    "report",
+    "status",
+    "simulate",
+    "verify",
+    "stress",
+    "doctor",
+)
 
 
 def imported_by(*arguments):

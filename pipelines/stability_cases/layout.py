@@ -1,0 +1,133 @@
+"""One stress case: a mass on a small terrain, every choice of the run a number that can be pushed to its end."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from runout.model.materials import DruckerPrager, Elastic, Material
+from runout.model.particles import Particles
+from runout.model.release import Placement, Release
+from runout.model.scene import Scene
+from runout.model.terrain import Terrain
+from runout.simulation import build_scene
+
+CELLS = 40  # of the terrain, an axis
+FIRST, WIDTH = 8, 8  # cells of the release, counted from the west
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Choices of one run; lengths in cells of ``h`` [m], angles in degrees, the rest in SI units.
+
+    ``terrain`` names one of :data:`TERRAINS`; ``keep`` is how many particles stay, all when None; ``speed`` [m/s] is that of
+    the mass at the start, down the slope; ``rests`` says that it must end at rest.
+    """
+
+    terrain: str = "plane"
+    h: float = 1.0
+    flatness: float = 1.0
+    cfl: float = 0.4
+    youngs_modulus: float = 1e7
+    poisson_ratio: float = 0.3
+    density: float = 2000.0
+    friction_angle: float = 30.0
+    cohesion: float = 0.0
+    elastic: bool = False
+    per_cell: tuple[int, int, int] = (2, 2, 2)
+    thickness: float = 2.0
+    slope: float = 30.0
+    basal: float = 20.0
+    speed: float = 0.0
+    precision: str = "float32"
+    placement: str = "on_surface"
+    origin: tuple[float, float] = (0.0, 0.0)
+    keep: int | None = None
+    steps: int = 400
+    rests: bool = False
+
+    def material(self) -> Material:
+        """The material of the mass."""
+        if self.elastic:
+            return Elastic(density=self.density, youngs_modulus=self.youngs_modulus, poisson_ratio=self.poisson_ratio)
+        return DruckerPrager(
+            density=self.density,
+            youngs_modulus=self.youngs_modulus,
+            poisson_ratio=self.poisson_ratio,
+            friction_angle=self.friction_angle,
+            cohesion=self.cohesion,
+        )
+
+    def ground(self) -> Terrain:
+        """The terrain (CELLS x CELLS), which falls towards the east."""
+        x, y = np.meshgrid((np.arange(CELLS) + 0.5), (np.arange(CELLS) + 0.5), indexing="xy")
+        elevation = TERRAINS[self.terrain](x, y, np.tan(np.radians(self.slope)))
+        return Terrain.from_array(self.h * elevation, self.h, origin=self.origin)
+
+    def built(self) -> tuple[Scene, Particles]:
+        """Scene and particles; raises what refuses the choices."""
+        terrain, thickness = self.ground(), np.zeros((CELLS, CELLS))
+        start = CELLS - 3 - WIDTH if self.terrain == "edge" else FIRST
+        middle = (CELLS - WIDTH) // 2
+        thickness[middle : middle + WIDTH, start : start + WIDTH] = self.thickness * self.h
+        release = Release.from_array(thickness, terrain, Placement(self.placement))
+        sizes = (self.h, self.h, self.h * self.flatness)
+        scene, p = build_scene(
+            terrain, release, self.material(), self.basal, sizes, self.per_cell, cfl=self.cfl, precision=self.precision
+        )
+        if self.keep is not None:
+            p = p.take(np.arange(self.keep) * (len(p) // self.keep))
+        slope = np.radians(self.slope)
+        p.velocity[:] = self.speed * np.array([np.cos(slope), 0.0, -np.sin(slope)])
+        return scene, p
+
+
+def _plane(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
+    return -tangent * x
+
+
+def _ramp(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
+    return -tangent * np.minimum(x, 20.0)
+
+
+def _bumps(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
+    return -tangent * x + np.sin(1.1 * x) * np.cos(0.9 * y)
+
+
+def _cliff(drop: float, width: float) -> Callable[[np.ndarray, np.ndarray, float], np.ndarray]:
+    def elevation(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
+        return -tangent * x - drop * np.clip((x - 18.0) / width, 0.0, 1.0)
+
+    return elevation
+
+
+def _wall(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
+    return -tangent * np.minimum(x, 20.0) + 12.0 * np.clip((x - 22.0) / 2.0, 0.0, 1.0)
+
+
+def _pit(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
+    hole = (np.abs(x - 18.5) < 0.5) & (np.abs(y - 19.5) < 0.5)
+    return -tangent * x - 3.0 * hole  # type: ignore[no-any-return]
+
+
+def _unknown(value: float) -> Callable[[np.ndarray, np.ndarray, float], np.ndarray]:
+    def elevation(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
+        return np.where((np.abs(x - 18.5) < 1.0) & (np.abs(y - 19.5) < 1.0), value, -tangent * x)
+
+    return elevation
+
+
+TERRAINS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
+    "plane": _plane,
+    "ramp": _ramp,
+    "bumps": _bumps,
+    "cliff of 80 deg": _cliff(11.34, 2.0),
+    "cliff of 87 deg": _cliff(19.08, 1.0),
+    "step down in one cell": _cliff(6.0, 1e-3),
+    "wall of 80 deg": _wall,
+    "pit of one cell": _pit,
+    "edge": _plane,
+    "unknown cells": _unknown(np.nan),
+    "cells of -9999": _unknown(-9999.0),
+}
+NARROW = ("cliff of 80 deg", "cliff of 87 deg", "step down in one cell", "wall of 80 deg", "pit of one cell")

@@ -1,0 +1,127 @@
+"""Stability: the pinned set survives or is refused in advance, and the judge would notice if a run broke."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pipelines import stability_stress
+from pipelines.stability_cases.invariants import Watch
+from pipelines.stability_cases.layout import Layout
+from pipelines.stability_cases.matrix import AXES, PINNED, named, one_at_a_time, pinned, sampled
+from pipelines.stability_cases.trial import LARGEST, attempt
+from runout.backends.protocol import get_backend
+
+REFUSED = {  # pinned trials that must be refused, and words of the reason
+    "cfl = 0.61": "unstable above 0.6",
+    "friction_angle = 0.0": "no strength",
+    "terrain = unknown cells": "no elevation",
+    "terrain = cells of -9999": "no elevation",
+}
+
+
+@pytest.mark.parametrize(("name", "layout"), list(pinned()), ids=[named(choice) for choice in PINNED])
+def test_pinned_trial_survives_or_is_refused_with_its_reason(name, layout):
+    trial = attempt(name, layout)
+    if name in REFUSED:
+        assert trial.verdict == "refused"
+        assert REFUSED[name] in trial.reason
+    else:
+        assert (trial.verdict, trial.reason) == ("survived", "")
+        assert trial.particles > 0
+        assert trial.steps >= layout.steps
+
+
+@pytest.mark.parametrize("choice", [{}, {"terrain": "step down in one cell"}, {"keep": 1}], ids=named)
+def test_trial_survives_on_the_hash_backend_too(choice):
+    trial = attempt("hash", Layout(**choice, steps=40, per_cell=(1, 1, 2)), "hash")
+    assert (trial.verdict, trial.reason) == ("survived", "")
+
+
+def test_mass_that_its_own_weight_would_crush_is_refused_with_the_modulus_it_needs():
+    """2 m of 2000 kg/m3 on 10 kPa: a strain of 2.9."""
+    soft = attempt("soft", Layout(youngs_modulus=1e4))
+    assert soft.verdict == "refused"
+    assert "would strain it by 2.91, at most 0.3" in soft.reason
+    needed = float(soft.reason.split("take ")[1].split(" Pa")[0])
+    assert attempt("enough", Layout(youngs_modulus=needed, steps=1, keep=1), "reference").verdict == "survived"
+
+
+def watched(steps=4, **choices):
+    """A watch over a short run, and its backend."""
+    layout = Layout(per_cell=(1, 1, 1), **choices)
+    scene, particles = layout.built()
+    engine = get_backend("reference")
+    engine.load(scene, particles)
+    watch = Watch(layout, scene, particles, engine.ledger())
+    for _ in range(steps):
+        dt = engine.stable_step()
+        engine.step(dt)
+        watch.time += dt
+    return watch, engine
+
+
+def disturbed(engine, **changes):
+    """The backend with another ledger or other particles."""
+    row, p = replace(engine.ledger(), **changes.get("row", {})), engine.particles()
+    for name, change in changes.get("particles", {}).items():
+        change(getattr(p, name))
+    return SimpleNamespace(ledger=lambda: row, particles=lambda: p)
+
+
+def test_judge_is_content_with_a_sound_run():
+    watch, engine = watched()
+    assert watch.look(engine)
+    watch.finish(engine)
+    assert watch.broken == []
+
+
+@pytest.mark.parametrize(
+    ("words", "row", "particles"),
+    [
+        ("mass", {"escaped_mass": 1.0}, {}),
+        ("momentum", {"basal_impulse": np.array([0.0, 0.0, 1e6])}, {}),
+        ("speed", {"max_speed": 50.0}, {}),
+        ("penetration", {}, {"offset": lambda offset: np.subtract(offset, [0.0, 0.0, 0.9], out=offset)}),
+        ("velocity is not finite", {}, {"velocity": lambda v: v.__setitem__((3, 1), np.nan)}),
+    ],
+)
+def test_judge_notices_a_broken_invariant(words, row, particles):
+    watch, engine = watched()
+    watch.look(disturbed(engine, row=row, particles=particles))
+    watch.finish(engine)
+    assert any(reason.startswith(words) for reason in watch.broken), watch.broken
+
+
+def test_judge_notices_energy_from_nowhere_and_creep():
+    watch, engine = watched(rests=True)
+    row = engine.ledger()
+    hot = replace(row, kinetic_energy=row.kinetic_energy + 0.1 * abs(row.potential_energy))
+    for state in (row, hot):
+        watch.look(disturbed(engine, row={"kinetic_energy": state.kinetic_energy}))
+        watch.close(state)
+    watch.finish(engine)
+    assert any(reason.startswith("energy") for reason in watch.broken)
+    assert any(reason.startswith("rest") for reason in watch.broken)
+
+
+def test_matrix_covers_every_axis_and_stays_small():
+    assert len(list(one_at_a_time())) == sum(len(choices) for choices in AXES.values())
+    samples = [layout for _, layout in sampled(200)]
+    assert len(samples) == 200
+    assert len({layout.terrain for layout in samples}) == 9
+    assert all(64 * np.prod(s.per_cell) * s.thickness / s.flatness <= LARGEST for s in samples)
+    assert [s.h for s in samples] == [layout.h for _, layout in sampled(200)]
+
+
+def test_page_and_exit_code_tell_what_failed(tmp_path, monkeypatch):
+    monkeypatch.setattr(stability_stress, "pinned", lambda: iter([("bad", Layout(cfl=0.7)), ("good", Layout(keep=1, steps=4))]))
+    monkeypatch.setattr(stability_stress, "attempt", lambda name, layout, backend: attempt(name, layout, "reference"))
+    assert stability_stress.command(tmp_path, False, "reference") == 0
+    page = (tmp_path / "stress.md").read_text()
+    assert "**1 survived, 1 were refused, 0 failed.**" in page
+    assert "unstable above 0.6" in page
+    failing = [replace(attempt("x", Layout(cfl=0.7)), verdict="failed", reason="mass 1")]
+    monkeypatch.setattr(stability_stress, "stress", lambda *_: failing)
+    assert stability_stress.command(None, False, "reference") == 1
