@@ -197,7 +197,7 @@ def cache_folder(key: str) -> Iterator[None]:
 
     config: Any = settings
     before = config.CACHE_DIR
-    config.CACHE_DIR = str(_writable_cache() / key)
+    config.CACHE_DIR = str(cache_root() / key)
     try:
         yield
     finally:
@@ -205,7 +205,8 @@ def cache_folder(key: str) -> Iterator[None]:
 
 
 @cache
-def _writable_cache() -> Path:
+def cache_root() -> Path:
+    """Folder of all code that numba has compiled; a temporary one where the user's cache cannot be written."""
     home = os.environ.get("RUNOUT_CACHE") or os.environ.get("NUMBA_CACHE_DIR") or os.path.join(_user_cache(), "runout")
     folder = Path(home) / "numba"
     try:
@@ -213,7 +214,8 @@ def _writable_cache() -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError:
-        folder = Path(tempfile.mkdtemp(prefix="runout-numba-"))
+        folder = Path(tempfile.mkdtemp(prefix="runout-")) / "numba"
+        folder.mkdir()
     return folder
 
 

@@ -37,7 +37,7 @@ def test_key_differs_between_number_types(law_file):
 
 def test_changed_kernel_is_compiled_anew_not_taken_from_the_cache(law_file, tmp_path, monkeypatch):
     monkeypatch.setenv("RUNOUT_CACHE", str(tmp_path / "cache"))
-    binding._writable_cache.cache_clear()
+    binding.cache_root.cache_clear()
     try:
         numbers = binding.numba_binding(np.float64, False)
         assert numbers.kernels(load(law_file)).twice(2.0) == 4.0
@@ -45,20 +45,20 @@ def test_changed_kernel_is_compiled_anew_not_taken_from_the_cache(law_file, tmp_
         assert numbers.kernels(load(law_file)).twice(2.0) == 6.0
         assert any((tmp_path / "cache").rglob("*.nbi"))
     finally:
-        binding._writable_cache.cache_clear()
+        binding.cache_root.cache_clear()
 
 
 def test_unwritable_cache_folder_falls_back_to_a_temporary_one(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     monkeypatch.setenv("RUNOUT_CACHE", str(blocked))
-    binding._writable_cache.cache_clear()
+    binding.cache_root.cache_clear()
     try:
-        folder = binding._writable_cache()
+        folder = binding.cache_root()
         assert folder.is_dir()
         assert blocked not in folder.parents
     finally:
-        binding._writable_cache.cache_clear()
+        binding.cache_root.cache_clear()
 
 
 def test_rebinding_leaves_the_plain_function_as_it_was():

@@ -3,21 +3,17 @@
 import math
 import os
 import time
-from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from runout.backends.compile import numba_binding
-from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.protocol import Columns, Counters, LedgerRow
-from runout.backends.scan import arenas, checkpoint, columns, contact, ground, index, motion, observe, order, stencil, transfer
+from runout.backends.scan import checkpoint, columns, index, motion, observe
 from runout.backends.scan.arenas import Arenas
+from runout.backends.scan.kernels import kernels_for
 from runout.backends.scan.store import PADDING, Store, capacity, reserve
 from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, StabilityError
-from runout.model.laws import Law
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import contact as contact_law
@@ -68,7 +64,7 @@ class ScanBackend:
         self.scene, self.n = scene, len(particles)
         self.cursors = np.zeros((self.allowed, 8), np.int64)
         self.holes, self.n_holes = np.zeros((LONGEST_LIST, 2), np.int64), 0
-        self.k = _kernels(scene.dtype, scene.law, len(scene.materials) == 1)
+        self.k = kernels_for(scene)
         self.counters = Counters()
         self.threads = max(1, min(self.allowed, self.n // PARTICLES_PER_THREAD))
         self.packed_dt, self.moved = 0.0, False
@@ -377,21 +373,3 @@ class _Clock:
         now = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self.last
         self.last = now
-
-
-@cache
-def _kernels(real: Any, law: Law, one_material: bool) -> SimpleNamespace:
-    """Kernels for a number type and a law, made once a process; those that know no law are compiled for all."""
-    binding = numba_binding(real)
-    lanes = (vectors, shuffles, memory)
-    common = binding.kernels(stencil, arenas, ground, index, transfer, contact, order, observe, columns, sources=(*lanes, motion))
-    physics = getattr(binding, law.module.__name__.rsplit(".", 1)[-1])
-    own = binding.kernels(
-        stencil,
-        motion,
-        sources=lanes,
-        law_update=physics.update,
-        law_update_small=physics.update_small,
-        ONE_MATERIAL=one_material,
-    )
-    return SimpleNamespace(**(vars(common) | vars(own)))

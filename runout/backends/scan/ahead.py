@@ -1,0 +1,103 @@
+"""Compiles the kernels of a scene in a process of their own, so that every run executes the code of the cache.
+
+Numba optimises the body of a parallel loop once by itself and once more as a part of its kernel. The first stays in the process
+that compiled, the second goes to the cache; they round differently where products and sums are fused. A process that compiled would
+not repeat the bits of one that found the cache (decision 26).
+"""
+
+import base64
+import logging
+import os
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+
+from runout.backends.compile import cache_root, source_key
+from runout.model.materials import Material
+from runout.model.particles import Particles
+from runout.model.scene import Raster, Scene
+from runout.model.surface import Surface
+
+LOGGER = logging.getLogger(__name__)
+REHEARSAL = "RUNOUT_REHEARSAL"  # the variable that tells the process which compiles from the others
+CELLS = 16  # of the small raster on which kernels are tried
+STEPS = 60
+SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
+
+
+def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
+    """Compile what a scene needs, unless the cache holds it; one process at a time.
+
+    ``sources`` are the modules of kernels and laws, whose change makes what is cached stale. Where no process can be started, the
+    kernels are compiled on their first call.
+    """
+    if REHEARSAL in os.environ:
+        return
+    import locket
+
+    label = f"{scene.law.name} {scene.precision} {len(scene.materials) == 1}"
+    done = cache_root() / f"{source_key(sources, label)}.done"
+    if done.exists():
+        return
+    with locket.lock_file(str(done.with_suffix(".lock"))):
+        if done.exists():
+            return
+        LOGGER.info("compiling for %s in %s; this takes a minute, once", scene.law.name, scene.precision)
+        if _rehearse_elsewhere(scene.materials[:2], scene.precision):
+            done.touch()
+
+
+def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str) -> bool:
+    """Whether another process has compiled all kernels."""
+    job = base64.b64encode(pickle.dumps((materials[:2], precision))).decode()
+    places = os.pathsep.join(p or os.getcwd() for p in sys.path)
+    environment = {**os.environ, REHEARSAL: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
+    command = [sys.executable, "-c", f"from {__name__} import rehearse; rehearse()"]
+    try:
+        ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    except OSError as error:
+        LOGGER.debug("no process to compile in: %s", error)
+        return False
+    if ended.returncode:
+        LOGGER.debug("compiling in a process of its own failed: %s", ended.stderr)
+    return ended.returncode == 0
+
+
+def rehearse() -> None:
+    """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
+    from runout.backends.scan.backend import ScanBackend
+
+    materials, precision = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
+    scene, particles = _small_slope(materials, precision)
+    engine = ScanBackend(threads=1)
+    engine.load(scene, particles)
+    for k in range(STEPS):
+        engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
+        if k % 8 == 0:
+            engine.ledger(), engine.columns(), engine.flow_columns()
+    engine.particles()
+    ScanBackend(threads=1).restore(scene, engine.checkpoint())
+    free = ScanBackend(threads=1, index="dense")
+    free.load(replace(scene, surface=None), particles)
+    free.step(free.stable_step())
+
+
+def _small_slope(materials: tuple[Material, ...], precision: str) -> tuple[Scene, Particles]:
+    """A cube of particles that slides over the edge of a plane."""
+    surface = Surface.through(np.fromfunction(lambda i, j: -0.2 * i, (CELLS + 1, CELLS + 1)), (1.0, 1.0))
+    scene = Scene(
+        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, (0.3,) * len(materials), precision=precision
+    )
+    axis = (np.arange(12) + 0.5) / 2
+    place = np.stack(np.meshgrid(axis + CELLS - 8, axis + 4, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    place[:, 2] -= 0.2 * place[:, 0]
+    particles = Particles.at(place, np.ones(3))
+    particles.volume[:], particles.radius[:] = 0.125, 0.25
+    particles.release[:] = np.arange(len(particles)) % len(materials)
+    particles.mass[:] = 0.125 * materials[0].density
+    particles.velocity[:, 0] = SPEED / scene.stable_step(0.0)
+    return scene, particles

@@ -1,0 +1,37 @@
+"""The compiled kernels of a scene."""
+
+from types import SimpleNamespace
+
+from runout.backends.compile import PHYSICS, numba_binding
+from runout.backends.lanes import memory, shuffles, vectors
+from runout.backends.scan import ahead, arenas, columns, contact, ground, index, motion, observe, order, stencil, transfer
+from runout.model.scene import Scene
+
+COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns)  # know no law
+LANES = (vectors, shuffles, memory)
+SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)
+_MADE: dict[tuple[str, str, bool], SimpleNamespace] = {}
+
+
+def kernels_for(scene: Scene) -> SimpleNamespace:
+    """Kernels for the number type and the law of a scene, made once a process and taken from the cache of compiled code."""
+    key = (scene.precision, scene.law.name, len(scene.materials) == 1)
+    if key not in _MADE:
+        ahead.ensure_compiled(scene, SOURCES)
+        _MADE[key] = _bound(scene)
+    return _MADE[key]
+
+
+def _bound(scene: Scene) -> SimpleNamespace:
+    binding = numba_binding(scene.dtype)
+    common = binding.kernels(*COMMON, sources=(*LANES, motion))
+    law = getattr(binding, scene.law.module.__name__.rsplit(".", 1)[-1])
+    own = binding.kernels(
+        stencil,
+        motion,
+        sources=LANES,
+        law_update=law.update,
+        law_update_small=law.update_small,
+        ONE_MATERIAL=len(scene.materials) == 1,
+    )
+    return SimpleNamespace(**(vars(common) | vars(own)))

@@ -1,0 +1,55 @@
+"""Every run executes the code of the cache: a process that has compiled a kernel would round differently from one that loads it."""
+
+import os
+import subprocess
+
+import pytest
+from scenes import SAND, box, plane, scene
+
+from runout.backends.compile import cache_root
+from runout.backends.scan import ahead
+from runout.backends.scan.backend import ScanBackend
+from runout.backends.scan.kernels import kernels_for
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("index", ["sparse", "dense"])
+def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index):
+    ground = plane(slope_x=-0.5, height=30.0)
+    particles = box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), SAND.density, surface=ground)
+    particles.velocity[:] = (3.0, -6.0, -1.5)  # over the southern edge before long
+    a_scene = scene(ground, materials=(SAND,), precision=precision)
+    engine = ScanBackend(index=index)
+    engine.load(a_scene, particles)
+    for _ in range(150):
+        engine.step(engine.stable_step())
+    assert engine.ledger().escaped_mass > 0
+    engine.columns(), engine.flow_columns(), engine.particles()
+    ScanBackend().restore(a_scene, engine.checkpoint())
+    kernels = vars(kernels_for(a_scene))
+    compiled_here = [name for name, kernel in kernels.items() if sum(kernel.stats.cache_misses.values())]
+    loaded = [name for name, kernel in kernels.items() if sum(kernel.stats.cache_hits.values())]
+    assert compiled_here == []
+    assert {"grid_to_particles", "particles_to_arenas_and_contacts", "solve_contacts", "update_nodes"} <= set(loaded)
+
+
+def test_what_is_cached_is_not_compiled_again(monkeypatch):
+    ScanBackend().load(scene(materials=(SAND,)), box((6.0, 6.0, 0.0), (2.0, 2.0, 2.0), (1.0, 1.0, 1.0)))
+    assert list(cache_root().glob("*.done"))
+    monkeypatch.setattr(subprocess, "run", lambda *a, **k: pytest.fail("a process was started"))
+    from runout.backends.scan.kernels import SOURCES
+
+    ahead.ensure_compiled(scene(materials=(SAND,)), SOURCES)
+
+
+def test_without_a_process_to_compile_in_kernels_are_compiled_where_they_run(monkeypatch, tmp_path):
+    monkeypatch.setattr(ahead, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(ahead.sys, "executable", str(tmp_path / "none"))
+    ahead.ensure_compiled(scene(materials=(SAND,)), (ahead,))
+    assert not list(tmp_path.glob("*.done"))
+
+
+def test_rehearsal_calls_itself_nothing(monkeypatch):
+    monkeypatch.setitem(os.environ, ahead.REHEARSAL, "a job")
+    monkeypatch.setattr(subprocess, "run", lambda *a, **k: pytest.fail("a process was started"))
+    ahead.ensure_compiled(scene(materials=(SAND,)), ())
