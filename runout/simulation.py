@@ -153,18 +153,7 @@ def simulate(
     loaded = clock.perf_counter()
     run.go()
     run.seconds += clock.perf_counter() - loaded
-    result = Result(
-        terrain=terrain,
-        fields=run.peaks.maps(),
-        series={"time": np.array(run.ledger.time), **run.ledger.series()},
-        state=engine.particles(),
-        spacing=scene.spacing,
-        steps=engine.counters.steps,
-        n_particles=n_particles,
-        timing=run.timing(loaded - started),
-        stop_reason=run.reason,
-        snapshots=run.snapshots,
-    )
+    result = run.result(terrain, n_particles, loaded - started)
     if keep:
         keep.remove()
     return result
@@ -277,27 +266,51 @@ class Run:
         own = {"observers": self.observing, "checkpoints": self.keep.seconds} if self.keep else {"observers": self.observing}
         return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
 
+    def result(self, terrain: Terrain, n_particles: int, setup: float) -> Result:
+        """What has been found, after ``setup`` [s] of preparation for so many particles."""
+        return Result(
+            terrain=terrain,
+            fields=self.peaks.maps(),
+            series={"time": np.array(self.ledger.time), **self.ledger.series()},
+            state=self.engine.particles(),
+            spacing=self.scene.spacing,
+            steps=self.engine.counters.steps,
+            n_particles=n_particles,
+            timing=self.timing(setup),
+            stop_reason=self.reason,
+            snapshots=self.snapshots,
+        )
+
     def go(self) -> None:
         """Step until the end time or rest."""
         started = clock.perf_counter()
-        if not self.ledger.time:
-            self.due = self._observe()
+        self.begin()
         while not self.reason:
             if self.keep and self.keep.due():
                 self.keep.write(self._state(clock.perf_counter() - started))
-            self.dt = min(_on_ladder(self.engine.stable_step()), self._next_stop() - self.time)
-            self.time += self.dt * self._advance(min(self.due, self._next_stop()) - self.time)
-            if self.time >= min(self.due, self._next_stop()) - 1e-12 * self.course.end_time:
-                self.due = self._observe()
+            count = self.plan()
+            if isinstance(self.engine, BatchBackend):
+                self.engine.steps(self.dt, count)
+            else:
+                self.engine.step(self.dt)
+            self.arrive(count)
 
-    def _advance(self, span: float) -> int:
-        """Take one step, or several that stay within ``span`` [s] where the backend takes them at once; their number."""
-        if not isinstance(self.engine, BatchBackend):
-            self.engine.step(self.dt)
-            return 1
-        count = max(1, min(BATCH, int(span / self.dt)))
-        self.engine.steps(self.dt, count)
-        return count
+    def begin(self) -> None:
+        """Observe the start, unless the run goes on from a checkpoint."""
+        if not self.ledger.time:
+            self.due = self._observe()
+
+    def plan(self) -> int:
+        """Set the next time step [s]; the number of such steps up to the next look, 1 where the backend takes one at a time."""
+        self.dt = min(_on_ladder(self.engine.stable_step()), self._next_stop() - self.time)
+        span = min(self.due, self._next_stop()) - self.time
+        return max(1, min(BATCH, int(span / self.dt))) if isinstance(self.engine, BatchBackend) else 1
+
+    def arrive(self, count: int) -> None:
+        """``count`` steps are done; observe if it is time to."""
+        self.time += self.dt * count
+        if self.time >= min(self.due, self._next_stop()) - 1e-12 * self.course.end_time:
+            self.due = self._observe()
 
     def _next_stop(self) -> float:
         return min([self.course.end_time, *self.pending[:1]])
