@@ -288,10 +288,11 @@ class Run:
         while not self.reason:
             if self.keep and self.keep.due():
                 self.keep.write(self._state(clock.perf_counter() - started))
-            count = self.plan()
             if isinstance(self.engine, BatchBackend):
+                count = self.plan(BATCH)
                 self.engine.steps(self.dt, count)
             else:
+                count = self.plan(1)
                 self.engine.step(self.dt)
             self.arrive(count)
 
@@ -300,11 +301,11 @@ class Run:
         if not self.ledger.time:
             self.due = self._observe()
 
-    def plan(self) -> int:
-        """Set the next time step [s]; the number of such steps up to the next look, 1 where the backend takes one at a time."""
+    def plan(self, most: int) -> int:
+        """Set the next time step [s]; the number of such steps up to the next look, at most ``most``."""
         self.dt = min(_on_ladder(self.engine.stable_step()), self._next_stop() - self.time)
         span = min(self.due, self._next_stop()) - self.time
-        return max(1, min(BATCH, int(span / self.dt))) if isinstance(self.engine, BatchBackend) else 1
+        return max(1, min(most, int(span / self.dt)))
 
     def arrive(self, count: int) -> None:
         """``count`` steps are done; observe if it is time to."""

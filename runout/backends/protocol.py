@@ -1,6 +1,7 @@
 """What every backend offers; :func:`get_backend` is the only place that imports one."""
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Protocol, runtime_checkable
@@ -110,6 +111,50 @@ class ResumableBackend(Protocol):
 
     def restore(self, scene: Scene, state: State) -> None:
         """Take over a scene in the state that :meth:`checkpoint` gave for the same scene, whatever the threads."""
+
+
+class SceneBatch(Protocol):
+    """Scenes that are stepped together on one device, each with its own time step and end; s is the number of a scene."""
+
+    def stable_step(self, s: int, /) -> float:
+        """Largest admissible time step [s]."""
+
+    def advance(self, dt: Sequence[float], count: Sequence[int]) -> None:
+        """``count[s]`` steps of ``dt[s]`` [s]."""
+
+    def leave(self, scenes: Sequence[int]) -> None:
+        """These scenes have come to their end."""
+
+    def failure(self, s: int, /) -> str:
+        """Why a scene has left before its end; empty if it has not."""
+
+    def ledgers(self) -> list[LedgerRow]:
+        """Sums of the present state, a row a scene."""
+
+    def particles_of(self, s: int, /) -> Particles:
+        """As :meth:`Backend.particles`."""
+
+    def columns_of(self, s: int, /) -> Columns:
+        """As :meth:`Backend.columns`."""
+
+    def flow_columns_of(self, s: int, /) -> Columns:
+        """As :meth:`WindowBackend.flow_columns`."""
+
+
+def get_batch(scenes: Sequence[tuple[Scene, Particles]], device: str) -> SceneBatch:
+    """Scenes that hash steps together on a device.
+
+    Raises
+    ------
+    ConfigError, CapacityError
+        If scenes differ in what they must share; if they need more memory than there is.
+    """
+    return import_module("runout.backends.hash.batch").Batch(scenes, device)  # type: ignore[no-any-return]
+
+
+def free_memory(device: str) -> float:
+    """Memory [byte] that is free on a CUDA device."""
+    return import_module("runout.backends.hash.backend").free_memory(device)  # type: ignore[no-any-return]
 
 
 def get_backend(

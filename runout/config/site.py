@@ -84,7 +84,7 @@ class Site:
             values["friction_angle"] = values.pop("friction_angle_deg")
         return law(**values)
 
-    def member_arguments(self, sample: Mapping[str, float] | None = None) -> dict[str, Any]:
+    def member_arguments(self, sample: Mapping[str, float] | None = None, terrain: "Terrain | None" = None) -> dict[str, Any]:
         """Arguments of :func:`runout.simulate` for one member.
 
         Parameters
@@ -92,9 +92,11 @@ class Site:
         sample : mapping of str to float, optional
             Sampled parameters by the names and in the units of site.yaml. A whole row of the table of members is
             accepted: ``seed`` becomes the seed, ``weight`` is left out.
+        terrain : Terrain, optional
+            That of :meth:`terrain`, where it has been read already.
         """
         sampled = self._known(sample)
-        terrain = self.terrain()
+        terrain = terrain or self.terrain()
         stated = self.settings.simulation
         angle = sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg)
         return {

@@ -4,7 +4,7 @@ import logging
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -77,32 +77,45 @@ def crew_for(device: str, workers: int | None, threads_per_worker: int) -> tuple
     return worker_count(workers or len(devices) or None, threads_per_worker), devices
 
 
-class Task(Protocol):
-    """What is done with a member; ``progress`` is to be called with the fraction that is done, 0 to 1.
+Group = tuple[Member, ...]  # members that are computed together: one, or many in the launches of a GPU
 
-    ``device`` is one of the GPUs that the members share; None where they do not.
+
+class Task(Protocol):
+    """What is done with a group of members; returns the errors of those that failed, by number.
+
+    ``progress`` is to be called with the number of a member and the fraction of it that is done, 0 to 1; ``device`` is one of the
+    GPUs that the members share, None where they do not.
     """
 
-    def __call__(self, member: Member, /, *, progress: Callable[[float], None], device: str | None) -> None: ...
+    def __call__(
+        self, group: Group, /, *, progress: Callable[[int, float], None], device: str | None
+    ) -> Mapping[int, BaseException]: ...
 
 
 def in_process(
-    task: Task, members: Sequence[Member], advance: Callable[[int, float], None], devices: Sequence[str] = ()
+    task: Task, groups: Sequence[Group], advance: Callable[[int, float], None], devices: Sequence[str] = ()
 ) -> Generator[Outcome, None, None]:
-    """Outcomes of ``task`` for every member, run here one after the other; ``advance`` hears a member's number and fraction."""
+    """Outcomes of ``task`` for every member, run here group by group; ``advance`` hears a member's number and fraction."""
     device = devices[0] if devices else None
     from dask.local import synchronous_executor
 
-    for member in members:
-        error = synchronous_executor.submit(task, member, progress=partial(advance, member.number), device=device).exception()
+    for group in groups:
+        future = synchronous_executor.submit(task, group, progress=advance, device=device)
+        error = future.exception()
         if error is not None and not isinstance(error, Exception):
             raise error  # an interrupt ends the run, a failed member does not
-        yield Outcome(member, error)
+        yield from _outcomes(group, error, {} if error else future.result())
+
+
+def _outcomes(group: Group, error: BaseException | None, errors: Mapping[int, BaseException]) -> Iterator[Outcome]:
+    """Outcomes of members whose group ended with an error, or with errors of its own of some of them."""
+    for member in group:
+        yield Outcome(member, error or errors.get(member.number))
 
 
 def in_cluster(
     task: Task,
-    members: Sequence[Member],
+    groups: Sequence[Group],
     workers: int,
     threads: int,
     advance: Callable[[int, float], None],
@@ -117,7 +130,7 @@ def in_cluster(
     from distributed import Client, LocalCluster
     from distributed.system import MEMORY_LIMIT
 
-    workers = min(workers, len(members))
+    workers = min(workers, len(groups))
     memory = int(MEMORY_SHARE * MEMORY_LIMIT / workers)
     with (
         _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))),
@@ -134,40 +147,40 @@ def in_cluster(
     ):
         heard: dict[int, float] = {}
         client.subscribe_topic(TOPIC, lambda event: heard.update([event[1]]))
-        yield from _feed(client, partial(_silent, task, tuple(devices)), members, workers, memory, lambda: _pass_on(heard, advance))
+        yield from _feed(client, partial(_silent, task, tuple(devices)), groups, workers, memory, lambda: _pass_on(heard, advance))
 
 
 def _feed(
     client: "Client",
-    task: Callable[[Member], None],
-    members: Sequence[Member],
+    task: Callable[[Group], Mapping[int, BaseException]],
+    groups: Sequence[Group],
     workers: int,
     memory: int,
     tick: Callable[[], None],
 ) -> Generator[Outcome, None, None]:
-    """Outcomes of members, never more under way than workers alive; a member whose worker dies is tried once more.
+    """Outcomes of members, never more groups under way than workers alive; a member whose worker dies is tried once more, alone.
 
     ``tick`` is called now and then meanwhile.
     """
     from distributed import KilledWorker
 
-    waiting, died, running = deque(members), set[int](), dict["Future", Member]()
+    waiting, died, running = deque(groups), set[int](), dict["Future", Group]()
     while waiting or running:
         while waiting and len(running) < workers:
-            member = waiting.popleft()
-            running[client.submit(task, member, pure=False)] = member
+            group = waiting.popleft()
+            running[client.submit(task, group, pure=False)] = group
         for future in _first_done(list(running), tick):
-            member, error = running.pop(future), future.exception()
+            group, error = running.pop(future), future.exception()
             if not isinstance(error, KilledWorker):
-                yield Outcome(member, error and error.with_traceback(future.traceback()))
+                whole = error and error.with_traceback(future.traceback())
+                yield from _outcomes(group, whole, {} if error else future.result())
                 continue
             workers = _workers_again(client, workers)
-            if member.number in died:
-                yield Outcome(member, _death(memory))
-            else:
-                LOGGER.warning("the worker of member %d died; the member is tried once more", member.number)
-                died.add(member.number)
-                waiting.append(member)
+            LOGGER.warning("the worker of %s died", ", ".join(f"member {member.number}" for member in group))
+            yield from (Outcome(member, _death(memory)) for member in group if member.number in died)
+            again = [member for member in group if member.number not in died]
+            died.update(member.number for member in again)
+            waiting.extend((member,) for member in again)
 
 
 def _first_done(futures: "list[Future]", tick: Callable[[], None]) -> "set[Future]":
@@ -187,20 +200,20 @@ def _pass_on(heard: dict[int, float], advance: Callable[[int, float], None]) -> 
         advance(*heard.popitem())
 
 
-def _silent(task: Task, devices: Sequence[str], member: Member) -> None:
+def _silent(task: Task, devices: Sequence[str], group: Group) -> Mapping[int, BaseException]:
     """Run a task in a worker without its messages: the process that started it has said what the inputs have to say."""
     from distributed import get_worker
 
-    worker, last = get_worker(), [time.monotonic()]
+    worker, last = get_worker(), dict.fromkeys((member.number for member in group), time.monotonic())
 
-    def tell(fraction: float) -> None:
-        if time.monotonic() - last[0] >= TICK_SECONDS:
-            last[0] = time.monotonic()
-            worker.log_event(TOPIC, (member.number, fraction))
+    def tell(number: int, fraction: float) -> None:
+        if time.monotonic() - last[number] >= TICK_SECONDS:
+            last[number] = time.monotonic()
+            worker.log_event(TOPIC, (number, fraction))
 
     logging.getLogger("runout").addHandler(logging.NullHandler())
     device = devices[int(worker.name) % len(devices)] if devices else None  # a local cluster numbers its workers
-    task(member, progress=tell, device=device)
+    return task(group, progress=tell, device=device)
 
 
 def _workers_again(client: "Client", workers: int) -> int:

@@ -4,13 +4,14 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout import __version__
 from runout.ensemble.design import member_table
-from runout.errors import InputError
+from runout.errors import InputError, RunoutError
 from runout.io.atomic import whole_file
 
 if TYPE_CHECKING:
@@ -156,6 +157,52 @@ def simulate_member(
     taken = signature(simulate).parameters
     offered = {"checkpoint": member.checkpoint_file(results), "progress": progress}
     result = simulate(**arguments, **{name: value for name, value in offered.items() if name in taken})
+    _write(site, member, result, results)
+
+
+def simulate_alone(
+    site: "Site",
+    members: tuple[Member, ...],
+    results: Path,
+    *,
+    simulate: "Callable[..., Result] | None" = None,
+    threads: int = 1,
+    progress: Callable[[int, float], None],
+    device: str | None = None,
+) -> dict[int, BaseException]:
+    """:func:`simulate_member` for each of some members; an error ends it."""
+    for member in members:
+        tell = partial(progress, member.number)
+        simulate_member(site, member, results, simulate=simulate, threads=threads, progress=tell, device=device)
+    return {}
+
+
+def simulate_together(
+    site: "Site", members: tuple[Member, ...], results: Path, *, progress: Callable[[int, float], None], device: str | None = None
+) -> dict[int, BaseException]:
+    """Simulate members in the launches of one device; write each one's file as soon as it ends, and return errors by number."""
+    from runout.batch import simulate_batch
+
+    todo = [m for m in members if stored_key(m.file(results)) != m.key]
+    errors: dict[int, BaseException] = {}
+    scenarios, terrain = [], site.terrain() if todo else None
+    for member in list(todo):
+        try:
+            scenarios.append({**site.member_arguments(member.parameters, terrain), "seed": member.seed})
+        except RunoutError as error:
+            errors[member.number] = error
+            todo.remove(member)
+    place = device or site.settings.simulation.device
+    for k, outcome in simulate_batch(scenarios, device=place, progress=lambda k, f: progress(todo[k].number, f)):
+        if isinstance(outcome, RunoutError):
+            errors[todo[k].number] = outcome
+        else:
+            _write(site, todo[k], outcome, results)
+    return errors
+
+
+def _write(site: "Site", member: Member, result: "Result", results: Path) -> None:
+    """The file of a member, whole or not at all."""
     attributes = {
         "member": member.number,
         "member_key": member.key,

@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.ensemble.crew import Outcome, crew_for, in_cluster, in_process
-from runout.ensemble.member import Member, members_folder, plan_members, simulate_member
+from runout.ensemble.crew import Group, Outcome, Task, crew_for, in_cluster, in_process
+from runout.ensemble.member import Member, members_folder, plan_members, simulate_alone, simulate_together
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.errors import RunoutError, StorageError
 from runout.io.atomic import remove_stale, storage_error
@@ -130,17 +130,32 @@ def run_ensemble(
         tally = _Tally(members, results, retry_failed, progress)
         if tally.waiting:
             crew, devices = crew_for(site.settings.simulation.device, workers, threads_per_worker)
-            task = partial(simulate_member, site, results=results, simulate=simulate, threads=threads_per_worker)
-            todo = len(tally.waiting)
-            LOGGER.info("%d of %d members to simulate, %d at a time", todo, len(members), min(crew, todo))
+            task, groups = _work(site, tally.waiting, results, simulate, crew, threads_per_worker, bool(devices))
+            LOGGER.info("%d of %d members to simulate, %d at a time", len(tally.waiting), len(members), min(crew, len(groups)))
             if crew == 1:
-                run = in_process(task, tally.waiting, tally.advance, devices)
+                run = in_process(task, groups, tally.advance, devices)
             else:
-                run = in_cluster(task, tally.waiting, crew, threads_per_worker, tally.advance, devices)
+                run = in_cluster(task, groups, crew, threads_per_worker, tally.advance, devices)
             with closing(run) as outcomes:
                 tally.collect(outcomes)
     LOGGER.info("%s", tally.report())
     return tally.report()
+
+
+def _work(
+    site: "Site",
+    waiting: list[Member],
+    results: Path,
+    simulate: "Callable[..., Result] | None",
+    crew: int,
+    threads: int,
+    on_gpus: bool,
+) -> tuple[Task, list[Group]]:
+    """What is to be done with members, and the groups in which it is: on hash they share launches, a group a worker."""
+    if simulate is None and (on_gpus or site.settings.simulation.backend == "hash"):
+        return partial(simulate_together, site, results=results), [tuple(waiting[k::crew]) for k in range(min(crew, len(waiting)))]
+    task = partial(simulate_alone, site, results=results, simulate=simulate, threads=threads)
+    return task, [(member,) for member in waiting]
 
 
 class _Tally:

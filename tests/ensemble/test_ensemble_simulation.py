@@ -30,12 +30,13 @@ class SlopeSite:
 
     folder: Path
     name: str = "slope"
+    backend: str = "scan"
 
     @property
     def settings(self):
         parameters = {"basal_friction_angle_deg": ANGLES, "density": DENSITY}
         ensemble = SimpleNamespace(members=4, seed=1, parameters=parameters)
-        return SimpleNamespace(ensemble=ensemble, simulation=SimpleNamespace(device="cpu"))
+        return SimpleNamespace(ensemble=ensemble, simulation=SimpleNamespace(device="cpu", backend=self.backend))
 
     def inputs(self):
         return []
@@ -46,9 +47,11 @@ class SlopeSite:
     def computed(self):
         return self.resolved()
 
-    def member_arguments(self, sample):
-        elevation = np.tile(100.0 - SLOPE * 5.0 * np.arange(24), (16, 1))
-        terrain = Terrain(elevation, (5.0, 5.0))
+    def terrain(self):
+        return Terrain(np.tile(100.0 - SLOPE * 5.0 * np.arange(24), (16, 1)), (5.0, 5.0))
+
+    def member_arguments(self, sample, terrain=None):
+        terrain = terrain or self.terrain()
         thickness = np.zeros(terrain.shape)
         thickness[6:10, 4:8] = 5.0
         return {
@@ -59,6 +62,7 @@ class SlopeSite:
             "cell_size": 5.0,
             "end_time": 2.0,
             "stop": False,
+            "backend": self.backend,
         }
 
 
@@ -77,6 +81,25 @@ def test_members_of_a_slope_run_faster_with_less_friction_and_bad_ones_are_recor
     assert len(report.failed) == 1
     assert min(speeds[5.0]) > 1.5 * max(speeds[25.0]) > 0
     assert run_ensemble(site, tmp_path / "results", workers=2).done == ()
+
+
+def test_members_that_share_launches_give_what_each_gives_alone_and_bad_ones_are_recorded(tmp_path):
+    site, results = SlopeSite(tmp_path, backend="hash"), tmp_path / "results"
+    seen = []
+    report = run_ensemble(site, results, workers=1, progress=seen.append)
+    (failed,) = report.failed
+    assert report.failed[failed].startswith("density is -2000 kg m-3")
+    assert len(report.done) == 3
+    assert [p.finished for p in seen][-1] == 4
+    assert 0 < max(p.under_way for p in seen if p.finished == 0) <= 4  # the members were told of while they ran
+    member = plan_members(site)[report.done[0]]
+    alone = runout.simulate(**site.member_arguments(member.parameters), seed=member.seed)
+    with Dataset(member.file(results)) as file:
+        for name in ("max_speed", "max_flow_thickness", "deposit_thickness"):
+            stored = np.ma.filled(file[name][:], np.nan).squeeze()
+            expected = np.asarray(alone.maps[name]).squeeze()
+            np.testing.assert_allclose(stored, expected, rtol=1e-5, atol=1e-5)
+    assert run_ensemble(site, results, workers=1).done == ()
 
 
 def interrupted(*, checkpoint, progress, **arguments):

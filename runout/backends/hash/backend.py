@@ -20,6 +20,11 @@ def cuda_devices() -> tuple[str, ...]:
     return tuple(device.alias for device in wp.get_cuda_devices())
 
 
+def free_memory(device: str) -> float:
+    """Memory [byte] that is free on a CUDA device."""
+    return float(wp.get_device(device).free_memory)
+
+
 class HashBackend(Batch):
     """Sparse hash backend (see :class:`runout.backends.protocol.Backend`)."""
 

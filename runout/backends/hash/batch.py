@@ -269,6 +269,10 @@ class Batch:
         self.accounts[scene].failure = reason
         self.leave([scene])
 
+    def failure(self, scene: int) -> str:
+        """Why a scene has left before its end; empty if it has not."""
+        return self.accounts[scene].failure
+
     def leave(self, scenes: Sequence[int]) -> None:
         """Scenes that have come to their end leave the device at the next sort; look at them before."""
         self.present[list(scenes)] = False

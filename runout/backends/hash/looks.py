@@ -91,8 +91,8 @@ def _row(batch: Batch, scene: int, here: np.ndarray, left: np.ndarray, done: np.
 
 def particles(batch: Batch, scene: int) -> Particles:
     """The particles of a scene as they are, in the order of their identity."""
-    n = batch.store.n
-    parts = [_brought(batch, scene, first, min(CHUNK, n - first)) for first in range(0, n, CHUNK)]
+    places = _places(batch, scene)
+    parts = [_brought(batch, scene, places[first : first + CHUNK]) for first in range(0, len(places), CHUNK)]
     if not parts:
         return Particles.zeros(0)
     p = Particles.concatenate([part for part, _ in parts])
@@ -100,17 +100,26 @@ def particles(batch: Batch, scene: int) -> Particles:
     return p.take(np.argsort(p.identity))
 
 
-def _brought(batch: Batch, scene: int, first: int, count: int) -> tuple[Particles, np.ndarray]:
-    i, s = batch.index, batch.store
+def _places(batch: Batch, scene: int) -> np.ndarray:
+    """Where in memory the particles of a scene lie that have not gone."""
+    s = batch.store
+    key = s.key[: s.n].numpy()
+    there = np.flatnonzero(key >= 0).astype(np.int32)
+    return there if len(batch.scenes) == 1 else there[batch.index.member.numpy()[key[there] >> 6] == scene]
+
+
+def _brought(batch: Batch, scene: int, places: np.ndarray) -> tuple[Particles, np.ndarray]:
+    """Particles at some places in memory, without identity, and their numbers."""
+    i, s, count = batch.index, batch.store, len(places)
+    where = wp.array(places, dtype=wp.int32)
     node, affine = wp.zeros((count, 3), dtype=wp.int32), wp.zeros((count, 9), dtype=wp.float64)
     run(
         batch.k.unpack, count, s.rec, s.release, s.key, i.coordinates, i.member, batch.shift, batch.mats, batch.packed, batch.h,
-        first, node, affine,
+        where, node, affine,
     )  # fmt: skip
-    p, number = s.brought(first, count, node, affine)
+    p, number = s.brought(where, node, affine)
     p.release -= np.int32(batch.first_release[scene])
-    wanted = (number >= batch.first_number[scene]) & (number < batch.first_number[scene + 1])
-    return p.take(wanted), number[wanted]
+    return p, number
 
 
 def window(batch: Batch, scene: int) -> tuple[int, int, int, int]:

@@ -81,14 +81,12 @@ def _position(rec: Rows, p: int, k: int, coordinates: Table2, shift: int, h: Vec
 
 def unpack(
     rec: Rows, release: Shorts, key: Ints, coordinates: Table2, member: Ints, shift: Ints, mats: Materials, packed: Reals,
-    h: Vector, first: int, node: Table2, affine: Doubles2,
+    h: Vector, where: Ints, node: Table2, affine: Doubles2,
 ):  # fmt: skip
-    """First node (n, 3) and velocity gradient (n, 9) of the particles from number ``first`` on."""
+    """First node (n, 3) and velocity gradient (n, 9) of the particles at the places ``where`` (n,)."""
     t = wp.tid()
-    p = first + t
+    p = where[t]
     k = key[p]
-    if k < 0:
-        return
     s = member[k >> 6]
     for d in range(3):
         node[t, d] = 4 * coordinates[k >> 6, d] + ((k >> (4 - 2 * d)) & 3)

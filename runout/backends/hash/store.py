@@ -86,18 +86,16 @@ class Store:
             run(kernel, count, array, self.order, scratch)
             wp.copy(array, scratch, count=count)
 
-    def brought(self, first: int, count: int, node: Any, affine: Any) -> tuple[Particles, np.ndarray]:
-        """Particles of a stretch of places that are still there, without identity, and their numbers."""
-        stretch = slice(first, first + count)
-        rec = np.stack([self.rec[row][stretch].numpy() for row in range(ROWS)]).astype(np.float64)
-        there = self.key[stretch].numpy() >= 0
+    def brought(self, where: Any, node: Any, affine: Any) -> tuple[Particles, np.ndarray]:
+        """Particles at the places ``where`` (n,) in memory, without identity, and their numbers."""
+        rec = np.stack([self.rec[row][where].numpy() for row in range(ROWS)]).astype(np.float64)
         m = rec[MASS]
         p = Particles(
             node.numpy(), rec[OFFSET : OFFSET + 3].T, (rec[MOMENTUM : MOMENTUM + 3] / m).T, affine.numpy().reshape(-1, 3, 3),
             rec[STRAIN : STRAIN + 6].T, rec[HISTORY], m, rec[VOLUME], rec[RADIUS],
-            self.release[stretch].numpy().astype(np.int32), np.zeros(count, np.int64),
+            self.release[where].numpy().astype(np.int32), np.zeros(len(m), np.int64),
         )  # fmt: skip
-        return p.take(there), self.number[stretch].numpy()[there]
+        return p, self.number[where].numpy()
 
     @staticmethod
     def _rows(p: Particles, spacing: tuple[float, float, float]) -> Iterator[tuple[int, np.ndarray]]:

@@ -1,0 +1,206 @@
+"""Many scenarios in one launch of a GPU: each keeps its own time step, observers and end, as in its own run."""
+
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+from runout.backends.protocol import (
+    Backend,
+    Columns,
+    Counters,
+    LedgerRow,
+    SceneBatch,
+    bytes_on_device,
+    find_device,
+    free_memory,
+    get_batch,
+)
+from runout.errors import CapacityError, RunoutError, StabilityError
+from runout.memory import Extent, MemoryForecast, available_bytes
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+from runout.model.terrain import Terrain
+from runout.result import Result
+from runout.simulation import BATCH, Course, Run, build_scene
+
+MOST = 64  # scenarios in a launch
+MEMORY_SHARE = 0.8  # of what is free at the start; flows that spread take more
+FEWEST = 4  # steps without a look, though a scenario is due earlier: it waits for the others meanwhile
+ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # arguments not taken
+
+
+def simulate_batch(
+    scenarios: Sequence[Mapping[str, Any]], *, device: str = "auto", progress: Callable[[int, float], None] | None = None
+) -> Iterator[tuple[int, Result | RunoutError]]:
+    """Number and result of every scenario, as they come to their ends; its error in place of the result of one that failed.
+
+    Scenarios share the launches of one device, as many at a time as its memory holds, at most :data:`MOST`. Each gives what
+    :func:`runout.simulate` gives with backend "hash": the same particles in the same order of operations.
+
+    Parameters
+    ----------
+    scenarios : sequence of mappings
+        Arguments of :func:`runout.simulate` by name. Those that say where and how it is computed are not taken. Scenarios must
+        share cell_size, precision and the law of the material.
+    device : str
+        "cuda:0" and so on, "cpu" (slow), or "auto".
+    progress : callable, optional
+        Called with the number of a scenario and the fraction of its time that is done, 0 to 1.
+
+    Raises
+    ------
+    ConfigError
+        If scenarios differ in what they must share.
+    DeviceError
+        If the device is not there.
+    """
+    place = find_device(device)
+    jobs: list[_Job] = []
+    needed = 0.0
+    for number, arguments in enumerate(scenarios):
+        try:
+            job = _Job.of(number, arguments, progress)
+            MemoryForecast(0.0, job.bytes).require(_free(place), f"the free memory of {place}")
+        except RunoutError as error:
+            yield number, error
+            continue
+        if jobs and (len(jobs) == MOST or needed + job.bytes > MEMORY_SHARE * _free(place)):
+            yield from _launched(jobs, place)
+            jobs, needed = [], 0.0
+        jobs.append(job)
+        needed += job.bytes
+    yield from _launched(jobs, place)
+
+
+@dataclass
+class _Job:
+    """A scenario that waits for its launch."""
+
+    number: int
+    terrain: Terrain
+    scene: Scene
+    particles: Particles
+    course: Course
+    progress: Callable[[float], None] | None
+    seconds: float  # to prepare it
+    bytes: float  # on the device
+
+    @classmethod
+    def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
+        """Scene and particles from arguments of :func:`runout.simulate`."""
+        started = clock.perf_counter()
+        given = {"particles_per_cell": 8, **{k: v for k, v in arguments.items() if k not in ELSEWHERE}}
+        times = tuple(sorted(given.pop("snapshot_times", ())))
+        course = Course(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
+        found: list[Extent] = []
+        scene, particles = build_scene(**{"basal_friction_angle": 20.0, **given}, accept=found.append)
+        needed = bytes_on_device(found[0].particles, found[0].nodes, scene.precision)
+        tell = (lambda fraction: progress(number, fraction)) if progress else None
+        return cls(number, given["terrain"], scene, particles, course, tell, clock.perf_counter() - started, needed)
+
+
+def _free(place: str) -> float:
+    """Memory that is free on a device [byte]."""
+    free = free_memory(place) if place != "cpu" else available_bytes()
+    return float("inf") if free is None else free
+
+
+def _launched(jobs: list[_Job], place: str) -> Iterator[tuple[int, Result | RunoutError]]:
+    """Outcomes of jobs in one launch; if the memory does not last, of those that are left in two."""
+    left = {job.number: job for job in jobs}
+    try:
+        for number, outcome in _Together(jobs, place).outcomes() if jobs else ():
+            del left[number]
+            yield number, outcome
+    except CapacityError as error:
+        remaining = list(left.values())
+        if len(remaining) == 1:
+            yield remaining[0].number, error
+            return
+        yield from _launched(remaining[: len(remaining) // 2], place)
+        yield from _launched(remaining[len(remaining) // 2 :], place)
+
+
+@dataclass
+class _View:
+    """One scene of a batch as a run sees its backend; stepped with the others only."""
+
+    batch: SceneBatch
+    scene: int
+    rows: Callable[[], list[LedgerRow]]
+    counters: Counters = field(default_factory=Counters)
+
+    def stable_step(self) -> float:
+        return self.batch.stable_step(self.scene)
+
+    def particles(self) -> Particles:
+        return self.batch.particles_of(self.scene)
+
+    def ledger(self) -> LedgerRow:
+        return self.rows()[self.scene]
+
+    def columns(self) -> Columns:
+        return self.batch.columns_of(self.scene)
+
+    def flow_columns(self) -> Columns:
+        return self.batch.flow_columns_of(self.scene)
+
+
+class _Together:
+    """Runs that share the steps of a batch."""
+
+    def __init__(self, jobs: list[_Job], place: str):
+        self.jobs = jobs
+        self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
+        self.rows: list[LedgerRow] = []  # of the present state, once somebody has asked
+        views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
+        self.runs = [Run(view, job.scene, job.course, job.progress, None) for view, job in zip(views, jobs, strict=True)]
+        self.todo = [0] * len(jobs)  # steps of each to its next look
+        self.planned = [0] * len(jobs)
+        self.started = clock.perf_counter()
+
+    def _rows(self) -> list[LedgerRow]:
+        if not self.rows:
+            self.rows = self.batch.ledgers()
+        return self.rows
+
+    def outcomes(self) -> Iterator[tuple[int, Result | RunoutError]]:
+        """Number and outcome of each, as they end."""
+        for run in self.runs:
+            run.begin()
+        running = set(range(len(self.jobs)))
+        while running:
+            for k in sorted(running):
+                outcome = self._outcome(k)
+                if outcome is not None:
+                    running.discard(k)
+                    self.batch.leave([k])
+                    yield self.jobs[k].number, outcome
+            if running:
+                self._advance(running)
+
+    def _advance(self, running: set[int]) -> None:
+        """Steps of all that run, until the first of them is due to be looked at."""
+        for k in running:
+            if self.todo[k] == 0:
+                self.todo[k] = self.planned[k] = self.runs[k].plan(BATCH)
+        count = max(min(self.todo[k] for k in running), FEWEST)
+        taken = [min(self.todo[k], count) if k in running else 0 for k in range(len(self.jobs))]
+        self.batch.advance([run.dt for run in self.runs], taken)
+        self.rows = []
+        for k in running:
+            self.todo[k] -= taken[k]
+            self.runs[k].engine.counters.steps += taken[k]
+            if self.todo[k] == 0 and not self.batch.failure(k):
+                self.runs[k].arrive(self.planned[k])
+
+    def _outcome(self, k: int) -> Result | RunoutError | None:
+        """What run k has come to; None while it goes on."""
+        run, job = self.runs[k], self.jobs[k]
+        if failure := self.batch.failure(k):
+            return StabilityError(failure)
+        if not run.reason:
+            return None
+        run.seconds = clock.perf_counter() - self.started
+        return run.result(job.terrain, len(job.particles), job.seconds)

@@ -1,0 +1,92 @@
+"""Scenarios that share launches give what each gives in its own run; what goes wrong with one is its own."""
+
+import numpy as np
+import pytest
+
+from runout import ConfigError, DruckerPrager, Release, Terrain, simulate
+from runout.batch import simulate_batch
+from runout.errors import CapacityError, MaterialError
+
+pytest.importorskip("runout.backends.hash.batch")
+
+TERRAIN = Terrain(np.tile(40.0 - 2.0 * np.arange(20), (14, 1)), (5.0, 5.0))
+THICKNESS = np.zeros(TERRAIN.shape)
+THICKNESS[5:9, 2:6] = 5.0
+
+
+def scenario(friction=15.0, end_time=1.0, **choices):
+    return {
+        "terrain": TERRAIN,
+        "release": Release(THICKNESS * choices.pop("factor", 1.0), TERRAIN, placement="on_surface"),
+        "material": DruckerPrager(density=2000.0, youngs_modulus=2e6, friction_angle=30.0),
+        "basal_friction_angle": friction,
+        "cell_size": 5.0,
+        "end_time": end_time,
+        "precision": "float64",
+        **choices,
+    }
+
+
+SCENARIOS = (
+    scenario(),
+    scenario(25.0, 0.6, snapshot_times=(0.2, 0.4)),
+    scenario(5.0, 1.2, seed=3, factor=0.7, cfl=0.3),
+)
+
+
+def assert_alike(found, alone):
+    assert (found.steps, found.n_particles, found.stop_reason) == (alone.steps, alone.n_particles, alone.stop_reason)
+    for name, values in alone.fields.items():
+        np.testing.assert_array_equal(found.fields[name], values, err_msg=name)
+    for name in vars(alone.state):
+        np.testing.assert_array_equal(getattr(found.state, name), getattr(alone.state, name), err_msg=name)
+    for name, values in alone.series.items():
+        if name != "active_blocks":  # of an index that margins of the others made larger
+            np.testing.assert_allclose(found.series[name], values, rtol=1e-9, atol=1e-3, err_msg=name)
+    assert [t for t, _, _ in found.snapshots] == [t for t, _, _ in alone.snapshots]
+
+
+def test_each_scenario_of_a_launch_ends_as_in_its_own_run():
+    told = []
+    found = dict(simulate_batch(SCENARIOS, device="cpu", progress=lambda number, fraction: told.append((number, fraction))))
+    assert sorted(found) == [0, 1, 2]
+    for number, arguments in enumerate(SCENARIOS):
+        assert_alike(found[number], simulate(**arguments, backend="hash"))
+        fractions = [fraction for who, fraction in told if who == number]
+        assert fractions == sorted(fractions)
+        assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+
+
+def test_a_scenario_that_cannot_be_is_an_error_in_its_place_and_the_others_run():
+    bad = scenario(material=DruckerPrager(density=2000.0, youngs_modulus=1e3, friction_angle=30.0))
+    found = dict(simulate_batch([SCENARIOS[1], bad], device="cpu"))
+    assert isinstance(found[1], MaterialError)
+    assert "youngs_modulus is 1000 Pa" in str(found[1])
+    assert found[0].stop_reason == "end time"
+
+
+def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
+    sizes = []
+    build = __import__("runout.batch", fromlist=["get_batch"]).get_batch
+
+    def counted(scenes, device):
+        sizes.append(len(scenes))
+        if len(scenes) > 2:
+            raise CapacityError("cpu has no memory left")
+        return build(scenes, device)
+
+    monkeypatch.setattr("runout.batch.get_batch", counted)
+    short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0)]
+    assert sorted(number for number, _ in simulate_batch(short, device="cpu")) == [0, 1, 2, 3]
+    assert sizes == [4, 2, 2]
+    sizes.clear()
+    monkeypatch.setattr("runout.batch._free", lambda place: 1.0)
+    (refused,) = simulate_batch(short[:1], device="cpu")
+    assert isinstance(refused[1], CapacityError)
+    assert "the free memory of cpu" in str(refused[1])
+    assert sizes == []
+
+
+def test_scenarios_that_differ_in_what_they_must_share_are_refused():
+    with pytest.raises(ConfigError, match="spacing"):
+        list(simulate_batch([scenario(), scenario(cell_size=4.0)], device="cpu"))
