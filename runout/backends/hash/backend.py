@@ -3,8 +3,8 @@
 import warp as wp
 
 from runout.backends.hash.batch import Batch
-from runout.backends.hash.index import first_table, room_for
-from runout.backends.hash.layout import ROWS, TILE
+from runout.backends.hash.index import first_table
+from runout.backends.hash.layout import ROWS, TILE, room_for
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -64,13 +64,15 @@ class HashBackend(Batch):
 def bytes_needed(
     particles: int, blocks: int, precision: str = "float32", deterministic: bool = False, near: int | None = None
 ) -> int:
-    """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them near the ground.
+    """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them with impulses of the ground.
 
     Without ``near``, three quarters of the blocks: a flow a few blocks thick.
     """
     number = 4 if precision == "float32" else 8
-    particle = (ROWS + 1) * number + 14  # rows and scratch; release, number, key, order
-    block = 64 * 4 * number + 36 * number + 764 + deterministic * (TILE * 4 * number + 36)
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
-    return particles * particle + room_for(blocks) * block + room_for(near) * 64 * 4 * number + 20 * entries
+    particle = ROWS * number + 14  # rows; release, number, key, order
+    grid = 4 * number * max(64 * room_for(blocks), particles // 4)
+    block = 488 + deterministic * (TILE * 4 * number + 36)
+    contact = room_for(near) * 64 * 4 * number + room_for(near // 2) * 36 * number  # half of these blocks lie above the others
+    return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries

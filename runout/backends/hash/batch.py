@@ -146,14 +146,14 @@ class Batch:
         s.fill(p, self.scene.spacing, self.scene.dtype)
         node = wp.array(np.ascontiguousarray(p.node, np.int32), dtype=wp.int32)
         i.find_blocks(lambda i: run(self.k.enter_given, s.n, node, self._margin(), i.table, i.members, i.entered))
-        run(self.k.number_given, s.n, node, i.table, i.slots, s.key, i.count)
+        run(self.k.number_given, s.n, node, i.table, i.slots, s.key, i.ends)
         self._sort()
         for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
             p.node[:, 1] -= np.int32(shift)
             p.release[:] -= np.int32(first)
 
     def _node_arrays(self) -> NodeArrays:
-        return NodeArrays(self.index.room, self.real, self.ground is not None, self.deterministic)
+        return NodeArrays(self.index.room, self.store.size, self.real, self.deterministic)
 
     def _margin(self) -> int:
         """Cells around a particle whose blocks are there: more where it may move far before the next sort."""
@@ -170,7 +170,7 @@ class Batch:
         self.nodes.booked.zero_()
         old, margin = wp.clone(i.coordinates), self._margin()
         i.find_blocks(lambda i: run(k.enter_present, s.n, s.rec, s.key, old, margin, i.table, i.members, i.entered))
-        run(k.number_present, s.n, s.rec, old, i.table, i.slots, s.key, i.count)
+        run(k.number_present, s.n, s.rec, old, i.table, i.slots, s.key, i.ends)
         self._sort()
 
     def _sort(self) -> None:
@@ -324,7 +324,7 @@ class Batch:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
             k.particles_to_grid, i.room, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
-            self.clock, n.tiles, n.near, self.h, self.band, s.listed, i.count, i.touching, i.touched, self.contacts, n.grid,
+            self.clock, n.tiles, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grid,
             n.arenas,
         )  # fmt: skip
         if self.deterministic:
@@ -339,12 +339,12 @@ class Batch:
         run(k.update_nodes, i.room * 64, self.flags, i.tally, i.member, self.clock, n.grounded, n.contact, n.grid)
         if self.ground is not None:
             self._push()
-            run(k.push_nodes, i.room * 64, self.flags, i.tally, n.grounded, n.contact, n.grid)
+        run(k.push_nodes, i.room * 64, self.flags, i.tally, n.grounded, n.contact, i.ends, n.grid)
 
     def _add_shares(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.add_shares, i.shared, CELL_LANES, s.rec, i.cstart, i.up, self.flags, i.tally, i.touched, s.listed, i.count,
+            k.add_shares, i.shared, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
             n.grounded, n.shares, n.arenas,
         )  # fmt: skip
         if self.deterministic:
@@ -353,8 +353,8 @@ class Batch:
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.solve_contacts, i.shared, CELL_LANES, s.rec, s.release, i.cstart, i.up, self.flags, i.tally, i.touched, s.listed,
-            i.count, i.member, self.clock, n.tiles, self.h, self.friction, n.grounded, n.grid, n.contact, n.arenas, n.booked,
+            k.solve_contacts, i.shared, CELL_LANES, s.rec, s.release, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
+            i.member, self.clock, n.tiles, n.near, self.h, self.friction, n.grounded, n.grid, n.contact, n.arenas, n.booked,
         )  # fmt: skip
         if self.deterministic:
             run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.contact)
@@ -362,7 +362,7 @@ class Batch:
     def _to_particles(self) -> None:
         i, s, n = self.index, self.store, self.nodes
         run_blocks(
-            self.k.grid_to_particles, i.room, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.count, i.around, i.up,
+            self.k.grid_to_particles, i.room, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.ends, i.around, i.up,
             i.coordinates, self.flags, i.tally, i.member, self.clock, n.grid, self.mats, self.h, self.shift,
             self.limits, self.peaks, n.booked,
         )  # fmt: skip

@@ -20,29 +20,29 @@ from runout.backends.hash.layout import (
     Table2,
     node4,
 )
+from runout.backends.hash.stencil import _cell_entry
 
 next_in: Any = None  # adds one to a count and tells what it was before; the binding puts it in its place
 
 
-def count_blocks(count: Ints, totals: Ints):
+def count_blocks(cstart: Table2, totals: Ints):
     """Particles of each block."""
     b = wp.tid()
     total = int(0)
     for c in range(64):
-        total += count[b * 64 + c]
+        total += cstart[b, c + 1]
     totals[b] = total
 
 
-def _list_block(b: int, lane: int, totals: Ints, given: int, count: Ints, cstart: Table2, active: Ints, tally: Ints):
-    """Places of the first particles of a block's cells, each in the place of the next cell; the counts return to zero."""
+def _list_block(b: int, lane: int, totals: Ints, given: int, cstart: Table2, active: Ints, tally: Ints):
+    """Places of the first particles of a block's cells, each in the place of the next cell, where these were counted."""
     total = int(0)
     for q in range(CELL_LANES // wp.block_dim()):
         c = q * wp.block_dim() + lane
-        n = int(count[b * CELL_LANES + c])
+        n = int(cstart[b, c + 1])
         cells = wp.tile(n)
         cstart[b, c + 1] = total + wp.untile(wp.tile_scan_exclusive(cells))
         total += wp.tile_sum(cells)[0]
-        count[b * CELL_LANES + c] = 0
     if total > 0:
         start = int(0)
         if lane == 0:
@@ -60,7 +60,7 @@ def _list_block(b: int, lane: int, totals: Ints, given: int, count: Ints, cstart
 
 
 def list_cells(
-    flags: Ints, totals: Ints, given: int, count: Ints, cstart: Table2, active: Ints, tally: Ints, grounded: Ints,
+    flags: Ints, totals: Ints, given: int, cstart: Table2, active: Ints, tally: Ints, grounded: Ints,
     touching: Ints, grid: Nodes, contact: Nodes, launched: int,
 ):  # fmt: skip
     """Where the cells start in the list of particles, which blocks hold any; and nodes without mass for the next step.
@@ -71,7 +71,7 @@ def list_cells(
     if flags[HALT] != 0:
         return
     for b in range(first, tally[BLOCKS], launched):
-        _list_block(b, lane, totals, given, count, cstart, active, tally)
+        _list_block(b, lane, totals, given, cstart, active, tally)
         if lane == 0:
             touching[b] = 0
         for c in range(lane, CELL_LANES, wp.block_dim()):
@@ -97,7 +97,7 @@ def place_particles(flags: Ints, key: Ints, ends: Ints, order: Ints):
     p = wp.tid()
     k = key[p]
     if flags[HALT] == 0 and k >= 0:
-        order[next_in(ends, (k >> 6) * (CELL_LANES + 1) + (k & 63) + 1)] = p
+        order[next_in(ends, _cell_entry(k))] = p
 
 
 def sort_cells(flags: Ints, tally: Ints, active: Ints, number: Ints, cstart: Table2, order: Ints):

@@ -42,13 +42,19 @@ PUSHES = 128  # contact particles of a block whose impulses are held at once
 STARTS = CELL_LANES + 1
 
 
-def _around(tiles: Rows, b: int, c: int):
-    """Nine coefficients of the surface under a cell of a block, from the 6 x 6 of the block."""
+def _around(tiles: Rows, near: int, c: int):
+    """Nine coefficients of the surface under a cell of a block, from the 6 x 6 at place ``near``."""
     o = (c >> 4) * 6 + ((c >> 2) & 3)
     return tens(
-        tiles[b, o], tiles[b, o + 1], tiles[b, o + 2], tiles[b, o + 6], tiles[b, o + 7], tiles[b, o + 8],
-        tiles[b, o + 12], tiles[b, o + 13], tiles[b, o + 14],
+        tiles[near, o], tiles[near, o + 1], tiles[near, o + 2], tiles[near, o + 6], tiles[near, o + 7], tiles[near, o + 8],
+        tiles[near, o + 12], tiles[near, o + 13], tiles[near, o + 14],
     )  # fmt: skip
+
+
+def _listed(order: Ints, t: int):
+    """Particle at a place of the list; one in contact is listed as -1 - its place in memory."""
+    p = order[t]
+    return wp.max(p, -1 - p)
 
 
 def _ground(around: Any, z: int, rec: Rows, p: int, h: Vector):
@@ -78,27 +84,37 @@ def _is_near(around: Any, z: int, h: Vector, reach: Any):
 
 
 def _find_contacts(
-    rec: Rows, order: Ints, cstart: Table2, tiles: Rows, b: int, c: int, h: Vector, dt: Any, band: Any, reach: Any, listed: Ints
+    rec: Rows, order: Ints, first: int, last: int, tiles: Rows, near: int, c: int, h: Vector, dt: Any, band: Any, reach: Any
 ):
-    """List the particles of a cell that touch the ground; returns how many."""
-    found = int(0)
-    if cstart[b, c] == cstart[b, c + 1]:
-        return found
-    around = _around(tiles, b, c)
+    """Bring the particles of a cell that touch the ground to the front of its list, marked; returns how many."""
+    if first == last:
+        return 0
+    around = _around(tiles, near, c)
     if not _is_near(around, c & 3, h, reach):
-        return found
-    for t in range(cstart[b, c], cstart[b, c + 1]):
-        p = order[t]
+        return 0
+    end = int(first)
+    for t in range(first, last):
+        p = int(order[t])
         n, gap = _ground(around, c & 3, rec, p, h)
         approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), n) / rec[MASS, p]
         if in_contact(gap, approach, dt, band):
-            listed[cstart[b, c] + found] = p
-            found += 1
-    return found
+            order[t] = order[end]
+            order[end] = -1 - p
+            end += 1
+    return end - first
+
+
+def _touching(order: Ints, cstart: Table2, b: int, c: int):
+    """Particles of a cell that are in contact: the marked ones at the front of its list."""
+    t = int(cstart[b, c])
+    last = cstart[b, c + 1]
+    while t < last and order[wp.max(wp.min(t, last - 1), 0)] < 0:
+        t += 1
+    return t - cstart[b, c]
 
 
 def add_shares(
-    rec: Rows, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints, listed: Ints, count: Ints, grounded: Ints,
+    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints, grounded: Ints,
     shares: Reals, arenas: Nodes, launched: int,
 ):  # fmt: skip
     """Weights of the contact particles to the nodes; ``shares`` is the first of the four numbers of each node."""
@@ -110,8 +126,8 @@ def add_shares(
         tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
         for c in range(lane, CELL_LANES, wp.block_dim()):
             acc = sums1()
-            for t in range(cstart[b, c], cstart[b, c] + count[b * CELL_LANES + c]):
-                p = listed[t]
+            for t in range(cstart[b, c], cstart[b, c] + _touching(order, cstart, b, c)):
+                p = _listed(order, t)
                 wx = weights(rec[OFFSET, p])
                 wy = weights(rec[OFFSET + 1, p])
                 wz = weights(rec[OFFSET + 2, p])
@@ -144,13 +160,13 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
     return vec(u[0], u[1], u[2]), u[3]
 
 
-def _push(rec: Rows, release: Shorts, tiles: Rows, tile: Tile, b: int, c: int, p: int, h: Vector, friction: Reals, dt: Any):
+def _push(rec: Rows, release: Shorts, tiles: Rows, tile: Tile, near: int, c: int, p: int, h: Vector, friction: Reals, dt: Any):
     """Impulse [N s] of the ground on a particle of a cell, and its work [J]."""
     wx = weights(rec[OFFSET, p])
     wy = weights(rec[OFFSET + 1, p])
     wz = weights(rec[OFFSET + 2, p])
     u, compliance = _contact_velocity(tile, _first_node(c), wx, wy, wz)
-    n, gap = _ground(_around(tiles, b, c), c & 3, rec, p, h)
+    n, gap = _ground(_around(tiles, near, c), c & 3, rec, p, h)
     push = impulse(u, n, gap, compliance, friction[int(release[p])], dt)
     m = rec[MASS, p]
     before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
@@ -167,21 +183,20 @@ def _cell_of(starts: Tile, n: int):
     return c
 
 
-def _start_pushes(starts: Tile, count: Ints, b: int, lane: int):
+def _start_pushes(starts: Tile, order: Ints, cstart: Table2, b: int, lane: int):
     """Number of the first contact particle of each cell of a block, and of all."""
     total = int(0)
     for q in range(CELL_LANES // wp.block_dim()):
         c = q * wp.block_dim() + lane
-        n = int(count[b * CELL_LANES + c])
+        n = _touching(order, cstart, b, c)
         cells = wp.tile(n)
         wp.tile_scatter_masked(starts, c, total + wp.untile(wp.tile_scan_exclusive(cells)), True)
         total += wp.tile_sum(cells)[0]
-        count[b * CELL_LANES + c] = 0
     wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
     return total
 
 
-def _spread(tile: Tile, pushes: Tile, starts: Tile, rec: Rows, listed: Ints, place: int, c: int, base: int):
+def _spread(tile: Tile, pushes: Tile, starts: Tile, rec: Rows, order: Ints, place: int, c: int, base: int):
     """Impulses of the contact particles of a cell to its 27 nodes, nine at a time; returns impulse and work of all."""
     done = double4()
     n = int(starts[c])
@@ -191,7 +206,7 @@ def _spread(tile: Tile, pushes: Tile, starts: Tile, rec: Rows, listed: Ints, pla
     for i in range(3):
         acc = sums3()
         for t in range(begin, end):
-            p = listed[place + t - n]
+            p = _listed(order, place + t - n)
             push = pushes[t - base]
             wx = weights(rec[OFFSET, p])
             wy = weights(rec[OFFSET + 1, p])
@@ -210,8 +225,8 @@ def _spread(tile: Tile, pushes: Tile, starts: Tile, rec: Rows, listed: Ints, pla
 
 
 def solve_contacts(
-    rec: Rows, release: Shorts, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints, listed: Ints, count: Ints,
-    member: Ints, clock: Rows, tiles: Rows, h: Vector, friction: Reals, grounded: Ints, grid: Nodes, contact: Nodes,
+    rec: Rows, release: Shorts, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints,
+    member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, grounded: Ints, grid: Nodes, contact: Nodes,
     arenas: Nodes, booked: Doubles2, launched: int,
 ):  # fmt: skip
     """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 5) adds up work [J] and impulse [N s].
@@ -227,7 +242,7 @@ def solve_contacts(
         velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
         _load(velocities, grid, contact, grounded, up, b, lane)
         starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
-        total = _start_pushes(starts, count, b, lane)
+        total = _start_pushes(starts, order, cstart, b, lane)
         tile = wp.tile_zeros(shape=TILE, dtype=vec, storage="shared")
         pushes = wp.tile_zeros(shape=PUSHES, dtype=node4, storage="shared")
         done = double4()
@@ -237,11 +252,11 @@ def solve_contacts(
                 push = node4()
                 if n < total:
                     c = _cell_of(starts, n)
-                    p = listed[cstart[b, c] + n - starts[c]]
-                    push = _push(rec, release, tiles, velocities, b, c, p, h, friction, dt)
+                    p = _listed(order, cstart[b, c] + n - starts[c])
+                    push = _push(rec, release, tiles, velocities, near[b], c, p, h, friction, dt)
                 wp.tile_scatter_masked(pushes, n - base, push, n < total)
             for c in range(lane, CELL_LANES, wp.block_dim()):
-                done += _spread(tile, pushes, starts, rec, listed, cstart[b, c], c, base)
+                done += _spread(tile, pushes, starts, rec, order, cstart[b, c], c, base)
         all_done = wp.tile_sum(wp.tile(done, preserve_type=True))
         if lane == 0:
             for d in range(4):

@@ -69,7 +69,6 @@ def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, groun
     A spline keeps to the hull of its coefficients, and no steeper slope is found than between two of them.
     """
     b = wp.tid()
-    near[b] = 0
     if up[b, 0] < 0:
         return
     top = tiles[b, 0]
@@ -88,13 +87,20 @@ def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, groun
             grounded[up[b, q]] = 1
 
 
-def number_grounded(places: Ints, grounded: Ints):
-    """Place of the impulses of each block that may get any, -1 for the others; ``places`` are sums over the blocks before."""
+def number_marked(places: Ints, marks: Ints):
+    """Place of each marked block, -1 for the others; ``places`` are sums over the blocks before."""
     b = wp.tid()
-    if grounded[b] != 0:
-        grounded[b] = places[b]
+    if marks[b] != 0:
+        marks[b] = places[b]
     else:
-        grounded[b] = -1
+        marks[b] = -1
+
+
+def keep_tiles(cut: Rows, near: Ints, tiles: Rows):
+    """The surface under the blocks that may touch it."""
+    b, t = wp.tid()
+    if near[b] >= 0:
+        tiles[near[b], t] = cut[b, t]
 
 
 class Ground:
@@ -119,14 +125,21 @@ class Ground:
 
     def cut(self, kernels: SimpleNamespace, index: Index, nodes: NodeArrays, shift: wp.array, h: wp.array) -> None:
         """Cut the surfaces into tiles of the blocks; give room for impulses to the blocks near the ground."""
+        cut = nodes.scratch((index.room, 36), nodes.number)
         run(
             kernels.cut_tiles, (index.nall, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
-            index.coordinates, index.nall, self.spacing, nodes.tiles,
+            index.coordinates, index.nall, self.spacing, cut,
         )  # fmt: skip
-        nodes.grounded.zero_()
-        run(kernels.note_near, index.nall, nodes.tiles, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
-        places = wp.zeros(index.room + 1, dtype=wp.int32)
-        wp.copy(places, nodes.grounded, count=index.room)
-        wp.utils.array_scan(places, places, inclusive=False)
-        run(kernels.number_grounded, index.room, places, nodes.grounded)
-        nodes.make_room(int(places[index.room :].numpy()[0]))
+        nodes.near.zero_(), nodes.grounded.zero_()
+        run(kernels.note_near, index.nall, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
+        nodes.make_room(*(number_places(kernels, index.room, marks) for marks in (nodes.near, nodes.grounded)))
+        run(kernels.keep_tiles, (index.nall, 36), cut, nodes.near, nodes.tiles)
+
+
+def number_places(kernels: SimpleNamespace, room: int, marks: wp.array) -> int:
+    """Give each marked block its place; returns how many there are."""
+    places = wp.zeros(room + 1, dtype=wp.int32)
+    wp.copy(places, marks, count=room)
+    wp.utils.array_scan(places, places, inclusive=False)
+    run(kernels.number_marked, room, places, marks)
+    return int(places[room:].numpy()[0])

@@ -27,9 +27,11 @@ from runout.backends.hash.layout import (
     Rows,
     Table,
     Table2,
+    room_for,
     run,
     run_blocks,
 )
+from runout.backends.hash.stencil import _cell_entry
 from runout.physics.blocks import block_key, block_of, key_x, key_y, key_z, local_index, mixed
 from runout.physics.bspline import first_node
 from runout.physics.tensors import i64
@@ -37,7 +39,7 @@ from runout.physics.tensors import i64
 count_in: Any = None  # adds one to a count; the binding puts it in its place
 
 SMALLEST_TABLE = 1024  # entries
-PARTICLES_PER_ENTRY = 32  # of the first table; it grows when it is half full
+PARTICLES_PER_ENTRY = 64  # of the first table; it grows when it is half full
 GAP = 8  # blocks between the domains of two members, north to south
 
 
@@ -160,7 +162,7 @@ def link_blocks(coordinates: Table2, table: Table, slots: Ints, around: Table2, 
         up[b, 0] = -1
 
 
-def number_given(node: Table2, table: Table, slots: Ints, key: Ints, count: Ints):
+def number_given(node: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
     """Cell number of given first nodes (n, 3), and how many are in each cell."""
     p = wp.tid()
     x = node[p, 0]
@@ -168,10 +170,10 @@ def number_given(node: Table2, table: Table, slots: Ints, key: Ints, count: Ints
     z = node[p, 2]
     k = _slot(table, slots, block_key(block_of(x), block_of(y), block_of(z))) * 64 + local_index(x, y, z)
     key[p] = k
-    count_in(count, k)
+    count_in(ends, _cell_entry(k))
 
 
-def number_present(rec: Rows, old: Table2, table: Table, slots: Ints, key: Ints, count: Ints):
+def number_present(rec: Rows, old: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
     """Cell number of the particles in a new index; offsets come back into their cell."""
     p = wp.tid()
     if key[p] < 0:
@@ -184,7 +186,7 @@ def number_present(rec: Rows, old: Table2, table: Table, slots: Ints, key: Ints,
         rec[OFFSET + d, p] = f - wp.floor(f - type(f)(0.5))
     k = _slot(table, slots, block_key(block_of(x), block_of(y), block_of(z))) * 64 + local_index(x, y, z)
     key[p] = k
-    count_in(count, k)
+    count_in(ends, _cell_entry(k))
 
 
 class Index:
@@ -208,11 +210,10 @@ class Index:
     up, down : (room, 8) int32
         Blocks at the block itself and one step up (down) in each axis, -1 where there is none.
     cstart : (room, 65) int32
-        Places in the list of particles where the cells of a block start and the last ends.
+        Places in the list of particles where the cells of a block start and the last ends. While particles move: how many have
+        entered each cell, in the place of the next cell.
     ends : (65 room,) int32
         The same memory in a row.
-    count : (64 room,) int32
-        Particles that have entered each cell in this step; before that, those of the cell that are in contact.
     homes, home : (room,), (room, 2) int32
         Blocks that held particles at the last sort; where these start and end in memory.
     active : (room,) int32
@@ -246,7 +247,6 @@ class Index:
         self.ends = self.cstart.flatten()
         lists = (wp.zeros(blocks, dtype=wp.int32) for _ in range(5))
         self.member, self.active, self.touched, self.touching, self.homes = lists
-        self.count = wp.zeros(blocks * CELL_LANES, dtype=wp.int32)
 
     def find_blocks(self, enter: Callable[[Index], None]) -> None:
         """Enter blocks by ``enter``, and number and link them.
@@ -258,9 +258,9 @@ class Index:
         wp.utils.radix_sort_pairs(self.members, wp.zeros(2 * self.nall, dtype=wp.int32), self.nall)
         if self.nall > self.room:
             self._make_room(room_for(self.nall))
-        self.count.zero_(), self.up.fill_(-1)
+        self.cstart.zero_(), self.up.fill_(-1)
         if self.ordered:
-            self.down.fill_(-1), self.cstart.zero_()
+            self.down.fill_(-1)
         number = (self.members, self.table, self.slots, self.rows, self.many, self.coordinates, self.member)
         run(self.k.number_blocks, self.nall, *number)
         run(self.k.link_blocks, self.nall, self.coordinates, self.table, self.slots, self.around, self.up, self.down)
@@ -280,16 +280,16 @@ class Index:
 
     def list_cells(self, flags: Any, nodes: Any, totals: Any = None) -> None:
         """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before."""
-        given = self.count if totals is None else totals
+        given = self.ends if totals is None else totals
         run_blocks(
-            self.k.list_cells, self.shared, CELL_LANES, flags, given, int(totals is not None), self.count, self.cstart, self.active,
+            self.k.list_cells, self.shared, CELL_LANES, flags, given, int(totals is not None), self.cstart, self.active,
             self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
         )  # fmt: skip
 
     def totals(self) -> tuple[Any, int]:
         """Numbers of particles in the blocks before each, and in all."""
         totals = wp.zeros(self.room + 1, dtype=wp.int32)
-        run(self.k.count_blocks, self.nall, self.count, totals)
+        run(self.k.count_blocks, self.nall, self.cstart, totals)
         wp.utils.array_scan(totals, totals, inclusive=False)
         return totals, int(totals[self.room :].numpy()[0])
 
@@ -301,8 +301,3 @@ class Index:
 def first_table(particles: int) -> int:
     """Entries of the first table."""
     return int(max(SMALLEST_TABLE, 1 << (particles // PARTICLES_PER_ENTRY).bit_length()))
-
-
-def room_for(blocks: int) -> int:
-    """Blocks that the arrays get room for when ``blocks`` are needed."""
-    return blocks + blocks // 8 + 8

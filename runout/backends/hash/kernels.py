@@ -101,7 +101,7 @@ def compiled_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace
     for module in (cells, others):
         module.options.update(enable_backward=False, max_unroll=3)
     kernels = warp_kernels(
-        physics, (index, cell_lists, stencil, contact, transfer, motion, ground, observe),
+        physics, (stencil, index, cell_lists, contact, transfer, motion, ground, observe),
         lambda kernel: cells if kernel in CELL_KERNELS else others,
         **_argument_types(real, record), ORDERED=ordered,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,

@@ -68,6 +68,11 @@ def run_blocks(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
         wp.launch_tiled(kernel, dim=blocks, inputs=[*arguments, blocks], block_dim=lanes)
 
 
+def room_for(blocks: int) -> int:
+    """Blocks that arrays get room for when ``blocks`` are needed."""
+    return blocks + blocks // 16 + 8 * (blocks > 0)
+
+
 def bytes_of(*holders: Any) -> int:
     """Size [byte] of the device arrays that objects hold; what shares memory counts once."""
     arrays = [a for holder in holders for a in vars(holder).values() if isinstance(a, wp.array)]

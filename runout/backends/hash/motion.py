@@ -42,7 +42,7 @@ from runout.backends.hash.layout import (
     Vector,
     node4,
 )
-from runout.backends.hash.stencil import _arms, _load_wide
+from runout.backends.hash.stencil import _arms, _cell_entry, _load_wide
 from runout.physics.blocks import local_index
 from runout.physics.bspline import weights
 from runout.physics.contact import reach
@@ -232,7 +232,7 @@ def _is_sound(moves: Vector, scene: int, worst: int, flags: Ints, peaks: Reals):
 
 
 def grid_to_particles(
-    rec: Rows, release: Shorts, key: Ints, homes: Ints, home: Table2, count: Ints, around: Table2, up: Table2,
+    rec: Rows, release: Shorts, key: Ints, homes: Ints, home: Table2, ends: Ints, around: Table2, up: Table2,
     coordinates: Table2, flags: Ints, tally: Ints, member: Ints, clock: Rows, grid: Nodes,
     mats: Materials, h: Vector, shift: Ints, limits: Doubles2, peaks: Reals, booked: Doubles2, launched: int,
 ):  # fmt: skip
@@ -285,7 +285,7 @@ def grid_to_particles(
                 if new != k:
                     key[p] = new
                 if new >= 0:
-                    count_in(count, new)
+                    count_in(ends, _cell_entry(new))
         if dt > real(0.0):
             all_fastest = wp.tile_max(wp.tile(fastest))
             all_lost = wp.tile_sum(wp.tile(lost))

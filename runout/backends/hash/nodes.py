@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.layout import TILE
+from runout.backends.hash.layout import TILE, room_for
 
 
 class NodeArrays:
@@ -15,37 +15,46 @@ class NodeArrays:
     Attributes
     ----------
     grid : (64 room,) four numbers
-        Mass [kg] and momentum [kg m/s].
+        Mass [kg] and momentum [kg m/s]; longer if it takes more to hold a number for each particle, see :meth:`scratch`.
     grounded : (room,) int32
         Place of a block in ``contact``, -1 for one that is not near the ground.
     contact : (64 slots,) four numbers
         Sum of the weights of the contact particles, and impulse of the ground [N s].
     shares : (256 slots,)
         The same memory, number by number.
-    tiles, near : (room, 36), (room,)
-        Coefficients of the surface relative to the block's lowest node [cells]; whether particles of the block may touch it.
+    near : (room,) int32
+        Place in ``tiles`` of a block whose particles may touch the ground, -1 for the others.
+    tiles : (places, 36)
+        Coefficients of the surface relative to the block's lowest node [cells].
     arenas, held : (216 room,) four numbers, (room,) int32
         Sums of each block and particles that it holds, for sums in fixed order; else empty.
     booked : (room, 5) float64
         Plastic dissipation and work of the ground [J], impulse of the ground [N s].
     """
 
-    def __init__(self, room: int, number: Any, ground: bool, ordered: bool):
-        self.number, self.generation, self.slots = number, 0, -1
+    def __init__(self, room: int, particles: int, number: Any, ordered: bool):
+        self.number, self.generation, self.slots, self.places = number, 0, -1, -1
         self.vec4 = wp.types.vector(length=4, dtype=number)
-        self.grid = wp.zeros(room * 64, dtype=self.vec4)
+        self.grid = wp.zeros(max(room * 64, (particles + 3) // 4), dtype=self.vec4)
         self.arenas = wp.zeros(room * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(room * ordered, dtype=wp.int32)
         self.grounded = wp.full(room, -1, dtype=wp.int32)
-        self.near = wp.zeros(room, dtype=wp.int32)
-        self.tiles = wp.zeros((room * ground, 36), dtype=number)
+        self.near = wp.full(room, -1, dtype=wp.int32)
         self.booked = wp.zeros((room, 5), dtype=wp.float64)
-        self.make_room(0)
+        self.make_room(0, 0)
 
-    def make_room(self, slots: int) -> None:
-        """Room for the impulses of so many blocks."""
+    def scratch(self, shape: int | tuple[int, int], kind: Any) -> Any:
+        """The memory of the grid for something else, while it holds nothing; it must be zero again for the next step."""
+        return wp.array(ptr=self.grid.ptr, dtype=kind, shape=shape, device=self.grid.device)
+
+    def make_room(self, places: int, slots: int) -> None:
+        """Room for the surface under so many blocks, and for the impulses of so many."""
+        if places > self.places:
+            self.places = room_for(places)
+            self.generation += 1
+            self.tiles = wp.zeros((self.places, 36), dtype=self.number)
         if slots > self.slots:
-            self.slots = slots + slots // 8 + 8 * (slots > 0)
+            self.slots = room_for(slots)
             self.generation += 1
             self.contact = wp.zeros(64 * self.slots, dtype=self.vec4)
             memory = self.contact.ptr

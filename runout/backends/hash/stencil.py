@@ -6,9 +6,29 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.layout import BLOCKS, HALT, PADDED, TILE, WIDE, WIDE_X, WIDE_Y, Ints, Nodes, Rows, Table2, Tile, node4
+from runout.backends.hash.layout import (
+    BLOCKS,
+    CELL_LANES,
+    HALT,
+    PADDED,
+    TILE,
+    WIDE,
+    WIDE_X,
+    WIDE_Y,
+    Ints,
+    Nodes,
+    Rows,
+    Table2,
+    Tile,
+    node4,
+)
 from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
+
+
+def _cell_entry(k: int):
+    """Where the particles of cell ``k`` are counted: at the start of the next cell."""
+    return (k >> 6) * (CELL_LANES + 1) + (k & 63) + 1
 
 
 def _first_node(c: int):
@@ -78,11 +98,14 @@ def update_nodes(flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: 
             contact[n] = node4(contact[n][0] / g[0], real(0.0), real(0.0), real(0.0))
 
 
-def push_nodes(flags: Ints, tally: Ints, grounded: Ints, contact: Nodes, grid: Nodes):
-    """Velocity of the nodes after the impulses of the ground."""
+def push_nodes(flags: Ints, tally: Ints, grounded: Ints, contact: Nodes, ends: Ints, grid: Nodes):
+    """Velocity of the nodes after the impulses of the ground; the cells are counted anew from here on."""
     t = wp.tid()
     b = t >> 6
-    if flags[HALT] != 0 or b >= tally[BLOCKS] or grounded[b] < 0:
+    if flags[HALT] != 0 or b >= tally[BLOCKS]:
+        return
+    ends[_cell_entry(t)] = 0
+    if grounded[b] < 0:
         return
     push = contact[grounded[b] * 64 + (t & 63)]
     if push[0] > real(0.0):

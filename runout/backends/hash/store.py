@@ -42,9 +42,7 @@ class Store:
     key : (size,) int32
         64 times the block plus the cell; -2 - key for a particle that has gone, -1 for no particle.
     order : (size,) int32
-        Places of the particles, cell by cell.
-    listed : (size,) int32
-        Particles in contact, where the stretch of their cell in ``order`` begins; shares its memory with ``scratch``.
+        Places of the particles, cell by cell; those in contact come first in their cell, as -1 - place.
     """
 
     def __init__(self, size: int, number: Any):
@@ -52,12 +50,6 @@ class Store:
         self.rec = wp.zeros((ROWS, size), dtype=number)
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
-        self.scratch = wp.zeros(size, dtype=number)
-        self.listed = self._view(wp.int32)
-
-    def _view(self, kind: Any) -> Any:
-        """The scratch memory as another kind of number."""
-        return wp.array(ptr=self.scratch.ptr, dtype=kind, shape=self.size, device=self.scratch.device)
 
     def fill(self, p: Particles, spacing: tuple[float, float, float], dtype: Any) -> None:
         """Bring particles to the device; the records hold no stress yet (time step 0)."""
@@ -72,11 +64,13 @@ class Store:
         run(k.place_particles, self.n, flags, self.key, index.ends, self.order)
         if ordered:
             run(k.sort_cells, index.room * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
+        scratch = nodes.scratch(self.size, self.rec.dtype)
         for row in range(ROWS):
-            self._gather(k.gather_reals, self.rec[row], self.scratch, left)
+            self._gather(k.gather_reals, self.rec[row], scratch, left)
         for array in (self.key, self.number):
-            self._gather(k.gather_ints, array, self.listed, left)
-        self._gather(k.gather_shorts, self.release, self._view(wp.int16), left)
+            self._gather(k.gather_ints, array, nodes.scratch(self.size, wp.int32), left)
+        self._gather(k.gather_shorts, self.release, nodes.scratch(self.size, wp.int16), left)
+        nodes.grid.zero_()
         self.n = left
         run(k.note_homes, index.room, index.tally, index.active, index.cstart, index.homes, index.home)
         run(k.count_up, self.size, self.order, left, self.key)

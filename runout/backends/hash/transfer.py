@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from runout.backends.hash.contact import _find_contacts
+from runout.backends.hash.contact import _find_contacts, _listed
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
@@ -36,11 +36,11 @@ def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
     acc = sums4()
     ahead = int(0)
     if first < last:
-        ahead = int(order[first])
+        ahead = _listed(order, first)
     for t in range(first, last):
         p = int(ahead)
         if t + 1 < last:
-            ahead = int(order[t + 1])
+            ahead = _listed(order, t + 1)
         m = rec[MASS, p]
         fx = rec[OFFSET, p]
         fy = rec[OFFSET + 1, p]
@@ -71,13 +71,12 @@ def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
 
 def particles_to_grid(
     rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
-    tiles: Rows, near: Ints, h: Vector, band: Real, listed: Ints, count: Ints, touching: Ints, touched: Ints, contacts: Ints,
-    grid: Nodes, arenas: Nodes, launched: int,
+    tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grid: Nodes, arenas: Nodes,
+    launched: int,
 ):  # fmt: skip
     """Mass and momentum of the particles to the nodes, and which particles touch the ground.
 
-    In fixed order, each block only fills its own arena. ``listed`` names the particles in contact, cell by cell where the cell's
-    stretch of the list begins; ``count`` tells how many they are.
+    In fixed order, each block only fills its own arena. Particles in contact come to the front of their cell's list, marked.
     """
     begin, lane = wp.tid()
     if flags[HALT] != 0:
@@ -86,12 +85,12 @@ def particles_to_grid(
         b = active[a]
         dt = clock[member[b], 0]
         if dt > real(0.0):
-            if near[b] != 0:
+            if near[b] >= 0:
                 found = int(0)
                 for c in range(lane, CELL_LANES, wp.block_dim()):
-                    n = _find_contacts(rec, order, cstart, tiles, b, c, h, dt, band, clock[member[b], 4], listed)
-                    count[b * CELL_LANES + c] = n
-                    found += n
+                    found += _find_contacts(
+                        rec, order, cstart[b, c], cstart[b, c + 1], tiles, near[b], c, h, dt, band, clock[member[b], 4]
+                    )  # fmt: skip
                 all_found = wp.tile_sum(wp.tile(found))
                 if lane == 0 and all_found[0] > 0:
                     touching[b] = all_found[0]
