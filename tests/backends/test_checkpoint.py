@@ -13,7 +13,8 @@ import pytest
 from scenes import SAND, box, loaded, plane, scene
 
 import runout
-from runout.backends.protocol import ResumableBackend, get_backend
+from runout.backends.protocol import ResumableBackend
+from runout.backends.reference.backend import ReferenceBackend
 from runout.checkpoint import Checkpoint, stored_time
 from runout.errors import ConfigError, StorageError
 from runout.simulation import simulate
@@ -124,8 +125,9 @@ def test_a_run_broken_off_twice_gives_maps_ledger_and_particles_of_one_that_was_
     assert not path.exists()
 
 
-def test_the_reference_backend_resumes_too(tmp_path):
-    coarse = {"backend": "reference", "cell_size": 5.0, "end_time": 0.6}
+@pytest.mark.parametrize("name", ["reference", "hash"])
+def test_the_other_backends_resume_too(tmp_path, name):
+    coarse = {"backend": name, "device": "cpu", "cell_size": 5.0, "end_time": 0.6}
     broken_off_at(0.5, tmp_path / "run.npz", **coarse)
     assert_same_run(ramp_run(checkpoint=tmp_path / "run.npz", **coarse), ramp_run(**coarse))
 
@@ -185,11 +187,13 @@ def test_bad_places_and_cadences_are_refused(tmp_path):
         ramp_run(checkpoint=tmp_path / "run.npz", checkpoint_every=-1.0)
 
 
-def test_a_backend_without_checkpoints_says_so_and_runs(tmp_path, caplog):
-    engine = get_backend("hash", "cpu")
-    if isinstance(engine, ResumableBackend):
-        pytest.skip("every backend keeps checkpoints")
+class WithoutCheckpoints(ReferenceBackend):
+    checkpoint = None
+
+
+def test_a_backend_without_checkpoints_says_so_and_runs(tmp_path, caplog, monkeypatch):
+    monkeypatch.setattr("runout.simulation.get_backend", lambda *_, **__: WithoutCheckpoints())
     with caplog.at_level(logging.WARNING):
-        result = ramp_run(backend="hash", cell_size=5.0, end_time=0.1, checkpoint=tmp_path / "run.npz", checkpoint_every=0.0)
+        result = ramp_run(cell_size=5.0, end_time=0.1, checkpoint=tmp_path / "run.npz", checkpoint_every=0.0)
     assert result.stop_reason == "end time"
-    assert "HashBackend keeps no checkpoints" in caplog.text
+    assert "WithoutCheckpoints keeps no checkpoints" in caplog.text

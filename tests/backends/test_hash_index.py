@@ -79,6 +79,23 @@ def test_mass_that_spreads_into_new_blocks_makes_the_index_grow_and_loses_nothin
     assert (q.offset < 1.5).all()
 
 
+@pytest.mark.parametrize("deterministic", [False, True])
+def test_restored_run_spreads_into_new_blocks_as_the_one_that_went_on(deterministic):
+    p = box((38.0, 36.0, 0.0), (2.0, 2.0, 2.0), UNIT)
+    p.velocity[:] = 20.0 * (p.position(np.array(UNIT)) - np.array([39.0, 37.0, 1.0]))
+    one, other = on_cpu(deterministic=deterministic), on_cpu(deterministic=deterministic)
+    a_scene = scene(plane(), gravity=WEIGHTLESS)
+    loaded(one, a_scene, p).steps(0.01, 25)
+    other.restore(a_scene, {name: values.copy() for name, values in one.checkpoint().items()})
+    assert other.bytes_used() == pytest.approx(one.bytes_used(), rel=0.1)
+    one.steps(0.01, 60), other.steps(0.01, 60)
+    assert one.counters.rebuilds == other.counters.rebuilds > 3
+    assert one.index.nall == other.index.nall
+    for name, values in vars(one.particles()).items():
+        np.testing.assert_array_equal(getattr(other.particles(), name), values, err_msg=name)
+    assert one.ledger().basal_dissipation == other.ledger().basal_dissipation > 0
+
+
 def test_index_stays_while_the_particles_stay_in_its_blocks():
     p = box((30.0, 30.0, 1.0), (2.0, 2.0, 2.0), UNIT)
     p.velocity[:] = (3.0, 0.0, 0.0)

@@ -3,9 +3,11 @@
 import warp as wp
 
 from runout.backends.hash.batch import Batch
+from runout.backends.hash.checkpoint import put_back, taken
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import ROWS, TILE, room_for
 from runout.backends.protocol import Columns, Counters, LedgerRow
+from runout.backends.state import State
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
@@ -43,6 +45,14 @@ class HashBackend(Batch):
     def steps(self, dt: float, count: int) -> None:
         """``count`` explicit steps of ``dt`` [s]; the host looks in only when particles are sorted or the index must grow."""
         self.advance([dt], [count])
+
+    def checkpoint(self) -> State:
+        """The state between two steps, for :meth:`restore`."""
+        return taken(self)
+
+    def restore(self, scene: Scene, state: State) -> None:
+        """Take over a scene in the state that :meth:`checkpoint` gave for it."""
+        put_back(self, scene, state)
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""

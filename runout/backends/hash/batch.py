@@ -131,9 +131,7 @@ class Batch:
     def _load_particles(self, given: list[Particles]) -> None:
         """Find the blocks of the particles, and bring their arrays to the device in the order of the cells."""
         self.largest = max((float(p.radius.max(initial=0.0)) for p in given), default=0.0)
-        reach = self.largest + float(self.band) + FARTHEST * max(self.scene.spacing)
-        surfaces = [s.surface for s in self.scenes if s.surface is not None]
-        self.ground = Ground(surfaces, self.scene.spacing, reach) if surfaces else None
+        self._load_ground()
         self.store = s = Store(len(self.identity), self.real)
         self.index = i = Index(self.k, s.size, self.deterministic, len(self.scenes), self.rows)
         self.nodes, self.nodes_of = self._node_arrays(), i.room
@@ -144,13 +142,24 @@ class Batch:
             p.release[:] += np.int32(first)
         p = given[0] if len(given) == 1 else Particles.concatenate(given)
         s.fill(p, self.scene.spacing, self.scene.dtype)
-        node = wp.array(np.ascontiguousarray(p.node, np.int32), dtype=wp.int32)
-        i.find_blocks(lambda i: run(self.k.enter_given, s.n, node, self._margin(), i.table, i.members, i.entered))
-        run(self.k.number_given, s.n, node, i.table, i.slots, s.key, i.ends)
+        self._find_cells(p.node)
         self._sort()
         for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
             p.node[:, 1] -= np.int32(shift)
             p.release[:] -= np.int32(first)
+
+    def _load_ground(self) -> None:
+        """The surfaces, and how far from them particles of the largest radius may be to touch them."""
+        reach = self.largest + float(self.band) + FARTHEST * max(self.scene.spacing)
+        surfaces = [s.surface for s in self.scenes if s.surface is not None]
+        self.ground = Ground(surfaces, self.scene.spacing, reach) if surfaces else None
+
+    def _find_cells(self, given: np.ndarray) -> None:
+        """Blocks and cells of particles whose first nodes (n, 3) are given; these leave the device when that is done."""
+        i, s = self.index, self.store
+        node = wp.array(np.ascontiguousarray(given, np.int32), dtype=wp.int32)
+        i.find_blocks(lambda i: run(self.k.enter_given, s.n, node, self._margin(), i.table, i.members, i.entered))
+        run(self.k.number_given, s.n, node, i.table, i.slots, s.key, i.ends)
 
     def _node_arrays(self) -> NodeArrays:
         return NodeArrays(self.index.room, self.store.size, self.real, self.deterministic)
@@ -232,6 +241,10 @@ class Batch:
         run(self.k.change_step, s.n, s.rec, s.key, s.release, i.member, self.mats, longer, self.h)
         for account, step in zip(self.accounts, now, strict=True):
             account.packed_dt = float(step)
+        self._write_clock(now)
+
+    def _write_clock(self, now: np.ndarray) -> None:
+        """Time steps [s] of the scenes to the device."""
         kinds = self.scene.dtype
         self.steps_of.assign(now.astype(kinds))
         self.packed.assign(now.astype(kinds))

@@ -228,17 +228,19 @@ class Index:
         self.k, self.ordered, self.many, self.rows = kernels, ordered, many, rows
         self.nown = self.nall = self.room = self.generation = 0
         self.tally = wp.zeros(TALLY, dtype=wp.int32)
-        self._make_table(first_table(particles))
-        self._make_room(0)
+        self.make_table(first_table(particles))
+        self.make_room(0)
 
-    def _make_table(self, entries: int) -> None:
+    def make_table(self, entries: int) -> None:
+        """An empty table."""
         self.generation += 1
         self.table = wp.zeros(entries, dtype=wp.uint64)
         self.slots = wp.zeros(entries, dtype=wp.int32)
         self.members = wp.zeros(entries, dtype=wp.int64)
         self.entered = wp.zeros(1, dtype=wp.int32)
 
-    def _make_room(self, blocks: int) -> None:
+    def make_room(self, blocks: int) -> None:
+        """Empty arrays for so many blocks."""
         self.generation += 1
         self.room, self.shared = blocks, min(blocks, SHARED_BLOCKS)
         shapes = ((blocks, 3), (blocks, 27), (blocks, 8), (blocks * self.ordered, 8), (blocks, 65), (blocks, 2))
@@ -254,10 +256,10 @@ class Index:
         A table that gets half full is made four times as large, and everything is entered again.
         """
         while not self._entered(enter):
-            self._make_table(4 * self.table.shape[0])
+            self.make_table(4 * self.table.shape[0])
         wp.utils.radix_sort_pairs(self.members, wp.zeros(2 * self.nall, dtype=wp.int32), self.nall)
         if self.nall > self.room:
-            self._make_room(room_for(self.nall))
+            self.make_room(room_for(self.nall))
         self.cstart.zero_(), self.up.fill_(-1)
         if self.ordered:
             self.down.fill_(-1)

@@ -1,0 +1,89 @@
+"""State of the hash backend as plain arrays, and back, so that a run goes on as if it had not been broken off.
+
+What the kernels read from one step to the next is kept as it is: particles, the list of each cell, the blocks and their links.
+The grid is empty between two steps and the table of keys is made anew with every index. On the CPU, and on a GPU in deterministic
+mode, the run goes on bit by bit.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from runout.backends.hash.index import Index
+from runout.backends.hash.store import Store
+from runout.backends.state import State, arrays_of, part, put_arrays
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+
+if TYPE_CHECKING:
+    from runout.backends.hash.backend import HashBackend
+
+BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "home", "homes", "active")  # of the index
+OF_NODES = ("grounded", "near", "booked")
+BY_PARTICLE = ("release", "number", "key", "order")
+OWN = ("since_sort", "largest", "identity")
+
+
+def taken(engine: "HashBackend") -> State:
+    """The state between two steps; on the CPU some arrays are those of the backend and change with its next step."""
+    i, s, n = engine.index, engine.store, engine.nodes
+    state = arrays_of(engine.counters, prefix="counters.") | arrays_of(engine.accounts[0], prefix="account.")
+    state |= {f"seconds.{stage}": np.asarray(value) for stage, value in engine.counters.seconds.items()}
+    state |= {f"own.{name}": np.asarray(getattr(engine, name)) for name in OWN}
+    state |= {f"index.{name}": getattr(i, name).numpy()[: i.nall] for name in BY_BLOCK}
+    state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
+    state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
+    state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "tiles": n.tiles.numpy(), "rec": s.rec.numpy()[:, : s.n]}
+    sizes = {"nown": i.nown, "nall": i.nall, "room": i.room, "entries": i.table.shape[0], "slots": n.slots}
+    return state | {f"size.{name}": np.asarray(value) for name, value in sizes.items()}
+
+
+def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
+    """Bring the backend to a state of the same scene that :func:`taken` gave."""
+    engine.load(scene, Particles.zeros(0))
+    put_arrays(engine.counters, {name: value for name, value in state.items() if name.startswith("counters.")}, "counters.")
+    engine.counters.seconds = {stage: float(value) for stage, value in part(state, "seconds.").items()}
+    put_arrays(engine.accounts[0], state, "account.")
+    put_arrays(engine, state, "own.")
+    engine.first_number = np.array([0, len(engine.identity)])
+    with wp.ScopedDevice(engine.device):
+        engine.peaks.assign(state["peaks"])
+        engine._write_clock(np.array([engine.accounts[0].packed_dt]))
+        engine._load_ground()
+        engine.store = _store(state, engine.real)
+        engine.index = _index(engine, state)
+        engine.nodes, engine.nodes_of = engine._node_arrays(), engine.index.room
+        engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]))
+        _fill(engine.nodes.tiles, state["tiles"])
+        for name in OF_NODES:
+            _fill(getattr(engine.nodes, name), state[f"nodes.{name}"])
+
+
+def _store(state: State, number: Any) -> Store:
+    rec = state["rec"]
+    store = Store(rec.shape[1], number)
+    store.rec.assign(np.ascontiguousarray(rec))
+    for name in BY_PARTICLE:
+        _fill(getattr(store, name), state[f"store.{name}"])
+    return store
+
+
+def _index(engine: "HashBackend", state: State) -> Index:
+    """An index with the blocks of a state; its table stays empty until the next index is made."""
+    size = {name: int(value) for name, value in part(state, "size.").items()}
+    index = Index(engine.k, engine.store.size, engine.deterministic)
+    index.make_table(size["entries"])
+    index.make_room(size["room"])
+    index.nown, index.nall = size["nown"], size["nall"]
+    index.up.fill_(-1)
+    for name in BY_BLOCK:
+        _fill(getattr(index, name), state[f"index.{name}"])
+    index.tally.assign(state["tally"])
+    return index
+
+
+def _fill(target: Any, values: np.ndarray) -> None:
+    """Bring values to the first rows of a device array."""
+    if values.size:
+        target[: len(values)].assign(np.ascontiguousarray(values))
