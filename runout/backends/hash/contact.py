@@ -106,11 +106,11 @@ def _find_contacts(
 
 def _touching(order: Ints, cstart: Table2, b: int, c: int):
     """Particles of a cell that are in contact: the marked ones at the front of its list."""
-    t = int(cstart[b, c])
-    last = cstart[b, c + 1]
-    while t < last and order[wp.max(wp.min(t, last - 1), 0)] < 0:
-        t += 1
-    return t - cstart[b, c]
+    n = int(0)
+    for t in range(cstart[b, c], cstart[b, c + 1]):
+        if order[t] < 0:
+            n += 1
+    return n
 
 
 def add_shares(
@@ -126,15 +126,16 @@ def add_shares(
         tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
         for c in range(lane, CELL_LANES, wp.block_dim()):
             acc = sums1()
-            for t in range(cstart[b, c], cstart[b, c] + _touching(order, cstart, b, c)):
-                p = _listed(order, t)
-                wx = weights(rec[OFFSET, p])
-                wy = weights(rec[OFFSET + 1, p])
-                wz = weights(rec[OFFSET + 2, p])
-                for i in range(3):
-                    for j in range(3):
-                        for k in range(3):
-                            acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
+            for t in range(cstart[b, c], cstart[b, c + 1]):
+                if order[t] < 0:
+                    p = _listed(order, t)
+                    wx = weights(rec[OFFSET, p])
+                    wy = weights(rec[OFFSET + 1, p])
+                    wz = weights(rec[OFFSET + 2, p])
+                    for i in range(3):
+                        for j in range(3):
+                            for k in range(3):
+                                acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
             first = _first_node(c)
             for i in range(3):
                 for j in range(3):

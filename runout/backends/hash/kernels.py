@@ -14,7 +14,10 @@ from runout.model.laws import LAWS
 
 CELL_KERNELS = ("particles_to_grid", "add_shares", "solve_contacts", "grid_to_particles", "list_cells")
 
-FLOAT32_BLOCKS = 8  # of threads that share a multiprocessor in ``grid_to_particles``: 128 registers each
+NAME = "runout.hash"
+OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
+# blocks of threads that share a multiprocessor in single precision, which bounds the registers of each thread: 128 and 168
+FLOAT32_BLOCKS = {"grid_to_particles": 8, "particles_to_grid": 6}
 
 # Neighbours in a warp mostly enter the same cell: one atomic serves them all.
 COUNT_IN = """
@@ -69,6 +72,55 @@ def add_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: i
     wp.atomic_add(nodes, i, g)
 
 
+# The largest of a warp first; numbers that are not negative have the order of their bits.
+PEAK32 = """
+#if defined(__CUDA_ARCH__)
+    int bits = __reduce_max_sync(0xffffffffu, __float_as_int(value));
+    if ((threadIdx.x & 31) == 0 && bits > *(volatile int*)(peaks.data + i)) atomicMax((int*)(peaks.data + i), bits);
+#else
+    wp::atomic_max(peaks, i, value);
+#endif
+"""
+PEAK64 = """
+#if defined(__CUDA_ARCH__)
+    long long bits = __double_as_longlong(value);
+    for (int d = 16; d > 0; d >>= 1) {
+        long long other = __shfl_xor_sync(0xffffffffu, bits, d);
+        bits = other > bits ? other : bits;
+    }
+    if ((threadIdx.x & 31) == 0 && bits > *(volatile long long*)(peaks.data + i)) atomicMax((long long*)(peaks.data + i), bits);
+#else
+    wp::atomic_max(peaks, i, value);
+#endif
+"""
+CALL_UP = """
+#if defined(__CUDA_ARCH__)
+    const char* place = (const char*)rows.data + (size_t)row * rows.strides[0] + (size_t)p * sizeof(*rows.data);
+    asm volatile("prefetch.global.L2 [%0];" :: "l"(place));
+#endif
+"""
+
+
+@wp.func_native(PEAK32)
+def raise_peak32(peaks: wp.array(dtype=wp.float32), i: int, value: wp.float32):  # type: ignore[valid-type, no-untyped-def]
+    """Bring a largest value up to those of all lanes."""
+
+
+@wp.func_native(PEAK64)
+def raise_peak64(peaks: wp.array(dtype=wp.float64), i: int, value: wp.float64):  # type: ignore[valid-type, no-untyped-def]
+    """Bring a largest value up to those of all lanes."""
+
+
+@wp.func_native(CALL_UP)
+def call_up32(rows: wp.array2d(dtype=wp.float32), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
+    """Ask for the sector of memory that holds a number of a row."""
+
+
+@wp.func_native(CALL_UP)
+def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
+    """Ask for the sector of memory that holds a number of a row."""
+
+
 def _argument_types(real: Any, record: Any) -> dict[str, Any]:
     """What the names of argument types in the kernels stand for."""
     vec, vec4 = wp.types.vector(length=3, dtype=real), wp.types.vector(length=4, dtype=real)
@@ -78,7 +130,7 @@ def _argument_types(real: Any, record: Any) -> dict[str, Any]:
         "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16), "Doubles": wp.array(dtype=wp.float64),
         "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64), "Materials": wp.array(dtype=record),
         "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real), "sums3": wp.types.matrix(shape=(9, 3), dtype=real),
-        "sums1": wp.types.vector(length=27, dtype=real), "double4": wp.vec4d,
+        "sums1": wp.types.vector(length=27, dtype=real), "moments": wp.types.vector(length=16, dtype=real), "double4": wp.vec4d,
         "double7": wp.types.vector(length=7, dtype=wp.float64),
     }  # fmt: skip
 
@@ -96,21 +148,25 @@ def compiled_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace
     real = wp.float32 if precision == "float32" else wp.float64
     physics, wide = _physics(real), _physics(wp.float64)
     record = warp_record(law, LAWS[law].fields, real)
-    name = f"runout.hash.{law}.{precision}" + ".ordered" * ordered
+    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered
     cells, others = wp.get_module(f"{name}.cells"), wp.get_module(name)
     for module in (cells, others):
-        module.options.update(enable_backward=False, max_unroll=3)
+        module.options.update(OPTIONS)
     kernels = warp_kernels(
         physics, (stencil, index, cell_lists, contact, transfer, motion, ground, observe),
         lambda kernel: cells if kernel in CELL_KERNELS else others,
         **_argument_types(real, record), ORDERED=ordered,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
-        count_in=count_in, next_in=next_in, add_node=add_node32 if precision == "float32" else add_node64,
+        count_in=count_in, next_in=next_in,
+        add_node=add_node32 if precision == "float32" else add_node64,
+        raise_peak=raise_peak32 if precision == "float32" else raise_peak64,
+        call_up=call_up32 if precision == "float32" else call_up64,
         first_node64=wide.bspline.first_node, weights64=wide.bspline.weights, interpolate64=wide.heightfield.interpolate,
         quasi_interpolant64=wide.heightfield.quasi_interpolant, gradient_column64=wide.moments.gradient_column,
         kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
     )  # fmt: skip
     if precision == "float32":
-        kernels.grid_to_particles.options["launch_bounds"] = (CELL_LANES, FLOAT32_BLOCKS)
+        for kernel, blocks in FLOAT32_BLOCKS.items():
+            getattr(kernels, kernel).options["launch_bounds"] = (CELL_LANES, blocks)
     kernels.record, kernels.modules = record, ((cells, CELL_LANES), (others, PARTICLE_LANES))
     return kernels

@@ -52,7 +52,11 @@ from runout.physics.moments import affine_columns, moment_slope, stress_columns,
 from runout.physics.tensors import dot, real, sym, vec
 
 SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
+NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances
+PLACES = 1023  # of the tile, likewise
 count_in: Any = None  # adds one to a count; the binding puts it in its place
+raise_peak: Any = None  # brings a largest value up to those of all lanes
+call_up: Any = None  # asks for a place in memory before it is read
 
 
 def begin_step(
@@ -163,7 +167,7 @@ def _next_cell(
     n = z + int(sz)
     new = int(-1)
     if wp.min(i, wp.min(j, n)) >= -1 and wp.max(i, wp.max(j, n)) <= 4:
-        to = around[b, ((i + 4) >> 2) * 9 + ((j + 4) >> 2) * 3 + ((n + 4) >> 2)]
+        to = around[b, (((i + 4) >> 2) * 9 + ((j + 4) >> 2) * 3 + ((n + 4) >> 2)) & 31]
         if to >= 0 and up[wp.max(to, 0), 0] >= 0:
             new = to * 64 + local_index(i, j, n)
     inside = _inside(4 * bx + i, f[0] - sx, int(limit_x) - 2, limit_x)
@@ -220,6 +224,17 @@ def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):
     return f, v, work * volume
 
 
+def _call_up(rec: Rows, p: int, lane: int, last: int):
+    """Ask for what will be read of the 32 particles from place ``p`` on: four sectors of twelve rows, by the lanes of a warp."""
+    for turn in range(2):
+        t = turn * 32 + (lane & 31)
+        n = t >> 2
+        row = wp.where(n < 4, n + OFFSET - 1, n + STRAIN - 4)
+        place = p + (t & 3) * SECTOR
+        if n < 12 and place < last:
+            call_up(rec, wp.where(n == 0, MASS, row), place)
+
+
 def _is_sound(moves: Vector, scene: int, worst: int, flags: Ints, peaks: Reals):
     """Whether a particle moves less than a cell; otherwise a word to the host."""
     far = wp.max(wp.abs(moves[0]), wp.max(wp.abs(moves[1]), wp.abs(moves[2])))
@@ -246,8 +261,11 @@ def grid_to_particles(
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[HOMES], launched):
-        b = homes[a]
-        scene = member[b]
+        b = homes[a] & NOT_NEGATIVE
+        first = int(home[b, 0]) // SECTOR * SECTOR
+        last = int(home[b, 1])
+        _call_up(rec, first + lane - (lane & 31), lane, last)
+        scene = member[b] & NOT_NEGATIVE
         dt = clock[scene, 0]
         tile = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
         _load_wide(tile, grid, around, b, lane)
@@ -256,11 +274,19 @@ def grid_to_particles(
         bx = int(coordinates[b, 0])
         by = int(coordinates[b, 1])
         bz = int(coordinates[b, 2])
+        move_y = int(shift[scene])
+        limit_x = limits[scene, 0] * wp.float64(1.0)
+        limit_y = limits[scene, 1] * wp.float64(1.0)
+        begins = int(home[b, 0])
         fastest = real(0.0)
         lost = wp.float64(0.0)
-        for p in range(home[b, 0] // SECTOR * SECTOR + lane, home[b, 1], wp.block_dim()):
-            if p >= home[b, 0]:
-                k = int(key[p])
+        next_key = int(key[wp.min(first + lane, last - 1) & NOT_NEGATIVE])
+        for place in range(first + lane, last, wp.block_dim()):
+            p = place & NOT_NEGATIVE
+            k = int(next_key)
+            next_key = key[wp.min(p + wp.block_dim(), last - 1) & NOT_NEGATIVE]
+            _call_up(rec, p + wp.block_dim() - (lane & 31), lane, last)
+            if p >= begins:
                 new = int(k)
                 if k >= 0 and dt > real(0.0):
                     i = (k >> 4) & 3
@@ -271,15 +297,14 @@ def grid_to_particles(
                         j += 4 * (coordinates[k >> 6, 1] - by)
                         n += 4 * (coordinates[k >> 6, 2] - bz)
                     mat = mats[int(release[p])]
-                    f, v, work = _deform(rec, p, tile, (i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1, mat, slopes)
+                    corner = ((i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1) & PLACES
+                    f, v, work = _deform(rec, p, tile, corner, mat, slopes)
                     lost += wp.float64(work)
                     fastest = wp.max(fastest, dot(v, v))
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
                     if _is_sound(moves, scene, shift.shape[0], flags, peaks):
                         f = f + moves
-                        new = _next_cell(
-                            f, i, j, n, k, b, bx, by, around, up, shift[scene], limits[scene, 0], limits[scene, 1]
-                        )  # fmt: skip
+                        new = _next_cell(f, i, j, n, k, b, bx, by, around, up, move_y, limit_x, limit_y)
                         _write_place(rec, p, f, new)
                 new = _keep(new, k, flags, tally)
                 if new != k:
@@ -287,8 +312,7 @@ def grid_to_particles(
                 if new >= 0:
                     count_in(ends, _cell_entry(new))
         if dt > real(0.0):
-            all_fastest = wp.tile_max(wp.tile(fastest))
+            raise_peak(peaks, scene, fastest)
             all_lost = wp.tile_sum(wp.tile(lost))
             if lane == 0:
-                wp.atomic_max(peaks, scene, all_fastest[0])
                 booked[b, 0] = booked[b, 0] + all_lost[0]

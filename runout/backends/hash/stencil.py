@@ -56,30 +56,56 @@ def _arms(f: Any):
     return vec(-f, real(1.0) - f, real(2.0) - f)
 
 
+def _contact_node(grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, t: int):
+    """Velocity [m/s] and compliance [1/kg] of node ``t`` of a block's tile; nothing beyond the last."""
+    v = node4()
+    if t < TILE:
+        o = _block(up, b, t)
+        g = grid[o * 64 + _local(t)]
+        v = node4(g[1], g[2], g[3], contact[grounded[o] * 64 + _local(t)][0])
+    return v
+
+
 def _load(tile: Tile, grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, lane: int):
     """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach."""
-    for q in range(PADDED // wp.block_dim()):
-        t = q * wp.block_dim() + lane
-        v = node4()
-        if t < TILE:
-            o = _block(up, b, t)
-            g = grid[o * 64 + _local(t)]
-            v = node4(g[1], g[2], g[3], contact[grounded[o] * 64 + _local(t)][0])
-        wp.tile_scatter_masked(tile, t, v, t < TILE)
+    lanes = wp.block_dim()
+    for q in range(PADDED // lanes // 4):
+        t = 4 * q * lanes + lane
+        v0 = _contact_node(grid, contact, grounded, up, b, t)
+        v1 = _contact_node(grid, contact, grounded, up, b, t + lanes)
+        v2 = _contact_node(grid, contact, grounded, up, b, t + 2 * lanes)
+        v3 = _contact_node(grid, contact, grounded, up, b, t + 3 * lanes)
+        wp.tile_scatter_masked(tile, t, v0, True)
+        wp.tile_scatter_masked(tile, t + lanes, v1, True)
+        wp.tile_scatter_masked(tile, t + 2 * lanes, v2, True)
+        wp.tile_scatter_masked(tile, t + 3 * lanes, v3, True)
+
+
+def _wide_node(grid: Nodes, around: Table2, b: int, t: int):
+    """Velocity of node ``t`` of the 8 x 8 x 8 around a block, and where it goes in the tile."""
+    x = (t >> 6) & 7
+    y = (t >> 3) & 7
+    z = t & 7
+    o = around[b, ((x + 3) >> 2) * 9 + ((y + 3) >> 2) * 3 + ((z + 3) >> 2)]
+    g = node4()
+    if o >= 0:
+        g = grid[o * 64 + ((((x + 3) & 3) << 4) | (((y + 3) & 3) << 2) | ((z + 3) & 3))]
+    return node4(g[1], g[2], g[3], real(0.0)), x * WIDE_X + y * WIDE_Y + z
 
 
 def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
-    """Velocity of the nodes that particles reach which have come up to one cell out of a block."""
-    for q in range(WIDE // wp.block_dim()):
-        t = q * wp.block_dim() + lane
-        x = t >> 6
-        y = (t >> 3) & 7
-        z = t & 7
-        o = around[b, ((x + 3) >> 2) * 9 + ((y + 3) >> 2) * 3 + ((z + 3) >> 2)]
-        g = node4()
-        if o >= 0:
-            g = grid[o * 64 + ((((x + 3) & 3) << 4) | (((y + 3) & 3) << 2) | ((z + 3) & 3))]
-        wp.tile_scatter_masked(tile, x * WIDE_X + y * WIDE_Y + z, node4(g[1], g[2], g[3], real(0.0)), True)
+    """Velocity of the nodes that particles reach which have come up to one cell out of a block; four a lane under way at once."""
+    lanes = wp.block_dim()
+    for q in range(WIDE // lanes // 4):
+        t = 4 * q * lanes + lane
+        u0, n0 = _wide_node(grid, around, b, t)
+        u1, n1 = _wide_node(grid, around, b, t + lanes)
+        u2, n2 = _wide_node(grid, around, b, t + 2 * lanes)
+        u3, n3 = _wide_node(grid, around, b, t + 3 * lanes)
+        wp.tile_scatter_masked(tile, n0, u0, True)
+        wp.tile_scatter_masked(tile, n1, u1, True)
+        wp.tile_scatter_masked(tile, n2, u2, True)
+        wp.tile_scatter_masked(tile, n3, u3, True)
 
 
 def update_nodes(flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, contact: Nodes, grid: Nodes):
