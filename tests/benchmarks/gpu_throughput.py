@@ -22,6 +22,7 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from runout import DruckerPrager
+from runout.backends.hash.backend import bytes_needed
 from runout.backends.hash.batch import Batch
 from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
@@ -170,11 +171,19 @@ def copy_bandwidth(device: str) -> float:
         return 10 * 2 * 4 * 2**27 / (time.perf_counter() - started)
 
 
+def allocated(device: str) -> int:
+    """Bytes that are taken from the pool of a device now."""
+    card = wp.get_device(device)
+    return int(wp.get_mempool_used_mem_current(card)) if card.is_cuda and wp.is_mempool_enabled(card) else 0
+
+
 def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **options: Any) -> dict[str, Any]:
     """One record: throughput with everything on, memory, stages."""
     graph, deterministic, precision = options["graph"], options["deterministic"], options["precision"]
     scene, p = layer(*cells, precision)
+    before = allocated(device)
     backend = loaded(device, scene, p, deterministic)
+    taken_up = allocated(device) - before
     backend.graphs = graph and backend.device.is_cuda
     dt = 0.8 * backend.stable_step()
     backend.steps(dt, 4)
@@ -188,7 +197,8 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
     assert np.isfinite(row.kinetic_energy)
     record = {
         "name": name, "particles": len(p), "particle_steps_per_second": len(p) * steps / taken, "steps": steps,
-        "bytes_per_particle": backend.bytes_used() / len(p), "blocks": backend.index.nall, "owners": backend.index.nown,
+        "bytes_per_particle": backend.bytes_used() / len(p), "allocated_bytes": taken_up,
+        "forecast_bytes": bytes_needed(len(p), backend.index.nall, precision, deterministic), "blocks": backend.index.nall, "owners": backend.index.nown,
         "room": backend.index.room, "active_blocks": row.active_blocks, "contact_particles": row.contact_particles,
         "rebuilds": backend.counters.rebuilds - rebuilds, "seconds": taken, **options,
     }  # fmt: skip
