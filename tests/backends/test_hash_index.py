@@ -217,6 +217,21 @@ def test_device_without_memory_is_reported_with_particles_and_what_is_held(monke
         backend.load(scene(), box((20.0, 20.0, 0.0), (2.0, 2.0, 2.0), UNIT))
 
 
+def test_device_that_is_full_when_the_index_must_grow_is_reported_with_numbers(monkeypatch):
+    def full(*_):
+        raise RuntimeError("Failed to allocate 1234 bytes on device 'cuda:0'")
+
+    p = box((38.0, 36.0, 0.0), (2.0, 2.0, 2.0), UNIT)
+    p.velocity[:] = 20.0 * (p.position(np.array(UNIT)) - np.array([39.0, 37.0, 1.0]))
+    p.volume[:] = 1e-9
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    room = backend.index.room
+    monkeypatch.setattr(batch, "NodeArrays", full)
+    with pytest.raises(CapacityError, match=r"1234 bytes.*for 64 particles.*GiB so far; use larger cells"):
+        backend.steps(0.01, 150)
+    assert backend.index.room > room
+
+
 @pytest.mark.parametrize("device", ["cuda:7", "cuda:99"])
 def test_device_that_is_not_there_is_refused_in_one_line_that_names_what_is(device):
     with pytest.raises(DeviceError) as refusal:

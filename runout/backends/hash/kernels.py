@@ -130,7 +130,7 @@ def _argument_types(real: Any, record: Any) -> dict[str, Any]:
         "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16), "Doubles": wp.array(dtype=wp.float64),
         "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64), "Materials": wp.array(dtype=record),
         "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real), "sums3": wp.types.matrix(shape=(9, 3), dtype=real),
-        "sums1": wp.types.vector(length=27, dtype=real), "moments": wp.types.vector(length=16, dtype=real), "double4": wp.vec4d,
+        "sums1": wp.types.vector(length=27, dtype=real), "double4": wp.vec4d,
         "double7": wp.types.vector(length=7, dtype=wp.float64),
     }  # fmt: skip
 

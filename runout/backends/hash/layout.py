@@ -38,7 +38,6 @@ node4: Any = None
 sums4: Any = None
 sums3: Any = None
 sums1: Any = None
-moments: Any = None  # sixteen numbers
 double4: Any = None
 double7: Any = None
 add_node: Any = None  # adds four numbers to a node

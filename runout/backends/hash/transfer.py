@@ -23,7 +23,6 @@ from runout.backends.hash.layout import (
     Table2,
     Vector,
     add_node,
-    moments,
     node4,
     sums4,
 )
@@ -32,39 +31,27 @@ from runout.physics.bspline import weights
 from runout.physics.tensors import real, vec
 
 
-def _moments(rec: Rows, p: int):
-    """What a particle hands to the nodes: the first sixteen rows."""
-    return moments(
-        rec[0, p], rec[1, p], rec[2, p], rec[3, p], rec[4, p], rec[5, p], rec[6, p], rec[7, p],
-        rec[8, p], rec[9, p], rec[10, p], rec[11, p], rec[12, p], rec[13, p], rec[14, p], rec[15, p],
-    )  # fmt: skip
-
-
 def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
-    """Mass and momentum that the particles at some places of the list hand to the 27 nodes of their cell.
-
-    The next particle is under way while one is summed.
-    """
+    """Mass and momentum that the particles at some places of the list hand to the 27 nodes of their cell."""
     acc = sums4()
-    if first >= last:
-        return acc
-    ahead = _moments(rec, _listed(order, first))
-    p = _listed(order, wp.min(first + 1, last - 1))
+    ahead = int(0)
+    if first < last:
+        ahead = _listed(order, first)
     for t in range(first, last):
-        r0 = ahead
-        ahead = _moments(rec, p)
-        p = _listed(order, wp.min(t + 2, last - 1))
-        m = r0[MASS]
-        fx = r0[OFFSET]
-        fy = r0[OFFSET + 1]
-        fz = r0[OFFSET + 2]
+        p = int(ahead)
+        if t + 1 < last:
+            ahead = _listed(order, t + 1)
+        m = rec[MASS, p]
+        fx = rec[OFFSET, p]
+        fy = rec[OFFSET + 1, p]
+        fz = rec[OFFSET + 2, p]
         wx = weights(fx)
         wy = weights(fy)
         wz = weights(fz)
-        ax = vec(r0[AFFINE], r0[AFFINE + 1], r0[AFFINE + 2])
-        ay = vec(r0[AFFINE + 3], r0[AFFINE + 4], r0[AFFINE + 5])
-        az = vec(r0[AFFINE + 6], r0[AFFINE + 7], r0[AFFINE + 8])
-        q = vec(r0[MOMENTUM], r0[MOMENTUM + 1], r0[MOMENTUM + 2])
+        ax = vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p])
+        ay = vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
+        az = vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p])
+        q = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p])
         dx = _arms(fx)
         dy = _arms(fy)
         dz = _arms(fz)
