@@ -176,6 +176,18 @@ def _next_cell(
     return new
 
 
+def _cell_from_home(k: int, b: int, bx: int, by: int, bz: int, coordinates: Table2):
+    """Place of cell ``k``, counted from the first of block ``b`` at (bx, by, bz)."""
+    i = (k >> 4) & 3
+    j = (k >> 2) & 3
+    n = k & 3
+    if (k >> 6) != b:
+        i += 4 * (coordinates[k >> 6, 0] - bx)
+        j += 4 * (coordinates[k >> 6, 1] - by)
+        n += 4 * (coordinates[k >> 6, 2] - bz)
+    return i, j, n
+
+
 def _in_cell(f: Any):
     """Offset in the cell that holds it."""
     return f - wp.floor(f - real(0.5))
@@ -289,13 +301,7 @@ def grid_to_particles(
             if p >= begins:
                 new = int(k)
                 if k >= 0 and dt > real(0.0):
-                    i = (k >> 4) & 3
-                    j = (k >> 2) & 3
-                    n = k & 3
-                    if (k >> 6) != b:
-                        i += 4 * (coordinates[k >> 6, 0] - bx)
-                        j += 4 * (coordinates[k >> 6, 1] - by)
-                        n += 4 * (coordinates[k >> 6, 2] - bz)
+                    i, j, n = _cell_from_home(k, b, bx, by, bz, coordinates)
                     mat = mats[int(release[p])]
                     corner = ((i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1) & PLACES
                     f, v, work = _deform(rec, p, tile, corner, mat, slopes)
