@@ -167,7 +167,7 @@ def _checkpoint(path: str | os.PathLike[str] | None, every: float, engine: Backe
         raise ConfigError(f"checkpoint_every is {every:g} s; it must be 0 or more")
     if isinstance(engine, ResumableBackend):
         return Checkpoint(Path(path), key, every)
-    text = "%s: %s keeps no checkpoints; a run that is broken off starts from time zero (backends scan, hash and reference keep them)"
+    text = "%s: %s keeps no checkpoints; a run that is broken off starts from time zero (scan, hash and reference keep them)"
     LOGGER.warning(text, path, type(engine).__name__)
     return None
 

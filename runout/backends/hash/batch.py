@@ -17,16 +17,7 @@ from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, requi
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import GAP, Index
 from runout.backends.hash.kernels import compiled_kernels
-from runout.backends.hash.layout import (
-    CELL_LANES,
-    FAILED,
-    PENDING,
-    STEPS,
-    UNSTABLE,
-    bytes_of,
-    run,
-    run_blocks,
-)
+from runout.backends.hash.layout import CELL_LANES, FAILED, PENDING, STEPS, UNSTABLE, bytes_of, run, run_blocks
 from runout.backends.hash.nodes import NodeArrays
 from runout.backends.hash.store import Store
 from runout.backends.protocol import Columns, Counters, LedgerRow
