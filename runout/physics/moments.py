@@ -7,12 +7,17 @@ Nine numbers are the three columns one after the other: column j belongs to axis
 
 from typing import Any
 
-from runout.physics.tensors import dot, real, tens
+from runout.physics.tensors import dot, real, tens, vec
 
 
 def moment_slope(dt: Any, h: Any):
     """Factor 4 dt / h [s/m] between a first moment [m/s] and a velocity gradient times the step [1]; h^2/4 is the second moment."""
     return real(4.0) * dt / h
+
+
+def moment_about(b: Any, f: Any, v: Any):
+    """Column of first moments [m/s] about a point at ``f`` [cells], from that about zero and the velocity; numbers or lanes."""
+    return vec(b[0] - f * v[0], b[1] - f * v[1], b[2] - f * v[2])
 
 
 def velocity_gradient(bx: Any, by: Any, bz: Any, s: Any):

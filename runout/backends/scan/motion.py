@@ -22,11 +22,22 @@ from runout.backends.lanes import (
     store,
     whole,
 )
-from runout.backends.scan.stencil import _first_node, _gather, _load_nodes, _load_rows, _prefetch_share, local_nodes, zeros
+from runout.backends.scan.stencil import (
+    _first_node,
+    _gather,
+    _load_nodes,
+    _load_rows,
+    _place_of,
+    _prefetch_share,
+    _weigh,
+    local_nodes,
+    local_weights,
+    zeros,
+)
 from runout.physics.elastic import is_small, kirchhoff_stress
 from runout.physics.elastic import update as law_update
 from runout.physics.elastic import update_small as law_update_small
-from runout.physics.moments import affine_columns, stress_columns, velocity_gradient
+from runout.physics.moments import affine_columns, moment_about, stress_columns, velocity_gradient
 from runout.physics.tensors import real, sym, vec
 
 TILE = 32
@@ -46,10 +57,19 @@ stays = constant([float(STAYS)] * 16)
 halves = constant([0.5] * 16)
 
 
+def _about_particles(r):
+    """A gathered record with first moments about the particle in place of those about the first node; of numbers or lanes."""
+    v = (r[1], r[2], r[3])
+    x = moment_about(vec(r[5], r[6], r[7]), r[4], v)
+    y = moment_about(vec(r[9], r[10], r[11]), r[8], v)
+    z = moment_about(vec(r[13], r[14], r[15]), r[12], v)
+    return (r[0], *v, r[4], *x, r[8], *y, r[12], *z)
+
+
 def _load_tile(t, rec, state, p, groups):
     """Transpose records and states from slot ``p`` on into the columns of a tile."""
     for g in range(groups):
-        store_16_rows(t, 16 * g, load_records(rec, 16 * (p + 16 * g)))
+        store_16_rows(t, 16 * g, _about_particles(load_records(rec, 16 * (p + 16 * g))))
         store_8_rows(t, 16 * TILE + 16 * g, load_states(state, 8 * (p + 16 * g)))
 
 
@@ -155,8 +175,10 @@ def _follow_tile(t, who, label, first, count, mats, s, cells):
 
 def _follow_large(t, rec, state, p, slot, mat, s, cells):
     """The same for one particle of any strain, from its record and state before the law."""
+    r = rec[slot]
+    r = _about_particles((r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15]))
     for k in range(16):
-        t[k, p] = rec[slot, k]
+        t[k, p] = r[k]
     for k in range(8):
         t[16 + k, p] = state[slot, k]
     B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
@@ -224,6 +246,8 @@ def _gather_block(rec, state, who, cell, order, starts, first, b, following, nod
     flat2 = rec2.reshape(-1)
     states2 = state2.reshape(-1)
     f = first[b]
+    ready = local_weights(rec)
+    _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(0)))
     for c in range(64):
         _prefetch_share(flat, first, starts, following, c)
         s = np.uint64(starts[b, c])
@@ -233,7 +257,8 @@ def _gather_block(rec, state, who, cell, order, starts, first, b, following, nod
         rows = _load_rows(nodes, _first_node(c))
         for t in range(s, e):
             p = np.uint64(order[np.uint64(f) + t])
-            store(flat2, t * np.uint64(16), _gather(flat, p * np.uint64(16), rows))
+            _weigh(flat, np.uint64(order[np.uint64(f) + t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
+            store(flat2, t * np.uint64(16), _gather(flat, p * np.uint64(16), ready, _place_of(t), rows))
             store(states2, t * np.uint64(8), load8(states, p * np.uint64(8)))
             who2[t] = who[p]
             cell[np.uint64(f) + t] = c

@@ -6,7 +6,7 @@ Record of a particle (16 numbers, one cache line in float32); f is the offset fr
 
 with A = h_j (m C - dt 4/h_j^2 V0 tau), so that the momentum at node x is m v + A (x - f) with x in cells
 (Hu et al. 2018, ACM TOG 37:150, eq. 18). Between gather and law the record holds v in place of m v and the first moments
-sum w v_i (x_j - f_j) in place of A.
+sum w v_i x_j about the first node in place of A.
 
 A row of nodes is four nodes along z of four numbers each, mass or weight first: one vector. An arena holds the 6 x 6 x 6
 nodes that the particles of one block reach, and room for the vector that starts at its last row.
@@ -31,6 +31,7 @@ from runout.physics.bspline import weights
 ROW = 24  # numbers per row of six nodes
 PLANE = 144
 ARENA = 880  # 864 and padding
+ALL = 16  # numbers that a vector of weights takes
 
 
 def in_groups(values):
@@ -42,16 +43,21 @@ def in_groups(values):
 z_scale = constant(in_groups((0.5, -1.0, 0.5, 0.0)))
 z_centre = constant(in_groups((1.5, 1.0, 0.5, 0.0)))
 z_offset = constant(in_groups((0.0, 0.75, 0.0, 0.0)))
+# the same for all axes: group 1 + j is axis j, and a lane of it a node; nothing in group 0
+all_scale = constant([0.0] * 4 + [0.5, -1.0, 0.5, 0.0] * 3)
+all_centre = constant([0.0] * 4 + [1.5, 1.0, 0.5, 0.0] * 3)
+all_offset = constant([0.0] * 4 + [0.0, 0.75, 0.0, 0.0] * 3)
+weights_of_z = permutation(in_groups((12, 13, 14, 15)))
 z_place = constant(in_groups((0.0, 1.0, 2.0, 0.0)))
 zeros = constant([0.0] * 16)
 repeated = permutation([0, 1, 2, 3] * 4)  # a b c d -> abcd abcd abcd abcd
-repeated_vector = permutation([4, 1, 2, 3] * 4)  # a b c d -> 0bcd 0bcd 0bcd 0bcd
-first_group_repeated = permutation([0, 1, 2, 3] * 4)
 even_groups = permutation_of_two([0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27])
 odd_groups = permutation_of_two([4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31])
-offsets = permutation([16] * 4 + [4] * 4 + [8] * 4 + [12] * 4)  # record -> 0, fx, fy, fz in the groups
+offsets = permutation([0] * 4 + [4] * 4 + [8] * 4 + [12] * 4)  # record -> m, fx, fy, fz in the groups
 heads_and_tails = permutation_of_two([i if i % 4 == 0 else 16 + i for i in range(16)])  # heads of groups of a, rest of b
+tails = permutation([16 if i % 4 == 0 else i for i in range(16)])  # zero in the heads of groups
 local_nodes = local_array((ARENA,))
+local_weights = local_array((2 * ALL,))
 
 
 def _first_node(c):
@@ -66,48 +72,65 @@ def _z_weights(f):
     return (z_scale(d) * d) * d + z_offset(d)
 
 
+def _weigh(rec, r, ready, w):
+    """Write the weights of the record at place ``r`` to place ``w`` of ``ready``.
+
+    One vector holds those of all axes, and they are read from memory into all lanes at once: two thirds of the instructions
+    of weights by axis. A particle before its turn, so that the writes are done.
+    """
+    d = offsets(load16(rec, r))
+    d = d - all_centre(d)
+    store(ready, w, (all_scale(d) * d) * d + all_offset(d))
+
+
+def _place_of(t):
+    """Place of the weights of the particle ``t`` of a list."""
+    return (t & np.uint64(1)) * np.uint64(ALL)
+
+
 def _nothing(array):
     """Nine empty rows."""
     z = zeros(array)
     return z, z, z, z, z, z, z, z, z
 
 
-def _scatter(rec, r, rows):
-    """Rows with mass and momentum of the record at place ``r`` added."""
+def _scatter(rec, r, ready, w, rows):
+    """Rows with mass and momentum of the record at place ``r`` added; its weights are at place ``w``."""
     a00, a01, a02, a10, a11, a12, a20, a21, a22 = rows
-    fx = rec[r + np.uint64(4)]
-    fy = rec[r + np.uint64(8)]
-    fz = rec[r + np.uint64(12)]
-    x = weights(fx)
-    y = weights(fy)
-    z = _z_weights(fz)
-    ax = repeated_vector(load4(rec, r + np.uint64(4)))
-    ay = repeated_vector(load4(rec, r + np.uint64(8)))
-    az = repeated_vector(load4(rec, r + np.uint64(12)))
-    q = (repeated(load4(rec, r)) - fx * ax - fy * ay + (z_place(z) - fz) * az) * z  # row (0, 0)
-    ax = ax * z
-    ay = ay * z
-    u0 = y[0] * q
-    u1 = y[1] * (q + ay)
-    u2 = y[2] * (q + (ay + ay))
-    d0 = y[0] * ax
-    d1 = y[1] * ax
-    d2 = y[2] * ax
-    a00 += x[0] * u0
-    a01 += x[0] * u1
-    a02 += x[0] * u2
+    y0 = ready[w + np.uint64(8)]
+    y1 = ready[w + np.uint64(9)]
+    y2 = ready[w + np.uint64(10)]
+    z = weights_of_z(load16(ready, w))
+    z_of_a = tails(z)
+    ax = repeated(load4(rec, r + np.uint64(4))) * z_of_a
+    ay = repeated(load4(rec, r + np.uint64(8))) * z_of_a
+    az = repeated(load4(rec, r + np.uint64(12)))
+    q = repeated(load4(rec, r)) * z - rec[r + np.uint64(4)] * ax - rec[r + np.uint64(8)] * ay  # row (0, 0)
+    q = q + ((z_place(z) - rec[r + np.uint64(12)]) * z_of_a) * az
+    u0 = y0 * q
+    u1 = y1 * (q + ay)
+    u2 = y2 * (q + (ay + ay))
+    d0 = y0 * ax
+    d1 = y1 * ax
+    d2 = y2 * ax
+    x = ready[w + np.uint64(4)]
+    a00 += x * u0
+    a01 += x * u1
+    a02 += x * u2
     u0 += d0
     u1 += d1
     u2 += d2
-    a10 += x[1] * u0
-    a11 += x[1] * u1
-    a12 += x[1] * u2
+    x = ready[w + np.uint64(5)]
+    a10 += x * u0
+    a11 += x * u1
+    a12 += x * u2
     u0 += d0
     u1 += d1
     u2 += d2
-    a20 += x[2] * u0
-    a21 += x[2] * u1
-    a22 += x[2] * u2
+    x = ready[w + np.uint64(6)]
+    a20 += x * u0
+    a21 += x * u1
+    a22 += x * u2
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
 
 
@@ -139,25 +162,34 @@ def _sum_groups(s, x, y, z):
     return even_groups(sx, yz) + odd_groups(sx, yz)
 
 
-def _gather(rec, r, rows):
-    """Record at place ``r`` with v and its first moments [m/s cells] in place of momentum and A."""
+def _gather(rec, r, ready, w, rows):
+    """Record at place ``r`` with v and its first moments about the first node [m/s cells] in place of momentum and A."""
     g00, g01, g02, g10, g11, g12, g20, g21, g22 = rows
-    x = weights(rec[r + np.uint64(4)])
-    y = weights(rec[r + np.uint64(8)])
-    z = _z_weights(rec[r + np.uint64(12)])
-    xx = x[2] + x[2]
-    c0 = x[0] * g00 + x[1] * g10 + x[2] * g20
-    c1 = x[0] * g01 + x[1] * g11 + x[2] * g21
-    c2 = x[0] * g02 + x[1] * g12 + x[2] * g22
-    d0 = x[1] * g10 + xx * g20
-    d1 = x[1] * g11 + xx * g21
-    d2 = x[1] * g12 + xx * g22
-    t1 = y[1] * c1
-    t2 = y[2] * c2
-    s = (y[0] * c0 + t1 + t2) * z
-    about_node = _sum_groups(s, (y[0] * d0 + y[1] * d1 + y[2] * d2) * z, (t1 + t2 + t2) * z, z_place(s) * s)
-    record = load16(rec, r)
-    return heads_and_tails(record, about_node - offsets(record) * first_group_repeated(about_node))
+    x0 = ready[w + np.uint64(4)]
+    x1 = ready[w + np.uint64(5)]
+    x2 = ready[w + np.uint64(6)]
+    # weighted sums and first moments in x: w0 g0 + (w1 g1 + w2 g2) and (w1 g1 + w2 g2) + w2 g2
+    d0 = x2 * g20
+    d1 = x2 * g21
+    d2 = x2 * g22
+    c0 = x1 * g10 + d0
+    c1 = x1 * g11 + d1
+    c2 = x1 * g12 + d2
+    d0 += c0
+    d1 += c1
+    d2 += c2
+    c0 += x0 * g00
+    c1 += x0 * g01
+    c2 += x0 * g02
+    y0 = ready[w + np.uint64(8)]
+    y1 = ready[w + np.uint64(9)]
+    y2 = ready[w + np.uint64(10)]
+    t2 = y2 * c2
+    t1 = y1 * c1 + t2
+    z = weights_of_z(load16(ready, w))
+    s = (y0 * c0 + t1) * z
+    about_node = _sum_groups(s, (y0 * d0 + y1 * d1 + y2 * d2) * z, (t1 + t2) * z, z_place(s) * s)
+    return heads_and_tails(load16(rec, r), about_node)
 
 
 def _mean(rec, r, rows):

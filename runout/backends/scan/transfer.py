@@ -12,10 +12,13 @@ from runout.backends.scan.stencil import (
     _clear,
     _first_node,
     _nothing,
+    _place_of,
     _prefetch_share,
     _scatter,
+    _weigh,
     heads_and_tails,
     in_groups,
+    local_weights,
     zeros,
 )
 from runout.physics.moments import node_velocity
@@ -31,6 +34,8 @@ def _fill_arena(rec, order, starts, first, b, following, arena):
     flat = rec.reshape(-1)
     _clear(arena)
     f = first[b]
+    ready = local_weights(rec)
+    _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(f)))
     for c in range(64):
         _prefetch_share(flat, first, starts, following, c)
         s = np.uint64(f + starts[b, c])
@@ -39,7 +44,8 @@ def _fill_arena(rec, order, starts, first, b, following, arena):
             continue
         rows = _nothing(rec)
         for t in range(s, e):
-            rows = _scatter(flat, np.uint64(order[t]) * np.uint64(16), rows)
+            _weigh(flat, np.uint64(order[t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
+            rows = _scatter(flat, np.uint64(order[t]) * np.uint64(16), ready, _place_of(t), rows)
         _add_rows(arena, _first_node(c), rows)
 
 
