@@ -33,8 +33,8 @@ class Arenas:
         First row of a block among the contacts.
     leaving, arrivals, before : (nown,) int64
         Particles that leave and enter; first slot before they do.
-    changed : (nown,) bool
-        Whether a particle changed its cell.
+    changed : (nown,) int64
+        Bit q is set if a particle moves to destination q: to a neighbour, or, 13, to another cell of the block.
     rim : (nown,) bool
         Whether particles of the block may leave the domain.
     motion : (nown, 4)
@@ -87,7 +87,7 @@ class Arenas:
             leaving=count(),
             arrivals=count(),
             before=count(),
-            changed=np.zeros(n, np.bool_),
+            changed=count(),
             rim=beside[:, 0] | beside[:, 1],
             motion=np.zeros((n, 4)),
             ground=np.zeros((n, 4)),
@@ -151,7 +151,7 @@ def total_motion(motion, changed, nown):
         move = max(move, motion[b, 1])
         lost += motion[b, 2]
         refused += motion[b, 3]
-        moved = moved or changed[b]
+        moved = moved or changed[b] != 0
     return speed, move, lost, refused, moved
 
 

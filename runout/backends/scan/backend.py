@@ -271,7 +271,7 @@ class ScanBackend:
         i, s, a, k = self.index, self.store, self.room, self.k
         if self.reaches_rim:
             self._book_escaped()
-        needed = k.count_arrivals(i.around, i.first, i.nown, s.listed, a.leaving, i.held, i.room, a.before, a.arrivals)
+        needed = k.count_arrivals(i.around, i.first, i.nown, s.listed, a.leaving, a.changed, i.held, i.room, a.before, a.arrivals)
         if self.end + needed > s.slots:
             s.grow(capacity(self.end + needed))
         self.end, self.n_holes = k.make_room(i.nown, i.held, a.arrivals, i.first, i.room, self.end, self.holes, self.n_holes)

@@ -218,7 +218,7 @@ def _destination(rec, cell, slot, code, b, bxyz, rim, domain):
 def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, leaving, changed):
     """New cells of the particles of a group of lanes; those that leave the block are listed.
 
-    An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell.
+    An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell. Bit q of ``changed`` tells of a move to destination q.
     """
     bits = lane_bits(load16(t, CODE * TILE + 16 * g) != stays(t))
     if rim[b]:
@@ -230,7 +230,8 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, leaving
         column = np.int64(lane) + 16 * g
         slot = p + column
         q, to = _destination(rec, cell, slot, np.int64(t[CODE, column]), b, bxyz, rim, domain)
-        changed = changed or q != HERE or to != cell[slot]
+        if q != HERE or to != cell[slot]:
+            changed = changed | (np.int64(1) << q)
         cell[slot] = to
         if q != HERE:
             cell[slot] = LEFT
@@ -278,7 +279,7 @@ def grid_to_particles(
     """
     for b in prange(nown):
         leaving[b] = 0
-        changed[b] = False
+        changed[b] = 0
         for k in range(4):
             sums[b, k] = 0.0
         held = starts[b, 64]
@@ -293,7 +294,7 @@ def grid_to_particles(
         f = first[b]
         speed = move = lost = refused = zeros(rec)
         n = 0
-        new = False
+        new = np.int64(0)
         for k in range(0, held, TILE):
             count = min(TILE, held - k)
             groups = (count + 15) >> 4

@@ -9,10 +9,10 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import local_array
-from runout.backends.scan.motion import LEFT
+from runout.backends.scan.motion import HERE, LEFT
 
 CELLS = 64
-local_counts = local_array((CELLS + 1,))  # and those that leave
+local_counts = local_array((4 * (CELLS + 1),))  # of cells and of those that leave, by quarters
 
 
 def _spacious(n):
@@ -20,14 +20,14 @@ def _spacious(n):
     return (n + (n >> 5) + 19) & ~15
 
 
-def count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals):
+def count_arrivals(around, first, nown, movers, leaving, changed, held, room, before, arrivals):
     """Number of particles that enter each block; returns how many fresh slots the blocks that overflow will need."""
     for b in prange(nown):
         before[b] = first[b]
         n = 0
         for q in range(27):
             s = around[b, q]
-            if s < 0 or leaving[s] == 0:
+            if q == HERE or s < 0 or (changed[s] >> (26 - q)) & 1 == 0:
                 continue
             for t in range(leaving[s]):
                 n += (movers[first[s] + t] >> 6) & 63 == 26 - q
@@ -121,11 +121,11 @@ def _relocate(rec, state, who, cell, old, new, n):
     return kept
 
 
-def _receive(rec, state, who, cell, around, before, movers, leaving, b, end):
+def _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end):
     """Copy the arrivals of a block to the slots from ``end`` on: the neighbours still read those that were left."""
     for q in range(27):
         s = around[b, q]
-        if s < 0 or leaving[s] == 0:
+        if q == HERE or s < 0 or (changed[s] >> (26 - q)) & 1 == 0:
             continue
         for t in range(leaving[s]):
             entry = movers[before[s] + t]
@@ -135,39 +135,65 @@ def _receive(rec, state, who, cell, around, before, movers, leaving, b, end):
     return end
 
 
+def _column(c, quarter):
+    """Place of the count of a cell and a quarter."""
+    return np.uint64(4) * np.uint64(c) + np.uint64(quarter)
+
+
+def _append(order, place, column, p):
+    """Write slot ``p`` where a count says, and count on."""
+    order[np.uint64(place[column])] = p
+    place[column] += 1
+
+
 def _list_by_cell(cell, order, starts, b, first, end):
-    """Sort the occupied slots of a block by cell; returns their number."""
+    """Sort the occupied slots of a block by cell; returns their number.
+
+    Four quarters of the slots are counted at once, each in its own column: neighbours lie mostly in one cell, and a processor
+    waits for a count that it has just written. What leaves comes last and is forgotten.
+    """
     place = local_counts(starts)
-    for c in range(CELLS + 1):
+    for c in range(4 * (CELLS + 1)):
         place[c] = 0
-    for p in range(np.uint64(first), np.uint64(end)):
-        place[np.uint64(cell[p])] += 1
-    total = 0
-    for c in range(CELLS):
-        n = place[c]
-        place[c] = first + total
-        starts[b, c] = total
-        total += n
-    starts[b, CELLS] = total
-    for p in range(np.uint64(first), np.uint64(end)):
-        c = np.uint64(cell[p])
-        if c < np.uint64(CELLS):
-            order[np.uint64(place[c])] = p
-            place[c] += 1
-    return total
+    f = np.uint64(first)
+    quarter = np.uint64(end - first) >> np.uint64(2)
+    two = quarter + quarter
+    three = two + quarter
+    for p in range(f, f + quarter):
+        place[_column(cell[p], 0)] += 1
+        place[_column(cell[p + quarter], 1)] += 1
+        place[_column(cell[p + two], 2)] += 1
+        place[_column(cell[p + three], 3)] += 1
+    for p in range(f + two + two, np.uint64(end)):
+        place[_column(cell[p], 3)] += 1
+    total = first
+    for c in range(CELLS + 1):
+        starts[b, c] = total - first
+        for q in range(4):
+            n = place[4 * c + q]
+            place[4 * c + q] = total
+            total += n
+    for p in range(f, f + quarter):
+        _append(order, place, _column(cell[p], 0), p)
+        _append(order, place, _column(cell[p + quarter], 1), p + quarter)
+        _append(order, place, _column(cell[p + two], 2), p + two)
+        _append(order, place, _column(cell[p + three], 3), p + three)
+    for p in range(f + two + two, np.uint64(end)):
+        _append(order, place, _column(cell[p], 3), p)
+    return starts[b, CELLS]
 
 
 def settle(rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, changed, arrivals):
     """Let particles enter their new blocks, and list the blocks in which anything changed by cell."""
     for b in prange(nown):
-        if arrivals[b] == 0 and not changed[b]:
+        if arrivals[b] == 0 and changed[b] == 0:
             continue
         f = first[b]
         end = f + held[b]
         if f != before[b]:
             end = f + _relocate(rec, state, who, cell, before[b], f, held[b])
         if arrivals[b] > 0:
-            end = _receive(rec, state, who, cell, around, before, movers, leaving, b, end)
+            end = _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end)
         held[b] = _list_by_cell(cell, order, starts, b, f, end)
 
 
