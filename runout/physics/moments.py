@@ -43,6 +43,15 @@ def affine_columns(m: Any, bx: Any, by: Any, bz: Any):
     return tens(a * bx[0], a * bx[1], a * bx[2], a * by[0], a * by[1], a * by[2], a * bz[0], a * bz[1], a * bz[2])
 
 
+def momentum_at(p: Any, ax: Any, ay: Any, az: Any, d: Any):
+    """Momentum [kg m/s] of an affine field at ``d`` [cells] from where it is ``p``, from the columns of its slopes [kg m/s]."""
+    return vec(
+        p[0] + (d[0] * ax[0] + d[1] * ay[0] + d[2] * az[0]),
+        p[1] + (d[0] * ax[1] + d[1] * ay[1] + d[2] * az[1]),
+        p[2] + (d[0] * ax[2] + d[1] * ay[2] + d[2] * az[2]),
+    )
+
+
 def gradient_column(column: Any, m: Any, h: Any):
     """Column j of the velocity gradient C [1/s] from that of the affine momentum, m C_j h_j."""
     return column / (m * h)

@@ -147,6 +147,8 @@ CASES = [
     Case(bspline.inverse_inertia, "s", "s", (between(0.1, 50.0),)),
     Case(moments.moment_slope, "ss", "s", (step, between(0.1, 50.0))),
     Case(moments.velocity_gradient, "vvvv", "t", (vector, vector, vector, vector)),
+    Case(moments.moment_about, "vsv", "v", (vector, number, vector)),
+    Case(moments.momentum_at, "vvvvv", "v", (vector, vector, vector, vector, vector)),
     Case(moments.stress_columns, "ysv", "t", (tensor, between(0.1, 50.0), vector)),
     Case(moments.affine_columns, "svvv", "t", (between(0.1, 50.0), vector, vector, vector)),
     Case(moments.gradient_column, "sss", "s", (number, between(0.1, 50.0), between(0.1, 50.0))),

@@ -348,8 +348,9 @@ class ScanBackend:
         slot = s.order[np.repeat(i.first - place, i.held) + np.arange(n)]
         rec, state, who = s.rec[slot].astype(np.float64), s.state[slot].astype(np.float64), s.who[slot]
         m = rec[:, 0]
+        momentum = rec[:, 1:4] + sum((rec[:, 4 + 4 * j, None] - 1.0) * rec[:, 5 + 4 * j : 8 + 4 * j] for j in range(3))
         p = Particles(
-            node, rec[:, 4::4], rec[:, 1:4] / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
+            node, rec[:, 4::4], momentum / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
             s.radius[who].astype(np.float64), s.label[who, 0], s.label[who, 1].astype(np.int64),
         )  # fmt: skip
         return p.take(np.argsort(p.identity))

@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from runout.backends.protocol import Columns
-from runout.backends.scan.observe import _node_of
+from runout.backends.scan.observe import _momentum, _node_of
 
 if TYPE_CHECKING:
     from runout.backends.scan.backend import ScanBackend
@@ -79,6 +79,7 @@ def _add_particle(rec, p, density, node, h, cell, place, sums):
     x = (node[0] + rec[p, 4] - 0.5) * wx
     y = (node[1] + rec[p, 8] - 0.5) * wy
     m = rec[p, 0]
+    mv = _momentum(rec.T, p)
     for i in range(math.floor(x), math.floor(x + wx) + 1):
         sx = _covered(x, wx, i)
         column = min(max(i, 0), place[3] - 1) - place[1]
@@ -89,7 +90,7 @@ def _add_particle(rec, p, density, node, h, cell, place, sums):
                 sums[row, column, 0] += share * m / density
                 sums[row, column, 1] += share * m
                 for d in range(3):
-                    sums[row, column, 2 + d] += share * rec[p, 1 + d]
+                    sums[row, column, 2 + d] += share * mv[d]
 
 
 def add_stripes(rec, who, label, order, starts, first, bxyz, corner, density, h, cell, place, blocks, stripes, parity, sums):

@@ -40,6 +40,7 @@ from runout.backends.scan.stencil import (
 )
 from runout.backends.scan.transfer import _fill_arena, _find_arenas, _sum_row, local_places, masses, ones
 from runout.physics.contact import impulse, in_contact, work
+from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
 TILE = 64
@@ -97,15 +98,27 @@ def _coefficients(t, q):
     )  # fmt: skip
 
 
+def _momentum(t, q):
+    """Momentum [kg m/s] of a particle from its record: that at the middle node, and its slopes."""
+    return momentum_at(
+        vec(t[1, q], t[2, q], t[3, q]),
+        vec(t[5, q], t[6, q], t[7, q]),
+        vec(t[9, q], t[10, q], t[11, q]),
+        vec(t[13, q], t[14, q], t[15, q]),
+        vec(t[4, q] - real(1.0), t[8, q] - real(1.0), t[12, q] - real(1.0)),
+    )
+
+
 def _measure(t, n, east, north, dz, dt, band):
     """Turn records into rows of contacts: weight, normal, gap, friction and velocity."""
     for q in range(n):
         z = t[FLOOR, q] + t[12, q]
         nx, ny, nz, gap = _ground(_coefficients(t, q), t[4, q], t[8, q], z, t[RADIUS, q], east, north, dz)
         m = real(1.0) / t[0, q]
-        vx = t[1, q] * m
-        vy = t[2, q] * m
-        vz = t[3, q] * m
+        px, py, pz = _momentum(t, q)
+        vx = px * m
+        vy = py * m
+        vz = pz * m
         weight = real(1.0) if in_contact(gap, vx * nx + vy * ny + vz * nz, dt, band) else real(0.0)
         t[0, q] = weight
         t[1, q] = real(0.0)

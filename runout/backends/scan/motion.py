@@ -37,7 +37,7 @@ from runout.backends.scan.stencil import (
 from runout.physics.elastic import is_small, kirchhoff_stress
 from runout.physics.elastic import update as law_update
 from runout.physics.elastic import update_small as law_update_small
-from runout.physics.moments import affine_columns, moment_about, stress_columns, velocity_gradient
+from runout.physics.moments import affine_columns, moment_about, momentum_at, stress_columns, velocity_gradient
 from runout.physics.tensors import real, sym, vec
 
 TILE = 32
@@ -97,23 +97,20 @@ def _strain(t, p):
 
 
 def _pack(t, p, tau, s):
-    """Next momentum and A of a column from its velocity, first moments and stress."""
+    """Next momentum and A of a column that has moved, from its velocity, first moments and stress."""
     m = t[0, p]
     x, y, z = _moments(t, p)
     a = affine_columns(m, x, y, z)
     f = stress_columns(tau, t[23, p], s)
-    t[1, p] = m * t[1, p]
-    t[2, p] = m * t[2, p]
-    t[3, p] = m * t[3, p]
-    t[5, p] = a[0] + f[0]
-    t[6, p] = a[1] + f[1]
-    t[7, p] = a[2] + f[2]
-    t[9, p] = a[3] + f[3]
-    t[10, p] = a[4] + f[4]
-    t[11, p] = a[5] + f[5]
-    t[13, p] = a[6] + f[6]
-    t[14, p] = a[7] + f[7]
-    t[15, p] = a[8] + f[8]
+    ax = vec(a[0] + f[0], a[1] + f[1], a[2] + f[2])
+    ay = vec(a[3] + f[3], a[4] + f[4], a[5] + f[5])
+    az = vec(a[6] + f[6], a[7] + f[7], a[8] + f[8])
+    here = vec(m * t[1, p], m * t[2, p], m * t[3, p])
+    to_node = vec(real(1.0) - t[4, p], real(1.0) - t[8, p], real(1.0) - t[12, p])
+    t[1, p], t[2, p], t[3, p] = momentum_at(here, ax, ay, az, to_node)
+    t[5, p], t[6, p], t[7, p] = ax
+    t[9, p], t[10, p], t[11, p] = ay
+    t[13, p], t[14, p], t[15, p] = az
 
 
 def _move(t, p, cells):

@@ -9,7 +9,7 @@ from runout.backends.lanes import local_array
 from runout.backends.scan.arenas import SUMS
 from runout.backends.scan.motion import OUTSIDE
 from runout.physics.elastic import energy_density, is_small, kirchhoff_stress, log_strain, log_strain_scaled, log_strain_series
-from runout.physics.moments import gradient_column, kinetic_energy, moment_slope, potential_energy, stress_columns
+from runout.physics.moments import gradient_column, kinetic_energy, moment_slope, momentum_at, potential_energy, stress_columns
 from runout.physics.tensors import contracted, real, sym
 
 MASS, MOMENTUM, KINETIC, POTENTIAL, ELASTIC = 0, 1, 4, 5, 6  # places in a row of sums
@@ -36,6 +36,7 @@ def change_step(rec, state, who, label, order, first, held, nown, mats, ddt, h):
             for j in range(3):
                 for i in range(3):
                     rec[p, 5 + 4 * j + i] += push[3 * j + i]
+                    rec[p, 1 + i] += (real(1.0) - rec[p, 4 + 4 * j]) * push[3 * j + i]
 
 
 def _take_record(t, q, rec, state, p):
@@ -56,6 +57,17 @@ def _take_place(t, x, q, mat, node):
 
 def _strain(t, q):
     return sym(t[16, q], t[17, q], t[18, q], t[19, q], t[20, q], t[21, q])
+
+
+def _momentum(t, q):
+    """Momentum [kg m/s] of column ``q`` of a tile of records, in float64: the record holds that at the middle node."""
+    return momentum_at(
+        (np.float64(t[1, q]), np.float64(t[2, q]), np.float64(t[3, q])),
+        (np.float64(t[5, q]), np.float64(t[6, q]), np.float64(t[7, q])),
+        (np.float64(t[9, q]), np.float64(t[10, q]), np.float64(t[11, q])),
+        (np.float64(t[13, q]), np.float64(t[14, q]), np.float64(t[15, q])),
+        (np.float64(t[4, q]) - 1.0, np.float64(t[8, q]) - 1.0, np.float64(t[12, q]) - 1.0),
+    )
 
 
 def _gradient(t, q, tau, dt, h):
@@ -86,12 +98,13 @@ def _account(t, x, q, dt, h, gravity):
     log = _strain(t, q)
     m = np.float64(t[0, q])
     cx, cy, cz = _gradient(t, q, kirchhoff_stress(log, mat), dt, h)
-    v = t[1, q] / m, t[2, q] / m, t[3, q] / m
+    mv = _momentum(t, q)
+    v = mv[0] / m, mv[1] / m, mv[2] / m
     place = h[0] * (x[NODE, q] + t[4, q]), h[1] * (x[NODE + 1, q] + t[8, q]), h[2] * (x[NODE + 2, q] + t[12, q])
     x[MASS, q] = m
-    x[MOMENTUM, q] = t[1, q]
-    x[MOMENTUM + 1, q] = t[2, q]
-    x[MOMENTUM + 2, q] = t[3, q]
+    x[MOMENTUM, q] = mv[0]
+    x[MOMENTUM + 1, q] = mv[1]
+    x[MOMENTUM + 2, q] = mv[2]
     x[KINETIC, q] = kinetic_energy(m, v, cx, cy, cz, h)
     x[POTENTIAL, q] = potential_energy(m, gravity, place)
     x[ELASTIC, q] = np.float64(energy_density(log, mat)) * t[23, q]

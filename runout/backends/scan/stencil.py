@@ -2,10 +2,10 @@
 
 Record of a particle (16 numbers, one cache line in float32); f is the offset from its cell's first node, 0.5 <= f < 1.5:
 
-    [ m, m vx, m vy, m vz | fx, A column 0 | fy, A column 1 | fz, A column 2 ]
+    [ m, px, py, pz | fx, A column 0 | fy, A column 1 | fz, A column 2 ]
 
 with A = h_j (m C - dt 4/h_j^2 V0 tau), so that the momentum at node x is m v + A (x - f) with x in cells
-(Hu et al. 2018, ACM TOG 37:150, eq. 18). Between gather and law the record holds v in place of m v and the first moments
+(Hu et al. 2018, ACM TOG 37:150, eq. 18), and p this momentum at the middle node x = 1: the other nodes are a sum away. Between gather and law the record holds v in place of p and the first moments
 sum w v_i x_j about the first node in place of A.
 
 A row of nodes is four nodes along z of four numbers each, mass or weight first: one vector. An arena holds the 6 x 6 x 6
@@ -49,6 +49,7 @@ all_centre = constant([0.0] * 4 + [1.5, 1.0, 0.5, 0.0] * 3)
 all_offset = constant([0.0] * 4 + [0.0, 0.75, 0.0, 0.0] * 3)
 weights_of_z = permutation(in_groups((12, 13, 14, 15)))
 z_place = constant(in_groups((0.0, 1.0, 2.0, 0.0)))
+z_side_of_a = constant([0.0, -1.0, -1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 zeros = constant([0.0] * 16)
 repeated = permutation([0, 1, 2, 3] * 4)  # a b c d -> abcd abcd abcd abcd
 even_groups = permutation_of_two([0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27])
@@ -104,33 +105,25 @@ def _scatter(rec, r, ready, w, rows):
     z_of_a = tails(z)
     ax = repeated(load4(rec, r + np.uint64(4))) * z_of_a
     ay = repeated(load4(rec, r + np.uint64(8))) * z_of_a
-    az = repeated(load4(rec, r + np.uint64(12)))
-    q = repeated(load4(rec, r)) * z - rec[r + np.uint64(4)] * ax - rec[r + np.uint64(8)] * ay  # row (0, 0)
-    q = q + ((z_place(z) - rec[r + np.uint64(12)]) * z_of_a) * az
-    u0 = y0 * q
-    u1 = y1 * (q + ay)
-    u2 = y2 * (q + (ay + ay))
+    q = repeated(load4(rec, r)) * z + repeated(load4(rec, r + np.uint64(12))) * (z_side_of_a(z) * z)  # row (1, 1)
+    u0 = y0 * (q - ay)
+    u1 = y1 * q
+    u2 = y2 * (q + ay)
     d0 = y0 * ax
     d1 = y1 * ax
     d2 = y2 * ax
-    x = ready[w + np.uint64(4)]
-    a00 += x * u0
-    a01 += x * u1
-    a02 += x * u2
-    u0 += d0
-    u1 += d1
-    u2 += d2
     x = ready[w + np.uint64(5)]
     a10 += x * u0
     a11 += x * u1
     a12 += x * u2
-    u0 += d0
-    u1 += d1
-    u2 += d2
+    x = ready[w + np.uint64(4)]
+    a00 += x * (u0 - d0)
+    a01 += x * (u1 - d1)
+    a02 += x * (u2 - d2)
     x = ready[w + np.uint64(6)]
-    a20 += x * u0
-    a21 += x * u1
-    a22 += x * u2
+    a20 += x * (u0 + d0)
+    a21 += x * (u1 + d1)
+    a22 += x * (u2 + d2)
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
 
 

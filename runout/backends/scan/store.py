@@ -91,10 +91,13 @@ class Store:
 
     def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
         self.rec[slot, 0] = p.mass
-        self.rec[slot, 1:4] = p.mass[:, None] * p.velocity
+        mass, momentum = p.mass[:, None], p.mass[:, None] * p.velocity
         for j in range(3):
+            slope = mass * p.affine[:, :, j] * scene.spacing[j]
+            momentum += (1.0 - p.offset[:, j, None]) * slope
             self.rec[slot, 4 + 4 * j] = p.offset[:, j]
-            self.rec[slot, 5 + 4 * j : 8 + 4 * j] = p.mass[:, None] * p.affine[:, :, j] * scene.spacing[j]
+            self.rec[slot, 5 + 4 * j : 8 + 4 * j] = slope
+        self.rec[slot, 1:4] = momentum
         self.state[slot, :6], self.state[slot, 6], self.state[slot, 7] = p.strain, p.history, p.volume
 
     def memory(self) -> dict[str, int]:
