@@ -209,7 +209,7 @@ def particles_to_arenas_and_contacts(
         touching[b] = 0
         if starts[b, 64] == 0:
             continue
-        _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[number[b]])
+        _fill_arena(rec, order, starts, first, b, arenas[number[b]])
         cut = reach / (bounds[b, 1] * h[2])
         if real(0.5) - bounds[b, 0] > cut:
             continue

@@ -17,18 +17,19 @@ from runout.backends.lanes import (
     load16,
     local_array,
     lowest_bit,
+    prefetch,
     record_vectors,
     row_vectors,
     store,
     whole,
 )
 from runout.backends.scan.stencil import (
+    AHEAD,
     _first_node,
     _gather,
     _load_nodes,
     _load_rows,
     _place_of,
-    _prefetch_share,
     _weigh,
     local_nodes,
     local_weights,
@@ -237,31 +238,33 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, leaving
     return leaving, changed
 
 
-def _gather_block(rec, state, who, cell, order, starts, first, b, following, nodes, rec2, state2, who2):
+def _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2, state2, who2):
     """Records with velocities and first moments, states and labels of all particles of a block, by cell, in a buffer."""
     flat = rec.reshape(-1)
     states = state.reshape(-1)
     flat2 = rec2.reshape(-1)
     states2 = state2.reshape(-1)
-    f = first[b]
+    f = np.uint64(first[b])
     ready = local_weights(rec)
     _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(0)))
     for c in range(64):
-        _prefetch_share(flat, first, starts, following, c)
         s = np.uint64(starts[b, c])
         e = np.uint64(starts[b, c + 1])
         if s == e:
             continue
         rows = _load_rows(nodes, _first_node(c))
         for t in range(s, e):
-            p = np.uint64(order[np.uint64(f) + t])
-            _weigh(flat, np.uint64(order[np.uint64(f) + t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
+            p = np.uint64(order[f + t])
+            later = np.uint64(order[f + t + np.uint64(AHEAD)])
+            prefetch(flat, later * np.uint64(16))
+            prefetch(states, later * np.uint64(8))
+            _weigh(flat, np.uint64(order[f + t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
             store(flat2, t * np.uint64(16), _gather(flat, p * np.uint64(16), ready, _place_of(t), rows))
             store(states2, t * np.uint64(8), load8(states, p * np.uint64(8)))
             who2[t] = who[p]
-            cell[np.uint64(f) + t] = c
-            order[np.uint64(f) + t] = np.uint64(f) + t
-    for t in range(starts[b, 64]):
+            cell[f + t] = c
+            order[f + t] = f + t
+    for t in range(np.uint64(starts[b, 64])):
         who[f + t] = who2[t]
 
 
@@ -286,8 +289,7 @@ def grid_to_particles(
         nodes = local_nodes(rec)
         t = local_tile(rec)
         _load_nodes(nodes, grid, up, b)
-        following = min(b + 1, nown - 1)
-        _gather_block(rec, state, who, cell, order, starts, first, b, following, nodes, rec2[buffer], state2[buffer], who2[buffer])
+        _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2[buffer], state2[buffer], who2[buffer])
         f = first[b]
         speed = move = lost = refused = zeros(rec)
         n = 0

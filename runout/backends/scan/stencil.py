@@ -5,8 +5,8 @@ Record of a particle (16 numbers, one cache line in float32); f is the offset fr
     [ m, px, py, pz | fx, A column 0 | fy, A column 1 | fz, A column 2 ]
 
 with A = h_j (m C - dt 4/h_j^2 V0 tau), so that the momentum at node x is m v + A (x - f) with x in cells
-(Hu et al. 2018, ACM TOG 37:150, eq. 18), and p this momentum at the middle node x = 1: the other nodes are a sum away. Between gather and law the record holds v in place of p and the first moments
-sum w v_i x_j about the first node in place of A.
+(Hu et al. 2018, ACM TOG 37:150, eq. 18), and p this momentum at the middle node x = 1: the other nodes are a sum away.
+Between gather and law the record holds v in place of p and the first moments sum w v_i x_j about the first node in place of A.
 
 A row of nodes is four nodes along z of four numbers each, mass or weight first: one vector. An arena holds the 6 x 6 x 6
 nodes that the particles of one block reach, and room for the vector that starts at its last row.
@@ -22,7 +22,6 @@ from runout.backends.lanes import (
     local_array,
     permutation,
     permutation_of_two,
-    prefetch,
     splat,
     store,
 )
@@ -31,6 +30,7 @@ from runout.physics.bspline import weights
 ROW = 24  # numbers per row of six nodes
 PLANE = 144
 ARENA = 880  # 864 and padding
+AHEAD = 30  # particles that memory is asked for before their turn: they are read in the order of their cells
 ALL = 16  # numbers that a vector of weights takes
 
 
@@ -44,11 +44,26 @@ z_scale = constant(in_groups((0.5, -1.0, 0.5, 0.0)))
 z_centre = constant(in_groups((1.5, 1.0, 0.5, 0.0)))
 z_offset = constant(in_groups((0.0, 0.75, 0.0, 0.0)))
 # the same for all axes: group 1 + j is axis j, and a lane of it a node; nothing in group 0
-all_scale = constant([0.0] * 4 + [0.5, -1.0, 0.5, 0.0] * 3)
-all_centre = constant([0.0] * 4 + [1.5, 1.0, 0.5, 0.0] * 3)
+all_scale = constant([0.0] * 4 + [0.5, -1.0, 0.5, 1.0] * 3)  # the last lane is twice the third weight
+all_centre = constant([0.0] * 4 + [1.5, 1.0, 0.5, 0.5] * 3)
 all_offset = constant([0.0] * 4 + [0.0, 0.75, 0.0, 0.0] * 3)
-weights_of_z = permutation(in_groups((12, 13, 14, 15)))
-z_place = constant(in_groups((0.0, 1.0, 2.0, 0.0)))
+weights_of_z = permutation(in_groups((12, 13, 14, 0)))
+# of the three nodes along z in the sum and the moments about x, y and z
+lower_of_z = permutation(in_groups((12, 12, 12, 0)))
+middle_of_z = permutation(in_groups((13, 13, 13, 13)))
+upper_of_z = permutation(in_groups((14, 14, 14, 15)))
+
+
+def lanes_of_groups(groups):
+    """Lanes of four of the eight groups of two vectors."""
+    return [4 * g + k for g in groups for k in range(4)]
+
+
+lower_and_middle = permutation_of_two(lanes_of_groups((0, 1, 4, 5)))  # nodes of two sums
+upper = permutation_of_two(lanes_of_groups((2, 2, 6, 6)))
+all_lower = permutation_of_two(lanes_of_groups((0, 2, 4, 4)))
+all_middle = permutation_of_two(lanes_of_groups((1, 3, 5, 1)))
+all_upper = permutation_of_two(lanes_of_groups((0, 2, 6, 0)))
 z_side_of_a = constant([0.0, -1.0, -1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 zeros = constant([0.0] * 16)
 repeated = permutation([0, 1, 2, 3] * 4)  # a b c d -> abcd abcd abcd abcd
@@ -179,9 +194,12 @@ def _gather(rec, r, ready, w, rows):
     y2 = ready[w + np.uint64(10)]
     t2 = y2 * c2
     t1 = y1 * c1 + t2
-    z = weights_of_z(load16(ready, w))
-    s = (y0 * c0 + t1) * z
-    about_node = _sum_groups(s, (y0 * d0 + y1 * d1 + y2 * d2) * z, (t1 + t2) * z, z_place(s) * s)
+    s = y0 * c0 + t1
+    y = t1 + t2
+    x = y0 * d0 + y1 * d1 + y2 * d2
+    two = lower_and_middle(s, x)
+    z = load16(ready, w)
+    about_node = lower_of_z(z) * all_lower(two, y) + middle_of_z(z) * all_middle(two, y) + upper_of_z(z) * all_upper(upper(s, x), y)
     return heads_and_tails(load16(rec, r), about_node)
 
 
@@ -239,11 +257,3 @@ def _load_nodes(nodes, grid, up, b):
             a = x * PLANE + y * ROW
             store(nodes, a, load16(grid, up[b, q] * 256 + n))
             store(nodes, a + 16, load8(grid, up[b, q + 1] * 256 + n))
-
-
-def _prefetch_share(flat, first, starts, b, c):
-    """Ask for one of 64 shares of the records of a block: they lie together, but are read in the order of their cells."""
-    f = first[b]
-    n = starts[b, 64]
-    for p in range(f + ((n * c) >> 6), f + ((n * (c + 1)) >> 6)):
-        prefetch(flat, 16 * p)

@@ -3,8 +3,9 @@
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import constant, load8, load16, local_array, permutation, select, store
+from runout.backends.lanes import constant, load8, load16, local_array, permutation, prefetch, select, store
 from runout.backends.scan.stencil import (
+    AHEAD,
     ARENA,
     PLANE,
     ROW,
@@ -13,7 +14,6 @@ from runout.backends.scan.stencil import (
     _first_node,
     _nothing,
     _place_of,
-    _prefetch_share,
     _scatter,
     _weigh,
     heads_and_tails,
@@ -29,7 +29,7 @@ local_places = local_array((8,))
 widened = permutation([*range(8), *[8] * 8])
 
 
-def _fill_arena(rec, order, starts, first, b, following, arena):
+def _fill_arena(rec, order, starts, first, b, arena):
     """Add the particles of a block to its arena."""
     flat = rec.reshape(-1)
     _clear(arena)
@@ -37,13 +37,13 @@ def _fill_arena(rec, order, starts, first, b, following, arena):
     ready = local_weights(rec)
     _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(f)))
     for c in range(64):
-        _prefetch_share(flat, first, starts, following, c)
         s = np.uint64(f + starts[b, c])
         e = np.uint64(f + starts[b, c + 1])
         if s == e:
             continue
         rows = _nothing(rec)
         for t in range(s, e):
+            prefetch(flat, np.uint64(order[t + np.uint64(AHEAD)]) * np.uint64(16))
             _weigh(flat, np.uint64(order[t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
             rows = _scatter(flat, np.uint64(order[t]) * np.uint64(16), ready, _place_of(t), rows)
         _add_rows(arena, _first_node(c), rows)
@@ -53,7 +53,7 @@ def particles_to_arenas(rec, order, starts, first, nown, number, arenas):
     """Each block that holds particles adds them to its own arena."""
     for b in prange(nown):
         if starts[b, 64] > 0:
-            _fill_arena(rec, order, starts, first, b, min(b + 1, nown - 1), arenas[number[b]])
+            _fill_arena(rec, order, starts, first, b, arenas[number[b]])
 
 
 def _find_arenas(place, number, filled, down, block):
