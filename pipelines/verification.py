@@ -12,6 +12,7 @@ from pipelines.verification_cases import (
     bar,
     column,
     curved_ground,
+    dam_breaks,
     element,
     ground_contact,
     kernel,
@@ -19,6 +20,7 @@ from pipelines.verification_cases import (
     rigid,
     single_precision,
     sliding_box,
+    spreading_cap,
     thin_layers,
     transfers,
 )
@@ -35,6 +37,7 @@ CASES: dict[str, Case] = {
         *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
         *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
         *(curved_ground.BOWL, curved_ground.RAMP, thin_layers.CASE, single_precision.CASE),
+        *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
     )
 }
 

@@ -52,6 +52,7 @@ class ScanBackend:
         self.allowed = min(threads or available, available)
         self.threads = 1
         self.dense = index == "dense"
+        self.period = (0, 0, 0)  # [cells] after which the grid, not the ground, repeats; may be set where the index is dense
         self.counters = Counters()
         self.buffers: tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -112,6 +113,8 @@ class ScanBackend:
         self.index, numbers = old.rebuilt(self.k, MARGIN, self.dense)
         i = self.index
         self.k.hand_over_slots(numbers, old.starts, old.first, old.room, old.nown, i.starts, i.first, i.room, i.held)
+        if any(self.period):
+            i.join_ends(self.period)
         self._allocate_blocks()
 
     def _make_slots(self) -> None:

@@ -10,13 +10,15 @@ from types import SimpleNamespace
 import numpy as np
 from numba import prange
 
-from runout.errors import CapacityError
+from runout.errors import CapacityError, ConfigError
 from runout.physics.blocks import block_of
 
 OWNER = 1
 NODES = 2
 PAGE = 512  # blocks of a superblock
 LARGEST_TABLE = 2**24  # superblocks: 64 MB
+UP = np.array([(q >> 2, (q >> 1) & 1, q & 1) for q in range(8)])  # steps to the blocks of Index.up
+AROUND = np.array([(q // 9 - 1, (q // 3) % 3 - 1, q % 3 - 1) for q in range(27)])
 
 
 @dataclass
@@ -109,6 +111,35 @@ class Index:
         numbers = np.empty(self.nown, np.int32)
         k.find_numbers(self.bxyz, self.held, self.nown, corner, table, slot, numbers)
         return new, numbers
+
+    def join_ends(self, period: tuple[int, int, int]) -> None:
+        """Link the blocks at either end of a period to each other, for verification; their images beyond it stay empty.
+
+        ``period`` [cells], 0 along an axis that does not repeat. The index holds every block of the box around the particles.
+
+        Raises
+        ------
+        ConfigError
+            If a period is no multiple of a block, or shorter than the mass.
+        """
+        blocks = np.array(period) // 4
+        if (4 * blocks != period).any():
+            raise ConfigError(f"period is {period}; it must be a multiple of 4 cells along each axis")
+        xyz, nown, repeats = self.bxyz.astype(np.int64), self.nown, blocks > 0
+        inside = np.asarray(((xyz >= 0) & (xyz < blocks) | ~repeats).all(axis=1))
+        if (self.held[~inside[:nown]] > 0).any():
+            raise ConfigError(f"the particles reach beyond the period of {period} cells")
+        low = xyz.min(axis=0) - 1
+        table = np.full(xyz.max(axis=0) + 2 - low, -1, np.int32)
+        table[tuple((xyz - low).T)] = np.arange(self.nall)
+        for links, steps in ((self.up, UP), (self.down, -UP), (self.around, AROUND)):
+            here = np.flatnonzero(inside[: len(links)])
+            target = xyz[here, None, :] + steps
+            target[..., repeats] %= blocks[repeats]
+            links[here] = table[tuple(np.moveaxis(target - low, -1, 0))]
+        for links in (self.down, self.around):
+            links[links >= nown] = -1
+            links[~inside[: len(links)]] = -1  # an image gives and takes nothing
 
 
 def _table(shape: np.ndarray) -> np.ndarray:

@@ -1,0 +1,152 @@
+"""Runs of a flow that note thickness and energy: in plane strain on a periodic grid, or in space.
+
+Plane strain takes a slice of :data:`ACROSS` cells with one particle a cell across, whose grid repeats. A wall that reflects is the
+mirror image of the body.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipelines.verification_cases.bodies import filled
+from pipelines.verification_cases.closed_forms import GRAVITY
+from pipelines.verification_cases.transfer_loss import TransferLoss
+from runout.backends.protocol import LedgerRow, get_backend
+from runout.model.materials import Material
+from runout.model.particles import Particles
+from runout.model.scene import Raster, Scene
+from runout.model.surface import Surface
+
+ACROSS = 4  # cells of a slice: the shortest period
+CHUNK = 10  # steps of one length
+BASE = 40.35  # [cells] of a level floor above the origin
+
+
+@dataclass(frozen=True)
+class Energies:
+    """What became of the potential energy since the start, as shares of its drop [1].
+
+    ``kinetic`` and ``elastic`` gained, ``basal`` and ``internal`` dissipated, ``transfer``: kinetic energy that the transfers
+    between particles and grid lost.
+    """
+
+    drop: float  # [J]
+    kinetic: float
+    elastic: float
+    basal: float
+    internal: float
+    transfer: float
+
+    @property
+    def residual(self) -> float:
+        """What is not accounted for."""
+        return 1 - self.kinetic - self.elastic - self.basal - self.internal - self.transfer
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A flow at one time [s]: particles (of one layer of a slice), thickness [m] on the raster (rows, columns), energies."""
+
+    time: float
+    particles: Particles
+    thickness: np.ndarray
+    energies: Energies
+
+
+def level_scene(
+    spacing: float,
+    size: tuple[float, float],
+    material: Material,
+    friction: float,
+    slope_deg: float = 0.0,
+    precision: str = "float64",
+) -> Scene:
+    """A level floor under gravity that leans east by ``slope_deg``; ``size`` of the domain [m], zero across for a slice."""
+    slope, columns = np.radians(slope_deg), round(size[0] / spacing)
+    rows = max(1, round(size[1] / spacing))
+    raster = Raster(rows, columns, (spacing, spacing if rows > 1 else (ACROSS + 1) * spacing))
+    surface = Surface.through(np.full((12, 12), BASE * spacing), (size[0] / 11, size[0] / 11))
+    gravity = (GRAVITY * float(np.sin(slope)), 0.0, -GRAVITY * float(np.cos(slope)))
+    return Scene((spacing,) * 3, surface, raster, (material,), (friction,), gravity, precision=precision)
+
+
+def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Particles:
+    """A slice from particles at places (n, 2) [m] along the floor and above it; ``volume`` [m3] of each, in a slice of one cell."""
+    h, n = scene.spacing[0], len(plane)
+    across = np.repeat((np.arange(ACROSS) + 1.0) * h, n)  # on nodes: half way between them rounding chooses the cell
+    along, above = np.tile(plane[:, 0], ACROSS), np.tile(plane[:, 1], ACROSS)
+    volumes = np.tile(np.broadcast_to(volume, n), ACROSS)
+    p = filled(np.column_stack([along, across, BASE * h + above]), h, scene.materials[0].density, 1.0, h / 4)
+    p.volume *= volumes
+    p.mass *= volumes
+    return p
+
+
+def rectangle(length: float, height: float, spacing: float, start: float = 0.0) -> np.ndarray:
+    """Places (n, 2) [m] of four particles a cell in a rectangle that begins at ``start`` [m]."""
+    x, z = (np.arange(round(2 * s / spacing)) * spacing / 2 + spacing / 4 for s in (length, height))
+    return np.stack(np.meshgrid(start + x, z, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def press(p: Particles, depth: np.ndarray, scene: Scene, at_rest: float = 1.0) -> None:
+    """Give particles the stress of their weight ``depth`` (n,) [m] below the surface; ``at_rest``: horizontal over vertical."""
+    m = scene.materials[0]
+    vertical = m.density * scene.gravity[2] * depth
+    mean = vertical * (1 + 2 * at_rest) / 3
+    bulk = m.lame_lambda + 2 * m.shear_modulus / 3
+    strain = mean / (3 * bulk) + np.stack([at_rest * vertical - mean] * 2 + [vertical - mean]) / (2 * m.shear_modulus)
+    p.strain[:, :3] = np.expm1(2 * strain).T
+
+
+def run(scene: Scene, particles: Particles, times: Sequence[float], samples: int = 40, threads: int = 1) -> list[Frame]:
+    """The flow at ``times`` [s]; a scene as wide as a slice repeats across.
+
+    ``samples`` steps, spread evenly, are taken by the reference backend too, which counts what the transfers lose.
+    """
+    engine, shadow = get_backend("scan", threads=threads, index="dense"), _Shadow(scene)
+    engine.period = (0, ACROSS * shadow.sliced, 0)  # type: ignore[attr-defined]
+    engine.load(scene, particles)
+    start, now, frames, done, dt = engine.ledger(), 0.0, list[Frame](), 0, 0.0
+    for end in times:
+        while now < end * (1 - 1e-12):
+            if done % CHUNK == 0 or now + dt > end:
+                dt = min(0.95 * engine.stable_step(), end - now)
+            if now * samples >= shadow.taken * times[-1]:
+                shadow.look(engine.particles(), now, dt)
+            engine.step(dt)
+            now, done = now + dt, done + 1
+        p = engine.particles()
+        shadow.look(p, now, dt)
+        columns, cell = engine.columns(), scene.raster.cell_size
+        energies = _energies(start, engine.ledger(), shadow.lost)
+        frames.append(Frame(now, shadow.layer(p), columns.volume / (cell[0] * min(cell[1], ACROSS * cell[0])), energies))
+    return frames
+
+
+class _Shadow:
+    """Kinetic energy that the transfers lose: from single steps of the reference backend, by the trapezoidal rule in between."""
+
+    def __init__(self, scene: Scene):
+        self.scene, self.engine = scene, TransferLoss()
+        self.sliced = scene.raster.rows == 1
+        if self.sliced:
+            self.engine.period[1] = 1
+        self.taken, self.lost, self.time, self.rate = 0, 0.0, 0.0, 0.0
+
+    def layer(self, p: Particles) -> Particles:
+        """One of the layers of a slice; all particles in space."""
+        return p.take(np.flatnonzero(p.identity < len(p) // ACROSS)) if self.sliced else p
+
+    def look(self, p: Particles, now: float, dt: float) -> None:
+        """Take a step of ``dt`` [s] at time ``now`` [s] from particles ``p``."""
+        rate = self.engine.rate(self.scene, self.layer(p), dt) * (ACROSS if self.sliced else 1)
+        self.lost += (now - self.time) * 0.5 * (rate + self.rate)
+        self.taken, self.time, self.rate = self.taken + 1, now, rate
+
+
+def _energies(start: LedgerRow, end: LedgerRow, lost: float) -> Energies:
+    drop = start.potential_energy - end.potential_energy
+    kinetic, stored = end.kinetic_energy - start.kinetic_energy, end.elastic_energy - start.elastic_energy
+    basal, internal = (getattr(end, f) - getattr(start, f) for f in ("basal_dissipation", "plastic_dissipation"))
+    return Energies(drop, kinetic / drop, stored / drop, basal / drop, internal / drop, lost / drop)
