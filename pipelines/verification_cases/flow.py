@@ -128,10 +128,9 @@ class _Shadow:
     """Kinetic energy that the transfers lose: from single steps of the reference backend, by the trapezoidal rule in between."""
 
     def __init__(self, scene: Scene):
-        self.scene, self.engine = scene, TransferLoss()
+        self.scene = scene
         self.sliced = scene.raster.rows == 1
-        if self.sliced:
-            self.engine.period[1] = 1
+        self.transfers = TransferLoss((0, int(self.sliced), 0))
         self.taken, self.lost, self.time, self.rate = 0, 0.0, 0.0, 0.0
 
     def layer(self, p: Particles) -> Particles:
@@ -140,7 +139,7 @@ class _Shadow:
 
     def look(self, p: Particles, now: float, dt: float) -> None:
         """Take a step of ``dt`` [s] at time ``now`` [s] from particles ``p``."""
-        rate = self.engine.rate(self.scene, self.layer(p), dt) * (ACROSS if self.sliced else 1)
+        rate = self.transfers.rate(self.scene, self.layer(p), dt) * (ACROSS if self.sliced else 1)
         self.lost += (now - self.time) * 0.5 * (rate + self.rate)
         self.taken, self.time, self.rate = self.taken + 1, now, rate
 

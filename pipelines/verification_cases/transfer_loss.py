@@ -1,37 +1,39 @@
 """The kinetic energy that goes lost between particles and grid, counted by single steps of the reference backend."""
 
+from typing import Any, cast
+
 import numpy as np
 
-from runout.backends.reference.backend import ReferenceBackend, Stencils
+from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 
-class TransferLoss(ReferenceBackend):
-    """A reference backend that counts what its transfers lose: from particles to nodes without forces, and back again."""
+class TransferLoss:
+    """What the transfers lose: from particles to nodes without forces, and back again. ``period`` (3,) [cells] of the grid."""
 
-    lost = 0.0  # [J]
+    def __init__(self, period: tuple[int, int, int] = (0, 0, 0)):
+        engine: Any = cast(Any, get_backend("reference"))
+        engine.watch = self._look
+        for axis, cells in enumerate(period):
+            if cells:
+                engine.period[axis] = cells
+        self._engine = engine
 
     def rate(self, scene: Scene, particles: Particles, dt: float) -> float:
         """Loss [W] in one step of ``dt`` [s] from ``particles``."""
-        self.load(scene, particles)
-        self.lost = 0.0
-        self.step(dt)
-        return self.lost / dt
+        self._engine.load(scene, particles)
+        self._particles = self._engine.particles()
+        before = self._engine.ledger().kinetic_energy
+        self._engine.step(dt)
+        after = self._engine.ledger()
+        return float(before - self._given + self._taken - after.kinetic_energy - after.escaped_energy) / dt
 
-    def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        p = self._p
+    def _look(self, stencils: Any, mass: np.ndarray, velocity: np.ndarray) -> None:
+        """Note the kinetic energy [J] that the nodes get, and that which they have after forces and contact."""
+        p = self._particles
         momentum = p.mass[:, None, None] * (p.velocity[:, None, :] + np.einsum("pij,pnj->pni", p.affine, stencils.arm))
-        self._mass = stencils.scatter(p.mass[:, None])
-        occupied = self._mass[:, 0] > 0.0
+        occupied = mass > 0.0
         squares = (stencils.scatter(momentum)[occupied] ** 2).sum(axis=1)
-        self.lost += self._kinetic() - float(0.5 * (squares / self._mass[occupied, 0]).sum())
-        return super()._particles_to_grid(stencils, dt)
-
-    def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float) -> None:
-        of_nodes = float(0.5 * (self._mass * velocity**2).sum())
-        super()._grid_to_particles(stencils, velocity, dt)
-        self.lost += of_nodes - self._kinetic()
-
-    def _kinetic(self) -> float:
-        return float(self._energies()[0].sum())
+        self._given = 0.5 * (squares / mass[occupied]).sum()
+        self._taken = 0.5 * (mass @ (velocity**2).sum(axis=1))

@@ -78,11 +78,12 @@ class Stencils:
 
 
 class ReferenceBackend:
-    """Plain implementation of :class:`runout.backends.protocol.Backend`; ``period`` and ``push`` serve verification."""
+    """Plain implementation of :class:`runout.backends.protocol.Backend`; ``period``, ``watch`` and ``push`` serve verification."""
 
     def __init__(self) -> None:
         self.counters = Counters()
         self.period = np.full(3, LARGEST_GRID)  # [cells] after which the grid, not the ground, repeats; may be set
+        self.watch: Any = lambda *_: None  # called in every step with stencils, nodal mass and velocity; may be set
 
     def load(self, scene: Scene, particles: Particles) -> None:
         """Take over a scene and its particles; sums and counters start anew."""
@@ -117,6 +118,7 @@ class ReferenceBackend:
         mass, velocity = self._particles_to_grid(stencils, dt)
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
+        self.watch(stencils, mass, velocity)
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
         self._let_escape()
@@ -206,8 +208,7 @@ class ReferenceBackend:
         self._basal_impulse += impulses.sum(axis=0)
 
     def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float) -> None:
-        p = self._p
-        seen = velocity[stencils.node]
+        p, seen = self._p, velocity[stencils.node]
         p.velocity = stencils.gather(velocity)
         p.affine = np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia
         work = np.zeros(len(p))
@@ -215,8 +216,7 @@ class ReferenceBackend:
         self._plastic += float(p.volume @ work)
 
     def _move(self, dt: float) -> None:
-        p = self._p
-        cells = dt * p.velocity / self.spacing
+        p, cells = self._p, dt * self._p.velocity / self.spacing
         if not np.abs(cells).max() < 1.0:  # not a number is refused too
             moved = f"{np.abs(cells).max():.3g} cells in step {self.counters.steps} of {dt:.3g} s"
             raise StabilityError(f"a particle moved {moved}; use a smaller cfl")
