@@ -11,6 +11,7 @@ from typing import Any
 from pipelines.verification_cases import (
     bar,
     column,
+    column_collapse,
     curved_ground,
     dam_breaks,
     element,
@@ -38,6 +39,7 @@ CASES: dict[str, Case] = {
         *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
         *(curved_ground.BOWL, curved_ground.RAMP, thin_layers.CASE, single_precision.CASE),
         *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
+        *(column_collapse.COLUMNS, column_collapse.BUI),
     )
 }
 

@@ -84,6 +84,7 @@ def budget(frame: Frame, name: str) -> list[Result]:
     return [
         Bound(f"energy not accounted for, over the drop of potential energy, {name}", e.residual, BUDGET, -BUDGET),
         Bound(f"of the drop: dissipated at the bed, {name}", e.basal),
+        Bound(f"of the drop: that part of it which the ledger does not book, {name}", e.unbooked),
         Bound(f"of the drop: dissipated inside, {name}", e.internal),
         Bound(f"of the drop: lost in the transfers, {name}", e.transfer),
     ]

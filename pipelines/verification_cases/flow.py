@@ -28,7 +28,7 @@ class Energies:
     """What became of the potential energy since the start, as shares of its drop [1].
 
     ``kinetic`` and ``elastic`` gained, ``basal`` and ``internal`` dissipated, ``transfer``: kinetic energy that the transfers
-    between particles and grid lost.
+    between particles and grid lost. ``basal`` is the ground's work on the nodes, of which ``unbooked`` is missing in the ledger.
     """
 
     drop: float  # [J]
@@ -37,6 +37,7 @@ class Energies:
     basal: float
     internal: float
     transfer: float
+    unbooked: float
 
     @property
     def residual(self) -> float:
@@ -125,13 +126,13 @@ def run(scene: Scene, particles: Particles, times: Sequence[float], samples: int
 
 
 class _Shadow:
-    """Kinetic energy that the transfers lose: from single steps of the reference backend, by the trapezoidal rule in between."""
+    """What transfers and ground take that no ledger books: from single steps of the reference backend, by the trapezoidal rule in between."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
         self.sliced = scene.raster.rows == 1
-        self.transfers = TransferLoss((0, int(self.sliced), 0))
-        self.taken, self.lost, self.time, self.rate = 0, 0.0, 0.0, 0.0
+        self.losses = TransferLoss((0, int(self.sliced), 0))
+        self.taken, self.time, self.lost, self.rates = 0, 0.0, np.zeros(2), np.zeros(2)
 
     def layer(self, p: Particles) -> Particles:
         """One of the layers of a slice; all particles in space."""
@@ -139,13 +140,14 @@ class _Shadow:
 
     def look(self, p: Particles, now: float, dt: float) -> None:
         """Take a step of ``dt`` [s] at time ``now`` [s] from particles ``p``."""
-        rate = self.transfers.rate(self.scene, self.layer(p), dt) * (ACROSS if self.sliced else 1)
-        self.lost += (now - self.time) * 0.5 * (rate + self.rate)
-        self.taken, self.time, self.rate = self.taken + 1, now, rate
+        rates = np.array(self.losses.rates(self.scene, self.layer(p), dt)) * (ACROSS if self.sliced else 1)
+        self.lost += (now - self.time) * 0.5 * (rates + self.rates)
+        self.taken, self.time, self.rates = self.taken + 1, now, rates
 
 
-def _energies(start: LedgerRow, end: LedgerRow, lost: float) -> Energies:
+def _energies(start: LedgerRow, end: LedgerRow, lost: np.ndarray) -> Energies:
     drop = start.potential_energy - end.potential_energy
     kinetic, stored = end.kinetic_energy - start.kinetic_energy, end.elastic_energy - start.elastic_energy
-    basal, internal = (getattr(end, f) - getattr(start, f) for f in ("basal_dissipation", "plastic_dissipation"))
-    return Energies(drop, kinetic / drop, stored / drop, basal / drop, internal / drop, lost / drop)
+    basal = end.basal_dissipation - start.basal_dissipation + lost[1]
+    internal = end.plastic_dissipation - start.plastic_dissipation
+    return Energies(drop, *(float(e / drop) for e in (kinetic, stored, basal, internal, lost[0], lost[1])))

@@ -20,20 +20,28 @@ class TransferLoss:
                 engine.period[axis] = cells
         self._engine = engine
 
-    def rate(self, scene: Scene, particles: Particles, dt: float) -> float:
-        """Loss [W] in one step of ``dt`` [s] from ``particles``."""
+    def rates(self, scene: Scene, particles: Particles, dt: float) -> tuple[float, float]:
+        """Loss [W] in a step of ``dt`` [s] from ``particles``: in the transfers, and at the ground beyond what is booked there.
+
+        The ground's work on the nodes takes the mean of their velocities before and after the step. What is booked follows from
+        the particles, with lumped compliances.
+        """
         self._engine.load(scene, particles)
         self._particles = self._engine.particles()
         before = self._engine.ledger().kinetic_energy
         self._engine.step(dt)
         after = self._engine.ledger()
-        return float(before - self._given + self._taken - after.kinetic_energy - after.escaped_energy) / dt
+        mass, given, pushed, end = self._mass, self._given, self._pushed, self._velocity
+        taken = 0.5 * float(mass @ (end**2).sum(axis=1))
+        lost = before - 0.5 * float(mass @ (given**2).sum(axis=1)) + taken - after.kinetic_energy - after.escaped_energy
+        ground = -0.5 * float((mass[:, None] * (end - pushed) * (given + end)).sum())
+        return lost / dt, (ground - after.basal_dissipation) / dt
 
     def _look(self, stencils: Any, mass: np.ndarray, velocity: np.ndarray) -> None:
-        """Note the kinetic energy [J] that the nodes get, and that which they have after forces and contact."""
+        """Note velocities [m/s] of nodes: as given by particles, with forces, and, once the step is done, with contact."""
         p = self._particles
         momentum = p.mass[:, None, None] * (p.velocity[:, None, :] + np.einsum("pij,pnj->pni", p.affine, stencils.arm))
         occupied = mass > 0.0
-        squares = (stencils.scatter(momentum)[occupied] ** 2).sum(axis=1)
-        self._given = 0.5 * (squares / mass[occupied]).sum()
-        self._taken = 0.5 * (mass @ (velocity**2).sum(axis=1))
+        self._given = np.zeros_like(velocity)
+        self._given[occupied] = stencils.scatter(momentum)[occupied] / mass[occupied, None]
+        self._mass, self._pushed, self._velocity = mass, velocity.copy(), velocity

@@ -83,7 +83,7 @@ class ReferenceBackend:
     def __init__(self) -> None:
         self.counters = Counters()
         self.period = np.full(3, LARGEST_GRID)  # [cells] after which the grid, not the ground, repeats; may be set
-        self.watch: Any = lambda *_: None  # called in every step with stencils, nodal mass and velocity; may be set
+        self.watch: Any = lambda *_: None  # called with stencils, nodal mass and velocity before contact; may be set
 
     def load(self, scene: Scene, particles: Particles) -> None:
         """Take over a scene and its particles; sums and counters start anew."""
@@ -116,9 +116,9 @@ class ReferenceBackend:
         self.counters.rebuilds += 1
         stencils = Stencils(self._p, self.spacing, self.period)
         mass, velocity = self._particles_to_grid(stencils, dt)
+        self.watch(stencils, mass, velocity)
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
-        self.watch(stencils, mass, velocity)
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
         self._let_escape()
