@@ -15,6 +15,7 @@ from pipelines.verification_cases import (
     curved_ground,
     dam_breaks,
     element,
+    granular_slope,
     ground_contact,
     kernel,
     manufactured,
@@ -39,7 +40,7 @@ CASES: dict[str, Case] = {
         *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
         *(curved_ground.BOWL, curved_ground.RAMP, thin_layers.CASE, single_precision.CASE),
         *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
-        *(column_collapse.COLUMNS, column_collapse.BUI),
+        *(column_collapse.COLUMNS, column_collapse.BUI, granular_slope.CASE),
     )
 }
 

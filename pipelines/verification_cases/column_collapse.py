@@ -156,8 +156,8 @@ def measure_round(full: bool) -> list[Result]:
 COLUMNS = Case(
     "F4",
     "collapse of columns of sand",
-    f"internal friction {REPOSE:g} deg, floor {FLOOR:g} deg, E = 8 MPa or more, {WALLED:g} m; run-out (L_99 - L_0)/L_0 of 99 % of the "
-    "mass against the envelope of experiments with a scatter of 25 %; round columns in the full size only",
+    f"internal friction {REPOSE:g} deg, floor {FLOOR:g} deg, E = 8 MPa or more, {WALLED:g} m; run-out (L_99 - L_0)/L_0 of 99 % of "
+    "the mass against the envelope of experiments with a scatter of 25 %; round columns in the full size only",
     lambda full: [*measure_planar(full), *measure_round(full)],
     "The run-out of low columns grows with the number of cells: 0.24, 0.33 and 0.50 lengths at a = 0.5 with 8, 16 and 32 cells. "
     "Friction angles above 60 degrees are refused, so the negative control is 60 degrees instead of 65.",

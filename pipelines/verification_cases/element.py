@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
-from runout.model.materials import Cone, DruckerPrager
-from runout.physics import drucker_prager, elastic
+from runout.model.materials import Cone, DruckerPrager, GranularFlow
+from runout.physics import drucker_prager, elastic, granular_flow
 
 COHESION, PRESSURE = 10e3, 50e3
 Tensor = tuple[float, ...]
@@ -121,6 +121,23 @@ def turned_defect(steps: int = 200) -> float:
     return float(np.abs(np.array(back) - [_matrix(state[1]) for state in still]).max())
 
 
+def flowing(step: float = 1e-4) -> tuple[float, float, float]:
+    """mu(I) in steady shear: relative distance of the stress from mu(I) p at the rate of shear, at the rate of the plastic shear of
+    the last step, and least dissipation of a step over the pressure."""
+    m = GranularFlow(density=1500.0, youngs_modulus=1e7, static_friction=0.38, dynamic_friction=0.64, grain_size=1e-3)
+    dt, inertia = 1e-5, 1e-3 * math.sqrt(1500.0 / PRESSURE)
+    mat = SimpleNamespace(**{**m.record(), "time_step": dt, "bulk": m.lame_lambda + 2 * m.shear_modulus / 3})
+    B, history, losses = pressed(mat), 0.0, []
+    for _ in range(2000):
+        trial = elastic.log_strain(elastic.trial_strain(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+        B, h, history, lost = granular_flow.update(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), history, mat)
+        losses.append(lost)
+    shear = drucker_prager.deviatoric_stress(h, mat) / math.sqrt(3) / PRESSURE
+    plastic = (drucker_prager.deviatoric_stress(trial, mat) / math.sqrt(3) / PRESSURE - shear) * PRESSURE / mat.shear_modulus
+    by_rate, by_flow = (granular_flow.friction(s / dt * inertia, mat) for s in (step, plastic))
+    return abs(shear / by_rate - 1), abs(shear / by_flow - 1), min(losses) / PRESSURE
+
+
 def _matrix(h: Tensor) -> np.ndarray:
     return np.array([[h[0], h[3], h[5]], [h[3], h[1], h[4]], [h[5], h[4], h[2]]])
 
@@ -130,6 +147,7 @@ def measure(full: bool) -> list[Result]:
     steps = (25, 50, 100, 200) if full else (25, 50, 100)
     errors = path_errors(steps)
     over, beyond, least, visits = random_path_defects()
+    by_rate, by_flow, lost = flowing()
     return [
         *(Bound(f"plateau of shear to 5, {cone.replace('_', ' ')}", plateau_defect(record(cone)), 1e-10) for cone in Cone),
         Bound("plateau of von Mises (no friction)", plateau_defect(record(friction_angle=0.0)), 1e-10),
@@ -142,6 +160,9 @@ def measure(full: bool) -> list[Result]:
         Bound("least dissipation of a step, random path [J/m3]", least, low=0.0),
         Bound("steps of that random path on the cone and at the apex, whichever fewer", visits, low=50),
         Bound("turning with the observer, strain", turned_defect(), 1e-12),
+        Bound("mu(I) in steady shear, rate of the shear", by_rate, 1e-3),
+        Bound("mu(I) in steady shear, rate of the plastic shear", by_flow, 1e-10),
+        Bound("least dissipation of a step over the pressure, mu(I)", lost, low=0.0),
     ]
 
 
@@ -151,6 +172,5 @@ CASE = Case(
     "Drucker-Prager, E = 10 MPa, nu = 0.25, phi = 30 deg, c = 10 kPa, p_0 = 50 kPa, single point",
     measure,
     "The path converges with order one: the return goes along the deviator at the end of a step, whose direction turns in large "
-    "shear. Steps of 1e-3 are 4e-4 of the pressure off, four times the aim of 1e-4. Modified Cam-clay and mu(I) are not in this "
-    "version.",
+    "shear. Steps of 1e-3 are 4e-4 of the pressure off, four times the aim of 1e-4. mu(I) is sheared at 10/s in steps of 1e-4.",
 )

@@ -100,13 +100,15 @@ def press(p: Particles, depth: np.ndarray, scene: Scene, at_rest: float = 1.0) -
     p.strain[:, :3] = np.expm1(2 * strain).T
 
 
-def run(scene: Scene, particles: Particles, times: Sequence[float], samples: int = 40, threads: int = 1) -> list[Frame]:
-    """The flow at ``times`` [s]; a scene as wide as a slice repeats across.
+def run(
+    scene: Scene, particles: Particles, times: Sequence[float], samples: int = 40, threads: int = 1, along: int = 0
+) -> list[Frame]:
+    """The flow at ``times`` [s]; a scene as wide as a slice repeats across, and ``along`` [cells] if that is not zero.
 
     ``samples`` steps, spread evenly, are taken by the reference backend too, which counts what the transfers lose.
     """
-    engine, shadow = get_backend("scan", threads=threads, index="dense"), _Shadow(scene)
-    engine.period = (0, ACROSS * shadow.sliced, 0)  # type: ignore[attr-defined]
+    engine, shadow = get_backend("scan", threads=threads, index="dense"), _Shadow(scene, along)
+    engine.period = (along, ACROSS * shadow.sliced, 0)  # type: ignore[attr-defined]
     engine.load(scene, particles)
     start, now, frames, done, dt = engine.ledger(), 0.0, list[Frame](), 0, 0.0
     for end in times:
@@ -126,12 +128,12 @@ def run(scene: Scene, particles: Particles, times: Sequence[float], samples: int
 
 
 class _Shadow:
-    """What transfers and ground take that no ledger books: from single steps of the reference backend, by the trapezoidal rule in between."""
+    """What transfers and ground take that no ledger books: from single steps of the reference backend."""
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, along: int):
         self.scene = scene
         self.sliced = scene.raster.rows == 1
-        self.losses = TransferLoss((0, int(self.sliced), 0))
+        self.losses = TransferLoss((along, int(self.sliced), 0))
         self.taken, self.time, self.lost, self.rates = 0, 0.0, np.zeros(2), np.zeros(2)
 
     def layer(self, p: Particles) -> Particles:

@@ -19,9 +19,9 @@ from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
-from runout.physics import blocks, bspline, contact, drucker_prager, elastic, heightfield, moments, tensors, timestep
+from runout.physics import blocks, bspline, contact, drucker_prager, elastic, granular_flow, heightfield, moments, tensors, timestep
 
-PHYSICS = (tensors, bspline, moments, heightfield, elastic, drucker_prager, contact, blocks, timestep)
+PHYSICS = (tensors, bspline, moments, heightfield, elastic, drucker_prager, granular_flow, contact, blocks, timestep)
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 
 

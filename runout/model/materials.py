@@ -144,3 +144,46 @@ class DruckerPrager(Material):
             "cone_intercept": intercept,
             "volume_correction": float(self.volume_correction),
         }
+
+
+@dataclass(frozen=True, kw_only=True)
+class GranularFlow(Material):
+    """Hencky elasticity with the friction mu(I) of dense granular flow.
+
+    Parameters
+    ----------
+    static_friction, dynamic_friction : float
+        Friction coefficients mu_s of creeping and mu_2 of fast flow [1], 0 <= mu_s < mu_2 <= 2.
+    inertial_constant : float
+        Inertial number I_0 half way between them [1], > 0.
+    grain_size : float
+        Diameter d of the grains [m], > 0. The inertial number is d times shear rate times sqrt(density/pressure).
+    """
+
+    law: ClassVar[str] = "granular_flow"
+    static_friction: float
+    dynamic_friction: float
+    grain_size: float
+    inertial_constant: float = 0.3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("static_friction", 0.0, 2.0, "")
+        self._require("dynamic_friction", 0.0, 2.0, "")
+        self._require("inertial_constant", 0.0, math.inf, "", open_low=True)
+        self._require("grain_size", 0.0, math.inf, " m", open_low=True)
+        if self.dynamic_friction <= self.static_friction:
+            raise MaterialError(
+                f"dynamic_friction is {self.dynamic_friction:g}; it must be above static_friction, {self.static_friction:g}"
+            )
+
+    def record(self) -> dict[str, float]:
+        """Parameters of the law by name, SI and radians; the backend puts in the length of its step."""
+        return {
+            **super().record(),
+            "static_friction": self.static_friction,
+            "friction_rise": self.dynamic_friction - self.static_friction,
+            "inertial_constant": self.inertial_constant,
+            "grain_inertia": self.grain_size * math.sqrt(self.density),
+            "time_step": 0.0,
+        }

@@ -28,9 +28,7 @@ class Surface:
     origin: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def through(
-        cls, elevation: np.ndarray, spacing: tuple[float, float], origin: tuple[float, float] = (0.0, 0.0)
-    ) -> "Surface":
+    def through(cls, elevation: np.ndarray, spacing: tuple[float, float], origin: tuple[float, float] = (0.0, 0.0)) -> "Surface":
         """Surface through lattice elevations (nx, ny) [m]: exact for planes and parabolas away from the rim."""
         z = np.pad(np.asarray(elevation, np.float64), 1, mode="reflect", reflect_type="odd")
         c = heightfield.quasi_interpolant(z[:-2], z[1:-1], z[2:])

@@ -10,10 +10,11 @@ from types import FunctionType
 
 import numpy as np
 
-from runout.physics import blocks, bspline, contact, drucker_prager, elastic, heightfield, moments, tensors, timestep
+from runout.physics import blocks, bspline, contact, drucker_prager, elastic, granular_flow, heightfield, moments, tensors, timestep
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
 MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "cone_slope": 0.75, "cone_intercept": 2.0e3, "volume_correction": 1.0}
+MATERIAL |= {"static_friction": 0.38, "friction_rise": 0.26, "inertial_constant": 0.3, "grain_inertia": 1.2, "time_step": 1e-3}
 Sampler = Callable[[np.random.Generator, int], np.ndarray]
 
 
@@ -131,6 +132,12 @@ CASES = [
     Case(drucker_prager.same, "yy", "b", (strain, strain)),
     Case(drucker_prager.update_small, "ytsm", "yysss", (loaded, rate, remembered)),
     Case(drucker_prager.update, "ytsm", "yyss", (loaded, rate, remembered)),
+    Case(granular_flow.friction, "sm", "s", (angle,)),
+    Case(granular_flow.plastic_shear, "ssm", "s", (between(1.0, 1e5), between(1.0, 1e5))),
+    Case(granular_flow.return_to_flow, "ym", "y", (loaded,)),
+    Case(granular_flow.flow_return, "ysm", "yss", (loaded, remembered)),
+    Case(granular_flow.update_small, "ytsm", "yysss", (loaded, rate, remembered)),
+    Case(granular_flow.update, "ytsm", "yyss", (loaded, rate, remembered)),
     Case(contact.in_contact, "ssss", "b", (between(-0.1, 0.1), between(-5.0, 5.0), step, between(0.001, 0.02))),
     Case(contact.normal_target, "sss", "s", (between(-5.0, 5.0), between(-0.1, 0.1), between(1e-3, 1e-2))),
     Case(

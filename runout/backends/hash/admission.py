@@ -23,7 +23,9 @@ def extent(scene: Scene) -> np.ndarray:
 
 
 def require_alike(scenes: Sequence[Scene]) -> None:
-    """ConfigError unless scenes can be stepped together."""
+    """ConfigError unless scenes can be stepped together, and by this backend."""
+    for law in {s.law.name for s in scenes if s.law.depends_on_rate}:
+        raise ConfigError(f"the law {law} depends on the rate, which backend hash does not tell its kernels; use backend scan")
     for name in ("spacing", "gravity", "precision", "contact_band"):
         values = {getattr(s, name) for s in scenes}
         if len(values) > 1:

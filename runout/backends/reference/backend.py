@@ -208,10 +208,10 @@ class ReferenceBackend:
         self._basal_impulse += impulses.sum(axis=0)
 
     def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float) -> None:
-        p, seen = self._p, velocity[stencils.node]
+        p, seen, work = self._p, velocity[stencils.node], np.zeros(len(self._p))
         p.velocity = stencils.gather(velocity)
         p.affine = np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia
-        work = np.zeros(len(p))
+        self.scene.law.set_step(self.table, dt)
         self.loops.follow_law(p.strain, dt * p.affine, p.history, p.release, self.table, self._log, work)
         self._plastic += float(p.volume @ work)
 

@@ -50,10 +50,9 @@ class ScanBackend:
         settings: Any = numba.config
         available = min(settings.NUMBA_NUM_THREADS, len(os.sched_getaffinity(0)))
         self.allowed = min(threads or available, available)
-        self.threads = 1
+        self.threads, self.counters = 1, Counters()
         self.dense = index == "dense"
         self.period = (0, 0, 0)  # [cells] after which the grid, not the ground, repeats; may be set where the index is dense
-        self.counters = Counters()
         self.buffers: tuple[np.ndarray, np.ndarray, np.ndarray]
 
     def load(self, scene: Scene, particles: Particles) -> None:
@@ -183,6 +182,7 @@ class ScanBackend:
     def _change_step(self, dt: float) -> None:
         """Constants of steps of ``dt`` [s]; the records are packed anew."""
         i, s, real = self.index, self.store, self.scene.dtype
+        self.scene.law.set_step(self.mats, dt)
         self.k.change_step(
             s.rec, s.state, s.who, s.label, s.order, i.first, i.held, i.nown, self.mats, real(dt - self.packed_dt), self.h
         )
