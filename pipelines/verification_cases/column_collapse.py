@@ -119,7 +119,7 @@ def exponent(aspects: tuple[float, ...], runouts: list[float]) -> float:
 def measure_planar(full: bool) -> list[Result]:
     """Run-out of planar columns in the envelope of experiments, monotone; sand that is too strong must fall out of it."""
     chosen = ((0.5, 32), (1.0, 16), (2.0, 16), (3.0, 16), (4.0, 16), (6.0, 16)) if full else ((1.0, 16), (2.0, 8), (4.0, 8))
-    runs = {aspect: planar(aspect, cells, samples=160 if aspect == 2 else 1) for aspect, cells in chosen}
+    runs = {aspect: planar(aspect, cells, samples=120 if aspect == 2 else 1) for aspect, cells in chosen}
     found = {aspect: run[0] for aspect, run in runs.items()}
     results: list[Result] = []
     for aspect, cells in chosen:

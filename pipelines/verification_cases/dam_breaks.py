@@ -166,7 +166,7 @@ DRY = Case(
     "onto 0.4 h_0, 6 sqrt(h_0/g)",
     lambda full: [*measure_dry(full), *measure_wet(full)],
     "No threshold was set for thickness and front; the bounds keep what is measured. The closed form neglects vertical "
-    "acceleration. What remains does not fall with the grid: at 5, 10 and 20 cells it is that of the closed form.",
+    "acceleration. The error falls slowly with the grid: 0.059, 0.057 and 0.046 at 5, 10 and 20 cells, t = 6 sqrt(h_0/g).",
 )
 SLOPE_CASE = Case(
     "F2",

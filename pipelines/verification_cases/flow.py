@@ -116,11 +116,11 @@ def run(
             if done % CHUNK == 0 or now + dt > end:
                 dt = min(0.95 * engine.stable_step(), end - now)
             if now * samples >= shadow.taken * times[-1]:
-                shadow.look(engine.particles(), now, dt)
+                shadow.look(engine.particles(), now, 0.95 * engine.stable_step())
             engine.step(dt)
             now, done = now + dt, done + 1
         p = engine.particles()
-        shadow.look(p, now, dt)
+        shadow.look(p, now, 0.95 * engine.stable_step())  # the last step may be as short as rounding
         columns, cell = engine.columns(), scene.raster.cell_size
         energies = _energies(start, engine.ledger(), shadow.lost)
         frames.append(Frame(now, shadow.layer(p), columns.volume / (cell[0] * min(cell[1], ACROSS * cell[0])), energies))
