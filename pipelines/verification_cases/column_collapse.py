@@ -162,8 +162,8 @@ COLUMNS = Case(
     "the mass against the envelope of experiments with a scatter of 25 %; round columns in the full size only",
     lambda full: [*measure_planar(full), *measure_round(full)],
     "The run-out of low columns grows with the number of cells: 0.24, 0.33 and 0.50 lengths at a = 0.5 with 8, 16 and 32 cells. "
-    "Round columns of 8 cells in the radius run out too short up to a = 2 (0.73, 1.21 and 1.70 radii at a = 1, 1.5 and 2) and not at "
-    "a = 4, so that their exponent comes out as 1.0 instead of 0.5. "
+    "Round columns of 8 cells in the radius run out too short up to a = 2 (0.73, 1.21 and 1.70 radii at a = 1, 1.5 and 2) and not "
+    "at a = 4, so that their exponent comes out as 1.0 instead of 0.5. "
     "Friction angles above 60 degrees are refused, so the negative control is 60 degrees instead of 65.",
 )
 BUI = Case(
