@@ -103,7 +103,7 @@ def particles(batch: Batch, scene: int) -> Particles:
 def _places(batch: Batch, scene: int) -> np.ndarray:
     """Where in memory the particles of a scene lie that have not gone."""
     s = batch.store
-    key = s.key[: s.n].numpy()
+    key = s.key.numpy()[: s.n]
     there = np.flatnonzero(key >= 0).astype(np.int32)
     return there if len(batch.scenes) == 1 else there[batch.index.member.numpy()[key[there] >> 6] == scene]
 
