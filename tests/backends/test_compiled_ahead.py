@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+from types import SimpleNamespace
 
 import pytest
 from scenes import SAND, box, plane, scene
@@ -40,6 +41,22 @@ def test_what_is_cached_is_not_compiled_again(monkeypatch):
     from runout.backends.scan.kernels import SOURCES
 
     ahead.ensure_compiled(scene(materials=(SAND,)), SOURCES)
+
+
+def test_sources_that_were_installed_anew_are_compiled_anew(monkeypatch, tmp_path):
+    """Numba does not take what it has cached for a file of another place or time."""
+    started = []
+    monkeypatch.setattr(ahead, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(ahead, "_rehearse_elsewhere", lambda *job: not started.append(job))
+    source = tmp_path / "kernels.py"
+    source.write_text("")
+    module = SimpleNamespace(__file__=str(source))
+    monkeypatch.setattr(ahead.inspect, "getfile", lambda m: getattr(m, "__file__", __file__))
+    a_scene = scene(materials=(SAND,))
+    for seconds, processes in ((100, 1), (100, 1), (200, 2)):
+        os.utime(source, (seconds, seconds))
+        ahead.ensure_compiled(a_scene, (module,))
+        assert len(started) == processes
 
 
 def test_without_a_process_to_compile_in_kernels_are_compiled_where_they_run(monkeypatch, tmp_path):

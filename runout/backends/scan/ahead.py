@@ -6,6 +6,7 @@ not repeat the bits of one that found the cache (decision 26).
 """
 
 import base64
+import inspect
 import logging
 import os
 import pickle
@@ -40,7 +41,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
     import locket
 
     label = f"{scene.law.name} {scene.precision} {len(scene.materials) == 1}"
-    done = cache_root() / f"{source_key(sources, label)}.done"
+    done = cache_root() / f"{source_key(sources, label, *map(_stamp, sources))}.done"
     if done.exists():
         return
     with locket.lock_file(str(done.with_suffix(".lock"))):
@@ -49,6 +50,13 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         LOGGER.info("compiling for %s in %s; this takes a minute, once", scene.law.name, scene.precision)
         if _rehearse_elsewhere(scene.materials[:2], scene.precision):
             done.touch()
+
+
+def _stamp(source: ModuleType) -> str:
+    """What numba looks at before it takes a kernel from its cache: the place of the source, its time and its size."""
+    path = inspect.getfile(source)
+    status = os.stat(path)
+    return f"{path} {status.st_mtime_ns} {status.st_size}"
 
 
 def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str) -> bool:
