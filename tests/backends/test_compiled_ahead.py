@@ -43,6 +43,14 @@ def test_what_is_cached_is_not_compiled_again(monkeypatch):
     ahead.ensure_compiled(scene(materials=(SAND,)), SOURCES)
 
 
+def test_what_is_compiled_is_not_another_tree_in_the_working_folder(monkeypatch, tmp_path):
+    """A user may work in the checkout of a version that is not the one installed."""
+    (tmp_path / "runout").mkdir()
+    (tmp_path / "runout" / "__init__.py").write_text("raise SystemExit(3)")
+    monkeypatch.chdir(tmp_path)
+    assert ahead._rehearse_elsewhere((SAND,), "float32")
+
+
 def test_sources_that_were_installed_anew_are_compiled_anew(monkeypatch, tmp_path):
     """Numba does not take what it has cached for a file of another place or time."""
     started = []

@@ -64,7 +64,7 @@ def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str) -> bool
     job = base64.b64encode(pickle.dumps((materials[:2], precision))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
     environment = {**os.environ, REHEARSAL: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
-    command = [sys.executable, "-c", f"from {__name__} import rehearse; rehearse()"]
+    command = [sys.executable, "-P", "-c", f"from {__name__} import rehearse; rehearse()"]
     try:
         ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     except OSError as error:
