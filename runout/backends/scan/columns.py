@@ -44,11 +44,11 @@ def _over(engine: "ScanBackend", window: tuple[int, int, int, int]) -> Columns:
     sums = np.zeros((rows, columns, 5))
     if sums.size and engine.n:
         order, starts = _stripes(engine)
-        cell, place = np.array(raster.cell_size), np.array((row, column, raster.rows, raster.columns))
+        wide, place = engine.spacing[:2] / np.array(raster.cell_size), np.array((row, column, raster.rows))
         for parity in (0, 1):
             engine.k.add_stripes(
-                s.rec, s.who, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, engine.spacing, cell,
-                place, order, starts, parity, sums,
+                s.rec, s.who, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, wide, place, order,
+                starts, parity, sums,
             )  # fmt: skip
     return Columns(sums[..., 0], sums[..., 1], sums[..., 2:], row, column)
 
@@ -67,43 +67,59 @@ def _stripes(engine: "ScanBackend") -> tuple[np.ndarray, np.ndarray]:
     return occupied[order], starts
 
 
-def _covered(low, width, k):
-    """Share of an interval from ``low`` that lies in cell k; all in cells."""
-    return (min(low + width, k + 1.0) - max(low, float(k))) / width
+def _clamped(k, count):
+    """Row or column of the window: what hangs over the edge of the raster counts in the edge cell."""
+    return min(max(k, 0), count - 1)
 
 
-def _add_particle(rec, p, density, node, h, cell, place, sums):
-    """Add a particle, spread over a plan box of one grid cell, to the cells of the window."""
-    wx = h[0] / cell[0]
-    wy = h[1] / cell[1]
-    x = (node[0] + rec[p, 4] - 0.5) * wx
-    y = (node[1] + rec[p, 8] - 0.5) * wy
-    m = rec[p, 0]
+def _add_piece(amounts, x, y, width, place, sums):
+    """Add a box no larger than a cell of the raster, ``width`` (2,) of one wide from (x, y) on, to the up to four cells it covers."""
+    i = math.floor(x)
+    j = math.floor(y)
+    east = max(x + width[0] - (i + 1.0), 0.0) / width[0]
+    north = max(y + width[1] - (j + 1.0), 0.0) / width[1]
+    for a in range(2):
+        column = _clamped(i + a - place[1], sums.shape[1])
+        across = east if a == 1 else 1.0 - east
+        for b in range(2):
+            row = _clamped(place[2] - 1 - j - b - place[0], sums.shape[0])
+            share = across * north if b == 1 else across * (1.0 - north)
+            for d in range(5):
+                sums[row, column, d] += share * amounts[d]
+
+
+def _add_particle(rec, p, density, x, y, pieces, width, place, sums):
+    """Add a particle whose plan box begins at (x, y) [cells of the raster], in pieces no larger than such a cell."""
+    part = 1.0 / (pieces[0] * pieces[1])
+    m = part * rec[p, 0]
     mv = _momentum(rec.T, p)
-    for i in range(math.floor(x), math.floor(x + wx) + 1):
-        sx = _covered(x, wx, i)
-        column = min(max(i, 0), place[3] - 1) - place[1]
-        for j in range(math.floor(y), math.floor(y + wy) + 1):
-            share = sx * _covered(y, wy, j)
-            if share > 0.0:
-                row = place[2] - 1 - min(max(j, 0), place[2] - 1) - place[0]
-                sums[row, column, 0] += share * m / density
-                sums[row, column, 1] += share * m
-                for d in range(3):
-                    sums[row, column, 2 + d] += share * mv[d]
+    amounts = (m / density, m, part * mv[0], part * mv[1], part * mv[2])
+    for i in range(pieces[0]):
+        for j in range(pieces[1]):
+            _add_piece(amounts, x + i * width[0], y + j * width[1], width, place, sums)
 
 
-def add_stripes(rec, who, label, order, starts, first, bxyz, corner, density, h, cell, place, blocks, stripes, parity, sums):
+def _add_block(rec, who, label, order, starts, first, density, b, node, wide, pieces, width, place, sums):
+    """Add the particles of a block; ``node`` is its first, ``wide`` (2,) what a cell of the grid measures in cells of the raster."""
+    for c in range(64):
+        west = (node[0] + (c >> 4) - 0.5) * wide[0]
+        south = (node[1] + ((c >> 2) & 3) - 0.5) * wide[1]
+        for t in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
+            p = order[t]
+            rho = density[0] if len(density) == 1 else density[label[who[p], 0]]
+            _add_particle(rec, p, rho, west + rec[p, 4] * wide[0], south + rec[p, 8] * wide[1], pieces, width, place, sums)
+
+
+def add_stripes(rec, who, label, order, starts, first, bxyz, corner, density, wide, place, blocks, stripes, parity, sums):
     """Add the particles of every second stripe of blocks to a window (rows, columns, 5): volume, mass, momentum.
 
-    ``place`` holds the first row and column of the window, and the rows and columns of the raster.
+    ``place`` holds the first row and column of the window, and the rows of the raster.
     """
+    pieces = math.ceil(wide[0]), math.ceil(wide[1])
+    width = wide[0] / pieces[0], wide[1] / pieces[1]
     for k in prange((len(stripes) - parity) // 2):
         s = 2 * k + parity
         for e in range(stripes[s], stripes[s + 1]):
             b = blocks[e]
-            for c in range(64):
-                node = _node_of(bxyz, b, c, corner)
-                for t in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
-                    p = order[t]
-                    _add_particle(rec, p, density[label[who[p], 0]], node, h, cell, place, sums)
+            node = _node_of(bxyz, b, 0, corner)
+            _add_block(rec, who, label, order, starts, first, density, b, node, wide, pieces, width, place, sums)
