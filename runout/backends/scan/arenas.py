@@ -33,6 +33,10 @@ class Arenas:
         First row of a block among the contacts.
     leaving, arrivals, before : (nown,) int64
         Particles that leave and enter; first slot before they do.
+    shifted : (nown,) int64
+        Particles that change their cell and stay in the block.
+    thinned : (nown,) int64
+        Bit c is set if a particle leaves cell c of the block.
     changed : (nown,) int64
         Bit q is set if a particle moves to destination q: to a neighbour, or, 13, to another cell of the block.
     rim : (nown,) bool
@@ -60,6 +64,8 @@ class Arenas:
     leaving: np.ndarray
     arrivals: np.ndarray
     before: np.ndarray
+    shifted: np.ndarray
+    thinned: np.ndarray
     changed: np.ndarray
     rim: np.ndarray
     motion: np.ndarray
@@ -87,6 +93,8 @@ class Arenas:
             leaving=count(),
             arrivals=count(),
             before=count(),
+            shifted=count(),
+            thinned=count(),
             changed=count(),
             rim=beside[:, 0] | beside[:, 1],
             motion=np.zeros((n, 4)),

@@ -255,7 +255,8 @@ class ScanBackend:
         self._fit_buffers()
         self.k.grid_to_particles(
             s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
-            self.domain, self.mats, self.slopes, self.cells, *self.buffers, s.listed, a.leaving, a.changed, a.motion,
+            self.domain, self.mats, self.slopes, self.cells, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
+            a.changed, a.motion,
         )  # fmt: skip
         speed2, step, lost, refused, self.moved = self.k.total_motion(a.motion, a.changed, i.nown)
         if refused > 0:
@@ -280,7 +281,7 @@ class ScanBackend:
         self.end, self.n_holes = k.make_room(i.nown, i.held, a.arrivals, i.first, i.room, self.end, self.holes, self.n_holes)
         k.settle(
             s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, s.listed, a.leaving,
-            a.changed, a.arrivals,
+            a.shifted, a.thinned, a.changed, a.arrivals,
         )  # fmt: skip
         there, _ = k.total_held(i.held, i.nown)
         if there != self.n:
@@ -320,7 +321,7 @@ class ScanBackend:
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
         i = self.index
-        self._sum(self.k.sum_blocks, self.store.order, i.starts, i.first)
+        self._sum(self.k.sum_blocks, self.store.cell, self.store.order, i.first, i.held)
         sums = self.room.total
         return LedgerRow(
             mass=float(sums[observe.MASS]),

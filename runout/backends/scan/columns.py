@@ -73,7 +73,7 @@ def _clamped(k, count):
 
 
 def _add_piece(amounts, x, y, width, place, sums):
-    """Add a box no larger than a cell of the raster, ``width`` (2,) of one wide from (x, y) on, to the up to four cells it covers."""
+    """Add a box no larger than a cell of the raster, ``width`` (2,) of one wide from (x, y) on, to the up to four it covers."""
     i = math.floor(x)
     j = math.floor(y)
     east = max(x + width[0] - (i + 1.0), 0.0) / width[0]
@@ -100,7 +100,7 @@ def _add_particle(rec, p, density, x, y, pieces, width, place, sums):
 
 
 def _add_block(rec, who, label, order, starts, first, density, b, node, wide, pieces, width, place, sums):
-    """Add the particles of a block; ``node`` is its first, ``wide`` (2,) what a cell of the grid measures in cells of the raster."""
+    """Add the particles of a block; ``node`` is its first, ``wide`` (2,) the size of a grid cell in cells of the raster."""
     for c in range(64):
         west = (node[0] + (c >> 4) - 0.5) * wide[0]
         south = (node[1] + ((c >> 2) & 3) - 0.5) * wide[1]

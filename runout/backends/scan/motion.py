@@ -213,10 +213,12 @@ def _destination(rec, cell, slot, code, b, bxyz, rim, domain):
     return q, ((x & 3) << 4) | ((y & 3) << 2) | (z & 3)
 
 
-def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, leaving, changed):
-    """New cells of the particles of a group of lanes; those that leave the block are listed.
+def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, last, leaving, shifted, thinned, changed):
+    """New cells of the particles of a group of lanes; those that change theirs are listed.
 
-    An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell. Bit q of ``changed`` tells of a move to destination q.
+    An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell for those that leave the block, from ``first`` on,
+    and slot - first << 12 | old cell << 6 | cell for the others, from ``last`` down. Bit q of ``changed`` tells of a move to
+    destination q, bit c of ``thinned`` of one out of cell c.
     """
     bits = lane_bits(load16(t, CODE * TILE + 16 * g) != stays(t))
     if rim[b]:
@@ -228,14 +230,20 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, leaving
         column = np.int64(lane) + 16 * g
         slot = p + column
         q, to = _destination(rec, cell, slot, np.int64(t[CODE, column]), b, bxyz, rim, domain)
-        if q != HERE or to != cell[slot]:
-            changed = changed | (np.int64(1) << q)
-        cell[slot] = to
+        c = np.int64(cell[slot])
         if q != HERE:
+            changed = changed | (np.int64(1) << q)
             cell[slot] = LEFT
             movers[first + leaving] = ((slot - first) << 12) | (q << 6) | to
             leaving += 1
-    return leaving, changed
+            thinned = thinned | (np.int64(1) << c)
+        elif to != c:
+            changed = changed | (np.int64(1) << HERE)
+            cell[slot] = to
+            movers[last - shifted] = ((slot - first) << 12) | (c << 6) | to
+            shifted += 1
+            thinned = thinned | (np.int64(1) << c)
+    return leaving, shifted, thinned, changed
 
 
 def _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2, state2, who2):
@@ -270,7 +278,7 @@ def _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2, s
 
 def grid_to_particles(
     rec, state, cell, who, label, order, starts, first, nown, grid, up, bxyz, rim, domain, mats, s, cells, rec2, state2, who2,
-    movers, leaving, changed, sums,
+    movers, leaving, shifted, thinned, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
@@ -279,6 +287,8 @@ def grid_to_particles(
     """
     for b in prange(nown):
         leaving[b] = 0
+        shifted[b] = 0
+        thinned[b] = 0
         changed[b] = 0
         for k in range(4):
             sums[b, k] = 0.0
@@ -292,7 +302,9 @@ def grid_to_particles(
         _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2[buffer], state2[buffer], who2[buffer])
         f = first[b]
         speed = move = lost = refused = zeros(rec)
-        n = 0
+        left = 0
+        stirred = 0
+        out_of = np.int64(0)
         new = np.int64(0)
         for k in range(0, held, TILE):
             count = min(TILE, held - k)
@@ -306,8 +318,12 @@ def grid_to_particles(
                 move = largest(move, load16(t, MOVE * TILE + 16 * g))
                 lost = lost + load16(t, LOST * TILE + 16 * g)
                 refused = refused + load16(t, REFUSED * TILE + 16 * g)
-                n, new = _note_moves(t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, n, new)
-        leaving[b] = n
+                left, stirred, out_of, new = _note_moves(
+                    t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, f + held - 1, left, stirred, out_of, new
+                )
+        leaving[b] = left
+        shifted[b] = stirred
+        thinned[b] = out_of
         changed[b] = new
         sums[b, 0] = lane_largest(speed)
         sums[b, 1] = lane_largest(move)

@@ -5,7 +5,7 @@ from collections import namedtuple
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import local_array
+from runout.backends.lanes import lane_sum, listed_record_vectors, load16, local_array, row_vectors
 from runout.backends.scan.arenas import SUMS
 from runout.backends.scan.motion import OUTSIDE
 from runout.physics.elastic import energy_density, is_small, kirchhoff_stress, log_strain, log_strain_scaled, log_strain_series
@@ -19,6 +19,8 @@ NODE = SUMS  # first of three rows after the sums
 Moduli = namedtuple("Moduli", ("lame_lambda", "shear_modulus"))
 local_tile = local_array((27, TILE))
 local_sums = local_array((SUMS + 3, TILE))
+load_listed_records, load_listed_states = listed_record_vectors(16), listed_record_vectors(8)
+store_16_rows, store_8_rows = (row_vectors(count, TILE)[1] for count in (16, 8))
 
 
 def _strain_of(state, p):
@@ -53,6 +55,20 @@ def _take_place(t, x, q, mat, node):
     t[SHEAR, q] = mat.shear_modulus
     for j in range(3):
         x[NODE + j, q] = node[j]
+
+
+def _take_tile(t, x, rec, state, who, label, cell, order, first, n, mats, node):
+    """The ``n`` particles of a list from place ``first`` on as columns; ``node`` is the first of their block."""
+    for g in range(0, TILE, 16):
+        store_16_rows(t, g, load_listed_records(rec.reshape(-1), order, first + g))
+        store_8_rows(t, 16 * TILE + g, load_listed_states(state.reshape(-1), order, first + g))
+    mat = mats[0]
+    for q in range(np.uint64(n)):
+        p = order[first + np.int64(q)]
+        if len(mats) > 1:
+            mat = mats[label[who[p], 0]]
+        c = np.int64(cell[p])
+        _take_place(t, x, q, mat, (node[0] + (c >> 4), node[1] + ((c >> 2) & 3), node[2] + (c & 3)))
 
 
 def _strain(t, q):
@@ -137,9 +153,10 @@ def _account_tile(t, x, n, dt, h, gravity, sums, b):
     _take_logs(t, n)
     for q in range(np.uint64(TILE)):
         _account(t, x, q, dt, (hx, hy, hz), (gx, gy, gz))
-    for q in range(n):
-        for k in range(SUMS):
-            sums[b, k] += x[k, q]
+    for k in range(SUMS):
+        for q in range(n, TILE):
+            x[k, q] = 0.0
+        sums[b, k] += lane_sum(load16(x, TILE * k) + load16(x, TILE * k + 16))
 
 
 def _node_of(bxyz, b, c, corner):
@@ -150,27 +167,20 @@ def _node_of(bxyz, b, c, corner):
     return x, y, z
 
 
-def sum_blocks(rec, state, who, label, order, starts, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
+def sum_blocks(rec, state, who, label, cell, order, first, held, nown, bxyz, corner, mats, dt, h, gravity, sums):
     """Sums (nown, 7) over the particles of each block."""
     for b in prange(nown):
         for k in range(SUMS):
             sums[b, k] = 0.0
-        if starts[b, 64] == 0:
+        if held[b] == 0:
             continue
         t = local_tile(rec)
         x = local_sums(sums)
-        n = 0
-        for c in range(64):
-            node = _node_of(bxyz, b, c, corner)
-            for k in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
-                p = order[k]
-                _take_record(t, n, rec, state, p)
-                _take_place(t, x, n, mats[label[who[p], 0]], node)
-                n += 1
-                if n == TILE:
-                    _account_tile(t, x, n, dt, h, gravity, sums, b)
-                    n = 0
-        _account_tile(t, x, n, dt, h, gravity, sums, b)
+        node = _node_of(bxyz, b, 0, corner)
+        for k in range(0, held[b], TILE):
+            n = min(TILE, held[b] - k)
+            _take_tile(t, x, rec, state, who, label, cell, order, first[b] + k, n, mats, node)
+            _account_tile(t, x, n, dt, h, gravity, sums, b)
 
 
 def sum_escaped(rec, state, who, label, movers, leaving, first, nown, bxyz, corner, mats, dt, h, gravity, sums):

@@ -8,11 +8,13 @@ listed anew. Blocks whose particles stay in their cells cost nothing.
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import local_array
+from runout.backends.lanes import load8, load16, local_array, prefetch, store
 from runout.backends.scan.motion import HERE, LEFT
 
 CELLS = 64
-local_counts = local_array((4 * (CELLS + 1),))  # of cells and of those that leave, by quarters
+AT_ONCE = 16  # slots that one instruction lists
+local_counts = local_array((CELLS + 1,))  # of cells and of those that leave
+local_newcomers = local_array((2, CELLS))  # of cells, from lower slots and from higher ones
 
 
 def _spacious(n):
@@ -103,10 +105,10 @@ def make_room(nown, held, arrivals, first, room, end, holes, n):
 
 def _copy_slot(rec, state, who, cell, p, d, c):
     """Copy a particle to another slot, into cell ``c``."""
-    for k in range(16):
-        rec[d, k] = rec[p, k]
-    for k in range(8):
-        state[d, k] = state[p, k]
+    flat = rec.reshape(-1)
+    states = state.reshape(-1)
+    store(flat, 16 * d, load16(flat, 16 * p))
+    store(states, 8 * d, load8(states, 8 * p))
     who[d] = who[p]
     cell[d] = c
 
@@ -119,6 +121,28 @@ def _relocate(rec, state, who, cell, old, new, n):
             _copy_slot(rec, state, who, cell, p, new + kept, cell[p])
             kept += 1
     return kept
+
+
+def _expect(rec, state, who, cell, around, before, movers, leaving, changed, b, end):
+    """Ask for the memory of what a block will receive."""
+    flat = rec.reshape(-1)
+    states = state.reshape(-1)
+    for q in range(27):
+        s = around[b, q]
+        if q == HERE or s < 0 or (changed[s] >> (26 - q)) & 1 == 0:
+            continue
+        for t in range(leaving[s]):
+            entry = movers[before[s] + t]
+            if (entry >> 6) & 63 == 26 - q:
+                p = before[s] + (entry >> 12)
+                prefetch(flat, 16 * p)
+                prefetch(states, 8 * p)
+                prefetch(who, p)
+                prefetch(flat, 16 * end)
+                prefetch(states, 8 * end)
+                prefetch(who, end)
+                prefetch(cell, end)
+                end += 1
 
 
 def _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end):
@@ -135,66 +159,110 @@ def _receive(rec, state, who, cell, around, before, movers, leaving, changed, b,
     return end
 
 
-def _column(c, quarter):
-    """Place of the count of a cell and a quarter."""
-    return np.uint64(4) * np.uint64(c) + np.uint64(quarter)
-
-
-def _append(order, place, column, p):
-    """Write slot ``p`` where a count says, and count on."""
-    order[np.uint64(place[column])] = p
-    place[column] += 1
-
-
 def _list_by_cell(cell, order, starts, b, first, end):
-    """Sort the occupied slots of a block by cell; returns their number.
-
-    Four quarters of the slots are counted at once, each in its own column: neighbours lie mostly in one cell, and a processor
-    waits for a count that it has just written. What leaves comes last and is forgotten.
-    """
+    """Sort the occupied slots of a block by cell; returns their number. What leaves comes last and is forgotten."""
     place = local_counts(starts)
-    for c in range(4 * (CELLS + 1)):
+    for c in range(CELLS + 1):
         place[c] = 0
-    f = np.uint64(first)
-    quarter = np.uint64(end - first) >> np.uint64(2)
-    two = quarter + quarter
-    three = two + quarter
-    for p in range(f, f + quarter):
-        place[_column(cell[p], 0)] += 1
-        place[_column(cell[p + quarter], 1)] += 1
-        place[_column(cell[p + two], 2)] += 1
-        place[_column(cell[p + three], 3)] += 1
-    for p in range(f + two + two, np.uint64(end)):
-        place[_column(cell[p], 3)] += 1
+    for p in range(first, end):
+        place[cell[p]] += 1
     total = first
     for c in range(CELLS + 1):
         starts[b, c] = total - first
-        for q in range(4):
-            n = place[4 * c + q]
-            place[4 * c + q] = total
-            total += n
-    for p in range(f, f + quarter):
-        _append(order, place, _column(cell[p], 0), p)
-        _append(order, place, _column(cell[p + quarter], 1), p + quarter)
-        _append(order, place, _column(cell[p + two], 2), p + two)
-        _append(order, place, _column(cell[p + three], 3), p + three)
-    for p in range(f + two + two, np.uint64(end)):
-        _append(order, place, _column(cell[p], 3), p)
+        n = place[c]
+        place[c] = total
+        total += n
+    for p in range(first, end):
+        order[place[cell[p]]] = p
+        place[cell[p]] += 1
     return starts[b, CELLS]
 
 
-def settle(rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, changed, arrivals):
+def _count_newcomers(place, cell, first, held, end, movers, shifted):
+    """Particles that are new in each cell: row 0 from lower slots than those that stay there, row 1 from higher ones."""
+    for c in range(CELLS):
+        place[0, c] = 0
+        place[1, c] = 0
+    for t in range(shifted):
+        entry = movers[first + held - 1 - t]
+        place[np.int64((entry >> 6) & 63 > entry & 63), entry & 63] += 1
+    for p in range(first + held, end):
+        place[1, cell[p]] += 1
+
+
+def _list_newcomers(place, cell, order, first, held, end, movers, shifted):
+    """Write them to where their cells have left room, by slot."""
+    for t in range(shifted):
+        entry = movers[first + held - 1 - t]
+        side = np.int64((entry >> 6) & 63 > entry & 63)
+        order[place[side, entry & 63]] = first + (entry >> 12)
+        place[side, entry & 63] += 1
+    for p in range(first + held, end):
+        order[place[1, cell[p]]] = p
+        place[1, cell[p]] += 1
+
+
+def _list_stayers(cell, order, c, p, after, to, whole):
+    """List what stayed in a cell, of the slots from ``p`` to ``after``; returns the place behind it. All did in a ``whole`` one."""
+    if whole:
+        for t in range(np.uint64(AT_ONCE)):
+            order[np.uint64(to) + t] = np.uint64(p) + t
+        return to + after - p
+    for s in range(p, after):
+        if cell[s] == c:
+            order[to] = s
+            to += 1
+    return to
+
+
+def _list_anew(cell, order, starts, b, first, end, movers, shifted, thinned):
+    """The same for a block whose particles lay in the order of their cells before this step, from those that changed theirs.
+
+    Newcomers come from lower slots if they left a lower cell, else, as arrivals from other blocks do, from higher ones than
+    what stayed: the list is that of a sort, without looking at its keys. Bit c of ``thinned`` is set if any left cell c.
+    """
+    held = starts[b, CELLS]
+    place = local_newcomers(starts)
+    _count_newcomers(place, cell, first, held, end, movers, shifted)
+    to = first
+    p = first
+    for c in range(CELLS):
+        after = first + starts[b, c + 1]
+        starts[b, c] = to - first
+        n = place[0, c]
+        place[0, c] = to
+        to += n
+        whole = (thinned >> c) & 1 == 0 and after - p <= AT_ONCE and to + AT_ONCE <= first + held
+        to = _list_stayers(cell, order, c, p, after, to, whole)
+        p = after
+        n = place[1, c]
+        place[1, c] = to
+        to += n
+    starts[b, CELLS] = to - first
+    _list_newcomers(place, cell, order, first, held, end, movers, shifted)
+    return starts[b, CELLS]
+
+
+def settle(
+    rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, shifted, thinned, changed, arrivals
+):
     """Let particles enter their new blocks, and list the blocks in which anything changed by cell."""
     for b in prange(nown):
+        if b + 1 < nown and arrivals[b + 1] > 0:
+            _expect(rec, state, who, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1])
         if arrivals[b] == 0 and changed[b] == 0:
             continue
         f = first[b]
         end = f + held[b]
-        if f != before[b]:
+        moved = f != before[b]
+        if moved:
             end = f + _relocate(rec, state, who, cell, before[b], f, held[b])
         if arrivals[b] > 0:
             end = _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end)
-        held[b] = _list_by_cell(cell, order, starts, b, f, end)
+        if moved:
+            held[b] = _list_by_cell(cell, order, starts, b, f, end)
+        else:
+            held[b] = _list_anew(cell, order, starts, b, f, end, movers, shifted[b], thinned[b])
 
 
 def give_slots(held, first, room, nown):
