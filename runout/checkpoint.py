@@ -92,7 +92,8 @@ def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
     digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, choices)).encode())
     ground = scene.surface
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
-    digest.update(repr((plain, scene.contact_band, ground and (ground.spacing, ground.origin))).encode())
+    transfer = (scene.transfer, scene.flip_ratio, scene.f_bar)
+    digest.update(repr((plain, transfer, scene.contact_band, ground and (ground.spacing, ground.origin))).encode())
     arrays = [] if ground is None else [ground.coefficients]
     for values in (*arrays, *vars(particles).values()):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)

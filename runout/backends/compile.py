@@ -19,9 +19,25 @@ from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
-from runout.physics import blocks, bspline, contact, drucker_prager, elastic, granular_flow, heightfield, moments, tensors, timestep
+from runout.physics import (
+    blocks,
+    bspline,
+    contact,
+    drucker_prager,
+    elastic,
+    granular_flow,
+    heightfield,
+    moments,
+    resolution,
+    tensors,
+    timestep,
+    transfers,
+)
 
-PHYSICS = (tensors, bspline, moments, heightfield, elastic, drucker_prager, granular_flow, contact, blocks, timestep)
+PHYSICS = (
+    *(tensors, bspline, moments, transfers, heightfield, elastic, drucker_prager, granular_flow, contact, blocks, timestep),
+    resolution,
+)
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 
 

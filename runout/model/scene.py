@@ -14,6 +14,7 @@ from runout.physics import timestep
 
 STANDARD_GRAVITY = 9.81
 LARGEST_CFL = 0.6  # an isolated particle in 3D is unstable near 0.52 to 0.6
+TRANSFERS = ("mls", "apic", "aflip")
 STEP_TOLERANCE = 1.02  # a step that was chosen some steps ago may be so much longer than a limit: the flow has sped up
 
 
@@ -51,6 +52,13 @@ class Scene:
         Courant number of the acoustic limit, at most 0.6.
     precision : str
         "float32" or "float64".
+    transfer : str
+        How stress, strain and velocity pass between particles and grid: "mls" (packed in the affine matrix), "apic" (gradients of
+        the weights) or "aflip" (apic, and particles keep a part of their own velocity).
+    flip_ratio : float
+        That part, 0 to 1; of "aflip" alone.
+    f_bar : bool
+        Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
     """
 
     spacing: tuple[float, float, float]
@@ -62,6 +70,9 @@ class Scene:
     cfl: float = 0.4
     precision: str = "float32"
     contact_band: float = field(default=0.02)  # a particle closer than this [cells] is in contact
+    transfer: str = "mls"
+    flip_ratio: float = 0.95
+    f_bar: bool = False
 
     def __post_init__(self) -> None:
         if len(self.spacing) != 3 or not all(np.isfinite(h) and h > 0 for h in self.spacing):
@@ -70,6 +81,10 @@ class Scene:
             raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use 0.4")
         if self.precision not in ("float32", "float64"):
             raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
+        if self.transfer not in TRANSFERS:
+            raise ConfigError(f"transfer is {self.transfer!r}; choose one of {', '.join(TRANSFERS)}")
+        if not 0 <= self.flip_ratio <= 1:
+            raise ConfigError(f"flip_ratio is {self.flip_ratio:g}; it must lie between 0, which is apic, and 1")
         if len({m.law for m in self.materials}) != 1:
             raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
         if len(self.friction) != len(self.materials):
@@ -79,6 +94,16 @@ class Scene:
     def law(self) -> Law:
         """The law that all materials follow."""
         return LAWS[self.materials[0].law]
+
+    @property
+    def packed(self) -> bool:
+        """Whether stress and strain pass through the affine matrix, not through the gradients of the weights."""
+        return self.transfer == "mls"
+
+    @property
+    def keeps(self) -> float:
+        """Part of its own velocity that a particle keeps [1]."""
+        return self.flip_ratio if self.transfer == "aflip" else 0.0
 
     @property
     def wave_speed(self) -> float:

@@ -10,7 +10,20 @@ from types import FunctionType
 
 import numpy as np
 
-from runout.physics import blocks, bspline, contact, drucker_prager, elastic, granular_flow, heightfield, moments, tensors, timestep
+from runout.physics import (
+    blocks,
+    bspline,
+    contact,
+    drucker_prager,
+    elastic,
+    granular_flow,
+    heightfield,
+    moments,
+    resolution,
+    tensors,
+    timestep,
+    transfers,
+)
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
 MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "cone_slope": 0.75, "cone_intercept": 2.0e3, "volume_correction": 1.0}
@@ -162,6 +175,11 @@ CASES = [
     Case(moments.node_velocity, "sss", "s", (number, between(0.1, 50.0), number)),
     Case(moments.kinetic_energy, "svvvvv", "s", (between(0.1, 50.0), vector, vector, vector, vector, vector)),
     Case(moments.potential_energy, "svv", "s", (between(0.1, 50.0), vector, vector)),
+    Case(transfers.gradient_slope, "ss", "s", (step, between(0.1, 50.0))),
+    Case(transfers.slip_velocity, "vv", "v", (vector, vector)),
+    Case(transfers.kept_velocity, "vvs", "v", (vector, vector, angle)),
+    Case(transfers.dilatation, "t", "s", (rate,)),
+    Case(transfers.with_dilatation, "tss", "t", (rate, ratio, whole(0, 1))),
     Case(heightfield.quasi_interpolant, "sss", "s", (number, number, number)),
     Case(heightfield.interpolate, "vsss", "s", (vector, number, number, number)),
     Case(heightfield.normal_z, "ss", "s", (number, number)),
@@ -175,6 +193,9 @@ CASES = [
     Case(blocks.key_y, "k", "k", (key,)),
     Case(blocks.key_z, "k", "k", (key,)),
     Case(blocks.mixed, "k", "k", (key,)),
+    Case(resolution.numerical_viscosity, "sss", "s", (between(0.1, 50.0), between(1.0, 300.0), step)),
+    Case(resolution.decay_time, "ss", "s", (between(0.1, 50.0), between(1.0, 300.0))),
+    Case(resolution.shear_wave_length, "s", "s", (between(0.1, 50.0),)),
     Case(timestep.acoustic_limit, "ssss", "s", (angle, step, speed, between(1.0, 300.0))),
     Case(timestep.particle_limit, "ss", "s", (step, between(0.1, 50.0))),
 ]

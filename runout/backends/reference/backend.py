@@ -1,7 +1,8 @@
 """Reference backend: one dense grid around all particles, NumPy in float64.
 
 Slow and obvious; the other backends are tested against it. Quadratic B-splines, APIC with the stress packed into the
-affine matrix (Hu et al. 2018, ACM TOG 37:150, eq. 16 to 29), symplectic Euler, one ground impulse per contact particle.
+affine matrix (Hu et al. 2018, ACM TOG 37:150, eq. 16 to 29) or by the gradients of the weights, symplectic Euler, one ground
+impulse per contact particle.
 """
 
 from functools import cache
@@ -13,16 +14,15 @@ import numpy as np
 from runout.backends.compile import numba_binding
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.reference import particles as loops_source
+from runout.backends.reference.stencils import LARGEST_GRID, Stencils
 from runout.backends.state import State, arrays_of, part, put_arrays
-from runout.errors import CapacityError, StabilityError
+from runout.errors import StabilityError
 from runout.model.laws import LAWS
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline
 
-LARGEST_GRID = 30_000_000  # nodes; about 3 GB
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
-STENCIL = np.array([(i, j, k) for i in range(3) for j in range(3) for k in range(3)])
 
 
 @cache
@@ -36,45 +36,6 @@ def compiled_loops(law: str) -> SimpleNamespace:
 def create(threads: int | None = None) -> "ReferenceBackend":
     """A reference backend; it runs on one thread, whatever ``threads`` says."""
     return ReferenceBackend()
-
-
-class Stencils:
-    """The 27 nodes that each particle sees on a dense grid that repeats after ``period`` (3,) nodes, and its weights there.
-
-    Attributes
-    ----------
-    first : (3,) int
-        Grid node of the first corner; may be negative.
-    size : int
-        Number of nodes of the grid.
-    node : (n, 27) int
-        Position of the nodes in the flattened grid.
-    weight : (n, 27) [1]
-    arm : (n, 27, 3) [m]
-        Vectors from the particle to the nodes.
-    """
-
-    def __init__(self, particles: Particles, spacing: np.ndarray, period: np.ndarray):
-        self.first = particles.node.min(axis=0).astype(np.int64)
-        shape = np.minimum(particles.node.max(axis=0) + 3 - self.first, period)
-        self.size = int(np.prod(shape))
-        if self.size > LARGEST_GRID:
-            raise CapacityError(f"the reference backend would need {self.size} nodes, at most {LARGEST_GRID} fit; use 'scan'")
-        i, j, k = np.moveaxis(((particles.node - self.first)[:, None, :] + STENCIL) % period, -1, 0)
-        self.node = (i * shape[1] + j) * shape[2] + k
-        w = np.stack(bspline.weights(particles.offset), axis=-1)
-        self.weight = w[:, 0, STENCIL[:, 0]] * w[:, 1, STENCIL[:, 1]] * w[:, 2, STENCIL[:, 2]]
-        self.arm = (STENCIL - particles.offset[:, None, :]) * spacing
-
-    def scatter(self, values: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
-        """Weighted sum over particles of values (n, k) or at their nodes (n, 27, k): (nodes, k)."""
-        parts = self.weight[chosen][..., None] * (values if values.ndim == 3 else values[:, None, :])
-        place = self.node[chosen].ravel()
-        return np.stack([np.bincount(place, part.ravel(), self.size) for part in np.moveaxis(parts, -1, 0)], axis=-1)
-
-    def gather(self, values: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:
-        """Weighted mean of nodal values (nodes, k) at the particles: (n, k)."""
-        return np.einsum("pn,pnk->pk", self.weight[chosen], values[self.node[chosen]])
 
 
 class ReferenceBackend:
@@ -115,12 +76,15 @@ class ReferenceBackend:
             return
         self.counters.rebuilds += 1
         stencils = Stencils(self._p, self.spacing, self.period)
-        mass, velocity = self._particles_to_grid(stencils, dt)
+        mass, given, velocity = self._particles_to_grid(stencils, dt)
         self.watch(stencils, mass, velocity)
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
+        slip = self._p.velocity - stencils.gather(given) if self.scene.keeps else None
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
+        if slip is not None:
+            self.loops.keep_velocity(self._p.velocity, slip, self.scene.keeps)
         self._let_escape()
 
     def push(self, change: np.ndarray) -> None:
@@ -175,17 +139,25 @@ class ReferenceBackend:
         cells = sums.reshape(raster.rows, raster.columns, 5)
         return Columns(volume=cells[..., 0].copy(), mass=cells[..., 1].copy(), momentum=cells[..., 2:].copy())
 
-    def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Nodal mass (nodes,) [kg] and velocity (nodes, 3) [m/s] with internal force and gravity."""
+    def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodal mass (nodes,) [kg], velocity (nodes, 3) [m/s] as given by particles, and with internal force and gravity.
+
+        In the packed form both are one sum, and what particles give is not known by itself.
+        """
         p, (stress, _) = self._p, self._stress_and_energy()
-        force = (dt * p.volume)[:, None, None] * stress[:, MATRIX] * self.inverse_inertia
-        packed = p.mass[:, None, None] * p.affine - force
-        momentum = (p.mass[:, None] * p.velocity)[:, None, :] + np.einsum("pij,pnj->pni", packed, stencils.arm)
+        impulse = (-dt * p.volume)[:, None, None] * stress[:, MATRIX]
+        affine = p.mass[:, None, None] * p.affine
+        if self.scene.packed:
+            affine += impulse * self.inverse_inertia
+        momentum = (p.mass[:, None] * p.velocity)[:, None, :] + np.einsum("pij,pnj->pni", affine, stencils.arm)
         mass = stencils.scatter(p.mass[:, None])[:, 0]
         occupied = mass > 0.0  # a node at the very rim of a stencil has weight zero
-        velocity = np.zeros((stencils.size, 3))
-        velocity[occupied] = stencils.scatter(momentum)[occupied] / mass[occupied, None] + dt * np.array(self.scene.gravity)
-        return mass, velocity
+        given, velocity = np.zeros((stencils.size, 3)), np.zeros((stencils.size, 3))
+        given[occupied] = stencils.scatter(momentum)[occupied] / mass[occupied, None]
+        if not self.scene.packed:
+            velocity[occupied] = stencils.scatter_slopes(impulse)[occupied] / mass[occupied, None]
+        velocity[occupied] += given[occupied] + dt * np.array(self.scene.gravity)
+        return mass, given, velocity
 
     def _touch_ground(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
         """Change nodal velocities by one impulse of the ground per contact particle."""
@@ -211,8 +183,13 @@ class ReferenceBackend:
         p, seen, work = self._p, velocity[stencils.node], np.zeros(len(self._p))
         p.velocity = stencils.gather(velocity)
         p.affine = np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia
+        gradient = p.affine if self.scene.packed else np.einsum("pni,pnj->pij", seen, stencils.slope)
+        gradient = dt * gradient
+        if self.scene.f_bar:
+            mean = stencils.gather(stencils.average(p.volume, np.trace(gradient, axis1=1, axis2=2)))[:, 0]
+            self.loops.average_dilatation(gradient, mean)
         self.scene.law.set_step(self.table, dt)
-        self.loops.follow_law(p.strain, dt * p.affine, p.history, p.release, self.table, self._log, work)
+        self.loops.follow_law(p.strain, gradient, p.history, p.release, self.table, self._log, work)
         self._plastic += float(p.volume @ work)
 
     def _move(self, dt: float) -> None:

@@ -9,6 +9,7 @@ from runout.physics.contact import impulse, in_contact, work
 from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain, update
 from runout.physics.heightfield import distance, normal_z
 from runout.physics.tensors import sym, tens, vec
+from runout.physics.transfers import kept_velocity, with_dilatation
 
 
 def take_log(strain: Any, log: Any):
@@ -76,3 +77,22 @@ def take_impulses(before: Any, u: Any, normal: Any, gap: Any, compliance: Any, f
         done[p] = work(push, vec(before[p, 0], before[p, 1], before[p, 2]), given, compliance[p])
         for k in range(3):
             impulses[p, k] = push[k]
+
+
+def average_dilatation(gradient: Any, mean: Any):
+    """Put the ``mean`` (n,) [1] in the place of the dilatation of each velocity gradient times dt (n, 3, 3) [1]."""
+    for p in range(len(mean)):
+        L = gradient[p]
+        rate = tens(L[0, 0], L[0, 1], L[0, 2], L[1, 0], L[1, 1], L[1, 2], L[2, 0], L[2, 1], L[2, 2])
+        new = with_dilatation(rate, mean[p], 1.0)
+        for i in range(3):
+            L[i, i] = new[4 * i]
+
+
+def keep_velocity(velocity: Any, slip: Any, ratio: Any):
+    """Add the part ``ratio`` of what the grid had not seen, ``slip`` (n, 3) [m/s], to the velocities (n, 3) [m/s] of the grid."""
+    for p in range(len(velocity)):
+        u = vec(velocity[p, 0], velocity[p, 1], velocity[p, 2])
+        kept = kept_velocity(u, vec(slip[p, 0], slip[p, 1], slip[p, 2]), ratio)
+        for k in range(3):
+            velocity[p, k] = kept[k]
