@@ -18,6 +18,7 @@ from types import ModuleType
 import numpy as np
 
 from runout.backends.compile import cache_root, source_key
+from runout.backends.scan.general import is_general
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -40,7 +41,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         return
     import locket
 
-    label = f"{scene.law.name} {scene.precision} {len(scene.materials) == 1}"
+    label = f"{scene.law.name} {scene.precision} {len(scene.materials) == 1}" + " general" * is_general(scene)
     done = cache_root() / f"{source_key(sources, label, *map(_stamp, sources))}.done"
     if done.exists():
         return
@@ -48,7 +49,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         if done.exists():
             return
         LOGGER.info("compiling for %s in %s; this takes a minute, once", scene.law.name, scene.precision)
-        if _rehearse_elsewhere(scene.materials[:2], scene.precision):
+        if _rehearse_elsewhere(scene.materials[:2], scene.precision, is_general(scene)):
             done.touch()
 
 
@@ -59,9 +60,9 @@ def _stamp(source: ModuleType) -> str:
     return f"{path} {status.st_mtime_ns} {status.st_size}"
 
 
-def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str) -> bool:
+def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str, general: bool) -> bool:
     """Whether another process has compiled all kernels."""
-    job = base64.b64encode(pickle.dumps((materials[:2], precision))).decode()
+    job = base64.b64encode(pickle.dumps((materials[:2], precision, general))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
     environment = {**os.environ, REHEARSAL: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
     command = [sys.executable, "-P", "-c", f"from {__name__} import rehearse; rehearse()"]
@@ -77,10 +78,15 @@ def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str) -> bool
 
 def rehearse() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
+    materials, precision, general = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
+    scene, particles = _small_slope(materials, precision)
+    for choices in ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}) if general else ({},):
+        _rehearse(replace(scene, **choices), particles)
+
+
+def _rehearse(scene: Scene, particles: Particles) -> None:
     from runout.backends.scan.backend import ScanBackend
 
-    materials, precision = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
-    scene, particles = _small_slope(materials, precision)
     engine = ScanBackend(threads=1)
     engine.load(scene, particles)
     for k in range(STEPS):

@@ -10,6 +10,7 @@ import numpy as np
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.scan import checkpoint, columns, index, motion, observe
 from runout.backends.scan.arenas import Arenas
+from runout.backends.scan.general import General, is_general
 from runout.backends.scan.kernels import kernels_for
 from runout.backends.scan.store import PADDING, Store, capacity, reserve
 from runout.backends.state import State
@@ -65,6 +66,7 @@ class ScanBackend:
         self.cursors = np.zeros((self.allowed, 8), np.int64)
         self.holes, self.n_holes = np.zeros((LONGEST_LIST, 2), np.int64), 0
         self.k = kernels_for(scene)
+        self.general = General(scene) if is_general(scene) else None
         self.counters = Counters()
         self.threads = max(1, min(self.allowed, self.n // PARTICLES_PER_THREAD))
         self.packed_dt, self.moved = 0.0, False
@@ -183,10 +185,10 @@ class ScanBackend:
         """Constants of steps of ``dt`` [s]; the records are packed anew."""
         i, s, real = self.index, self.store, self.scene.dtype
         self.scene.law.set_step(self.mats, dt)
-        self.k.change_step(
-            s.rec, s.state, s.who, s.label, s.order, i.first, i.held, i.nown, self.mats, real(dt - self.packed_dt), self.h
-        )
-        self.packed_dt, self.dt = dt, real(dt)
+        if self.scene.packed:
+            ddt, self.packed_dt = real(dt - self.packed_dt), dt
+            self.k.change_step(s.rec, s.state, s.who, s.label, s.order, i.first, i.held, i.nown, self.mats, ddt, self.h)
+        self.dt = real(dt)
         for k in range(16):
             self.dv[k] = dt * self.scene.gravity[k % 4 - 1] if k % 4 else 0.0
         self.slopes = tuple(real(moments.moment_slope(dt, h)) for h in self.scene.spacing)
@@ -203,6 +205,8 @@ class ScanBackend:
             band = self.scene.contact_band * min(self.scene.spacing)
             reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
             self._to_arenas_and_contacts(real(reach), real(band))
+        if self.general:
+            self.general.push(self)
         self.k.update_nodes(a.arenas, a.number, i.held, i.down, i.nall, a.grid, self.dv)
 
     def _to_arenas_and_contacts(self, reach: Any, band: Any) -> None:
@@ -253,11 +257,14 @@ class ScanBackend:
     def _to_particles(self, dt: float) -> None:
         i, s, a = self.index, self.store, self.room
         self._fit_buffers()
-        self.k.grid_to_particles(
-            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
-            self.domain, self.mats, self.slopes, self.cells, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
-            a.changed, a.motion,
-        )  # fmt: skip
+        if self.general:
+            self.general.to_particles(self)
+        else:
+            self.k.grid_to_particles(
+                s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
+                self.domain, self.mats, self.slopes, self.cells, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
+                a.changed, a.motion,
+            )  # fmt: skip
         speed2, step, lost, refused, self.moved = self.k.total_motion(a.motion, a.changed, i.nown)
         if refused > 0:
             raise StabilityError(
@@ -316,7 +323,8 @@ class ScanBackend:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
         named = {**vars(self.index), **vars(self), **{f"buffer_{k}": a for k, a in enumerate(self.buffers)}}
         own = {name: int(a.nbytes) for name, a in named.items() if isinstance(a, np.ndarray)}
-        return {**self.store.memory(), **self.room.memory(), **own}
+        more = self.general.memory() if self.general else {}
+        return {**self.store.memory(), **self.room.memory(), **own, **more}
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""

@@ -4,20 +4,37 @@ from types import SimpleNamespace
 
 from runout.backends.compile import PHYSICS, numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
-from runout.backends.scan import ahead, arenas, columns, contact, ground, index, motion, observe, order, stencil, transfer
+from runout.backends.scan import (
+    ahead,
+    arenas,
+    columns,
+    contact,
+    forces,
+    general_motion,
+    gradients,
+    ground,
+    index,
+    motion,
+    observe,
+    order,
+    stencil,
+    transfer,
+)
+from runout.backends.scan.general import is_general
 from runout.model.scene import Scene
 
 COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns)  # know no law
 LANES = (vectors, shuffles, memory)
+GENERAL = (stencil, transfer, observe, contact, motion, forces, gradients, general_motion)  # of transfers other than the packed one
 SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)
-_MADE: dict[tuple[str, str, bool], SimpleNamespace] = {}
+_MADE: dict[tuple[str, str, bool, bool], SimpleNamespace] = {}
 
 
 def kernels_for(scene: Scene) -> SimpleNamespace:
     """Kernels for the number type and the law of a scene, made once a process and taken from the cache of compiled code."""
-    key = (scene.precision, scene.law.name, len(scene.materials) == 1)
+    key = (scene.precision, scene.law.name, len(scene.materials) == 1, is_general(scene))
     if key not in _MADE:
-        ahead.ensure_compiled(scene, SOURCES)
+        ahead.ensure_compiled(scene, (*SOURCES, *GENERAL) if is_general(scene) else SOURCES)
         _MADE[key] = _bound(scene)
     return _MADE[key]
 
@@ -26,12 +43,11 @@ def _bound(scene: Scene) -> SimpleNamespace:
     binding = numba_binding(scene.dtype)
     common = binding.kernels(*COMMON, sources=(*LANES, motion))
     law = getattr(binding, scene.law.module.__name__.rsplit(".", 1)[-1])
-    own = binding.kernels(
-        stencil,
-        motion,
-        sources=LANES,
-        law_update=law.update,
-        law_update_small=law.update_small,
-        ONE_MATERIAL=len(scene.materials) == 1,
-    )
-    return SimpleNamespace(**(vars(common) | vars(own)))
+    names = {
+        "law_update": law.update,
+        "law_update_small": law.update_small,
+        "ONE_MATERIAL": len(scene.materials) == 1,
+    }
+    own = binding.kernels(stencil, motion, sources=LANES, **names)
+    general = binding.kernels(*GENERAL, sources=LANES, **names) if is_general(scene) else SimpleNamespace()
+    return SimpleNamespace(**(vars(general) | vars(common) | vars(own)))

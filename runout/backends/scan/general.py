@@ -1,0 +1,78 @@
+"""What a step does more where the transfer is not the packed one, or where F-bar averages: kernels and arrays of such scenes."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout.backends.scan.store import _zeros
+from runout.model.scene import Scene
+from runout.physics import transfers
+
+if TYPE_CHECKING:
+    from runout.backends.scan.backend import ScanBackend
+
+
+def is_general(scene: Scene) -> bool:
+    """Whether a scene needs more than the packed transfer, which has kernels of its own."""
+    return not scene.packed or scene.f_bar
+
+
+class General:
+    """Steps of a scene with transfer apic or aflip, or with F-bar.
+
+    Attributes
+    ----------
+    rates : (slots, 16)
+        See :mod:`runout.backends.scan.gradients`; scratch of a step.
+    given : (nall, 256)
+        Mass and velocity of the nodes before any force; of aflip alone.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene, real = scene, scene.dtype
+        self.averaged, self.keeps = real(scene.f_bar), real(scene.keeps)
+        self.still = np.zeros(16, real)  # no gravity
+        self.rates = self.given = np.zeros((0, 16), real)
+
+    def push(self, engine: "ScanBackend") -> None:
+        """Add internal forces to arenas that hold mass and momentum; keep what the particles alone give to the nodes."""
+        if self.scene.packed:
+            return
+        i, s, a, k = engine.index, engine.store, engine.room, engine.k
+        if self.scene.keeps:
+            if self.given.shape != a.grid.shape:
+                self.given = np.zeros_like(a.grid)
+            k.update_nodes(a.arenas, a.number, i.held, i.down, i.nall, self.given, self.still)
+        engine._fit_buffers()
+        k.add_forces(
+            s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, engine.mats, self._cells(engine), a.number,
+            a.arenas, engine.buffers[0],
+        )  # fmt: skip
+
+    def to_particles(self, engine: "ScanBackend") -> None:
+        """Velocity gradients, their mean dilatation, and velocities that the grid has not seen; then law and motion."""
+        i, s, a, k, cells = engine.index, engine.store, engine.room, engine.k, self._cells(engine)
+        if len(self.rates) != len(s.rec):
+            self.rates = _zeros(len(s.rec), 16, self.scene.dtype)
+        k.take_gradients(s.rec, s.order, i.starts, i.first, i.nown, a.grid, i.up, not self.scene.packed, self.rates)
+        if self.scene.f_bar:
+            k.spread_dilatation(self.rates, s.state, s.order, i.starts, i.first, i.nown, cells, a.number, a.arenas)
+            k.average_dilatation(a.arenas, a.number, i.held, i.down, i.nall, a.grid)
+            k.take_dilatation(self.rates, i.starts, i.first, i.nown, a.grid, i.up)
+        if self.scene.keeps:
+            k.take_slips(s.rec, self.rates, s.order, i.starts, i.first, i.nown, self.given, i.up)
+        slopes = engine.slopes if self.scene.packed else (self.scene.dtype(0.0),) * 3
+        k.grid_to_particles_generally(
+            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
+            engine.domain, engine.mats, slopes, engine.cells, self.rates, self.averaged, self.keeps, *engine.buffers, s.listed,
+            a.leaving, a.shifted, a.thinned, a.changed, a.motion,
+        )  # fmt: skip
+
+    def memory(self) -> dict[str, int]:
+        """Bytes by array."""
+        return {"rates": self.rates.nbytes, "given": self.given.nbytes}
+
+    def _cells(self, engine: "ScanBackend") -> tuple[float, ...]:
+        """Factor dt / h [s/m] by axis."""
+        real = self.scene.dtype
+        return tuple(real(transfers.gradient_slope(float(engine.dt), h)) for h in self.scene.spacing)
