@@ -79,6 +79,9 @@ def simulate(
     precision: str = "float32",
     seed: int = 0,
     cfl: float = 0.4,
+    transfer: str = "mls",
+    flip_ratio: float = 0.95,
+    f_bar: bool = False,
     threads: int | None = None,
     stop: bool = True,
     arrival_threshold: float = 0.1,
@@ -113,6 +116,13 @@ def simulate(
         Of the particles' positions.
     cfl : float
         Courant number, at most 0.6. A smaller one is not more accurate: the transfer damps once a step.
+    transfer : str
+        "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
+        ``docs/theory``. "hash" has "mls" alone.
+    flip_ratio : float
+        Part of what the grid has not seen of its velocity that a particle keeps with "aflip", 0 to 1; 0 is "apic".
+    f_bar : bool
+        Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
     threads : int, optional
         Threads of the CPU; all by default. The result does not depend on it.
     stop : bool
@@ -143,6 +153,7 @@ def simulate(
     engine = get_backend(backend, device, threads)
     scene, particles = build_scene(
         terrain, release, material, basal_friction_angle, cell_size, particles_per_cell, seed=seed, cfl=cfl, precision=precision,
+        transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar,
         accept=lambda extent: require_memory(expected_memory(extent, terrain.elevation.size, precision, engine), engine, memory_gb),
     )  # fmt: skip
     keep = _checkpoint(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
@@ -183,6 +194,9 @@ def build_scene(
     seed: int = 0,
     cfl: float = 0.4,
     precision: str = "float32",
+    transfer: str = "mls",
+    flip_ratio: float = 0.95,
+    f_bar: bool = False,
     accept: Callable[[Extent], None] | None = None,
 ) -> tuple[Scene, Particles]:
     """Scene and particles of a scenario; parameters as in :func:`simulate`.
@@ -212,7 +226,11 @@ def build_scene(
     particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed)
     raster = Raster(*terrain.shape, terrain.cell_size)
     friction = tuple(math.tan(a) for a in angles)
-    return Scene(spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision), particles
+    scene = Scene(
+        spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision, transfer=transfer,
+        flip_ratio=flip_ratio, f_bar=f_bar,
+    )  # fmt: skip
+    return scene, particles
 
 
 def _spacing(cell_size: float | tuple[float, float, float]) -> tuple[float, float, float]:

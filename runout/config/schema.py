@@ -81,9 +81,17 @@ def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
             yield key, f"has no meaning with {'a raster' if raster else 'polygons'}", "remove it"
 
 
+def _text(value: str | bool) -> str:
+    return str(value).lower()
+
+
 def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
-    """A device that the backend does not run on."""
+    """A device that the backend does not run on, or a transfer that it does not have."""
     device, backend = given.get("device", "cpu"), given.get("backend", "scan")
+    if backend == "hash":
+        for key, plain in (("transfer", "mls"), ("f_bar", False)):
+            if given.get(key, plain) != plain:
+                yield key, f"{given[key]} with backend hash, which has none of it", f"set {key}: {_text(plain)}, or backend: scan"
     if device != "cpu" and backend != "hash":
         yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
 
@@ -186,6 +194,12 @@ class SimulationSettings(Settings):
     backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")
     device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
     precision: Literal["float32", "float64"] = quantity("float32 or float64", "float32")
+    transfer: Literal["mls", "apic", "aflip"] = quantity(
+        "between particles and grid: mls (fastest), apic (by gradients of the weights) or aflip (damps less); hash has mls alone",
+        "mls",
+    )
+    flip_ratio: float = quantity("part of its own velocity that a particle keeps with aflip", 0.95, ge=0, le=1)
+    f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
     cfl: float = quantity("time step as a fraction of the stable one", 0.4, gt=0, le=LARGEST_CFL, hint="0.4 is usual")
     arrival_threshold: float = quantity("thickness that counts as arrival of the flow", 0.1, unit="m", gt=0)
 

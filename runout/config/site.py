@@ -112,6 +112,9 @@ class Site:
             "precision": stated.precision,
             "seed": int((sample or {}).get("seed", self.settings.ensemble.seed)),
             "cfl": stated.cfl,
+            "transfer": stated.transfer,
+            "flip_ratio": stated.flip_ratio,
+            "f_bar": stated.f_bar,
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,
         }
@@ -151,10 +154,18 @@ class Site:
         ------
         DeviceError
             If the device is not there; names what is there.
+        ConfigError
+            If the site has a transfer that a GPU does not run.
         """
         from runout.backends.protocol import find_device
 
         found, stated = find_device(device), self.settings.simulation
+        needs_scan = stated.transfer != "mls" or stated.f_bar
+        if needs_scan and device == "auto":
+            found = device = "cpu"
+        elif needs_scan and found != "cpu":
+            text = f"simulation.transfer {stated.transfer} with f_bar {str(stated.f_bar).lower()} runs on the CPU, not on {found}"
+            raise ConfigError(f"{text}; leave --device out, or set transfer: mls and f_bar: false")
         place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
         backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
         simulation = stated.model_copy(update={"device": place, "backend": backend})

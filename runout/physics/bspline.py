@@ -28,7 +28,7 @@ def weight_slopes(f: Any):
 
 
 def moment_slopes(f: Any):
-    """What takes the place of the slopes in the packed form [1 / cell]: weight times arm over the second moment (Hu et al. 2018)."""
+    """What the packed form takes for the slopes [1 / cell]: weight times arm over the second moment (Hu et al. 2018, eq. 16)."""
     w = weights(f)
     a = real(4.0) * f
     return vec(-a * w[0], (real(4.0) - a) * w[1], (real(8.0) - a) * w[2])

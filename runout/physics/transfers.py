@@ -1,8 +1,8 @@
 """What the transfers can do besides the packed form of :mod:`runout.physics.moments`.
 
-``apic`` takes stress and strain through the gradient of the weights (Jiang et al. 2016, SIGGRAPH course, sec. 10), ``aflip`` keeps a
-part of the particle's velocity that the grid does not see (Fei et al. 2021, ACM TOG 40:109, eq. 5), F-bar averages the volumetric
-strain over the grid (Zhao, Jiang & Choo 2023, Int. J. Numer. Meth. Eng. 124:5334, here in rate form).
+``apic`` takes stress and strain through the gradients of the weights (Jiang et al. 2016, SIGGRAPH course, sec. 10), ``aflip`` keeps
+a part of the particle's velocity that the grid does not see (Fei et al. 2021, ACM TOG 40:109), F-bar averages the volumetric strain
+over the grid (Zhao, Jiang & Choo 2023, Int. J. Numer. Meth. Eng. 124:5334, here in rate form).
 """
 
 from typing import Any

@@ -13,13 +13,20 @@ from runout.backends.scan.backend import ScanBackend
 from runout.backends.scan.kernels import kernels_for
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("index", ["sparse", "dense"])
-def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index):
+@pytest.mark.parametrize(
+    ("precision", "index", "transfer"),
+    [
+        *((precision, index, {}) for precision in ("float32", "float64") for index in ("sparse", "dense")),
+        ("float64", "sparse", {"transfer": "aflip", "f_bar": True}),
+        ("float64", "sparse", {"f_bar": True}),
+    ],
+)
+def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index, transfer):
     ground = plane(slope_x=-0.5, height=30.0)
     particles = box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), SAND.density, surface=ground)
     particles.velocity[:] = (3.0, -6.0, -1.5)  # over the southern edge before long
-    a_scene = scene(ground, materials=(SAND,), precision=precision)
+    materials = (SAND, SAND) if transfer else (SAND,)  # the kernels of test_other_transfers
+    a_scene = scene(ground, materials=materials, friction=(0.5,) * len(materials), precision=precision, **transfer)
     engine = ScanBackend(index=index)
     engine.load(a_scene, particles)
     for _ in range(150):
@@ -31,7 +38,8 @@ def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index):
     compiled_here = [name for name, kernel in kernels.items() if sum(kernel.stats.cache_misses.values())]
     loaded = [name for name, kernel in kernels.items() if sum(kernel.stats.cache_hits.values())]
     assert compiled_here == []
-    assert {"grid_to_particles", "particles_to_arenas_and_contacts", "solve_contacts", "update_nodes"} <= set(loaded)
+    assert ("grid_to_particles_generally" if transfer else "grid_to_particles") in loaded
+    assert {"particles_to_arenas_and_contacts", "solve_contacts", "update_nodes"} <= set(loaded)
 
 
 def test_what_is_cached_is_not_compiled_again(monkeypatch):

@@ -1,10 +1,12 @@
 """--device: what is not there is refused in one line, auto takes what is there, and results do not depend on the choice's name."""
 
+from dataclasses import replace
+
 import pytest
 from ramp_site import write_site
 
 from runout import cli, read_site
-from runout.errors import DeviceError, ExitCode
+from runout.errors import ConfigError, DeviceError, ExitCode
 
 
 @pytest.fixture
@@ -38,6 +40,16 @@ def test_auto_takes_the_gpus_and_else_the_cpu(ramp, gpus):
     gpus("cuda:0", "cuda:1")
     found = site.on_device("auto").settings.simulation
     assert (found.backend, found.device) == ("hash", "cuda")
+
+
+def test_a_transfer_that_no_gpu_has_stays_on_the_cpu_and_refuses_a_gpu_by_name(ramp, gpus):
+    gpus("cuda:0")
+    site = read_site(ramp)
+    apic = site.settings.model_copy(update={"simulation": site.settings.simulation.model_copy(update={"transfer": "apic"})})
+    other = replace(site, settings=apic)
+    assert other.on_device("auto").settings.simulation.device == "cpu"
+    with pytest.raises(ConfigError, match="transfer apic with f_bar false runs on the CPU, not on cuda:0; leave --device out"):
+        other.on_device("cuda:0")
 
 
 def test_second_gpu_is_taken_by_name_and_a_third_refused(ramp, gpus):

@@ -26,6 +26,10 @@ def require_alike(scenes: Sequence[Scene]) -> None:
     """ConfigError unless scenes can be stepped together, and by this backend."""
     for law in {s.law.name for s in scenes if s.law.depends_on_rate}:
         raise ConfigError(f"the law {law} depends on the rate, which backend hash does not tell its kernels; use backend scan")
+    for s in scenes:
+        if s.transfer != "mls" or s.f_bar:
+            choice = f"transfer {s.transfer!r}" if s.transfer != "mls" else "f_bar"
+            raise ConfigError(f"{choice} runs on scan and reference, not on hash; set backend to scan, or leave it out")
     for name in ("spacing", "gravity", "precision", "contact_band"):
         values = {getattr(s, name) for s in scenes}
         if len(values) > 1:

@@ -97,7 +97,10 @@ def _scatter_slopes(rec, r, rows):
 
 
 def add_forces(rec, state, who, label, order, starts, first, nown, mats, s, number, arenas, buffers):
-    """Add the impulses of the internal forces to the arenas; ``s`` = dt / h [s/m] by axis, ``buffers`` a row a particle and thread."""
+    """Add the impulses of the internal forces to the arenas; ``s`` = dt / h [s/m] by axis.
+
+    ``buffers`` have a row for each particle of the fullest block, for each thread.
+    """
     for b in prange(nown):
         held = starts[b, 64]
         if held == 0:

@@ -6,7 +6,17 @@ Like :mod:`runout.backends.scan.motion`, for every choice of transfer and F-bar:
 import numpy as np
 from numba import get_thread_id, prange
 
-from runout.backends.lanes import lane_bits, lane_largest, lane_sum, largest, load16, local_array, lowest_bit, record_vectors, row_vectors
+from runout.backends.lanes import (
+    lane_bits,
+    lane_largest,
+    lane_sum,
+    largest,
+    load16,
+    local_array,
+    lowest_bit,
+    record_vectors,
+    row_vectors,
+)
 from runout.backends.scan.motion import (
     ALIVE,
     CODE,
