@@ -27,11 +27,13 @@ from pipelines.verification_cases import (
     transfers,
 )
 from pipelines.verification_cases.finding import SLACK, Case, Finding
-from pipelines.verification_cases.page import as_json, as_lines, as_markdown, figure
+from pipelines.verification_cases.page import as_json, as_lines, as_markdown, figure, kept
+from pipelines.work_precision import commit
 from runout.errors import ConfigError, ExitCode
 from runout.io.atomic import whole_file, write_json, write_text
 
 LOGGER = logging.getLogger("runout.verification")
+FILE = "verification.json"
 CASES: dict[str, Case] = {
     case.name.lower(): case
     for case in (
@@ -48,14 +50,17 @@ CASES: dict[str, Case] = {
 def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) -> list[Finding]:
     """What the cases measure, in their order.
 
+    With ``out`` the page is written anew after each case. A run that was broken off goes on there after its last whole case, if
+    the code is still the same; a run that had ended is measured again.
+
     Parameters
     ----------
     cases : sequence of str
         Names out of :data:`CASES` in any capitals; all when empty.
     full : bool
-        At the sizes of the documentation (about ten minutes) instead of those of CI (about one).
+        At the sizes of the documentation (about an hour) instead of those of CI (about two minutes).
     out : Path or None
-        Folder for ``verification.md``, ``verification.json`` and ``images/verification.png``; nothing is written when None.
+        Folder for ``verification.md``, :data:`FILE` and ``images/verification.png``; nothing is written when None.
 
     Raises
     ------
@@ -64,15 +69,33 @@ def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) 
     StorageError
         If the folder cannot be written.
     """
+    asked = [_named(name) for name in cases or CASES]
+    code = {"full": full, "cases_asked": [case.name for case in asked], "commit": commit()}
+    done = _unfinished(out / FILE, code) if out is not None else {}
     findings = []
-    for case in [_named(name) for name in cases or CASES]:
+    for case in asked:
+        if case.name in done:
+            findings.append(done[case.name])
+            LOGGER.info("%s is kept from the run that was broken off", case.name)
+            continue
         started = time.perf_counter()
         results = tuple(case.measure(full))
         findings.append(Finding(case, results, time.perf_counter() - started))
         LOGGER.info("%s", "\n".join(as_lines(findings[-1])))
-    if out is not None:
-        _write(findings, cases, full, out)
+        if out is not None:
+            _write(findings, cases, code, out)
     return findings
+
+
+def _unfinished(record: Path, code: Mapping[str, Any]) -> dict[str, Finding]:
+    """Findings by name of a run of the same code that was broken off; none where there is no such run."""
+    if not record.is_file():
+        return {}
+    content = json.loads(record.read_text(encoding="utf-8"))
+    same = {name: content.get(name) for name in code} == dict(code)
+    if not same or len(content["cases"]) == len(code["cases_asked"]):
+        return {}
+    return {case["name"]: kept(case, CASES[case["name"].lower()]) for case in content["cases"]}
 
 
 def run_plane(
@@ -134,10 +157,13 @@ def _named(name: str) -> Case:
     return CASES[name.lower()]
 
 
-def _write(findings: Sequence[Finding], cases: Sequence[str], full: bool, out: Path) -> None:
-    said = " ".join(["runout verify", *cases, *(["--full"] if full else []), "--out", out.name])
-    write_json(as_json(findings, full), out / "verification.json")
+def _write(findings: Sequence[Finding], cases: Sequence[str], code: Mapping[str, Any], out: Path) -> None:
+    """Page, figure and at last the record of what is finished, each as a whole."""
+    said = " ".join(["runout verify", *cases, *(["--full"] if code["full"] else []), "--out", out.name])
+    left = [name for name in code["cases_asked"] if name not in {f.case.name for f in findings}]
     with whole_file(out / "images" / "verification.png") as picture:
         picture.write_bytes(figure(findings))
-    page = write_text(as_markdown(findings, said, SLACK), out / "verification.md")
-    LOGGER.info("wrote %s, verification.json and images/verification.png", page)
+    page = write_text(as_markdown(findings, said, SLACK, left, code["commit"]), out / "verification.md")
+    write_json({**as_json(findings, code["full"]), **code}, out / FILE)
+    if not left:
+        LOGGER.info("wrote %s, %s and images/verification.png", page, FILE)

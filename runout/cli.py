@@ -150,7 +150,7 @@ def bench(
 
 def verify(
     *cases: Annotated[str, Parameter(help="Names such as U6 or sliding-box; all when none is given.")],
-    full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes ten minutes.")] = False,
+    full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes about an hour; a run that is broken off goes on.")] = False,
     json: Annotated[
         list[Path] | None,
         Parameter(consume_multiple=(0, 1), negative="", help="Write JSON to this file, or print it when none is named."),

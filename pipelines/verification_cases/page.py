@@ -1,18 +1,18 @@
 """What the verification found, as JSON, as a page of the documentation and as a figure."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Any
 
-from pipelines.verification_cases.finding import Bound, Convergence, Finding, Result
+from pipelines.verification_cases.finding import Bound, Case, Convergence, Finding, Result
 from runout import __version__
 
 WORST, BEST = "**no**", "yes"
 COLUMNS = 3  # of the figure
 OPENING = """# Verification
 
-Closed forms, manufactured solutions and convergence orders of the scheme. Written by `{command}`; do not edit. Every case
+Closed forms, manufactured solutions and convergence orders of the scheme. Written by `{command}`{code}; do not edit. Every case
 runs in CI on coarser grids, with the same declared orders, in float64 on one thread. An order counts as reached when the
 least-squares slope is at most {slack:g} below the declared one. Errors are relative unless a unit is given.
 
@@ -29,11 +29,21 @@ def as_json(findings: Sequence[Finding], full: bool) -> dict[str, Any]:
     return {"version": __version__, "full": full, "holds": all(f.holds for f in findings), "cases": [_case(f) for f in findings]}
 
 
-def as_markdown(findings: Sequence[Finding], command: str, slack: float) -> str:
-    """The page: a section a case with its set-up, its table and what does not hold."""
+def kept(record: Mapping[str, Any], case: Case) -> Finding:
+    """The finding of a case from what :func:`as_json` made of it."""
+    return Finding(case, tuple(_kept_result(r) for r in record["results"]), record["seconds"])
+
+
+def as_markdown(
+    findings: Sequence[Finding], command: str, slack: float, left: Sequence[str] = (), commit: str | None = None
+) -> str:
+    """The page: a section a case with its set-up, its table and what does not hold; names the cases that are ``left``."""
     failed = [f.case.name for f in findings if not f.holds]
     verdict = f"**Does not hold: {', '.join(failed)}.**" if failed else f"All {len(findings)} cases hold."
-    parts = [OPENING.format(command=command, slack=slack, verdict=verdict)]
+    if left:
+        verdict += f" Not finished: {', '.join(left)}."
+    code = f" at commit {commit}" if commit else ""
+    parts = [OPENING.format(command=command, code=code, slack=slack, verdict=verdict)]
     for finding in findings:
         case = finding.case
         parts.append(f"## {case.name}: {case.title}\n\n{_sentence(case.setup)} ({finding.seconds:.1f} s.)\n")
@@ -125,3 +135,10 @@ def _result(r: Result) -> dict[str, Any]:
         return {"quantity": r.quantity, **sizes, "order": r.order, "declared_order": r.declared, "holds": r.holds}
     low, high = (b if math.isfinite(b) else None for b in (r.low, r.high))
     return {"quantity": r.quantity, "value": float(r.value), "low": low, "high": high, "holds": r.holds}
+
+
+def _kept_result(r: Mapping[str, Any]) -> Result:
+    if "cells" in r:
+        return Convergence(r["quantity"], tuple(r["cells"]), tuple(r["errors"]), r["declared_order"])
+    high, low = (default if r[end] is None else r[end] for end, default in (("high", math.inf), ("low", -math.inf)))
+    return Bound(r["quantity"], r["value"], high, low)

@@ -8,6 +8,7 @@ from matplotlib.image import imread
 from pipelines import verification
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Finding
 from pipelines.verification_cases.page import as_json, as_lines, as_markdown
+from pipelines.work_precision import commit
 from runout.cli import main
 
 CASE = Case("U0", "a case", "a set-up", lambda full: [], "A remark.")
@@ -46,6 +47,59 @@ def test_command_writes_page_figure_and_json(tmp_path):
     assert "## U10: element paths" in page
     assert imread(tmp_path / "images" / "verification.png").shape[1] > 1000
     assert json.loads((tmp_path / "again.json").read_text()).keys() == {"version", "full", "holds", "cases"}
+    record = json.loads((tmp_path / "verification.json").read_text())
+    assert record["cases_asked"] == ["U1", "U10"]
+    assert record["commit"] == commit()
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Two cases that note when they are measured; the second is interrupted while the list ``broken`` holds its name."""
+    measured, broken = [], []
+
+    def case(name):
+        def measure(full):
+            measured.append(name)
+            if name in broken:
+                raise KeyboardInterrupt
+            return [GOOD, Bound("a length that may be any [m]", 3.0), BAD]
+
+        return Case(name, "a case", "a set-up", measure)
+
+    monkeypatch.setattr(verification, "CASES", {name.lower(): case(name) for name in ("A1", "A2")})
+    return measured, broken
+
+
+def test_a_run_that_was_broken_off_goes_on_after_its_last_whole_case(counted, tmp_path):
+    measured, broken = counted
+    broken.append("A2")
+    with pytest.raises(KeyboardInterrupt):
+        verification.run(full=True, out=tmp_path)
+    assert "Not finished: A2." in (tmp_path / "verification.md").read_text()
+    broken.clear()
+    findings = verification.run(full=True, out=tmp_path)
+    assert measured == ["A1", "A2", "A2"]
+    assert findings[0].results == findings[1].results
+    page = (tmp_path / "verification.md").read_text()
+    assert "## A1: a case" in page
+    assert "## A2: a case" in page
+    assert "Not finished" not in page
+    verification.run(full=True, out=tmp_path)
+    assert measured[3:] == ["A1", "A2"], "a run that had ended is measured again"
+
+
+@pytest.mark.parametrize("changed", [{"full": False}, {"cases": ("A2", "A1")}, {"commit": "another"}])
+def test_a_run_broken_off_is_not_mixed_with_other_code_or_sizes(counted, tmp_path, monkeypatch, changed):
+    measured, broken = counted
+    broken.append("A2")
+    with pytest.raises(KeyboardInterrupt):
+        verification.run(full=True, out=tmp_path)
+    broken.clear()
+    commit_now = changed.get("commit", commit())
+    monkeypatch.setattr(verification, "commit", lambda: commit_now)
+    choices = {name: value for name, value in changed.items() if name != "commit"}
+    verification.run(**{"full": True, **choices}, out=tmp_path)
+    assert sorted(measured[2:]) == ["A1", "A2"]
 
 
 def test_command_prints_the_errors_of_a_plane_of_the_readers_choice(capsys):
