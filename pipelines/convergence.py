@@ -119,10 +119,10 @@ def _run(arguments: Mapping[str, Any], h: np.ndarray, shift: float, seed: int, t
     raised = replace(terrain, elevation=terrain.elevation + shift * h[2])
     changed = {"terrain": raised, "cell_size": tuple(float(x) for x in h), "seed": arguments["seed"] + seed}
     result = simulate(**{**arguments, **changed})
-    quantities = _quantities(result, arguments["release"], thresholds)
+    found = quantities(result, arguments["release"], thresholds)
     fields = result.fields
     return Run(
-        quantities,
+        found,
         fields["max_flow_thickness"],
         fields["deposit_thickness"],
         result.timing["total"] - result.timing["setup"],
@@ -130,7 +130,7 @@ def _run(arguments: Mapping[str, Any], h: np.ndarray, shift: float, seed: int, t
     )
 
 
-def _quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[float]) -> dict[str, float]:
+def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[float]) -> dict[str, float]:
     """Run-out of 99 % of the mass and of its centre [m], peak speed [m/s], areas [m2] and largest deposit [m]."""
     terrain = result.terrain
     rows, columns = terrain.shape

@@ -84,9 +84,10 @@ def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Par
     return p
 
 
-def rectangle(length: float, height: float, spacing: float, start: float = 0.0) -> np.ndarray:
-    """Places (n, 2) [m] of four particles a cell in a rectangle that begins at ``start`` [m]."""
-    x, z = (np.arange(round(2 * s / spacing)) * spacing / 2 + spacing / 4 for s in (length, height))
+def rectangle(length: float, height: float, spacing: float, start: float = 0.0, per_axis: int = 2) -> np.ndarray:
+    """Places (n, 2) [m] of ``per_axis`` squared particles a cell in a rectangle that begins at ``start`` [m]."""
+    d = spacing / per_axis
+    x, z = (np.arange(round(s / d)) * d + d / 2 for s in (length, height))
     return np.stack(np.meshgrid(start + x, z, indexing="ij"), axis=-1).reshape(-1, 2)
 
 

@@ -33,7 +33,8 @@ DAMPING = 0.25 * BOX.wave_speed / SIZE[2]  # [1/s], while the box settles
 class Plane:
     """The plane and the box's grid: angles in degrees, ``offset`` in cells between nodes, ``spacing`` [m].
 
-    ``aligned`` keeps the plane along the grid and tilts gravity instead; ``settled`` starts from balanced stresses.
+    ``aligned`` keeps the plane along the grid and tilts gravity instead; ``settled`` starts from balanced stresses; ``per_axis``
+    particles along each axis of a cell.
     """
 
     slope_deg: float
@@ -44,6 +45,7 @@ class Plane:
     aligned: bool = False
     precision: str = "float64"
     settled: bool = True
+    per_axis: int = 2
 
     def __post_init__(self) -> None:
         for name, low, high in (("slope", 0.0, 60.0), ("azimuth", -360.0, 360.0)):
@@ -78,7 +80,7 @@ def slide(plane: Plane, time: float = 1.0) -> Slide:
         for _ in range(some):
             engine.step(dt)
         places.append(engine.particles().position(spacing) @ frame[0])
-    lowest = lowest[: round(SIZE[0] * SIZE[1] * 4 / plane.spacing**2)]
+    lowest = lowest[: round(SIZE[0] * SIZE[1] * (plane.per_axis / plane.spacing) ** 2)]
     gap = gaps(scene, engine.particles(), frame[2])[lowest]
     moved, speed = (places[2] - places[0]).mean(), (places[2] - places[1]).mean() / (last * dt)
     return Slide(float(moved), float(speed), time - 0.5 * (last - 1) * dt, float(gap.mean() / plane.spacing), dt)
@@ -90,7 +92,7 @@ def prepared(plane: Plane, time: float) -> tuple[Scene, Particles, np.ndarray]:
     acceleration = GRAVITY * max(np.sin(slope) - plane.friction * np.cos(slope), 0.0)
     extent = 0.5 * acceleration * (time + SETTLING) ** 2 + 5.0
     surface, frame = _ground(plane, extent)
-    local = lattice(SIZE, h)
+    local = lattice(SIZE, h, plane.per_axis)
     p = _placed(plane, surface, frame, local, extent)
     prestressed(p, SIZE[2] - local[:, 2], frame, BOX, plane.slope_deg, acceleration)
     gravity = GRAVITY * (np.array([np.sin(slope), 0.0, -np.cos(slope)]) if plane.aligned else np.array([0.0, 0.0, -1.0]))
@@ -211,7 +213,7 @@ def _placed(plane: Plane, surface: Surface, frame: np.ndarray, local: np.ndarray
     h, way = plane.spacing, frame[0, :2] * (extent - 4.0 + SIZE[0]) / 2 + frame[1, :2] * SIZE[1] / 2
     base = np.round((extent / 2 - way) / h) * h + np.array([0.37, 0.21]) * h
     origin = np.array([*base, surface.elevation(base[0], base[1])])
-    return particles_at(origin + local @ frame, h, BOX.density, h / 4)
+    return particles_at(origin + local @ frame, h, BOX.density, h / (2 * plane.per_axis), plane.per_axis)
 
 
 CASE = Case(

@@ -11,27 +11,29 @@ from pipelines.verification_cases.shallow_water import SpreadingCap, earth_press
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
+HEIGHT = 4.0  # [m] of the cap
 SLOPE, BED, END = 35.0, 25.0, 5.0  # [deg], [deg], [s]
 START = 150.0  # [m] along the domain of the first centre
 EXTENT = (320.0, 220.0)  # [m]
 
 
-def layers(spacing: float, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which column (n,), height above the floor [m] and share of the column [1] of particles half a cell high."""
-    count = np.maximum(1, np.round(2 * thickness / spacing)).astype(int)
+def layers(spacing: float, thickness: np.ndarray, per_axis: int = 2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which column (n,), height above the floor [m] and share of the column [1] of particles, ``per_axis`` in a cell's height."""
+    count = np.maximum(1, np.round(per_axis * thickness / spacing)).astype(int)
     column = np.repeat(np.arange(len(thickness)), count)
     layer = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     return column, (layer + 0.5) * thickness[column] / count[column], 1.0 / count[column]
 
 
-def strip(spacing: float, internal_deg: float, pressure: float) -> tuple[Scene, Particles, SpreadingCap]:
+def strip(spacing: float, internal_deg: float, pressure: float, per_axis: int = 2) -> tuple[Scene, Particles, SpreadingCap]:
     """A strip of endless width, and its solution with an earth pressure coefficient."""
     cap = SpreadingCap(across=0.0, pressure=pressure)
     scene = flow.level_scene(spacing, (EXTENT[0], 0.0), stiff(cap.height, internal_deg), float(np.tan(np.radians(BED))), SLOPE)
-    along = np.arange(-cap.along + spacing / 4, cap.along, spacing / 2)
+    width = spacing / per_axis
+    along = np.arange(-cap.along + width / 2, cap.along, width)
     top = cap.thickness(along, np.zeros(1), 0.0)
-    column, above, share = layers(spacing, top)
-    p = flow.slice_of(np.column_stack([START + along[column], above]), spacing**2 / 2 * top[column] * share, scene)
+    column, above, share = layers(spacing, top, per_axis)
+    p = flow.slice_of(np.column_stack([START + along[column], above]), spacing * width * top[column] * share, scene)
     p.radius[:] = np.tile(0.5 * top[column] * share, flow.ACROSS)
     flow.press(p, np.tile(top[column] - above, flow.ACROSS), scene)
     return scene, p, cap

@@ -1,0 +1,338 @@
+"""Error against time: problems with a known answer on finer and finer grids, with one choice of the run changed at a time.
+
+Each run is repeated in turns with the others and its shortest processor time on one thread counts; particle-steps tell the
+work without the noise of a machine.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.error_cases import flows, solids
+from pipelines.error_cases.choice import VARIATIONS, Outcome, Variation, selectable
+from pipelines.error_cases.curve import cost_at, fitted, front
+from pipelines.error_page import as_markdown, figure, rows
+from pipelines.grid_index import GridIndex
+from pipelines.verification_cases.column_collapse import measured_surface
+from pipelines.work_precision import machine, versions
+from runout import log
+from runout.errors import ConfigError
+from runout.io.atomic import whole_file, write_json, write_text
+
+LOGGER = logging.getLogger("runout.work_precision")
+SCHEMA = 1
+NAME = "work_precision"
+REPEATED_BELOW = 8.0  # [s] of processor time; longer runs are made once
+COARSE = 2  # grids of a slow variation; one in the small study
+Measure = Callable[[Any, Variation], Outcome]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem and its grids.
+
+    Attributes
+    ----------
+    name, title, error : str
+        ``error``: what the error is of, and its norm.
+    length : float
+        Reference length [m] that ``grids`` divide, or 0 where they state the size of a cell [m] itself.
+    small, full : tuple
+        Grids, the coarsest first: cells along the length, or sizes of cells [m].
+    measure : callable
+        Outcome on one grid with one variation.
+    names : tuple of str
+        Variations that are measured; all when empty.
+    remark : str
+    """
+
+    name: str
+    title: str
+    error: str
+    length: float
+    small: tuple[float, ...]
+    full: tuple[float, ...]
+    measure: Measure
+    names: tuple[str, ...] = ()
+    remark: str = ""
+
+    def cell(self, grid: float) -> float:
+        """Size of a cell [m]."""
+        return self.length / grid if self.length else grid
+
+    def variations(self) -> list[Variation]:
+        """What is measured on this problem by this version of runout."""
+        return [
+            v
+            for v in VARIATIONS
+            if selectable(v) and (not self.names or v.name in self.names) and (not v.only_on or self.name in v.only_on)
+        ]
+
+
+def _on_terrain(reference: float) -> Measure:
+    return lambda cell, v: flows.terrain(cell, v, reference)
+
+
+FINEST, FINEST_SMALL = 10.0, 40.0  # [m] of the grid on real terrain that others are measured against
+IN_SPLIT = ("default", "1 particle per axis", "3 particles per axis", "CFL 0.2", "CFL 0.6")
+ON_TERRAIN = (*IN_SPLIT, "float64", "cells half as high", "cells a quarter as high")
+ALL = (*IN_SPLIT, "float64", "reference backend")
+PROBLEMS: dict[str, Problem] = {
+    p.name.lower(): p
+    for p in (
+        Problem(
+            name="U7",
+            title="manufactured waves, amplitude 0.05",
+            error="largest RMS of displacement over its amplitude",
+            length=1.0,
+            small=(8, 16),
+            full=(8, 16, 32, 64),
+            measure=solids.waves,
+            names=IN_SPLIT,
+            remark="Reference backend in float64, the only one that takes a body force.",
+        ),
+        Problem(
+            name="U9",
+            title="column under its weight",
+            error="mean error of stress over the weight",
+            length=solids.LENGTH,
+            small=(8, 16),
+            full=(8, 16, 32, 64),
+            measure=solids.column,
+            names=ALL,
+            remark="8 to 192 particles: time is that of a step without work.",
+        ),
+        Problem(
+            name="T1",
+            title="settled box on a plane of 20 degrees",
+            error="way after 1 s",
+            length=solids.sliding_box.SIZE[2],
+            small=(3, 4),
+            full=(3, 4, 6, 8),
+            measure=solids.box,
+            names=(*IN_SPLIT, "float64"),
+            remark="Time without the settling.",
+        ),
+        Problem(
+            name="T5",
+            title="block in a bowl with friction",
+            error="angle at which it turns",
+            length=solids.curved_ground.HEIGHT,
+            small=(2, 3),
+            full=(2, 3, 4, 6),
+            measure=solids.bowl,
+            names=ALL,
+        ),
+        Problem(
+            name="F3",
+            title="spreading cap, a strip",
+            error="thickness after 5 s, relative L2",
+            length=flows.spreading_cap.HEIGHT,
+            small=(2, 2.83),
+            full=(2, 2.83, 4, 5.66, 8),
+            measure=flows.strip,
+            names=(*IN_SPLIT, "float64"),
+            remark="A slice of four cells with one particle each across.",
+        ),
+        Problem(
+            name="F5",
+            title="collapse of aluminium rods",
+            error="surface, RMS against the experiment over the first height",
+            length=flows.column_collapse.HEIGHT,
+            small=(5, 7),
+            full=(5, 7, 10, 14),
+            measure=flows.rods,
+            names=(*IN_SPLIT, "float64"),
+            remark="Against an experiment: the model has a floor of its own, so that this problem cannot rank fine grids.",
+        ),
+        Problem(
+            name="terrain",
+            title="jacksboro, 60 s",
+            error="map of flow thickness, relative L1",
+            length=0.0,
+            small=(80.0, 56.6),
+            full=(56.6, 40.0, 28.3, 20.0),
+            measure=_on_terrain(FINEST),
+            names=ON_TERRAIN,
+            remark=f"Against the default choices with cells of {FINEST:g} m ({FINEST_SMALL:g} m in the small study): what is "
+            "common to that run and another one does not show. Whole simulations with observers; the DEM has cells of 83 m.",
+        ),
+    )
+}
+
+
+@dataclass
+class Point:
+    """One variation of one problem on one grid, as often as it was run."""
+
+    problem: Problem
+    variation: Variation
+    grid: float
+    outcomes: list[Outcome]
+    repeats: int
+
+    def run(self) -> None:
+        """Once more, if it still counts."""
+        if len(self.outcomes) < self.repeats and not (self.outcomes and self.outcomes[0].seconds > REPEATED_BELOW):
+            self.outcomes.append(self.problem.measure(self.grid, self.variation))
+
+    def described(self) -> dict[str, Any]:
+        """The shortest run, ready for JSON."""
+        best = min(self.outcomes, key=lambda o: o.seconds)
+        return {"grid": self.grid, "cell": self.problem.cell(self.grid), "runs": len(self.outcomes), **asdict(best)}
+
+
+def measured(
+    names: Sequence[str] = (),
+    full: bool = False,
+    repeats: int = 2,
+    progress: Callable[[float], None] = lambda done: None,
+    grids: int | None = None,
+) -> dict[str, Any]:
+    """Every problem with each of its variations on its grids, and what follows.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Out of :data:`PROBLEMS` in any capitals; all when empty.
+    full : bool
+        More grids.
+    repeats : int
+        Runs of each point, of which the shortest counts.
+    progress : callable
+        Called with the finished fraction of the points.
+    grids : int, optional
+        So many of the coarsest grids only.
+
+    Raises
+    ------
+    ConfigError
+        If there is no problem of a name.
+    """
+    chosen = [_named(name) for name in names or PROBLEMS]
+    if measured_surface() is None and any(problem.name == "F5" for problem in chosen):
+        LOGGER.warning("F5 is left out: RUNOUT_DATA names no folder with the digitised experiment")
+        chosen = [problem for problem in chosen if problem.name != "F5"]
+    done, code = [], versions()
+    for k, problem in enumerate(chosen):
+        started = time.perf_counter()
+        done.append(_solved(_sized(problem, full), full, repeats, grids, _part(progress, k, len(chosen))))
+        LOGGER.info("%s: %.0f s", problem.name, time.perf_counter() - started)
+    return {
+        "schema": SCHEMA,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "full": full,
+        "machine": machine(),
+        "versions": code,
+        "seed": 0,
+        "problems": done,
+    }
+
+
+def command(out: Path | None, full: bool = False) -> None:
+    """What ``runout bench --error`` does: measure, print the table, and write page, JSON and figures to the folder ``out``."""
+    with log.progress("bench") as bar:
+        content = measured(full=full, repeats=2 if full else 1, progress=bar)
+    log.output().print(rows(content), markup=False)
+    if out is None:
+        return
+    for problem in content["problems"]:
+        with whole_file(out / f"{NAME}_{problem['name']}.png") as picture:
+            picture.write_bytes(figure(problem))
+    write_json(content, out / f"{NAME}.json")
+    LOGGER.info("wrote %s", write_text(as_markdown(content), out / f"{NAME}.md"))
+
+
+def _part(progress: Callable[[float], None], number: int, total: int) -> Callable[[float], None]:
+    return lambda share: progress((number + share) / total)
+
+
+def _named(name: str) -> Problem:
+    if name.lower() not in PROBLEMS:
+        raise ConfigError(f"there is no problem {name!r}; choose among {', '.join(p.name for p in PROBLEMS.values())}")
+    return PROBLEMS[name.lower()]
+
+
+def _sized(problem: Problem, full: bool) -> Problem:
+    """The problem with the reference that belongs to its size."""
+    small_terrain = problem.name == "terrain" and not full
+    return replace(problem, measure=_on_terrain(FINEST_SMALL)) if small_terrain else problem
+
+
+def _solved(problem: Problem, full: bool, repeats: int, grids: int | None, progress: Callable[[float], None]) -> dict[str, Any]:
+    """All points of a problem in turns, forwards and backwards, and what its curves say."""
+    sizes = (problem.full if full else problem.small)[:grids]
+    points = [
+        Point(problem, v, grid, [], repeats)
+        for v in problem.variations()
+        for grid in (sizes[: COARSE if full else 1] if v.slow else sizes)
+    ]
+    compiling = _first(problem, points)
+    for turn in range(repeats):
+        for k, point in enumerate(points[:: 1 if turn % 2 == 0 else -1]):
+            point.run()
+            progress((turn + (k + 1) / len(points)) / repeats)
+            LOGGER.debug("%s, %s, grid %g: %s", problem.name, point.variation.name, point.grid, point.outcomes[-1])
+    curves = {v.name: [p.described() for p in points if p.variation is v] for v in problem.variations()}
+    return {
+        **{name: getattr(problem, name) for name in ("name", "title", "error", "remark")},
+        "jit_seconds": compiling,
+        "curves": [{"variation": name, "points": _marked(curve, curves), **_fit(curve)} for name, curve in curves.items()],
+        "cost_at_equal_error": _ranked(curves),
+    }
+
+
+def _first(problem: Problem, points: Sequence[Point]) -> float:
+    """Wall time that compiling, or loading what was compiled, adds to the first run of each precision [s]."""
+    seconds, seen = 0.0, set()
+    for point in points:
+        kind = (point.variation.backend, point.variation.scene.get("precision", "float32"))
+        if kind in seen:
+            continue
+        seen.add(kind)
+        walls = []
+        for _ in range(2):
+            started = time.perf_counter()
+            problem.measure(points[0].grid, point.variation)
+            walls.append(time.perf_counter() - started)
+        seconds += max(0.0, walls[0] - walls[1])
+    return seconds
+
+
+def _marked(curve: Sequence[Mapping[str, Any]], curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
+    """The points of a curve with what the table shows: on the front or not by work, and DoE = -log10(error times seconds)."""
+    everything = [p for one in curves.values() for p in one]
+    best = front([p["particle_steps"] for p in everything], [p["error"] for p in everything])
+    on = {id(p) for p, is_best in zip(everything, best, strict=True) if is_best}
+    return [{**p, "front": id(p) in on, "doe": float(-np.log10(p["error"] * p["seconds"]))} for p in curve]
+
+
+def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Order and floor of the errors; grid convergence index of the value where three grids differ by one ratio."""
+    fit = fitted([p["cell"] for p in curve], [p["error"] for p in curve])
+    found: dict[str, Any] = {"fit": asdict(fit) if fit else None, "gci": None}
+    if len(curve) >= 3 and all(np.isfinite(p["value"]) for p in curve[-3:]):
+        index = GridIndex.of([[p["value"]] for p in curve[-3:]], float(np.sqrt(curve[-3]["cell"] / curve[-1]["cell"])))
+        found["gci"] = {"relative": index.relative, "order": index.order, "converging": index.converging}
+    return found
+
+
+def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
+    """Work and time of every variation over those of the defaults at the errors that the defaults reach; geometric means."""
+    default, found = curves["default"], {}
+    for name, curve in curves.items():
+        ratios: dict[str, list[float]] = {}
+        for cost in ("particle_steps", "seconds"):
+            for point in default:
+                other = cost_at(point["error"], [p[cost] for p in curve], [p["error"] for p in curve])
+                if other is not None:
+                    ratios.setdefault(cost, []).append(other / point[cost])
+        means = {cost: float(np.exp(np.mean(np.log(values)))) for cost, values in ratios.items()}
+        found[name] = {**means, "errors": len(next(iter(ratios.values()), []))}
+    return found

@@ -1,0 +1,144 @@
+"""What can be chosen in a run, one change at a time, and a backend whose steps are timed."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from pipelines.timing import memory_of
+from runout.backends.protocol import get_backend
+from runout.model.particles import Particles
+from runout.model.scene import Scene
+
+CHUNK = 10  # steps of one length
+PER_AXIS = 2  # particles along each axis of a cell, by default
+BOUNDLESS = 10**6  # [cells] of a direction that does not repeat
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One change from the defaults of ``runout.simulate``.
+
+    Attributes
+    ----------
+    name : str
+    per_axis : int
+        Particles along each axis of a cell.
+    scene : mapping
+        Fields of :class:`runout.model.scene.Scene` that change: ``cfl``, ``precision``.
+    arguments : mapping
+        Arguments of ``runout.simulate`` that change besides, on real terrain.
+    backend : str
+    slow : bool
+        Left out on all but the two coarsest grids.
+    only_on : tuple of str
+        Names of the problems that it is measured on; all when empty.
+    """
+
+    name: str
+    per_axis: int = PER_AXIS
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    backend: str = "scan"
+    slow: bool = False
+    only_on: tuple[str, ...] = ()
+
+
+DEFAULT = Variation("default")
+VARIATIONS = (
+    DEFAULT,
+    Variation("1 particle per axis", per_axis=1),
+    Variation("3 particles per axis", per_axis=3),
+    Variation("CFL 0.2", scene={"cfl": 0.2}),
+    Variation("CFL 0.6", scene={"cfl": 0.6}),
+    Variation("float64", scene={"precision": "float64"}),
+    Variation("cells half as high", arguments={"flat": 2.0}, only_on=("terrain",)),
+    Variation("cells a quarter as high", arguments={"flat": 4.0}, only_on=("terrain",), slow=True),
+    Variation("reference backend", scene={"precision": "float64"}, backend="reference", slow=True),
+)
+
+
+def selectable(variation: Variation) -> bool:
+    """Whether this version of runout knows all fields of a scene that a variation changes."""
+    return set(variation.scene) <= {f.name for f in fields(Scene)}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one run gave.
+
+    Attributes
+    ----------
+    error : float
+        Relative; what it is of says the problem.
+    value : float
+        Quantity of interest, nan where there is none.
+    particles, steps, particle_steps, blocks : int
+        ``blocks`` at the end.
+    seconds : float
+        Processor time of the steps on one thread [s].
+    wall, setup : float
+        Wall time of the steps, and of all before the first [s].
+    bytes : float
+        Of all arrays of the backend.
+    """
+
+    error: float
+    value: float
+    particles: int
+    steps: int
+    particle_steps: int
+    blocks: int
+    seconds: float
+    wall: float
+    setup: float
+    bytes: float
+
+
+class March:
+    """A backend on one thread that takes the steps of one run and keeps their time."""
+
+    def __init__(self, scene: Scene, particles: Particles, variation: Variation, period: tuple[int, int, int] | None = None):
+        self.variation, self.began = variation, time.perf_counter()
+        self.scene = replace(scene, **{"precision": "float32", **variation.scene})
+        options: dict[str, Any] = {"index": "dense"} if period and variation.backend == "scan" else {}
+        self.engine: Any = get_backend(variation.backend, threads=1, **options)
+        if period:
+            self.engine.period = period if options else np.where(np.array(period) > 0, period, BOUNDLESS)
+        self.engine.load(self.scene, particles)
+        self.engine.stable_step()
+        self.n, self.now, self.seconds, self.wall = len(particles), 0.0, 0.0, 0.0
+        self.setup = time.perf_counter() - self.began
+
+    def step(self, dt: float) -> None:
+        """One step of ``dt`` [s]."""
+        processor, wall = time.process_time(), time.perf_counter()
+        self.engine.step(dt)
+        self.seconds += time.process_time() - processor
+        self.wall += time.perf_counter() - wall
+        self.now += dt
+
+    def until(self, end: float, look: Callable[[], None] = lambda: None) -> None:
+        """Steps of nearly the largest length up to the time ``end`` [s]; ``look`` is called after every :data:`CHUNK` of them."""
+        done = 0
+        dt = 0.0
+        while self.now < end * (1 - 1e-12):
+            if done % CHUNK == 0 or self.now + dt > end:
+                dt = min(0.95 * self.engine.stable_step(), end - self.now)
+            self.step(dt)
+            done += 1
+            if done % CHUNK == 0:
+                look()
+
+    def positions(self) -> np.ndarray:
+        """Places (n, 3) [m] of the particles."""
+        return self.engine.particles().position(np.array(self.scene.spacing))  # type: ignore[no-any-return]
+
+    def outcome(self, error: float, value: float = float("nan")) -> Outcome:
+        """The run as it ended."""
+        counters, memory = self.engine.counters, memory_of(self.engine, self.n)
+        blocks = memory["active_nodes"] // 64
+        work = (counters.steps, counters.particle_steps, int(blocks))
+        return Outcome(float(error), float(value), self.n, *work, self.seconds, self.wall, self.setup, float(memory["bytes"]))

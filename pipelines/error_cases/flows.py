@@ -1,0 +1,94 @@
+"""F3, F5 and real terrain: flows of sand against a closed form, an experiment and a finer grid."""
+
+import time
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.convergence import quantities
+from pipelines.error_cases.choice import DEFAULT, March, Outcome, Variation
+from pipelines.grid_index import compared
+from pipelines.verification_cases import column_collapse, flow, spreading_cap
+from pipelines.verification_cases.dam_breaks import as_one, columns, relative
+from runout import log
+from runout.config.site import read_site
+from runout.result import Result
+from runout.simulation import simulate
+
+SITE = Path(__file__).parents[2] / "sites" / "jacksboro"
+FLOW_TIME, BASAL_ANGLE = 60.0, 15.0  # [s], [deg] of the flow on real terrain
+MAP = "max_flow_thickness"
+RODS_TIME = 0.7  # [s], when the rods are at rest
+SLICE = (0, flow.ACROSS, 0)  # [cells] after which the grid of a slice repeats
+
+
+def strip(cells: int, v: Variation) -> Outcome:
+    """Relative L2 of thickness of the spreading strip after 5 s (earth pressure of one); value: its front [m]."""
+    scene, p, cap = spreading_cap.strip(spreading_cap.HEIGHT / cells, as_one(spreading_cap.BED), 1.0, v.per_axis)
+    march = March(scene, p, v, SLICE)
+    march.until(spreading_cap.END)
+    x = columns(scene) - spreading_cap.START
+    found = march.engine.columns().volume[0] / (scene.spacing[0] * flow.ACROSS * scene.spacing[1])
+    exact = cap.thickness(x, np.zeros(1), spreading_cap.END)
+    front = np.quantile(march.positions()[:, 0], 0.99) - spreading_cap.START
+    return march.outcome(relative(found, exact, 2), float(front))
+
+
+def rods(cells: int, v: Variation) -> Outcome:
+    """RMS of the aluminium rods' surface against the experiment over their first height; value: front of 99 % [m]."""
+    experiment = column_collapse.measured_surface()
+    if experiment is None:
+        raise FileNotFoundError("the digitised experiment is in no folder that RUNOUT_DATA names")
+    wide, n = 1.2, v.per_axis
+    h = column_collapse.HEIGHT / cells
+    scene = flow.level_scene(h, (wide, 0.0), column_collapse.RODS, column_collapse.NO_SLIP)
+    plane = flow.rectangle(2 * column_collapse.LENGTH, column_collapse.HEIGHT, h, wide / 2 - column_collapse.LENGTH, n)
+    p = flow.slice_of(plane, h**3 / n**2, scene)
+    p.radius[:] = h / (2 * n)
+    flow.press(p, np.tile(column_collapse.HEIGHT - plane[:, 1], flow.ACROSS), scene, column_collapse.AT_REST)
+    march = March(scene, p, v, SLICE)
+    march.until(RODS_TIME)
+    x, found = columns(scene) - wide / 2, march.engine.columns().volume[0] / (flow.ACROSS * h**2)
+    found = 0.5 * (found + found[::-1])
+    off = np.interp(experiment[:, 0], x[x > 0], found[x > 0]) - experiment[:, 1]
+    front = np.quantile(np.abs(march.positions()[:, 0] - wide / 2), 0.99)
+    return march.outcome(np.sqrt(np.mean(off**2)) / column_collapse.HEIGHT, float(front))
+
+
+@cache
+def site_arguments() -> Mapping[str, Any]:
+    """Arguments of ``runout.simulate`` for the example site jacksboro, up to 60 s."""
+    with log.muted():
+        arguments = read_site(SITE).member_arguments()
+    return {**arguments, "basal_friction_angle": BASAL_ANGLE, "end_time": FLOW_TIME, "stop": False, "threads": 1}
+
+
+def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
+    """Run of the site with cells of ``cell`` [m], its processor time without setup [s], and its wall time in all [s]."""
+    changed = {name: value for name, value in v.arguments.items() if name != "flat"}
+    high = cell / v.arguments.get("flat", 1.0)
+    given = {"particles_per_cell": (v.per_axis,) * 3, "backend": v.backend, **v.scene, **changed}
+    arguments = {**site_arguments(), "cell_size": (cell, cell, high), **given}
+    started, processor = time.perf_counter(), time.process_time()
+    result = simulate(**arguments)
+    wall, processor = time.perf_counter() - started, time.process_time() - processor
+    return result, processor * (1 - result.timing["setup"] / wall), wall
+
+
+@cache
+def finest(cell: float) -> Result:
+    """The run that others are measured against, with default choices and cells of ``cell`` [m]."""
+    return flowed(cell, DEFAULT)[0]
+
+
+def terrain(cell: float, v: Variation, reference: float) -> Outcome:
+    """Relative L1 of the map of flow thickness against that of the finest grid; value: run-out of 99 % [m]."""
+    result, seconds, wall = flowed(cell, v)
+    error = compared(result.fields[MAP], finest(reference).fields[MAP], 1, (1.0,))["relative_l1"]
+    front = quantities(result, site_arguments()["release"], ())["f99"]
+    series, setup = result.series, result.timing["setup"]
+    work = (result.n_particles, result.steps, result.n_particles * result.steps, int(np.max(series["active_blocks"])))
+    return Outcome(error, front, *work, seconds, wall - setup, setup, float("nan"))

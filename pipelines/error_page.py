@@ -1,0 +1,153 @@
+"""Error against time as a page of the documentation, as a table on the terminal and as figures."""
+
+from collections.abc import Iterator, Mapping
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from pipelines.error_cases.curve import Fit
+
+OPENING = """# Error against time
+
+Written by `runout bench --error{full} --out docs/benchmarks`; do not edit. Problems with a known answer, on finer and finer
+grids; a curve is what one change from the defaults of `runout.simulate` makes of them: {defaults}. Commit {commit}, runout
+{runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores ({architecture}, vectors of {vector_bits} bits), with other
+work on them; seed {seed}.
+
+Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond 8 s). It is still
+that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front: no other point is both cheaper
+and more accurate.
+
+## What each choice costs at equal error
+
+Cost over that of the defaults at the errors that the defaults reach, between grids by power laws; geometric means, particle-steps
+(processor time). Less than one: cheaper than the defaults. A dash: never as accurate as the
+defaults' coarsest grid, or always better than their finest.
+
+{ranking}
+"""
+ROWS = (
+    "problem",
+    "choice",
+    "h [m]",
+    "N",
+    "steps",
+    "blocks",
+    "wall [s]",
+    "processor [s]",
+    "setup [s]",
+    "memory [MB]",
+    "QoI",
+    "error",
+)
+
+
+def rows(content: Mapping[str, Any]) -> str:
+    """Cost at equal error: a table, a row a choice and a column a problem."""
+    problems = content["problems"]
+    names = list(dict.fromkeys(name for p in problems for name in p["cost_at_equal_error"]))
+    lines = ["| choice | " + " | ".join(p["name"] for p in problems) + " |", "|---" * (len(problems) + 1) + "|"]
+    for name in names:
+        cells = [_ratio(p["cost_at_equal_error"].get(name)) for p in problems]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def as_markdown(content: Mapping[str, Any]) -> str:
+    """The whole study as a page; figures lie beside it."""
+    versions, machine = content["versions"], content["machine"]
+    text = OPENING.format(
+        full=" --full" if content["full"] else "",
+        defaults="8 particles per cell, CFL 0.4, float32, backend scan",
+        ranking=rows(content),
+        seed=content["seed"],
+        **{name: versions[name] for name in ("commit", "runout", "numba", "numpy", "python")},
+        **machine,
+    )
+    parts = [text]
+    for problem in content["problems"]:
+        parts.append(f"## {problem['name']}: {problem['title']}\n")
+        parts.append(f"Error: {problem['error']}. {problem['remark']}".strip() + "\n")
+        parts.append(f"![Error against time, work and size of cells](work_precision_{problem['name']}.png)\n")
+        parts.append("\n".join(_fits(problem)) + "\n")
+    parts.append("## All runs\n\nMemory: all arrays of the backend. DoE = -log10(error times processor time).\n")
+    parts.append("\n".join(_points(content)) + "\n")
+    return "\n".join(parts)
+
+
+def figure(problem: Mapping[str, Any]) -> bytes:
+    """PNG of error against processor time, particle-steps and size of cells of one problem."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(13.0, 4.2), layout="constrained")
+    panels = canvas.subplots(1, 3, sharey=True)
+    for axes, key, label in zip(
+        panels, ("seconds", "particle_steps", "cell"), ("processor time [s]", "particle-steps", "size of cells [m]"), strict=True
+    ):
+        _panel(axes, problem, key)
+        axes.set_xlabel(label)
+        axes.grid(color="0.9", which="both")
+    panels[0].set_ylabel("relative error")
+    panels[2].legend(fontsize=7, frameon=False, loc="best")
+    canvas.suptitle(f"{problem['name']}: {problem['title']}; {problem['error']}", fontsize=10)
+    picture = BytesIO()
+    canvas.savefig(picture, format="png", dpi=80)
+    return picture.getvalue()
+
+
+def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
+    for k, curve in enumerate(problem["curves"]):
+        points = curve["points"]
+        x, e = np.array([p[key] for p in points]), np.array([p["error"] for p in points])
+        axes.loglog(x, e, "-" + "osD^vP*X"[k % 8], color=f"C{k}", markersize=5, linewidth=1.0, label=curve["variation"])
+        best = np.array([p["front"] for p in points])
+        if key == "cell" and curve["fit"] and curve["variation"] == "default":
+            fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
+            floor = f", floor {fit.floor:.1e}" if fit.floor else ""
+            axes.loglog(fine, [fit.at(c) for c in fine], "--", color="0.4", label=f"order {fit.order:.2f}{floor}")
+        elif key != "cell" and best.any():
+            axes.loglog(x[best], e[best], "o", color="black", markerfacecolor="none", markersize=11)
+
+
+def _fits(problem: Mapping[str, Any]) -> Iterator[str]:
+    """Order, floor and index of every curve of a problem."""
+    yield "| choice | order | floor | GCI of the QoI on the finest grid |"
+    yield "|---|---|---|---|"
+    for curve in problem["curves"]:
+        fit, gci = curve["fit"], curve["gci"]
+        order, floor = (f"{fit['order']:.2f}", f"{fit['floor']:.1e}" if fit["floor"] else "none seen") if fit else ("-", "-")
+        index = (
+            "-" if gci is None else f"{100 * gci['relative']:.2g} % ({'order ' if gci['converging'] else 'range, no order seen'}"
+        )
+        index += "" if gci is None else f"{gci['order']:.1f})" if gci["converging"] else ")"
+        yield f"| {curve['variation']} | {order} | {floor} | {index} |"
+    yield ""
+    yield f"Compiling, or loading what was compiled, took {problem['jit_seconds']:.2g} s beside the above."
+
+
+def _points(content: Mapping[str, Any]) -> Iterator[str]:
+    """Every run, as a row."""
+    yield "| " + " | ".join((*ROWS, "DoE", "front")) + " |"
+    yield "|---" * (len(ROWS) + 2) + "|"
+    for problem in content["problems"]:
+        for curve in problem["curves"]:
+            for p in curve["points"]:
+                numbers = (f"{p['cell']:.4g}", f"{p['particles']}", f"{p['steps']}", f"{p['blocks']}")
+                seconds = tuple(f"{p[key]:.2g}" for key in ("wall", "seconds", "setup"))
+                memory, value = _or_dash(1e-6 * p["bytes"], ".2f"), _or_dash(p["value"], ".5g")
+                last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", "yes" if p["front"] else "")
+                yield "| " + " | ".join((problem["name"], curve["variation"], *numbers, *seconds, *last)) + " |"
+
+
+def _or_dash(value: float, form: str) -> str:
+    return "-" if value != value else format(value, form)
+
+
+def _ratio(found: Mapping[str, Any] | None) -> str:
+    if found is None:
+        return ""
+    if "particle_steps" not in found:
+        return "-"
+    seconds = f" ({found['seconds']:.2g})" if "seconds" in found else ""
+    return f"{found['particle_steps']:.2g}{seconds}"
