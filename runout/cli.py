@@ -131,7 +131,12 @@ def simulate(
 
 def bench(
     *,
-    full: Annotated[bool, Parameter(negative="", help="Up to 1e7 particles, where memory allows; takes hours.")] = False,
+    error: Annotated[
+        bool, Parameter(negative="", help="Error against time instead: problems with a known answer; --out DIR writes a page.")
+    ] = False,
+    full: Annotated[
+        bool, Parameter(negative="", help="Up to 1e7 particles (hours); with --error finer grids (half an hour).")
+    ] = False,
     json: Annotated[Path | None, Parameter(help="Write everything that was measured to this file.")] = None,
     figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf).")] = None,
     against: Annotated[Path | None, Parameter(help="Prototype script to measure side by side.")] = None,
@@ -140,7 +145,12 @@ def bench(
     precision: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = ("float32", "float64"),
     session: Injected,
 ) -> int:
-    """Measure what a step costs on this machine, as ratios: size, threads, precision, depth, sparsity."""
+    """Measure what a step costs on this machine, as ratios: size, threads, precision, depth, sparsity; or what accuracy costs."""
+    if error:
+        from pipelines import error_against_time
+
+        error_against_time.command(session.out, full)
+        return ExitCode.OK
     from pipelines import work_precision
 
     choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision, against=against)
@@ -150,7 +160,10 @@ def bench(
 
 def verify(
     *cases: Annotated[str, Parameter(help="Names such as U6 or sliding-box; all when none is given.")],
-    full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes about an hour; a run that is broken off goes on.")] = False,
+    full: Annotated[
+        bool,
+        Parameter(negative="", help="At the sizes of the documentation; takes about an hour; a run that is broken off goes on."),
+    ] = False,
     json: Annotated[
         list[Path] | None,
         Parameter(consume_multiple=(0, 1), negative="", help="Write JSON to this file, or print it when none is named."),

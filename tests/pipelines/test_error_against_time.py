@@ -1,0 +1,119 @@
+"""Error against time: what curves say, that every choice reaches the run, and the page; nothing depends on a clock."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipelines import error_against_time
+from pipelines.error_against_time import PROBLEMS, measured
+from pipelines.error_cases import choice, solids
+from pipelines.error_cases.choice import DEFAULT, VARIATIONS, Variation
+from pipelines.error_cases.curve import cost_at, fitted, front
+from pipelines.verification_cases import spreading_cap
+from runout import cli
+from runout.errors import ExitCode
+
+CELLS = np.array([1.0, 0.5, 0.25, 0.125, 0.0625])
+
+
+def test_fit_finds_order_and_floor_of_errors_that_have_them():
+    fit = fitted(CELLS, np.hypot(0.3 * CELLS**2, 0.002))
+    assert fit.order == pytest.approx(2.0, abs=0.01)
+    assert fit.floor == pytest.approx(0.002, rel=0.01)
+    assert fit.at(0.01) == pytest.approx(0.002, rel=0.01)
+
+
+def test_fit_sees_no_floor_where_there_is_none():
+    fit = fitted(CELLS, 0.3 * CELLS**1.5)
+    assert fit.order == pytest.approx(1.5)
+    assert fit.floor == 0.0
+    assert fitted(CELLS[:1], [0.3]) is None
+
+
+def test_front_holds_what_nothing_beats():
+    assert front([1, 2, 4, 4, 2], [8, 4, 2, 3, 4]) == [True, True, True, False, True]
+
+
+def test_cost_at_an_error_lies_on_the_power_law_between_grids():
+    assert cost_at(0.02, [10, 1000], [0.2, 0.002]) == pytest.approx(100)
+    assert cost_at(0.001, [10, 1000], [0.2, 0.002]) is None
+    assert cost_at(0.5, [10, 1000], [0.2, 0.002]) is None
+
+
+@pytest.fixture(scope="module")
+def content():
+    """U9 on two grids with every choice, each run once."""
+    return measured(["u9"], repeats=1)
+
+
+def test_every_choice_is_measured_on_every_grid(content):
+    (problem,) = content["problems"]
+    curves = {c["variation"]: c["points"] for c in problem["curves"]}
+    assert set(curves) == set(PROBLEMS["u9"].names)
+    assert [p["grid"] for p in curves["default"]] == [8, 16]
+    assert [p["particles"] for p in curves["3 particles per axis"]] == [24, 48]
+    assert [p["particles"] for p in curves["1 particle per axis"]] == [8, 16]
+    assert curves["CFL 0.2"][0]["steps"] == pytest.approx(2 * curves["default"][0]["steps"], rel=0.02)
+    assert curves["CFL 0.6"][0]["steps"] == pytest.approx(curves["default"][0]["steps"] / 1.5, rel=0.02)
+    for points in curves.values():
+        assert all(p["particle_steps"] == p["particles"] * p["steps"] for p in points)
+        assert all(p["blocks"] > 0 and p["bytes"] > 0 for p in points)
+
+
+def test_backend_and_precision_change_no_error_that_shows(content):
+    (problem,) = content["problems"]
+    errors = {c["variation"]: c["points"][0]["error"] for c in problem["curves"]}
+    assert errors["reference backend"] == pytest.approx(errors["float64"], rel=1e-9)
+    assert errors["default"] == pytest.approx(errors["float64"], rel=1e-3)
+    assert errors["default"] != errors["float64"]
+    assert errors["3 particles per axis"] < errors["default"] < errors["1 particle per axis"]
+
+
+def test_curves_say_order_cost_and_front(content):
+    (problem,) = content["problems"]
+    default = next(c for c in problem["curves"] if c["variation"] == "default")
+    assert default["fit"]["order"] == pytest.approx(0.86, abs=0.05)
+    ranked = problem["cost_at_equal_error"]
+    assert ranked["default"]["particle_steps"] == pytest.approx(1.0)
+    assert ranked["float64"]["particle_steps"] == pytest.approx(1.0, rel=0.01)
+    assert ranked["CFL 0.2"]["particle_steps"] > 1.5
+    points = [p for c in problem["curves"] for p in c["points"]]
+    assert 0 < sum(p["front"] for p in points) < len(points)
+
+
+def test_a_problem_without_error_on_a_rigid_path_is_solved_with_any_number_of_particles():
+    found = {v.name: solids.box(3, v) for v in VARIATIONS[:3]}
+    assert [o.particles for o in found.values()] == [432, 54, 1458]
+    assert max(o.error for o in found.values()) < 1e-3
+
+
+@pytest.mark.parametrize("per_axis", [1, 2, 3])
+def test_strip_holds_the_same_mass_with_any_number_of_particles(per_axis):
+    scene, p, _ = spreading_cap.strip(2.0, 27.8, 1.0, per_axis)
+    parabola = 4 / 3 * 80.0 * spreading_cap.HEIGHT
+    assert p.volume.sum() / (scene.spacing[1] * 4) == pytest.approx(parabola, rel=5e-3)
+
+
+def test_a_choice_that_this_version_does_not_know_is_left_out(monkeypatch):
+    unknown = Variation("of tomorrow", scene={"no_such_field": 1})
+    assert not choice.selectable(unknown)
+    monkeypatch.setattr(error_against_time, "VARIATIONS", (DEFAULT, unknown))
+    assert [v.name for v in replace(PROBLEMS["u9"], names=()).variations()] == ["default"]
+
+
+def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
+    small = replace(PROBLEMS["u7"], names=("default", "1 particle per axis"))
+    monkeypatch.setattr(error_against_time, "PROBLEMS", {"u7": small})
+    assert cli.main(["bench", "--error", "--out", str(tmp_path)]) == ExitCode.OK
+    page = (tmp_path / "work_precision.md").read_text()
+    assert "| 1 particle per axis | " in page
+    assert "| U7 | default | 0.125 | 32 | 56 |" in page
+    assert "## U7: manufactured waves" in page
+    assert (tmp_path / "work_precision_U7.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "work_precision.json").is_file()
+
+
+def test_problems_that_are_not_there_are_named():
+    with pytest.raises(error_against_time.ConfigError, match="choose among U7, U9"):
+        measured(["U99"])
