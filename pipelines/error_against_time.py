@@ -17,6 +17,7 @@ import numpy as np
 from pipelines.error_cases import flows, solids
 from pipelines.error_cases.choice import VARIATIONS, Outcome, Variation, selectable
 from pipelines.error_cases.curve import cost_at, fitted, front
+from pipelines.error_cases.presets import measured_presets
 from pipelines.error_page import as_markdown, figure, rows
 from pipelines.grid_index import GridIndex
 from pipelines.verification_cases.column_collapse import measured_surface
@@ -29,6 +30,7 @@ LOGGER = logging.getLogger("runout.work_precision")
 SCHEMA = 1
 NAME = "work_precision"
 REPEATED_BELOW = 8.0  # [s] of processor time; longer runs are made once
+PRESETS_COARSER = 4.0  # cells of the presets in the small study over theirs
 COARSE = 2  # grids of a slow variation; one in the small study
 Measure = Callable[[Any, Variation], Outcome]
 
@@ -75,12 +77,14 @@ class Problem:
         ]
 
 
-def _on_terrain(reference: float) -> Measure:
+def _on_terrain(reference: tuple[str, float]) -> Measure:
     return lambda cell, v: flows.terrain(cell, v, reference)
 
 
-FINEST, FINEST_SMALL = 10.0, 40.0  # [m] of the grid on real terrain that others are measured against
-IN_SPLIT = ("default", "1 particle per axis", "3 particles per axis", "CFL 0.2", "CFL 0.6")
+FINEST, FINEST_SMALL = ("high", 1.0), ("screening", 1.5)  # preset that is the reference on real terrain, and how much coarser
+GRID = ("default", "1 particle per axis", "3 particles per axis", "CFL 0.2", "CFL 0.6")
+TRANSFERS = ("transfer apic", "transfer aflip", "F-bar")
+IN_SPLIT = (*GRID, *TRANSFERS)
 ON_TERRAIN = (*IN_SPLIT, "float64", "cells half as high", "cells a quarter as high")
 ALL = (*IN_SPLIT, "float64", "reference backend")
 PROBLEMS: dict[str, Problem] = {
@@ -160,8 +164,8 @@ PROBLEMS: dict[str, Problem] = {
             full=(56.6, 40.0, 28.3, 20.0),
             measure=_on_terrain(FINEST),
             names=ON_TERRAIN,
-            remark=f"Against the default choices with cells of {FINEST:g} m ({FINEST_SMALL:g} m in the small study): what is "
-            "common to that run and another one does not show. Whole simulations with observers; the DEM has cells of 83 m.",
+            remark="Against the preset high: what is common to that run and another one does not show. Whole simulations with "
+            "observers; the DEM has cells of 83 m.",
         ),
     )
 }
@@ -232,6 +236,7 @@ def measured(
         "versions": code,
         "seed": 0,
         "problems": done,
+        "presets": measured_presets(1.0 if full else PRESETS_COARSER) if any(p.name == "terrain" for p in chosen) else [],
     }
 
 

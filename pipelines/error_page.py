@@ -1,6 +1,6 @@
 """Error against time as a page of the documentation, as a table on the terminal and as figures."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from typing import Any
 
@@ -66,6 +66,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
         **machine,
     )
     parts = [text]
+    parts.append("\n".join(_presets(content["presets"])) + "\n")
     for problem in content["problems"]:
         parts.append(f"## {problem['name']}: {problem['title']}\n")
         parts.append(f"Error: {problem['error']}. {problem['remark']}".strip() + "\n")
@@ -108,6 +109,26 @@ def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
             axes.loglog(fine, [fit.at(c) for c in fine], "--", color="0.4", label=f"order {fit.order:.2f}{floor}")
         elif key != "cell" and best.any():
             axes.loglog(x[best], e[best], "o", color="black", markerfacecolor="none", markersize=11)
+
+
+def _presets(presets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """What the presets of accuracy gave."""
+    if not presets:
+        return
+    yield "## Presets of accuracy\n"
+    yield "Site jacksboro, 60 s, with `accuracy=...` alone. Errors: distance from the finest of the three plus what that has left"
+    yield "by the order of the three (safety factor 1.25), or by the last distance where no order between 0.5 and 3 is seen. One site:"
+    yield "others have other errors, `runout verify SITE --convergence` tells.\n"
+    heads = ("preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]", "error of the thickness map")
+    yield "| " + " | ".join((*heads, "order", "error of the run-out", "order")) + " |"
+    yield "|---" * 10 + "|"
+    for p in presets:
+        orders = ["none" if p[key] is None else f"{p[key]:.2f}" for key in ("map_order", "runout_order")]
+        yield (
+            f"| {p['name']} | {' x '.join(f'{x:g}' for x in p['cell_size'])} | {p['particles']} | {p['steps']} | "
+            f"{p['particle_steps']:.2g} | {p['seconds']:.3g} | {100 * p['map_error']:.2g} % | {orders[0]} | "
+            f"{100 * p['runout_error']:.2g} % | {orders[1]} |"
+        )
 
 
 def _fits(problem: Mapping[str, Any]) -> Iterator[str]:

@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from runout.accuracy import choices
 from runout.backends.protocol import (
     Backend,
     Columns,
@@ -21,6 +22,7 @@ from runout.backends.protocol import (
 from runout.errors import CapacityError, RunoutError, StabilityError
 from runout.memory import Extent, MemoryForecast, available_bytes
 from runout.model.particles import Particles
+from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.result import Result
@@ -93,7 +95,9 @@ class _Job:
     def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
         """Scene and particles from arguments of :func:`runout.simulate`."""
         started = clock.perf_counter()
-        given = {"particles_per_cell": 8, **{k: v for k, v in arguments.items() if k not in ELSEWHERE}}
+        given = {k: v for k, v in arguments.items() if k not in ELSEWHERE}
+        release = given["release"]
+        given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
         times = tuple(sorted(given.pop("snapshot_times", ())))
         course = Course(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
         found: list[Extent] = []

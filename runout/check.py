@@ -107,7 +107,9 @@ def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
 
 
 def _inspect_resolution(found: Findings, site: "Site") -> None:
-    spacing = np.broadcast_to(np.asarray(site.settings.simulation.cell_size, float), 3)
+    if not found.releases:
+        return
+    spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)
     for release in found.releases:
         found.problems += _too_coarse(release, spacing)
         found.warnings += _too_thin(release, spacing)
@@ -203,6 +205,7 @@ def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out
     from rich.text import Text
 
     from pipelines.study import Study
+    from runout.accuracy import lines
     from runout.plan import forecast
     from runout.status import print_stages
 
@@ -210,6 +213,8 @@ def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out
     for release in releases:
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
         console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)
+    for line in lines(site.settings.simulation.accuracy, releases, site.grid(releases)):
+        console.print(line, markup=False)
     print_stages(console, study)
     try:
         with log.progress("calibration") as bar, log.muted():

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from runout.accuracy import choices
 from runout.backends.protocol import Backend, BatchBackend, Columns, ResumableBackend, WindowBackend, get_backend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.checkpoint import EVERY, Checkpoint, run_key
@@ -71,17 +72,18 @@ def simulate(
     material: Material,
     *,
     basal_friction_angle: float = 20.0,
-    cell_size: float | tuple[float, float, float],
-    particles_per_cell: int | tuple[int, int, int] = 8,
+    cell_size: float | tuple[float, float, float] | None = None,
+    particles_per_cell: int | tuple[int, int, int] | None = None,
     end_time: float,
     backend: str = "scan",
     device: str = "cpu",
     precision: str = "float32",
     seed: int = 0,
-    cfl: float = 0.4,
+    cfl: float | None = None,
     transfer: str = "mls",
     flip_ratio: float = 0.95,
     f_bar: bool = False,
+    accuracy: str | None = None,
     threads: int | None = None,
     stop: bool = True,
     arrival_threshold: float = 0.1,
@@ -103,8 +105,9 @@ def simulate(
     basal_friction_angle : float
         Coulomb friction angle at the ground [deg], of every release that brings none; 0 to 60.
     cell_size : float or (dx, dy, dz)
-        Spacing of the grid [m].
+        Spacing of the grid [m]; needed where no ``accuracy`` is given.
     particles_per_cell : int or (nx, ny, nz)
+        8 by default.
     end_time : float
         Latest time [s].
     backend, device : str
@@ -115,7 +118,7 @@ def simulate(
     seed : int
         Of the particles' positions.
     cfl : float
-        Courant number, at most 0.6. A smaller one is not more accurate: the transfer damps once a step.
+        Courant number, at most 0.6; 0.4 by default. A smaller one is not more accurate: the transfer damps once a step.
     transfer : str
         "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
         ``docs/theory``. "hash" has "mls" alone.
@@ -123,6 +126,9 @@ def simulate(
         Part of what the grid has not seen of its velocity that a particle keeps with "aflip", 0 to 1; 0 is "apic".
     f_bar : bool
         Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
+    accuracy : str, optional
+        "screening", "standard" or "high": cell_size, particles_per_cell and cfl that follow from the mean thickness of the release
+        (:data:`runout.accuracy.PRESETS`); each may still be given and then counts.
     threads : int, optional
         Threads of the CPU; all by default. The result does not depend on it.
     stop : bool
@@ -151,9 +157,11 @@ def simulate(
     started = clock.perf_counter()
     course = Course(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
     engine = get_backend(backend, device, threads)
+    releases = [release] if isinstance(release, Release) else list(release)
+    grid = choices(accuracy, releases, {"cell_size": cell_size, "particles_per_cell": particles_per_cell, "cfl": cfl})
     scene, particles = build_scene(
-        terrain, release, material, basal_friction_angle, cell_size, particles_per_cell, seed=seed, cfl=cfl, precision=precision,
-        transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar,
+        terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
+        flip_ratio=flip_ratio, f_bar=f_bar,
         accept=lambda extent: require_memory(expected_memory(extent, terrain.elevation.size, precision, engine), engine, memory_gb),
     )  # fmt: skip
     keep = _checkpoint(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))

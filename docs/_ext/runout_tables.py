@@ -1,7 +1,7 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
 ``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{variables} max_speed ...`` lists variables of
-the products.
+the products; ``{presets}`` the presets of accuracy.
 """
 
 from typing import Any
@@ -38,6 +38,28 @@ class VariablesTable(SphinxDirective):
         names = " ".join(self.content).split()
         rows = [[f"`{n}`", VARIABLES[n].units, _sentence(VARIABLES[n].long_name, VARIABLES[n].comment)] for n in names]
         return _table(self, ["variable", "unit", "meaning"], rows)
+
+
+class PresetsTable(SphinxDirective):
+    """Table of the presets of :mod:`runout.accuracy`."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the table."""
+        from runout.accuracy import PRESETS
+
+        rows = [
+            [
+                f"`{name}`",
+                f"{p.cells:g} through the depth, {p.flatness:g} times as wide as high",
+                f"{p.particles_per_cell}, {p.cfl:g}",
+                f"{p.particle_steps:.2g}",
+                f"{100 * p.map_error:.2g} %",
+                f"{100 * p.runout_error:.2g} %",
+            ]
+            for name, p in PRESETS.items()
+        ]
+        heads = ["preset", "cells", "particles per cell, cfl", "work over standard", "error of the thickness map", "of the run-out"]
+        return _table(self, heads, rows)
 
 
 def _settings_class(name: str) -> Any:
@@ -82,4 +104,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("settings", SettingsTable)
     app.add_directive("variables", VariablesTable)
+    app.add_directive("presets", PresetsTable)
     return {"parallel_read_safe": True}

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from pipelines.convergence import quantities
-from pipelines.error_cases.choice import DEFAULT, March, Outcome, Variation
+from pipelines.error_cases.choice import March, Outcome, Variation
 from pipelines.grid_index import compared
 from pipelines.verification_cases import column_collapse, flow, spreading_cap
 from pipelines.verification_cases.dam_breaks import as_one, columns, relative
 from runout import log
+from runout.accuracy import choices
 from runout.config.site import read_site
 from runout.result import Result
 from runout.simulation import simulate
@@ -79,16 +80,28 @@ def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
 
 
 @cache
-def finest(cell: float) -> Result:
-    """The run that others are measured against, with default choices and cells of ``cell`` [m]."""
-    return flowed(cell, DEFAULT)[0]
+def at_preset(name: str, coarser: float = 1.0) -> tuple[Result, float, float]:
+    """:func:`flowed` with the choices of a preset of accuracy, its cells ``coarser`` times as large."""
+    grid = choices(name, site_arguments()["release"], {})
+    wide, _, high = grid["cell_size"]
+    per_axis = round(grid["particles_per_cell"] ** (1 / 3))
+    return flowed(coarser * wide, Variation(name, per_axis, {"cfl": grid["cfl"]}, {"flat": wide / high}))
 
 
-def terrain(cell: float, v: Variation, reference: float) -> Outcome:
-    """Relative L1 of the map of flow thickness against that of the finest grid; value: run-out of 99 % [m]."""
+def distance(one: Result, other: Result) -> float:
+    """Relative L1 distance of two maps of flow thickness."""
+    return float(compared(one.fields[MAP], other.fields[MAP], 1, (1.0,))["relative_l1"])
+
+
+def runout_of(result: Result) -> float:
+    """Run-out of 99 % of the mass [m]."""
+    return quantities(result, site_arguments()["release"], ())["f99"]
+
+
+def terrain(cell: float, v: Variation, reference: tuple[str, float]) -> Outcome:
+    """Relative L1 of the map of flow thickness against that of a preset (:func:`at_preset`); value: run-out of 99 % [m]."""
     result, seconds, wall = flowed(cell, v)
-    error = compared(result.fields[MAP], finest(reference).fields[MAP], 1, (1.0,))["relative_l1"]
-    front = quantities(result, site_arguments()["release"], ())["f99"]
+    error, front = distance(result, at_preset(*reference)[0]), runout_of(result)
     series, setup = result.series, result.timing["setup"]
     work = (result.n_particles, result.steps, result.n_particles * result.steps, int(np.max(series["active_blocks"])))
     return Outcome(error, front, *work, seconds, wall - setup, setup, float("nan"))

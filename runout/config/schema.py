@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from runout.accuracy import CFL, CHOICES, PARTICLES_PER_CELL, PRESETS
 from runout.config.distributions import (
     PARAMETERS,
     Distribution,
@@ -94,6 +95,14 @@ def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
                 yield key, f"{given[key]} with backend hash, which has none of it", f"set {key}: {_text(plain)}, or backend: scan"
     if device != "cpu" and backend != "hash":
         yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
+
+
+def accuracy_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
+    """Neither accuracy nor cells; or nothing left that accuracy could choose."""
+    if "accuracy" not in given and "cell_size" not in given:
+        yield "", "neither cell_size nor accuracy is given", "add cell_size: [m], or accuracy: standard"
+    elif "accuracy" in given and given.keys() >= set(CHOICES):
+        yield "accuracy", f"{', '.join(CHOICES)} are all given, so that it sets nothing", "remove it, or one of them"
 
 
 def _raise_first(conflicts: Iterator[Conflict]) -> None:
@@ -185,10 +194,19 @@ MaterialSettings = Annotated[
 class SimulationSettings(Settings):
     """How each member is computed."""
 
-    cell_size: CellSize = quantity(
-        "grid spacing, one number or [east, north, up]; below a quarter of the flow's depth is good", unit="m"
+    accuracy: Literal["screening", "standard", "high"] | None = quantity(
+        "screening, standard or high: sets cell_size, particles_per_cell and cfl from the thickness of the release, where they are "
+        "not given; `runout check` says what error and cost to expect",
+        None,
+        examples=["standard"],
     )
-    particles_per_cell: ParticlesPerCell = quantity("particles per cell, a number or [east, north, up]", 8)
+    cell_size: CellSize | None = quantity(
+        "grid spacing, one number or [east, north, up]; below a quarter of the flow's depth is good",
+        None,
+        unit="m",
+        examples=[10.0],
+    )
+    particles_per_cell: ParticlesPerCell = quantity("particles per cell, a number or [east, north, up]", PARTICLES_PER_CELL)
     end_time: float = quantity("longest simulated time", unit="s", gt=0, le=86400)
     stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest", True)
     backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")
@@ -200,8 +218,18 @@ class SimulationSettings(Settings):
     )
     flip_ratio: float = quantity("part of its own velocity that a particle keeps with aflip", 0.95, ge=0, le=1)
     f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
-    cfl: float = quantity("time step as a fraction of the stable one", 0.4, gt=0, le=LARGEST_CFL, hint="0.4 is usual")
+    cfl: float = quantity("time step as a fraction of the stable one", CFL, gt=0, le=LARGEST_CFL, hint="0.4 is usual")
     arrival_threshold: float = quantity("thickness that counts as arrival of the flow", 0.1, unit="m", gt=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset(cls, stated: Any) -> Any:
+        """Take particles_per_cell and cfl from the preset, where they are not stated."""
+        if not isinstance(stated, dict):
+            return stated
+        _raise_first(accuracy_conflicts(stated))
+        chosen = PRESETS.get(stated["accuracy"]) if isinstance(stated.get("accuracy"), str) else None
+        return {"particles_per_cell": chosen.particles_per_cell, "cfl": chosen.cfl, **stated} if chosen else stated
 
     @model_validator(mode="after")
     def _device_fits(self) -> "SimulationSettings":

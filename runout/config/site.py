@@ -1,11 +1,13 @@
 """A site: its folder, its settings, and what they make of the inputs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runout.accuracy import CHOICES, choices
 from runout.config.distributions import PARAMETERS
 from runout.config.fetch import locate
 from runout.config.read import load, site_file
@@ -98,26 +100,43 @@ class Site:
         sampled = self._known(sample)
         terrain = terrain or self.terrain()
         stated = self.settings.simulation
+        grid = self._grid
         angle = sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg)
         return {
             "terrain": terrain,
             "release": self.releases(terrain, sampled),
             "material": self.material(sampled),
             "basal_friction_angle": float(angle),
-            "cell_size": _fixed(stated.cell_size),
-            "particles_per_cell": _fixed(stated.particles_per_cell),
+            "cell_size": _fixed(grid["cell_size"]),
+            "particles_per_cell": _fixed(grid["particles_per_cell"]),
             "end_time": stated.end_time,
             "backend": stated.backend,
             "device": stated.device,
             "precision": stated.precision,
             "seed": int((sample or {}).get("seed", self.settings.ensemble.seed)),
-            "cfl": stated.cfl,
+            "cfl": grid["cfl"],
             "transfer": stated.transfer,
             "flip_ratio": stated.flip_ratio,
             "f_bar": stated.f_bar,
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,
         }
+
+    def grid(self, releases: "Sequence[Release]") -> dict[str, Any]:
+        """cell_size [m], particles_per_cell and cfl: as stated, else from simulation.accuracy and ``releases`` of unchanged volume.
+
+        All members have the same grid, whatever their volume.
+        """
+        stated = self.settings.simulation.model_dump(include=set(CHOICES))
+        if stated["cell_size"] is not None:
+            return stated
+        size = choices(self.settings.simulation.accuracy, releases, {})["cell_size"]
+        return {**stated, "cell_size": size}
+
+    @cached_property
+    def _grid(self) -> dict[str, Any]:
+        """:meth:`grid` of the site's own releases, which are read only where it depends on them."""
+        return self.grid(self.releases(self.terrain()) if self.settings.simulation.cell_size is None else [])
 
     def inputs(self) -> list[Path]:
         """Every input file, public ones fetched; site.yaml is not among them.
@@ -133,8 +152,14 @@ class Site:
         return [path for source in stated for path in _files(locate(source, self.folder))]
 
     def resolved(self) -> dict[str, Any]:
-        """The whole configuration as plain dicts, lists, numbers and text, defaults included, angles in degrees."""
-        return self.settings.model_dump(mode="json", exclude_none=True)
+        """The whole configuration as plain dicts, lists, numbers and text, defaults included, angles in degrees.
+
+        Where accuracy sets cell_size, that is in it too.
+        """
+        content = self.settings.model_dump(mode="json", exclude_none=True)
+        if "cell_size" not in content["simulation"]:
+            content["simulation"]["cell_size"] = list(self._grid["cell_size"])
+        return content
 
     def computed(self) -> dict[str, Any]:
         """What of :meth:`resolved` makes the results: not where they are computed, since the sparse backends agree."""

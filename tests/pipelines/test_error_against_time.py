@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipelines import error_against_time
-from pipelines.error_against_time import PROBLEMS, measured
+from pipelines.error_against_time import GRID, PROBLEMS, measured
 from pipelines.error_cases import choice, solids
 from pipelines.error_cases.choice import DEFAULT, VARIATIONS, Variation
 from pipelines.error_cases.curve import cost_at, fitted, front
@@ -50,7 +50,8 @@ def content():
 def test_every_choice_is_measured_on_every_grid(content):
     (problem,) = content["problems"]
     curves = {c["variation"]: c["points"] for c in problem["curves"]}
-    assert set(curves) == set(PROBLEMS["u9"].names)
+    assert set(curves) == {v.name for v in PROBLEMS["u9"].variations()}
+    assert set(curves) >= {*GRID, "float64", "reference backend"}
     assert [p["grid"] for p in curves["default"]] == [8, 16]
     assert [p["particles"] for p in curves["3 particles per axis"]] == [24, 48]
     assert [p["particles"] for p in curves["1 particle per axis"]] == [8, 16]

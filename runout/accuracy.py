@@ -1,0 +1,134 @@
+"""Presets of accuracy: the cells, particles and steps that a word stands for, and what was measured of each.
+
+The numbers of :data:`PRESETS` come from :data:`SOURCE`; a test holds both together.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from runout.errors import ConfigError
+
+if TYPE_CHECKING:
+    from runout.model.release import Release
+
+SOURCE = "docs/benchmarks/work_precision.json"
+EXAMPLE = "jacksboro, 35 m thick, 60 s"  # the flow that the errors were measured on
+PARTICLES_PER_CELL, CFL = 8, 0.4  # where neither a preset nor the caller says otherwise
+FEWEST_ACROSS = 4.0  # cells across a release of its area
+CHOICES = ("cell_size", "particles_per_cell", "cfl")  # what a preset sets
+
+CellSize = float | tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """One level of accuracy.
+
+    Attributes
+    ----------
+    cells : float
+        Through the mean thickness of the release.
+    flatness : float
+        Width of a cell over its height.
+    particles_per_cell : int
+    cfl : float
+    map_error, runout_error : float
+        Expected numerical error of the map of flow thickness (relative L1) and of the run-out of 99 % of the mass (relative),
+        as measured on :data:`EXAMPLE`; another site has others.
+    particle_steps : float
+        Work on that flow over that of the preset "standard".
+    """
+
+    cells: float
+    flatness: float
+    particles_per_cell: int
+    cfl: float
+    map_error: float
+    runout_error: float
+    particle_steps: float
+
+    def cell_size(self, thickness: float, area: float) -> tuple[float, float, float]:
+        """Spacing (dx, dy, dz) [m] for a release of mean ``thickness`` [m] whose smallest part covers ``area`` [m2]; two digits."""
+        wide = min(self.flatness * thickness / self.cells, math.sqrt(area) / FEWEST_ACROSS)
+        wide, high = _two_digits(wide), _two_digits(min(thickness / self.cells, wide))
+        return wide, wide, high
+
+
+PRESETS: dict[str, Preset] = {
+    "screening": Preset(2.0, 2.0, 8, 0.4, 0.2, 0.05, 0.06),
+    "standard": Preset(4.0, 2.0, 8, 0.4, 0.1, 0.02, 1.0),
+    "high": Preset(8.0, 2.0, 8, 0.4, 0.05, 0.01, 16.0),
+}
+
+
+def preset(accuracy: str) -> Preset:
+    """The preset of a name.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    if accuracy not in PRESETS:
+        raise ConfigError(f"accuracy is {accuracy!r}; choose one of {', '.join(PRESETS)}")
+    return PRESETS[accuracy]
+
+
+def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[str, Any]) -> dict[str, Any]:
+    """cell_size, particles_per_cell and cfl of a run: what is ``given`` and not None, else what the preset says, else defaults.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such preset; if neither cell_size nor accuracy is given; or if nothing is left for accuracy to choose.
+    """
+    stated = {name: given[name] for name in CHOICES if given.get(name) is not None}
+    if accuracy is None:
+        if "cell_size" not in stated:
+            raise ConfigError("neither cell_size nor accuracy is given; give one of them, accuracy as screening, standard or high")
+        return {"particles_per_cell": PARTICLES_PER_CELL, "cfl": CFL, **stated}
+    chosen = preset(accuracy)
+    if len(stated) == len(CHOICES):
+        raise ConfigError(f"accuracy is {accuracy!r}, and {', '.join(CHOICES)} are all given too; remove accuracy, or one of them")
+    if not releases:
+        return {"particles_per_cell": chosen.particles_per_cell, "cfl": chosen.cfl, **stated}  # the run refuses it
+    volume, area = sum(r.volume for r in releases), sum(r.area for r in releases)
+    size = chosen.cell_size(volume / area, min(r.area for r in releases))
+    return {"cell_size": size, "particles_per_cell": chosen.particles_per_cell, "cfl": chosen.cfl, **stated}
+
+
+def work(grid: Mapping[str, Any]) -> float:
+    """Particle-steps of a run with cell_size, particles_per_cell and cfl, up to a factor that its site fixes."""
+    size, count = grid["cell_size"], grid["particles_per_cell"]
+    dx, dy, dz = size if isinstance(size, Sequence) else (size,) * 3
+    particles = math.prod(count) if isinstance(count, Sequence) else count
+    return float(particles / (dx * dy * dz) / (grid["cfl"] * min(dx, dy, dz)))
+
+
+def lines(accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str, Any]) -> list[str]:
+    """What ``runout check`` says: the cells of a run and, for each preset, its cells, its work over that of the run, its errors."""
+    depth = sum(r.volume for r in releases) / sum(r.area for r in releases)
+    size = grid["cell_size"]
+    high = size[2] if isinstance(size, Sequence) else size
+    name = f"accuracy {accuracy}: " if accuracy else ""
+    said = [f"grid      {name}cells of {_sizes(size)}, {depth / high:.1f} through the mean thickness of {depth:.3g} m"]
+    for other, one in PRESETS.items():
+        given = choices(other, releases, {})
+        ratio = work(given) / work(grid)
+        said.append(
+            f"          {other}: {_sizes(given['cell_size'])}, {ratio:.2g} times this work; numerical error about "
+            f"{100 * one.map_error:.2g} % of the thickness map, {100 * one.runout_error:.2g} % of the run-out"
+        )
+    return [*said, f"          (errors measured on {EXAMPLE}; those of this site: `runout verify SITE --convergence`)"]
+
+
+def _sizes(size: "CellSize") -> str:
+    return " x ".join(f"{x:g}" for x in size) + " m" if isinstance(size, Sequence) else f"{size:g} m"
+
+
+def _two_digits(size: float) -> float:
+    """A length to two digits, rounded down so that no cell becomes larger than asked for."""
+    step = 10.0 ** (math.floor(math.log10(size)) - 1)
+    return round(math.floor(size / step + 1e-9) * step, 9)

@@ -1,0 +1,96 @@
+"""Presets of accuracy: what they choose, what overrides them, and what is refused."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from runout import read_site
+from runout.accuracy import PRESETS, choices, lines, work
+from runout.errors import ConfigError
+
+WIDE = SimpleNamespace(volume=4e6, area=1e5)  # 40 m thick
+SMALL = SimpleNamespace(volume=4e3, area=100.0)  # 40 m thick, 10 m wide
+
+
+def test_standard_has_four_cells_through_the_mean_thickness():
+    found = choices("standard", [WIDE], {})
+    assert found["cell_size"][2] == pytest.approx(40 / PRESETS["standard"].cells)
+    assert found["cell_size"][0] == found["cell_size"][1] == PRESETS["standard"].flatness * found["cell_size"][2]
+
+
+def test_presets_are_finer_and_dearer_one_after_the_other_and_promise_less_error():
+    costs = [work(choices(name, [WIDE], {})) for name in PRESETS]
+    assert list(PRESETS) == ["screening", "standard", "high"]
+    assert all(b > 4 * a for a, b in pairwise(costs))
+    for error in ("map_error", "runout_error"):
+        values = [getattr(preset, error) for preset in PRESETS.values()]
+        assert values == sorted(values, reverse=True)
+
+
+def test_no_cell_is_wider_than_a_quarter_of_the_smallest_release():
+    assert max(choices("screening", [WIDE, SMALL], {})["cell_size"]) <= 2.5
+
+
+def test_what_is_given_counts():
+    found = choices("standard", [WIDE], {"cell_size": 25.0, "cfl": None})
+    assert found["cell_size"] == 25.0
+    assert found["particles_per_cell"] == PRESETS["standard"].particles_per_cell
+    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "particles_per_cell": 8, "cfl": 0.4}
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "given", "said"),
+    [
+        (None, {}, "neither cell_size nor accuracy is given"),
+        ("best", {}, "accuracy is 'best'; choose one of screening, standard, high"),
+        ("high", {"cell_size": 5.0, "particles_per_cell": 8, "cfl": 0.4}, "are all given too; remove accuracy"),
+    ],
+)
+def test_conflicts_are_refused(accuracy, given, said):
+    with pytest.raises(ConfigError, match=said):
+        choices(accuracy, [WIDE], given)
+
+
+def test_work_grows_with_the_fourth_power_of_the_cells():
+    grid = {"particles_per_cell": 8, "cfl": 0.4}
+    assert work({**grid, "cell_size": 5.0}) == pytest.approx(16 * work({**grid, "cell_size": 10.0}))
+    assert work({**grid, "cell_size": (10.0, 10.0, 5.0)}) == pytest.approx(4 * work({**grid, "cell_size": 10.0}))
+    assert work({**grid, "cell_size": 5.0, "particles_per_cell": (3, 3, 3)}) == pytest.approx(
+        54 * work({**grid, "cell_size": 10.0})
+    )
+
+
+def test_lines_tell_the_cells_and_what_every_preset_would_cost():
+    grid = choices("standard", [WIDE], {})
+    said = lines("standard", [WIDE], grid)
+    assert "accuracy standard: cells of 20 x 20 x 10 m, 4.0 through the mean thickness of 40 m" in said[0]
+    assert "standard: 20 x 20 x 10 m, 1 times this work" in said[2]
+    assert f"{100 * PRESETS['high'].map_error:.2g} % of the thickness map" in said[3]
+    assert lines(None, [WIDE], {**grid, "cell_size": 20.0})[0].startswith("grid      cells of 20 m, 2.0 through")
+
+
+def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):
+    site = read_site(edited("cell_size: 10", "accuracy: standard\n  cfl: 0.3"))
+    arguments = site.member_arguments()
+    depth = sum(r.volume for r in arguments["release"]) / sum(r.area for r in arguments["release"])
+    assert arguments["cell_size"][2] == pytest.approx(depth / PRESETS["standard"].cells, rel=0.1)
+    assert arguments["cfl"] == 0.3
+    assert arguments["particles_per_cell"] == PRESETS["standard"].particles_per_cell
+    assert site.resolved()["simulation"]["cell_size"] == list(arguments["cell_size"])
+    larger = site.member_arguments({"release_volume_factor": 2.0})
+    np.testing.assert_allclose(larger["cell_size"], arguments["cell_size"])
+
+
+@pytest.mark.parametrize(
+    ("new", "said"),
+    [
+        ("accuracy: best", "accuracy"),
+        ("cfl: 0.3", "neither cell_size nor accuracy is given"),
+        ("cell_size: 10\n  accuracy: high\n  cfl: 0.4\n  particles_per_cell: 8", "are all given, so that it sets nothing"),
+    ],
+)
+def test_a_site_with_conflicts_is_refused(edited, new, said):
+    with pytest.raises(ConfigError, match=said):
+        read_site(edited("cell_size: 10", new))
