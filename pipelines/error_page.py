@@ -11,9 +11,9 @@ from pipelines.error_cases.curve import Fit
 OPENING = """# Error against time
 
 Written by `runout bench --error{full} --out docs/benchmarks`; do not edit. Problems with a known answer, on finer and finer
-grids; a curve is what one change from the defaults of `runout.simulate` makes of them: {defaults}. Commit {commit}, runout
-{runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores ({architecture}, vectors of {vector_bits} bits), with other
-work on them; seed {seed}.
+grids; a curve is what one change from the defaults of `runout.simulate` makes of them: {defaults}.
+Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores ({architecture}, vectors of {vector_bits} bits), with other work on
+them; seed {seed}.
 
 Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond 8 s). It is still
 that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front: no other point is both cheaper
@@ -21,9 +21,9 @@ and more accurate.
 
 ## What each choice costs at equal error
 
-Cost over that of the defaults at the errors that the defaults reach, between grids by power laws; geometric means, particle-steps
-(processor time). Less than one: cheaper than the defaults. A dash: never as accurate as the
-defaults' coarsest grid, or always better than their finest.
+Cost over that of the defaults at the errors that the defaults reach, between grids by power laws; geometric means,
+particle-steps (processor time). Less than one: cheaper than the defaults. A dash: never as accurate as the defaults' coarsest grid,
+or always better than their finest.
 
 {ranking}
 """
@@ -89,6 +89,9 @@ def figure(problem: Mapping[str, Any]) -> bytes:
         _panel(axes, problem, key)
         axes.set_xlabel(label)
         axes.grid(color="0.9", which="both")
+    sizes = sorted({p["cell"] for curve in problem["curves"] for p in curve["points"]})
+    panels[2].set_xticks(sizes, [f"{size:.3g}" for size in sizes], fontsize=8)
+    panels[2].set_xticks([], minor=True)
     panels[0].set_ylabel("relative error")
     panels[2].legend(fontsize=7, frameon=False, loc="best")
     canvas.suptitle(f"{problem['name']}: {problem['title']}; {problem['error']}", fontsize=10)
@@ -117,8 +120,8 @@ def _presets(presets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         return
     yield "## Presets of accuracy\n"
     yield "Site jacksboro, 60 s, with `accuracy=...` alone. Errors: distance from the finest of the three plus what that has left"
-    yield "by the order of the three (safety factor 1.25), or by the last distance where no order between 0.5 and 3 is seen. One site:"
-    yield "others have other errors, `runout verify SITE --convergence` tells.\n"
+    yield "by the order of the three (safety factor 1.25), or by the last distance where none between 0.5 and 3 is seen. Other"
+    yield "sites have other errors, `runout verify SITE --convergence` tells.\n"
     heads = ("preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]", "error of the thickness map")
     yield "| " + " | ".join((*heads, "order", "error of the run-out", "order")) + " |"
     yield "|---" * 10 + "|"

@@ -30,8 +30,6 @@ class Preset:
     ----------
     cells : float
         Through the mean thickness of the release.
-    flatness : float
-        Width of a cell over its height.
     particles_per_cell : int
     cfl : float
     map_error, runout_error : float
@@ -42,24 +40,23 @@ class Preset:
     """
 
     cells: float
-    flatness: float
     particles_per_cell: int
     cfl: float
     map_error: float
     runout_error: float
     particle_steps: float
 
-    def cell_size(self, thickness: float, area: float) -> tuple[float, float, float]:
-        """Spacing (dx, dy, dz) [m] for a release of mean ``thickness`` [m] whose smallest part covers ``area`` [m2]; two digits."""
-        wide = min(self.flatness * thickness / self.cells, math.sqrt(area) / FEWEST_ACROSS)
-        wide, high = _two_digits(wide), _two_digits(min(thickness / self.cells, wide))
-        return wide, wide, high
+    def cell_size(self, thickness: float, area: float) -> float:
+        """Spacing [m] for a release of mean ``thickness`` [m] whose smallest part covers ``area`` [m2], rounded down."""
+        size = min(thickness / self.cells, math.sqrt(area) / FEWEST_ACROSS)
+        step = 10.0 ** (math.floor(math.log10(size)) - 1)
+        return round(math.floor(size / step + 1e-9) * step, 9)
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(2.0, 2.0, 8, 0.4, 0.2, 0.05, 0.06),
-    "standard": Preset(4.0, 2.0, 8, 0.4, 0.1, 0.02, 1.0),
-    "high": Preset(8.0, 2.0, 8, 0.4, 0.05, 0.01, 16.0),
+    "screening": Preset(1.0, 8, 0.5, 0.2, 0.05, 0.06),
+    "standard": Preset(2.0, 8, 0.5, 0.1, 0.02, 1.0),
+    "high": Preset(4.0, 8, 0.5, 0.05, 0.01, 16.0),
 }
 
 
@@ -126,9 +123,3 @@ def lines(accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str
 
 def _sizes(size: "CellSize") -> str:
     return " x ".join(f"{x:g}" for x in size) + " m" if isinstance(size, Sequence) else f"{size:g} m"
-
-
-def _two_digits(size: float) -> float:
-    """A length to two digits, rounded down so that no cell becomes larger than asked for."""
-    step = 10.0 ** (math.floor(math.log10(size)) - 1)
-    return round(math.floor(size / step + 1e-9) * step, 9)

@@ -50,7 +50,7 @@ class PresetsTable(SphinxDirective):
         rows = [
             [
                 f"`{name}`",
-                f"{p.cells:g} through the depth, {p.flatness:g} times as wide as high",
+                f"{p.cells:g}",
                 f"{p.particles_per_cell}, {p.cfl:g}",
                 f"{p.particle_steps:.2g}",
                 f"{100 * p.map_error:.2g} %",
@@ -58,7 +58,7 @@ class PresetsTable(SphinxDirective):
             ]
             for name, p in PRESETS.items()
         ]
-        heads = ["preset", "cells", "particles per cell, cfl", "work over standard", "error of the thickness map", "of the run-out"]
+        heads = ["preset", "cells through the depth", "particles per cell, cfl", "work", "error of the map", "of the run-out"]
         return _table(self, heads, rows)
 
 

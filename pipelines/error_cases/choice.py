@@ -52,6 +52,7 @@ VARIATIONS = (
     Variation("1 particle per axis", per_axis=1),
     Variation("3 particles per axis", per_axis=3),
     Variation("CFL 0.2", scene={"cfl": 0.2}),
+    Variation("CFL 0.5", scene={"cfl": 0.5}),
     Variation("CFL 0.6", scene={"cfl": 0.6}),
     Variation("transfer apic", scene={"transfer": "apic"}),
     Variation("transfer aflip", scene={"transfer": "aflip"}),

@@ -83,9 +83,8 @@ def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
 def at_preset(name: str, coarser: float = 1.0) -> tuple[Result, float, float]:
     """:func:`flowed` with the choices of a preset of accuracy, its cells ``coarser`` times as large."""
     grid = choices(name, site_arguments()["release"], {})
-    wide, _, high = grid["cell_size"]
     per_axis = round(grid["particles_per_cell"] ** (1 / 3))
-    return flowed(coarser * wide, Variation(name, per_axis, {"cfl": grid["cfl"]}, {"flat": wide / high}))
+    return flowed(coarser * grid["cell_size"], Variation(name, per_axis, {"cfl": grid["cfl"]}))
 
 
 def distance(one: Result, other: Result) -> float:

@@ -158,7 +158,7 @@ class Site:
         """
         content = self.settings.model_dump(mode="json", exclude_none=True)
         if "cell_size" not in content["simulation"]:
-            content["simulation"]["cell_size"] = list(self._grid["cell_size"])
+            content["simulation"]["cell_size"] = self._grid["cell_size"]
         return content
 
     def computed(self) -> dict[str, Any]:
