@@ -12,8 +12,8 @@ OPENING = """# Error against time
 
 Written by `runout bench --error{full} --out docs/benchmarks`; do not edit. Problems with a known answer, on finer and finer
 grids; a curve is what one change from the defaults of `runout.simulate` makes of them: {defaults}.
-Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores ({architecture}, vectors of {vector_bits} bits), with other work on
-them; seed {seed}.
+Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores ({architecture}, vectors of
+{vector_bits} bits), with other work on them; seed {seed}.
 
 Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond 8 s). It is still
 that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front: no other point is both cheaper
