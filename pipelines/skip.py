@@ -1,11 +1,12 @@
 """What a run saves by skipping what its scene does not need, and what that changes: each switch on and off, in turn."""
 
+import math
 import os
 import platform
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from pipelines.sloping_layer import Layer
-from runout import __version__, log
+from runout import DruckerPrager, Release, Terrain, __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
 from runout.checkpoint import EVERY, Checkpoint
 from runout.io.atomic import write_json, write_text
 from runout.model.particles import Particles
+from runout.model.release import Placement
 from runout.model.scene import Scene
 from runout.simulation import Course, Run, build_scene
 
@@ -31,19 +33,28 @@ Made = tuple[Scene, Particles, Course]
 
 @dataclass(frozen=True)
 class Switch:
-    """Something that is skipped: ``off`` is the course of a run that does not skip it; ``exact`` says that no bit may change."""
+    """Something that is skipped, in one of the scenes of the study.
+
+    ``off`` is the course of a run that does not skip it, ``on`` what the scene of one that does is given; ``exact`` says that
+    no bit may change.
+    """
 
     name: str
     off: Mapping[str, Any]
     exact: bool
     remark: str
-    resting: bool = False  # whether it shows in a flow that comes to rest, not in one that goes on
+    scene: str = "flowing"
+    on: Mapping[str, Any] = field(default_factory=dict)
 
 
 SWITCHES = (
     Switch("crop", {"crop": False}, True, "observe only the cells under the flow / the whole raster"),
     Switch("cadence", {"crossing": 0.0}, False, "observe as the flow crosses half a cell / after every step"),
-    Switch("stop rule", {"stop": False}, False, "stop at rest / go on to the end time", True),
+    Switch("stop rule", {"stop": False}, False, "stop at rest / go on to the end time", "resting"),
+    *(
+        Switch(f"sleep {speed:g}, {scene}", {}, False, f"rest below {speed:g} m/s / move all", scene, {"sleep_speed": speed})
+        for scene, speed in (("bed", 0.05), ("bed", 0.2), ("creeping", 0.05), ("creeping", 0.2))
+    ),
 )
 
 
@@ -72,9 +83,10 @@ def compared(
     scene: Scene, particles: Particles, course: Course, switch: Switch, repeats: int, threads: int | None
 ) -> dict[str, Any]:
     """One row: runs with and without a switch in turn; times are the shortest of each, as ratios."""
+    ways = (replace(scene, **switch.on), course), (scene, replace(course, **switch.off))
     pairs = []
     for _ in range(repeats):
-        pairs.append([follow(scene, particles, c, threads) for c in (course, replace(course, **switch.off))])
+        pairs.append([follow(its_scene, particles, its_course, threads) for its_scene, its_course in ways])
     on, off = pairs[0]
     best = [min(pair[k].seconds for pair in pairs) for k in (0, 1)]
     watching = [min(pair[k].observing for pair in pairs) for k in (0, 1)]
@@ -112,11 +124,23 @@ def jacksboro(friction: float, end_time: float, stop: bool) -> Made:
     return scene, particles, course
 
 
-def measure(flowing: Made, resting: Made, repeats: int = REPEATS, threads: int | None = None) -> dict[str, Any]:
-    """All rows, with what they were measured on; ``resting`` is a scene that comes to rest before its end."""
-    scene, particles, course = flowing
+def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
+    """A slab that slides down a slope of 30 deg onto the western end of a bed, 2 m thick, that rests on a plain."""
+    cell, columns, rows = 5.0, 80, 24
+    x = cell * (np.arange(columns) + 0.5)
+    terrain = Terrain(np.tile(math.tan(math.radians(30.0)) * np.maximum(120.0 - x, 0.0), (rows, 1)), (cell, cell))
+    slab, bed = np.zeros(terrain.shape), np.zeros(terrain.shape)
+    slab[8:16, 6:14], bed[4:20, 26:70] = 6.0, 2.0
+    releases = [Release(thickness, terrain, placement=Placement.ON_SURFACE) for thickness in (slab, bed)]
+    soil = DruckerPrager(density=2000.0, youngs_modulus=5e6, friction_angle=30.0, cohesion=5e3)
+    return *build_scene(terrain, releases, soil, 22.0, cell_size), Course(end_time, False)
+
+
+def measure(scenes: Mapping[str, Made], repeats: int = REPEATS, threads: int | None = None) -> dict[str, Any]:
+    """All rows, with what they were measured on; the scenes by the names that the switches call them."""
+    scene, particles, course = scenes["flowing"]
     follow(scene, particles, replace(course, end_time=1e-3 * course.end_time), threads)  # compile
-    rows = [compared(*(resting if switch.resting else flowing), switch, repeats, threads) for switch in SWITCHES]
+    rows = [compared(*scenes[switch.scene], switch, repeats, threads) for switch in SWITCHES]
     machine = {
         "processor": platform.processor() or platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
@@ -124,7 +148,7 @@ def measure(flowing: Made, resting: Made, repeats: int = REPEATS, threads: int |
         "numpy": np.__version__,
     }
     raster = [scene.raster.rows, scene.raster.columns]
-    scale = {"particles": len(particles), "raster": raster, "cell_size": list(scene.spacing)}
+    scale = {"particles": len(particles), "raster": raster, "cell_size": list(scene.spacing), "bed": len(scenes["bed"][1])}
     return {"version": __version__, "machine": machine, "scene": scale, "repeats": repeats, "rows": rows}
 
 
@@ -157,8 +181,9 @@ def page(found: Mapping[str, Any]) -> str:
         "",
         f"Site jacksboro on the scan backend: {scene['particles']:,} particles, cells of {scene['cell_size'][0]:g} m, a raster of "
         f"{scene['raster'][0]} x {scene['raster'][1]} cells; {FLOWING[1]:g} s with a basal friction angle of {FLOWING[0]:g} deg, "
-        f"for the stop rule {RESTING[1]:g} s with {RESTING[0]:g} deg. Runs with and without each switch took turns; times are "
-        f"processor time, the shortest of {found['repeats']}, without setup, as ratios within the study. "
+        f"for the stop rule {RESTING[1]:g} s with {RESTING[0]:g} deg, the same to the end time for sleep (creeping). Bed: "
+        f"{scene['bed']:,} particles, a slab that slides onto a bed at rest, 30 s. Runs with and without each switch took turns; "
+        f"times are processor time, the shortest of {found['repeats']}, without setup, as ratios within the study. "
         f"runout {found['version']}, Python {found['machine']['python']}, numpy {found['machine']['numpy']}; "
         f"{found['machine']['cores']} cores ({found['machine']['processor']}), not idle otherwise.",
         "",
@@ -202,7 +227,10 @@ def study(out: Path, *, repeats: int = REPEATS, threads: int | None = None, chec
     checkpointed : int
         Particles of the layer whose checkpoint is measured.
     """
-    found = measure(jacksboro(*FLOWING), jacksboro(*RESTING), repeats, threads) | {"checkpoint": checkpoint_cost(checkpointed)}
+    resting = jacksboro(*RESTING)
+    creeping = (*resting[:2], replace(resting[2], stop=False))
+    scenes = {"flowing": jacksboro(*FLOWING), "resting": resting, "creeping": creeping, "bed": fall_on_a_bed()}
+    found = measure(scenes, repeats, threads) | {"checkpoint": checkpoint_cost(checkpointed)}
     write_json(found, out / "skip.json")
     text = page(found)
     write_text(text, out / "skip.md")

@@ -83,6 +83,7 @@ def simulate(
     transfer: str = "mls",
     flip_ratio: float = 0.95,
     f_bar: bool = False,
+    sleep_speed: float = 0.0,
     accuracy: str | None = None,
     threads: int | None = None,
     stop: bool = True,
@@ -126,6 +127,9 @@ def simulate(
         Part of what the grid has not seen of its velocity that a particle keeps with "aflip", 0 to 1; 0 is "apic".
     f_bar : bool
         Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
+    sleep_speed : float
+        Let what stays slower [m/s] rest until something moves beside it, on the backend "scan"; 0, the default, for nothing. Only
+        where much of the mass rests while the rest flows does it save time; see ``docs/benchmarks/skip.md``.
     accuracy : str, optional
         "screening", "standard" or "high": cell_size, particles_per_cell and cfl that follow from the mean thickness of the release
         (:data:`runout.accuracy.PRESETS`); each may still be given and then counts.
@@ -161,7 +165,7 @@ def simulate(
     grid = choices(accuracy, releases, {"cell_size": cell_size, "particles_per_cell": particles_per_cell, "cfl": cfl})
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar,
+        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed,
         accept=lambda extent: require_memory(expected_memory(extent, terrain.elevation.size, precision, engine), engine, memory_gb),
     )  # fmt: skip
     keep = _checkpoint(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
@@ -205,6 +209,7 @@ def build_scene(
     transfer: str = "mls",
     flip_ratio: float = 0.95,
     f_bar: bool = False,
+    sleep_speed: float = 0.0,
     accept: Callable[[Extent], None] | None = None,
 ) -> tuple[Scene, Particles]:
     """Scene and particles of a scenario; parameters as in :func:`simulate`.
@@ -236,7 +241,7 @@ def build_scene(
     friction = tuple(math.tan(a) for a in angles)
     scene = Scene(
         spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar,
+        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed,
     )  # fmt: skip
     return scene, particles
 

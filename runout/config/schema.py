@@ -89,6 +89,8 @@ def _text(value: str | bool) -> str:
 def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
     """A device that the backend does not run on, or a transfer that it does not have."""
     device, backend = given.get("device", "cpu"), given.get("backend", "scan")
+    if given.get("sleep_speed", 0.0) and backend != "scan":
+        yield "sleep_speed", f"{given['sleep_speed']} with backend {backend}, which has none of it", "set it to 0, or backend: scan"
     if backend == "hash":
         for key, plain in (("transfer", "mls"), ("f_bar", False)):
             if given.get(key, plain) != plain:
@@ -218,6 +220,9 @@ class SimulationSettings(Settings):
     )
     flip_ratio: float = quantity("part of its own velocity that a particle keeps with aflip", 0.95, ge=0, le=1)
     f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
+    sleep_speed: float = quantity(
+        "what stays slower rests until something moves beside it, on scan; 0 for never", 0.0, unit="m/s", ge=0
+    )
     cfl: float = quantity("time step as a fraction of the stable one", CFL, gt=0, le=LARGEST_CFL, hint="0.4 is usual")
     arrival_threshold: float = quantity("thickness that counts as arrival of the flow", 0.1, unit="m", gt=0)
 

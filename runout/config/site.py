@@ -118,6 +118,7 @@ class Site:
             "transfer": stated.transfer,
             "flip_ratio": stated.flip_ratio,
             "f_bar": stated.f_bar,
+            "sleep_speed": stated.sleep_speed,
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,
         }
@@ -185,12 +186,12 @@ class Site:
         from runout.backends.protocol import find_device
 
         found, stated = find_device(device), self.settings.simulation
-        needs_scan = stated.transfer != "mls" or stated.f_bar
+        needs_scan = stated.transfer != "mls" or stated.f_bar or stated.sleep_speed > 0
         if needs_scan and device == "auto":
             found = device = "cpu"
         elif needs_scan and found != "cpu":
-            text = f"simulation.transfer {stated.transfer} with f_bar {str(stated.f_bar).lower()} runs on the CPU, not on {found}"
-            raise ConfigError(f"{text}; leave --device out, or set transfer: mls and f_bar: false")
+            text = "simulation has a transfer other than mls, f_bar or sleep_speed, which run on the CPU"
+            raise ConfigError(f"{text}, not on {found}; leave --device out, or set transfer: mls, f_bar: false and sleep_speed: 0")
         place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
         backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
         simulation = stated.model_copy(update={"device": place, "backend": backend})

@@ -59,6 +59,8 @@ class Scene:
         That part, 0 to 1; of "aflip" alone.
     f_bar : bool
         Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
+    sleep_speed : float
+        Blocks whose particles stay slower [m/s] are put to rest until something moves beside them; 0 for none, on "scan" alone.
     """
 
     spacing: tuple[float, float, float]
@@ -73,6 +75,7 @@ class Scene:
     transfer: str = "mls"
     flip_ratio: float = 0.95
     f_bar: bool = False
+    sleep_speed: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.spacing) != 3 or not all(np.isfinite(h) and h > 0 for h in self.spacing):
@@ -85,6 +88,10 @@ class Scene:
             raise ConfigError(f"transfer is {self.transfer!r}; choose one of {', '.join(TRANSFERS)}")
         if not 0 <= self.flip_ratio <= 1:
             raise ConfigError(f"flip_ratio is {self.flip_ratio:g}; it must lie between 0, which is apic, and 1")
+        if not 0 <= self.sleep_speed < math.inf:
+            raise ConfigError(f"sleep_speed is {self.sleep_speed:g} m/s; it must be 0, for no sleep, or more")
+        if self.sleep_speed and (self.f_bar or not self.packed):
+            raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
         if len({m.law for m in self.materials}) != 1:
             raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
         if len(self.friction) != len(self.materials):

@@ -30,6 +30,8 @@ def require_alike(scenes: Sequence[Scene]) -> None:
         if s.transfer != "mls" or s.f_bar:
             choice = f"transfer {s.transfer!r}" if s.transfer != "mls" else "f_bar"
             raise ConfigError(f"{choice} runs on scan and reference, not on hash; set backend to scan, or leave it out")
+        if s.sleep_speed:
+            raise ConfigError("sleep_speed works on scan, not on hash; set backend to scan, or leave it out")
     for name in ("spacing", "gravity", "precision", "contact_band"):
         values = {getattr(s, name) for s in scenes}
         if len(values) > 1:

@@ -144,9 +144,7 @@ def record_vectors(width: int) -> tuple[Any, Any]:
 
         def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             p = _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[1])
-            read = [
-                builder.load(_at(builder, p, width * i, array.dtype, width), align=_bytes(array.dtype)) for i in range(LANES)
-            ]
+            read = [builder.load(_at(builder, p, width * i, array.dtype, width), align=_bytes(array.dtype)) for i in range(LANES)]
             rows = [_join(builder, read[i::width]) for i in range(width)]
             _transpose_squares(builder, rows)
             return _tuple(context, builder, kind, rows)

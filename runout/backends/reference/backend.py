@@ -16,7 +16,7 @@ from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils
 from runout.backends.state import State, arrays_of, part, put_arrays
-from runout.errors import StabilityError
+from runout.errors import ConfigError, StabilityError
 from runout.model.laws import LAWS
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -48,6 +48,8 @@ class ReferenceBackend:
 
     def load(self, scene: Scene, particles: Particles) -> None:
         """Take over a scene and its particles; sums and counters start anew."""
+        if scene.sleep_speed:
+            raise ConfigError("sleep_speed works on scan, not on reference; set backend to scan, or leave it out")
         particles.require_index_range(scene.spacing)
         self.counters = Counters()
         self.scene = scene

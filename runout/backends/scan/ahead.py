@@ -14,6 +14,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,11 @@ REHEARSAL = "RUNOUT_REHEARSAL"  # the variable that tells the process which comp
 CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
+VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
+    "plain": ({},),
+    "general": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
+    "sleeping": ({}, {"sleep_speed": 1e3, "gravity": (0.0, 0.0, 0.0)}),
+}
 
 
 def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
@@ -41,7 +47,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         return
     import locket
 
-    label = f"{scene.law.name} {scene.precision} {len(scene.materials) == 1}" + " general" * is_general(scene)
+    label = f"{scene.law.name} {scene.precision} {len(scene.materials) == 1} {variant(scene)}"
     done = cache_root() / f"{source_key(sources, label, *map(_stamp, sources))}.done"
     if done.exists():
         return
@@ -49,8 +55,13 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         if done.exists():
             return
         LOGGER.info("compiling for %s in %s; this takes a minute, once", scene.law.name, scene.precision)
-        if _rehearse_elsewhere(scene.materials[:2], scene.precision, is_general(scene)):
+        if _rehearse_elsewhere(scene.materials[:2], scene.precision, variant(scene)):
             done.touch()
+
+
+def variant(scene: Scene) -> str:
+    """Which of the ``VARIANTS`` a scene is."""
+    return "general" if is_general(scene) else "sleeping" if scene.sleep_speed else "plain"
 
 
 def _stamp(source: ModuleType) -> str:
@@ -60,9 +71,9 @@ def _stamp(source: ModuleType) -> str:
     return f"{path} {status.st_mtime_ns} {status.st_size}"
 
 
-def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str, general: bool) -> bool:
+def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str, kind: str) -> bool:
     """Whether another process has compiled all kernels."""
-    job = base64.b64encode(pickle.dumps((materials[:2], precision, general))).decode()
+    job = base64.b64encode(pickle.dumps((materials[:2], precision, kind))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
     environment = {**os.environ, REHEARSAL: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
     command = [sys.executable, "-P", "-c", f"from {__name__} import rehearse; rehearse()"]
@@ -78,9 +89,11 @@ def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str, general
 
 def rehearse() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
-    materials, precision, general = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
+    materials, precision, kind = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
     scene, particles = _small_slope(materials, precision)
-    for choices in ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}) if general else ({},):
+    for choices in VARIANTS[kind]:
+        if "sleep_speed" in choices:
+            particles.velocity[:] = 0.0
         _rehearse(replace(scene, **choices), particles)
 
 

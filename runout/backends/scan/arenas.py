@@ -45,6 +45,10 @@ class Arenas:
         Largest speed squared, longest move [cells], dissipated energy [J], refused moves.
     ground : (nown, 4)
         Work of the ground [J] and its impulse [N s].
+    asleep, calm : (nown,) bool, (nown,) int64
+        Whether a block sleeps, and the steps in a row in which it was slow.
+    falling, moving, giving : (nown,) int64
+        Particles of blocks that fall asleep, that move, and that give to nodes; the last two are all where no block may sleep.
     sums : (nown, 7)
         What :mod:`runout.backends.scan.observe` adds up.
     total : (7,)
@@ -70,12 +74,17 @@ class Arenas:
     rim: np.ndarray
     motion: np.ndarray
     ground: np.ndarray
+    asleep: np.ndarray
+    calm: np.ndarray
+    falling: np.ndarray
+    moving: np.ndarray
+    giving: np.ndarray
     sums: np.ndarray
     total: np.ndarray
 
     @classmethod
-    def of(cls, index: Index, real: Any, domain: np.ndarray) -> "Arenas":
-        """Arrays for the blocks of an index; ``domain`` (4,) is the box [cells] that particles leave at its edges."""
+    def of(cls, index: Index, real: Any, domain: np.ndarray, sleeps: bool) -> "Arenas":
+        """Arrays for the blocks of an index, which may sleep; ``domain`` (4,) [cells] is the box that particles leave."""
         n, edge = index.nown, 4 * index.bxyz[: index.nown, :2]
         beside = (edge - 2 < domain[::2]) | (edge + 8 > domain[1::2])
         count = partial(np.zeros, n, np.int64)
@@ -99,6 +108,11 @@ class Arenas:
             rim=beside[:, 0] | beside[:, 1],
             motion=np.zeros((n, 4)),
             ground=np.zeros((n, 4)),
+            asleep=np.zeros(n, np.bool_),
+            calm=count() if sleeps else index.held,
+            falling=count() if sleeps else index.held,
+            moving=index.held.copy() if sleeps else index.held,
+            giving=index.held.copy() if sleeps else index.held,
             sums=np.zeros((n, SUMS)),
             total=np.zeros(SUMS),
         )
@@ -109,8 +123,9 @@ class Arenas:
             self.arenas = np.empty((_roomy(wanted), ARENA), self.arenas.dtype)
 
     def memory(self) -> dict[str, int]:
-        """Bytes by array."""
-        return {f.name: int(getattr(self, f.name).nbytes) for f in fields(self)}
+        """Bytes by array; those of the index do not count."""
+        borrowed = ("calm", "falling", "moving", "giving") if self.moving is self.giving else ()
+        return {f.name: int(getattr(self, f.name).nbytes) for f in fields(self) if f.name not in borrowed}
 
 
 def _roomy(count: int) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.protocol import Columns, Counters, LedgerRow
-from runout.backends.scan import checkpoint, columns, index, motion, observe
+from runout.backends.scan import checkpoint, columns, index, motion, observe, sleep
 from runout.backends.scan.arenas import Arenas
 from runout.backends.scan.general import General, is_general
 from runout.backends.scan.kernels import kernels_for
@@ -72,7 +72,8 @@ class ScanBackend:
         self.packed_dt, self.moved = 0.0, False
         self.escaped_mass = self.escaped_energy = self.basal_dissipation = self.plastic_dissipation = 0.0
         self.basal_impulse = np.zeros(3)
-        self.contact_particles = 0
+        self.contact_particles = self.sleepers = 0
+        self.sleeping_mass = 0.0
         self._tabulate(particles)
         self._place(particles)
 
@@ -109,14 +110,16 @@ class ScanBackend:
         self._index_anew(found)
         self.k.mark_slots(self.index.starts, self.index.first, self.index.nown, self.store.cell, self.store.order)
 
-    def _index_anew(self, old: index.Index) -> None:
-        """Find the blocks anew; the particles keep their slots."""
+    def _index_anew(self, old: index.Index, room: Arenas | None = None) -> None:
+        """Find the blocks anew; the particles keep their slots, and those of ``room`` that sleep go on to."""
         self.index, numbers = old.rebuilt(self.k, MARGIN, self.dense)
         i = self.index
         self.k.hand_over_slots(numbers, old.starts, old.first, old.room, old.nown, i.starts, i.first, i.room, i.held)
         if any(self.period):
             i.join_ends(self.period)
         self._allocate_blocks()
+        if room is not None and self.scene.sleep_speed:
+            sleep.carry_over(self, room, old.held, numbers)
 
     def _make_slots(self) -> None:
         """Close the gaps that blocks have left behind, once few slots remain; more slots if they do not gain much."""
@@ -134,7 +137,7 @@ class ScanBackend:
     def _allocate_blocks(self) -> None:
         """Arrays by block, after a rebuild."""
         i, surface = self.index, self.scene.surface
-        self.room = a = Arenas.of(i, self.scene.dtype, self.domain)
+        self.room = a = Arenas.of(i, self.scene.dtype, self.domain, self.scene.sleep_speed > 0)
         self.reaches_rim = bool(a.rim.any())
         self._fit_buffers(anew=True)
         if surface is not None:
@@ -168,7 +171,7 @@ class ScanBackend:
         clock = _Clock(self.counters.seconds)
         if self.index.travelled + 1 > MARGIN:
             self.counters.rebuilds += 1
-            self._index_anew(self.index)
+            self._index_anew(self.index, self.room)
         if self.end + reserve(self.n) > self.store.slots:
             self._make_slots()
         clock("index")
@@ -179,6 +182,8 @@ class ScanBackend:
         self._to_particles(dt)
         clock("g2p")
         self._sort()
+        if self.scene.sleep_speed:
+            sleep.after_step(self, dt)
         clock("sort")
 
     def _change_step(self, dt: float) -> None:
@@ -198,16 +203,16 @@ class ScanBackend:
         i, s, a, real = self.index, self.store, self.room, self.scene.dtype
         if dt != self.packed_dt:
             self._change_step(dt)
-        a.make_arenas(self.k.number_arenas(i.held, i.nown, a.number))
+        a.make_arenas(self.k.number_arenas(a.giving, i.nown, a.number))
         if self.scene.surface is None:
-            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, i.nown, a.number, a.arenas)
+            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, a.giving, i.nown, a.number, a.arenas)
         else:
             band = self.scene.contact_band * min(self.scene.spacing)
             reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
             self._to_arenas_and_contacts(real(reach), real(band))
         if self.general:
             self.general.push(self)
-        self.k.update_nodes(a.arenas, a.number, i.held, i.down, i.nall, a.grid, self.dv)
+        self.k.update_nodes(a.arenas, a.number, a.giving, i.down, i.nall, a.grid, self.dv)
 
     def _to_arenas_and_contacts(self, reach: Any, band: Any) -> None:
         """Arenas and rows of contacts; where these lack room, it is made and all is done again."""
@@ -217,7 +222,7 @@ class ScanBackend:
             for t in range(self.threads):
                 self.cursors[t, 0] = 0
             self.k.particles_to_arenas_and_contacts(
-                s.rec, s.who, s.radius, s.label, s.order, i.starts, i.first, i.nown, a.tiles, a.planes, a.bounds,
+                s.rec, s.who, s.radius, s.label, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
                 self.friction, reach, self.dt, self.h, band, a.number, a.arenas, s.contacts, region, self.cursors, a.place,
                 s.listed, a.candidates, a.touching,
             )  # fmt: skip
@@ -249,7 +254,7 @@ class ScanBackend:
             a.ground,
         )
         k.apply_impulses(a.arenas, a.number, a.touching, i.down, i.nall, a.grid, a.inverse_mass)
-        k.total_rows(a.ground, a.touching, i.nown, a.total)
+        k.total_rows(a.ground, np.where(a.asleep, 0, a.touching) if self.sleepers else a.touching, i.nown, a.total)
         self.basal_dissipation -= float(a.total[0])
         for d in range(3):
             self.basal_impulse[d] += a.total[1 + d]
@@ -261,7 +266,7 @@ class ScanBackend:
             self.general.to_particles(self)
         else:
             self.k.grid_to_particles(
-                s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
+                s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, i.nown, a.grid, i.up, i.bxyz, a.rim,
                 self.domain, self.mats, self.slopes, self.cells, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
                 a.changed, a.motion,
             )  # fmt: skip

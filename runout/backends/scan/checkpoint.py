@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.backends.scan import sleep
 from runout.backends.scan.index import Index
 from runout.backends.scan.store import PADDING, Store
 from runout.backends.state import State, arrays_of, part, plain, put_arrays
@@ -21,7 +22,21 @@ if TYPE_CHECKING:
 OF_THE_SCENE = ("allowed", "threads", "dense", "spacing", "h", "mats", "friction", "density", "gravity", "dv")
 WITHIN_A_STEP = (
     *("number", "arenas", "grid", "inverse_mass", "tiles", "planes", "bounds", "rim", "touching", "candidates", "place"),
-    *("leaving", "arrivals", "before", "changed", "motion", "ground", "sums", "total"),
+    *(
+        "leaving",
+        "arrivals",
+        "before",
+        "shifted",
+        "thinned",
+        "changed",
+        "motion",
+        "ground",
+        "sums",
+        "total",
+        "falling",
+        "moving",
+        "giving",
+    ),
 )
 SCRATCH = ("contacts", "listed")  # of a step
 
@@ -31,7 +46,8 @@ def taken(engine: "ScanBackend") -> State:
     slots, end = engine.store.slots, engine.end + PADDING
     state = arrays_of(engine, OF_THE_SCENE, "own.")
     state |= arrays_of(engine.index, prefix="index.")
-    state |= arrays_of(engine.room, WITHIN_A_STEP, "room.")
+    if engine.scene.sleep_speed:
+        state |= arrays_of(engine.room, WITHIN_A_STEP, "room.")
     state |= arrays_of(engine.counters, prefix="counters.")
     state |= {f"seconds.{stage}": np.asarray(value) for stage, value in engine.counters.seconds.items()}
     state["slots"] = np.asarray(slots)
@@ -53,7 +69,9 @@ def put_back(engine: "ScanBackend", scene: Scene, state: State) -> None:
     engine.store = _store(scene, state)
     engine.threads = max(1, min(engine.allowed, len(engine.store.label) // PARTICLES_PER_THREAD))
     engine._allocate_blocks()
-    put_arrays(engine.room, state, "room.")
+    if scene.sleep_speed:
+        put_arrays(engine.room, state, "room.")
+        sleep.share_work(engine)
 
 
 def _store(scene: Scene, state: State) -> Store:

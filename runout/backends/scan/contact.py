@@ -195,8 +195,8 @@ def _spread_block(contacts, row, listed, cell, f, n, arena):
 
 
 def particles_to_arenas_and_contacts(
-    rec, who, radius, label, order, starts, first, nown, tiles, planes, bounds, friction, reach, dt, h, band, number, arenas,
-    contacts, region, cursors, place, listed, candidates, touching,
+    rec, who, radius, label, order, starts, first, giving, nown, tiles, planes, bounds, friction, reach, dt, h, band, number,
+    arenas, contacts, region, cursors, place, listed, candidates, touching,
 ):  # fmt: skip
     """Fill the arenas, and find the particles that touch the ground while a block is in cache.
 
@@ -207,7 +207,7 @@ def particles_to_arenas_and_contacts(
     for b in prange(nown):
         candidates[b] = 0
         touching[b] = 0
-        if starts[b, 64] == 0:
+        if giving[b] == 0:
             continue
         _fill_arena(rec, order, starts, first, b, arenas[number[b]])
         cut = reach / (bounds[b, 1] * h[2])

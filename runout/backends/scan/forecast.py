@@ -58,4 +58,4 @@ def _blocks(held: int, owners: int, nodes: int, scene: Scene) -> int:
     index.bxyz[:] = 0
     index.held[:held] = 1
     own = sum(values.nbytes for values in vars(index).values() if isinstance(values, np.ndarray))
-    return own + sum(Arenas.of(index, scene.dtype, np.zeros(4)).memory().values())
+    return own + sum(Arenas.of(index, scene.dtype, np.zeros(4), scene.sleep_speed > 0).memory().values())

@@ -17,13 +17,14 @@ from runout.backends.scan import (
     motion,
     observe,
     order,
+    rest,
     stencil,
     transfer,
 )
 from runout.backends.scan.general import is_general
 from runout.model.scene import Scene
 
-COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns)  # know no law
+COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns, rest)  # know no law
 LANES = (vectors, shuffles, memory)
 GENERAL = (stencil, transfer, observe, contact, motion, forces, gradients, general_motion)  # of transfers other than the packed one
 SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)

@@ -277,8 +277,8 @@ def _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2, s
 
 
 def grid_to_particles(
-    rec, state, cell, who, label, order, starts, first, nown, grid, up, bxyz, rim, domain, mats, s, cells, rec2, state2, who2,
-    movers, leaving, shifted, thinned, changed, sums,
+    rec, state, cell, who, label, order, starts, first, moving, nown, grid, up, bxyz, rim, domain, mats, s, cells, rec2, state2,
+    who2, movers, leaving, shifted, thinned, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
@@ -292,7 +292,7 @@ def grid_to_particles(
         changed[b] = 0
         for k in range(4):
             sums[b, k] = 0.0
-        held = starts[b, 64]
+        held = moving[b]
         if held == 0:
             continue
         buffer = get_thread_id()

@@ -49,10 +49,10 @@ def _fill_arena(rec, order, starts, first, b, arena):
         _add_rows(arena, _first_node(c), rows)
 
 
-def particles_to_arenas(rec, order, starts, first, nown, number, arenas):
-    """Each block that holds particles adds them to its own arena."""
+def particles_to_arenas(rec, order, starts, first, giving, nown, number, arenas):
+    """Each block whose particles give to nodes adds them to its own arena."""
     for b in prange(nown):
-        if starts[b, 64] > 0:
+        if giving[b] > 0:
             _fill_arena(rec, order, starts, first, b, arenas[number[b]])
 
 

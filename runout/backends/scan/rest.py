@@ -1,0 +1,84 @@
+"""Kernels of blocks that sleep: which may, which wake, and how particles come to rest. See :mod:`runout.backends.scan.sleep`."""
+
+from numba import prange
+
+from runout.backends.scan.observe import _strain_of
+from runout.physics.elastic import kirchhoff_stress, log_strain
+from runout.physics.moments import moment_slope, stress_columns
+from runout.physics.tensors import real
+
+CALM_STEPS = 50  # that a block and its neighbours stay slow before it falls asleep
+AWAKE = 13  # the block itself among its neighbours
+
+
+def count_calm(nown, held, motion, arrivals, slow2, asleep, calm):
+    """Count the steps in a row in which no particle of a block was fast and none entered; who is entered wakes."""
+    for b in prange(nown):
+        if held[b] == 0 or arrivals[b] > 0:
+            asleep[b] = False
+            calm[b] = 0
+        elif not asleep[b]:
+            calm[b] = calm[b] + 1 if motion[b, 0] < slow2 else 0
+
+
+def choose_sleepers(nown, around, held, motion, changed, fast2, asleep, calm, falling):
+    """In ``falling`` the particles of a block that falls asleep, -1 for one that a fast neighbour wakes, else 0.
+
+    A block falls asleep only in a step in which none of its particles changes its cell: they lie in the order of their cells then.
+    """
+    for b in prange(nown):
+        falling[b] = 0
+        if held[b] == 0:
+            continue
+        calm_around = calm[b] >= CALM_STEPS and changed[b] == 0
+        hit = False
+        for q in range(27):
+            s = around[b, q]
+            if q == AWAKE or s < 0 or held[s] == 0:
+                continue
+            calm_around = calm_around and calm[s] >= CALM_STEPS
+            hit = hit or (not asleep[s] and motion[s, 0] > fast2)
+        if asleep[b]:
+            falling[b] = -1 if hit else 0
+        elif calm_around:
+            falling[b] = held[b]
+
+
+def change_sleepers(nown, falling, asleep, calm):
+    """Let blocks fall asleep or wake, as was chosen; returns how many sleep."""
+    n = 0
+    for b in range(nown):
+        if falling[b] < 0:
+            asleep[b] = False
+            calm[b] = 0
+        elif falling[b] > 0:
+            asleep[b] = True
+        n += asleep[b]
+    return n
+
+
+def share_work(nown, around, held, asleep, moving, giving):
+    """Particles that move, those of blocks awake; and those that give to nodes, of their neighbours too."""
+    for b in prange(nown):
+        moving[b] = 0 if asleep[b] else held[b]
+        giving[b] = moving[b]
+        if asleep[b]:
+            for q in range(27):
+                s = around[b, q]
+                if s >= 0 and held[s] > 0 and not asleep[s]:
+                    giving[b] = held[b]
+
+
+def put_to_rest(rec, state, who, label, order, first, falling, nown, mats, dt, h):
+    """Take the velocity of the particles that fall asleep: their records hold the stress alone."""
+    slopes = moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2])
+    for b in prange(nown):
+        for k in range(first[b], first[b] + max(falling[b], 0)):
+            p = order[k]
+            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[who[p], 0]])
+            push = stress_columns(tau, state[p, 7], slopes)
+            for i in range(3):
+                rec[p, 1 + i] = real(0.0)
+                for j in range(3):
+                    rec[p, 5 + 4 * j + i] = push[3 * j + i]
+                    rec[p, 1 + i] += (real(1.0) - rec[p, 4 + 4 * j]) * push[3 * j + i]
