@@ -222,7 +222,7 @@ class ScanBackend:
             for t in range(self.threads):
                 self.cursors[t, 0] = 0
             self.k.particles_to_arenas_and_contacts(
-                s.rec, s.who, s.radius, s.label, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
+                s.rec, s.who, s.radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
                 self.friction, reach, self.dt, self.h, band, a.number, a.arenas, s.contacts, region, self.cursors, a.place,
                 s.listed, a.candidates, a.touching,
             )  # fmt: skip

@@ -7,6 +7,8 @@ after the other from ``place[b]`` on, in the region of the thread that found the
     [ weight, then compliance; 0, then velocity, then impulse | fx, normal | fy, gap, friction, weight | fz, v before ]
 """
 
+import math
+
 import numpy as np
 from numba import get_thread_id, prange
 
@@ -44,9 +46,11 @@ from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
 TILE = 64
-FLOOR, RADIUS, FRICTION, GROUND = 16, 17, 18, 19  # rows of a tile of candidates besides the record
+ASIDE = 16  # first row of a tile of candidates behind their records
+FLOOR, RADIUS, FRICTION = 19, 23, 24
 DONE, PUSH_X, PUSH_Y, PUSH_Z = 16, 17, 18, 19  # and of contacts
-local_tile = local_array((28, TILE))
+local_tile = local_array((32, TILE))
+local_aside = local_array((16 * TILE,))
 load_listed = listed_record_vectors(16)
 load_contacts, store_contacts = record_vectors(16)
 load_16_rows, store_16_rows = row_vectors(16, TILE)
@@ -55,46 +59,55 @@ in_all_four = permutation(in_groups(range(4)))
 first_of_two = permutation_of_two([*range(4), *range(20, 32)])
 
 
-def _near(planes, b, c, cut):
-    """Whether a particle in cell ``c`` of a block may lie less than ``cut`` cells above the bound of the ground."""
-    a = (c >> 2) * 3
+def _levels(planes, b, a, cut):
+    """Cells of a column, from below, in which a particle may lie less than ``cut`` cells above the bound of the ground."""
     sx = planes[b, a + 1]
     sy = planes[b, a + 2]
     top = planes[b, a] + sx + sy + real(0.5) * (abs(sx) + abs(sy))
-    return real(c & 3) + real(0.5) - top <= cut
+    return min(max(np.int64(math.floor(cut + top + real(0.5))), 0), 4)
 
 
-def _below(rec, p, planes, b, c, cut):
-    """Whether a particle lies less than ``cut`` cells above the bound of the ground."""
-    a = (c >> 2) * 3
-    bound = planes[b, a] + planes[b, a + 1] * rec[p, 4] + planes[b, a + 2] * rec[p, 8]
-    return real(c & 3) + rec[p, 12] - bound <= cut
+def _list_candidates(rec, cell, order, starts, f, b, planes, cut, listed):
+    """List the particles that lie less than ``cut`` cells above the bound of the ground; returns their number."""
+    n = 0
+    for column in range(16):
+        a = 3 * column
+        end = f + starts[b, 4 * column + _levels(planes, b, a, cut)]
+        for k in range(f + starts[b, 4 * column], end):
+            p = order[k]
+            bound = planes[b, a] + planes[b, a + 1] * rec[p, 4] + planes[b, a + 2] * rec[p, 8]
+            listed[f + n] = p
+            n += real(cell[p] & 3) + rec[p, 12] - bound <= cut
+    return n
 
 
-def _take_candidate(t, q, tile, c, radius, friction):
-    """What the record does not hold, as column ``q``: place and size of a candidate and the ground in its column of cells."""
-    o = (c >> 4) * 6 + ((c >> 2) & 3)
-    t[FLOOR, q] = c & 3
-    t[RADIUS, q] = radius
-    t[FRICTION, q] = friction
-    for i in range(3):
-        for j in range(3):
-            t[GROUND + 3 * i + j, q] = tile[o + 6 * i + j]
+def _take_candidates(aside, cell, who, radius, label, tile, friction, listed, start, n):
+    """What the records of ``n`` listed particles do not hold: ground in their columns of cells, level, size and friction."""
+    for q in range(n):
+        p = listed[start + q]
+        c = np.int64(cell[p])
+        o = (c >> 4) * 6 + ((c >> 2) & 3)
+        r = 16 * q
+        store(aside, r, load4(tile, o))
+        store(aside, r + 4, load4(tile, o + 6))
+        store(aside, r + 8, load4(tile, o + 11))
+        aside[r + 3] = real(c & 3)
+        aside[r + 7] = radius[who[p]]
+        aside[r + 8] = friction[label[who[p], 0]] if len(friction) > 1 else friction[0]
 
 
-def _load_candidates(t, rec, listed, start, n):
-    """Records of ``n`` listed particles as columns of a tile; behind them, their last one again."""
-    for q in range(n, (n + 15) & ~15):
-        listed[start + q] = listed[start + n - 1]
-    for g in range((n + 15) >> 4):
+def _load_candidates(t, rec, aside, listed, start, n):
+    """Records of ``n`` listed particles, and what they do not hold, as columns of a tile."""
+    for g in range(n >> 4):
         store_16_rows(t, 16 * g, load_listed(rec, listed, start + 16 * g))
+        store_16_rows(t, ASIDE * TILE + 16 * g, load_contacts(aside, 256 * g))
 
 
 def _coefficients(t, q):
     return (
-        t[GROUND, q], t[GROUND + 1, q], t[GROUND + 2, q],
-        t[GROUND + 3, q], t[GROUND + 4, q], t[GROUND + 5, q],
-        t[GROUND + 6, q], t[GROUND + 7, q], t[GROUND + 8, q],
+        t[ASIDE, q], t[ASIDE + 1, q], t[ASIDE + 2, q],
+        t[ASIDE + 4, q], t[ASIDE + 5, q], t[ASIDE + 6, q],
+        t[ASIDE + 9, q], t[ASIDE + 10, q], t[ASIDE + 11, q],
     )  # fmt: skip
 
 
@@ -142,60 +155,39 @@ def _store_candidates(t, contacts, row, end, n):
         for g in range(groups):
             store_contacts(contacts, 16 * (row + 16 * g), load_16_rows(t, 16 * g))
     found = 0
-    for q in range(n):
+    for q in range(np.uint64(n)):
         found += t[0, q] > real(0.0)
     return found
 
 
-def _measure_candidates(t, rec, listed, contacts, start, row, end, n, dt, h, band):
-    """Rows of ``n`` candidates whose places are in a tile; returns how many touch."""
-    if n == 0:
-        return 0
-    _load_candidates(t, rec, listed, start, n)
-    _measure(t, np.uint64((n + 15) & ~15), h[2] / h[0], h[2] / h[1], h[2], dt, band)
-    return _store_candidates(t, contacts, row, end, n)
-
-
-def _examine(rec, who, radius, label, order, starts, f, b, tile, planes, friction, cut, dt, h, band, contacts, row, end, listed):
-    """Candidates of a block, and how many of them touch."""
+def _examine(rec, who, radius, label, cell, f, tile, friction, dt, h, band, contacts, row, end, listed, n):
+    """Rows of the ``n`` candidates of a block; returns how many of them touch. The last one fills the last vector."""
     t = local_tile(rec)
-    n = 0
+    aside = local_aside(rec)
+    for q in range(n, (n + 15) & ~15):
+        listed[f + q] = listed[f + n - 1]
     found = 0
-    for c in range(64):
-        if starts[b, c] == starts[b, c + 1] or not _near(planes, b, c, cut):
-            continue
-        for k in range(f + starts[b, c], f + starts[b, c + 1]):
-            p = order[k]
-            if not _below(rec, p, planes, b, c, cut):
-                continue
-            listed[f + n] = p
-            _take_candidate(t, np.uint64(n & (TILE - 1)), tile, c, radius[who[p]], friction[label[who[p], 0]])
-            n += 1
-            if n & (TILE - 1) == 0:
-                done = n - TILE
-                found += _measure_candidates(t, rec, listed, contacts, f + done, row + done, end, TILE, dt, h, band)
-    rest = n & (TILE - 1)
-    done = n - rest
-    found += _measure_candidates(t, rec, listed, contacts, f + done, row + done, end, rest, dt, h, band)
-    return n, found
+    for k in range(0, n, TILE):
+        some = min(TILE, n - k)
+        full = (some + 15) & ~15
+        _take_candidates(aside, cell, who, radius, label, tile, friction, listed, f + k, full)
+        _load_candidates(t, rec, aside, listed, f + k, full)
+        _measure(t, np.uint64(full), h[2] / h[0], h[2] / h[1], h[2], dt, band)
+        found += _store_candidates(t, contacts, row + k, end, some)
+    return found
 
 
 def _spread_block(contacts, row, listed, cell, f, n, arena):
-    """Fill the arena of a block with the first four numbers of its contacts, which come by cell."""
+    """Fill the arena of a block with the first four numbers of its contacts."""
     flat = contacts.reshape(-1)
     _clear(arena)
-    t = 0
-    while t < n:
-        c = cell[listed[f + t]]
-        rows = _nothing(contacts)
-        while t < n and cell[listed[f + t]] == c:
-            rows = _spread(flat, np.uint64(16 * (row + t)), rows)
-            t += 1
-        _add_rows(arena, _first_node(np.int64(c)), rows)
+    for t in range(n):
+        place = _first_node(np.int64(cell[listed[f + t]]))
+        _add_rows(arena, place, _spread(flat, np.uint64(16 * (row + t)), _nothing(contacts)))
 
 
 def particles_to_arenas_and_contacts(
-    rec, who, radius, label, order, starts, first, giving, nown, tiles, planes, bounds, friction, reach, dt, h, band, number,
+    rec, who, radius, label, cell, order, starts, first, giving, nown, tiles, planes, bounds, friction, reach, dt, h, band, number,
     arenas, contacts, region, cursors, place, listed, candidates, touching,
 ):  # fmt: skip
     """Fill the arenas, and find the particles that touch the ground while a block is in cache.
@@ -213,11 +205,14 @@ def particles_to_arenas_and_contacts(
         cut = reach / (bounds[b, 1] * h[2])
         if real(0.5) - bounds[b, 0] > cut:
             continue
+        n = _list_candidates(rec, cell, order, starts, first[b], b, planes, cut, listed)
+        if n == 0:
+            continue
         thread = get_thread_id()
         row = thread * region + cursors[thread, 0]
-        n, found = _examine(
-            rec, who, radius, label, order, starts, first[b], b, tiles[b], planes, friction, cut, dt, h, band, contacts, row,
-            (thread + 1) * region, listed,
+        found = _examine(
+            rec, who, radius, label, cell, first[b], tiles[b], friction, dt, h, band, contacts, row, (thread + 1) * region,
+            listed, n,
         )  # fmt: skip
         if found > 0:
             candidates[b] = n
@@ -253,14 +248,10 @@ def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
 def _meet_grid(contacts, row, listed, cell, f, n, nodes):
     """Compliance and velocity that the grid would give to each contact."""
     flat = contacts.reshape(-1)
-    t = 0
-    while t < n:
-        c = cell[listed[f + t]]
-        rows = _load_rows(nodes, _first_node(np.int64(c)))
-        while t < n and cell[listed[f + t]] == c:
-            r = np.uint64(16 * (row + t))
-            store(flat, r, first_of_two(_mean(flat, r, rows), load16(flat, r)))
-            t += 1
+    for t in range(n):
+        r = np.uint64(16 * (row + t))
+        rows = _load_rows(nodes, _first_node(np.int64(cell[listed[f + t]])))
+        store(flat, r, first_of_two(_mean(flat, r, rows), load16(flat, r)))
 
 
 def _push(t, count, dt):
