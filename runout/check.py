@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
     from runout.model.release import Release
+    from runout.model.resolution import Resolution
     from runout.model.terrain import Terrain
 
-FEWEST_CELLS = 4  # through the depth: with fewer the numerical viscosity stops shear within a second
 LARGEST_STRAIN = 0.01  # elastic, under the release's own weight
 
 
@@ -112,7 +112,7 @@ def _inspect_resolution(found: Findings, site: "Site") -> None:
     spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)
     for release in found.releases:
         found.problems += _too_coarse(release, spacing)
-        found.warnings += _too_thin(release, spacing)
+        found.warnings += _too_thin(release, resolution(release, site))
         found.warnings += _too_soft(release, site)
 
 
@@ -124,13 +124,29 @@ def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
         yield f"release {release.name}: {area}; set simulation.cell_size to {finer:.2g} or less"
 
 
-def _too_thin(release: "Release", spacing: np.ndarray) -> Iterator[str]:
-    through = release.thickness.max() / spacing[2]
-    if through < FEWEST_CELLS:
-        finer = release.thickness.max() / FEWEST_CELLS
+def resolution(release: "Release", site: "Site") -> "Resolution":
+    """What the grid of a site resolves of a release where it is thickest, with the step that the material allows at rest."""
+    from runout.model.resolution import Resolution
+    from runout.model.scene import Raster, Scene
+
+    stated, (rows, columns) = site.settings.simulation, release.thickness.shape
+    spacing = np.broadcast_to(np.asarray(stated.cell_size, float), 3).tolist()
+    raster, material = Raster(rows, columns, release.terrain.cell_size), release.material or site.material()
+    scene = Scene(
+        tuple(spacing), None, raster, (material,), (0.0,), cfl=stated.cfl, transfer=stated.transfer, flip_ratio=stated.flip_ratio
+    )
+    return Resolution.of(float(release.thickness.max()), scene, scene.stable_step(0.0))
+
+
+def _too_thin(release: "Release", found: "Resolution") -> Iterator[str]:
+    from runout.model.resolution import FEWEST_CELLS
+
+    if found.is_coarse:
+        finer = found.depth / FEWEST_CELLS
         yield (
-            f"release {release.name}: {through:.1f} cells through its greatest thickness of {release.thickness.max():.3g} m; "
-            f"below {FEWEST_CELLS} numerical viscosity slows the flow, cell_size <= {finer:.2g} m in the vertical avoids it"
+            f"release {release.name}: {found.cells_through_depth:.1f} cells through its greatest thickness of {found.depth:.3g} m; "
+            f"below {FEWEST_CELLS} numerical viscosity slows the flow ({found.numerical_viscosity:.2g} m2/s stop shear through the "
+            f"depth in {found.shear_decay_time:.2g} s), cell_size <= {finer:.2g} m in the vertical avoids it"
         )
 
 
@@ -213,6 +229,7 @@ def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out
     for release in releases:
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
         console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)
+        console.print(f"release {release.name}: {resolution(release, study.site).statement()}", markup=False)
     for line in lines(site.settings.simulation.accuracy, releases, site.grid(releases)):
         console.print(line, markup=False)
     print_stages(console, study)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.model.particles import Particles
+from runout.model.resolution import Resolution
 from runout.model.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ class Result:
         Seconds by stage: setup (with compilation), index, p2g, contact, g2p, sort, observers, total.
     stop_reason : str
         "at rest", "end time" or "all mass has left the domain".
+    resolution : Resolution
+        Cells through the depth of the flow and numerical viscosity.
     """
 
     terrain: Terrain
@@ -38,6 +41,7 @@ class Result:
     n_particles: int
     timing: dict[str, float]
     stop_reason: str
+    resolution: Resolution
     snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
 
     @cached_property
@@ -53,13 +57,17 @@ class Result:
 
     @cached_property
     def ledger(self) -> "xr.Dataset":
-        """Sums over the whole mass against ``time`` [s]: mass, momentum, energies, dissipation, step and work."""
+        """Sums over the whole mass against ``time`` [s]: mass, momentum, energies, dissipation, step and work.
+
+        Its attributes tell the resolution (:class:`runout.model.resolution.Resolution`).
+        """
         import xarray as xr
 
         from runout.variables import VARIABLES
 
         series = {k: ("time", v, VARIABLES[k].attributes()) for k, v in self.series.items() if k != "time"}
-        return xr.Dataset(series, coords={"time": ("time", self.series["time"], VARIABLES["time"].attributes())})
+        time = ("time", self.series["time"], VARIABLES["time"].attributes())
+        return xr.Dataset(series, coords={"time": time}, attrs=self.resolution.attributes())
 
     @cached_property
     def particles(self) -> "xr.Dataset":
@@ -100,4 +108,5 @@ class Result:
         write(self.maps.assign_attrs(dict(attrs or {})), path, groups=groups)
 
     def _attributes(self) -> dict[str, Any]:
-        return {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}
+        run = {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}
+        return run | self.resolution.attributes()

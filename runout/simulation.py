@@ -19,6 +19,7 @@ from runout.memory import Extent, expected_extent, expected_memory, require_memo
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
+from runout.model.resolution import FEWEST_CELLS, Resolution, flow_depth
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.terrain import Terrain
 from runout.observers import AtRest, Ledger, PeakMaps, flow_fields
@@ -179,6 +180,8 @@ def simulate(
     result = run.result(terrain, n_particles, loaded - started)
     if keep:
         keep.remove()
+    if result.resolution.is_coarse:
+        LOGGER.warning("%s; use at least %d cells", result.resolution.statement(), FEWEST_CELLS)
     return result
 
 
@@ -309,8 +312,14 @@ class Run:
             n_particles=n_particles,
             timing=self.timing(setup),
             stop_reason=self.reason,
+            resolution=self.resolution(),
             snapshots=self.snapshots,
         )
+
+    def resolution(self) -> Resolution:
+        """What the grid resolves of the flow so far, with the mean length of a step."""
+        depth, steps = flow_depth(self.peaks.max_flow_thickness), self.engine.counters.steps
+        return Resolution.of(depth, self.scene, self.time / max(1, steps))
 
     def go(self) -> None:
         """Step until the end time or rest."""

@@ -17,6 +17,7 @@ from runout.io.geotiff import write_cog
 from runout.io.provenance import provenance
 from runout.io.vector import write_outlines
 from runout.model.release import Release
+from runout.model.resolution import worst
 from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
 
@@ -169,6 +170,8 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     )
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
     changes = [*terrain.changes, *(change for release in releases for change in release.changes)]
+    resolution = worst(netcdf.read_attributes(path) for path in ensemble.files.values())
+    origin |= {"resolution": resolution} if resolution else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
 
 

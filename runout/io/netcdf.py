@@ -153,6 +153,23 @@ def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
         raise StorageError(f"{path}: cannot be read ({cause}); remove it and run again") from cause
 
 
+def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Global attributes of a file.
+
+    Raises
+    ------
+    StorageError
+        If there is no such file, or it is not NetCDF.
+    """
+    import netCDF4
+
+    try:
+        with LOCK, netCDF4.Dataset(path) as file:
+            return {name: file.getncattr(name) for name in file.ncattrs()}
+    except (OSError, RuntimeError) as cause:
+        raise StorageError(f"{path}: cannot be read ({cause}); remove it and run again") from cause
+
+
 def read_rows(path: str | os.PathLike[str], name: str, rows: slice) -> np.ndarray:
     """Some rows (rows, columns) of one map of a file, NaN where there is no value.
 

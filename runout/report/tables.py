@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.model.resolution import FEWEST_CELLS, worst
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES
 from runout.report.sheets import hazard_extent
@@ -42,7 +43,6 @@ SETTING_UNITS = {
     "percentiles": "%",
     "hours": "h",
 }
-FEWEST_CELLS_THROUGH_DEPTH = 4
 LARGEST_RESIDUAL = 0.01  # of the released potential energy
 ESCAPED_PERCENT = 0.1
 
@@ -131,13 +131,24 @@ def _still_moving(ledger: "xr.Dataset") -> bool:
 
 def _coarse(study: Study, settings: dict[str, Any]) -> list[str]:
     cells = cells_through_depth(study, settings)
-    if not math.isfinite(cells) or cells >= FEWEST_CELLS_THROUGH_DEPTH:
+    if not math.isfinite(cells) or cells >= FEWEST_CELLS:
         return []
     return [
         f"The flow is {number(cells, 2)} grid cells deep on average over its volume; "
-        f"below {FEWEST_CELLS_THROUGH_DEPTH} cells the velocity profile is not resolved "
-        "and speeds are damped. Use smaller cells, or a depth-averaged method for thin flows."
+        f"below {FEWEST_CELLS} cells the velocity profile is not resolved "
+        f"and speeds are damped{_damping(study)}. Use smaller cells, or a depth-averaged method for thin flows."
     ]
+
+
+def _damping(study: Study) -> str:
+    """How soon the scheme damps the shear of the least resolved member, in words; nothing where no ledger tells."""
+    found = resolution(study)
+    return f" (the scheme stops shear through the depth in {quantity(found['shear_decay_time'], 's', 2)})" if found else ""
+
+
+def resolution(study: Study) -> dict[str, float]:
+    """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the least resolved member, or nothing."""
+    return worst(ledger.attrs for ledger in study.ledgers.values())
 
 
 def cells_through_depth(study: Study, settings: dict[str, Any]) -> float:
@@ -175,12 +186,24 @@ def mass_error(ledger: "xr.Dataset") -> float:
 
 
 def balance(study: Study) -> dict[str, str]:
-    """How well mass and energy are kept, worst of all members."""
+    """How well mass and energy are kept, worst of all members, and what the grid resolves."""
     ledgers = study.ledgers.values()
     mass = max((mass_error(ledger) for ledger in ledgers), default=math.nan)
     energy = max((energy_residual(ledger) for ledger in ledgers), default=math.nan)
     kept = "exactly" if mass < 1e-15 else f"to {mass:.0e} of the released one"
-    return {"mass": kept if math.isfinite(mass) else UNKNOWN, "energy": percent(energy)}
+    return {"mass": kept if math.isfinite(mass) else UNKNOWN, "energy": percent(energy), "resolution": _resolved(resolution(study))}
+
+
+def _resolved(found: dict[str, float]) -> str:
+    """The resolution in a sentence; empty where no ledger tells."""
+    if not found:
+        return ""
+    viscosity, time = quantity(found["numerical_viscosity"], "m2 s-1", 2), quantity(found["shear_decay_time"], "s", 2)
+    cells = number(found["cells_through_depth"], 2)
+    return (
+        f"The member that is resolved least has {cells} cells through its depth; there the scheme acts like a viscosity of "
+        f"{viscosity}, which stops shear through the depth in {time}."
+    )
 
 
 def members(study: Study) -> dict[str, Any]:

@@ -9,6 +9,7 @@ PRINTED_UNITS = {
     "1": "",
     "m s-1": "m s⁻¹",
     "m2": "m²",
+    "m2 s-1": "m² s⁻¹",
     "m3": "m³",
     "kg m-3": "kg m⁻³",
     "degree": "°",

@@ -194,7 +194,7 @@ CASES = [
     Case(blocks.key_y, "k", "k", (key,)),
     Case(blocks.key_z, "k", "k", (key,)),
     Case(blocks.mixed, "k", "k", (key,)),
-    Case(resolution.numerical_viscosity, "sss", "s", (between(0.1, 50.0), between(1.0, 300.0), step)),
+    Case(resolution.numerical_viscosity, "ssss", "s", (between(0.1, 50.0), between(1.0, 300.0), step, angle)),
     Case(resolution.decay_time, "ss", "s", (between(0.1, 50.0), between(1.0, 300.0))),
     Case(resolution.shear_wave_length, "s", "s", (between(0.1, 50.0),)),
     Case(timestep.acoustic_limit, "ssss", "s", (angle, step, speed, between(1.0, 300.0))),

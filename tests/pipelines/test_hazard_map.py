@@ -30,6 +30,16 @@ def test_a_run_makes_every_product(finished_site):
     assert list((folder / "results" / "maps").glob("*.tif"))
 
 
+def test_what_the_grid_resolves_is_in_the_record_of_the_run_and_on_the_page(finished_site):
+    folder, _ = finished_site
+    found = json.loads((folder / "results" / "run.json").read_text())["resolution"]
+    with xr.open_dataset(folder / "results" / "members" / "0000.nc", group="ledger") as ledger:
+        assert 0 < found["cells_through_depth"] <= ledger.attrs["cells_through_depth"] < 1.0
+        assert found["shear_decay_time"] == pytest.approx(ledger.attrs["shear_decay_time"], rel=0.5)
+    page = (folder / "results" / "report.html").read_text(encoding="utf-8")
+    assert "cells through its depth; there the scheme acts like a viscosity of" in page
+
+
 def test_maps_lie_where_the_slab_slid(finished_site):
     folder, _ = finished_site
     with xr.open_dataset(folder / "results" / "hazard.nc", decode_coords="all") as maps:

@@ -35,6 +35,13 @@ def change_ledger(results, member, **series):
     ledger.to_netcdf(path, mode="a", group="ledger")
 
 
+def change_attributes(results, member, **attributes):
+    """Add attributes to a member's ledger."""
+    with xr.open_dataset(results / "members" / f"{member:04d}.nc", group="ledger") as opened:
+        ledger = opened.load().assign_attrs(attributes)
+    ledger.to_netcdf(results / "members" / f"{member:04d}.nc", mode="a", group="ledger")
+
+
 def test_the_page_is_one_file_that_asks_for_nothing_else(text):
     sources = re.findall(r'(?:src|href)="([^"]{0,60})', text)
     assert sources
@@ -155,6 +162,16 @@ def test_a_flow_of_few_cells_is_warned_of_and_a_deep_one_is_not(site, results):
     fine = {"simulation": {"cell_size": [5.0, 5.0, 0.5]}}
     assert any("grid cells deep" in w for w in tables.warnings(study, site.resolved()))
     assert not any("grid cells deep" in w for w in tables.warnings(study, fine))
+
+
+def test_a_ledger_that_tells_its_resolution_is_quoted_with_the_least_resolved_member(site, copy):
+    assert tables.balance(read_study(copy))["resolution"] == ""
+    for member, cells in ((0, 3.0), (1, 1.5), (2, 2.0), (3, 5.0)):
+        change_attributes(copy, member, cells_through_depth=cells, numerical_viscosity=6.0 / cells, shear_decay_time=0.1 * cells)
+    study = read_study(copy)
+    assert "has 1.5 cells through its depth" in tables.balance(study)["resolution"]
+    assert "a viscosity of 4\u202fm² s⁻¹, which stops shear through the depth in 0.15\u202fs" in tables.balance(study)["resolution"]
+    assert any("the scheme stops shear through the depth in 0.15\u202fs" in w for w in tables.warnings(study, site.resolved()))
 
 
 def test_a_folder_without_maps_names_the_command_that_makes_them(copy):
