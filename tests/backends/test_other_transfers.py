@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import SAND, angular_momentum, box, cloud, loaded, plane, scene, total_energy
+from scipy.spatial import cKDTree
 from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
 
 from runout.backends.protocol import get_backend
@@ -88,11 +89,11 @@ def test_one_and_two_threads_give_the_same_bits_and_so_does_a_restored_run(monke
     monkeypatch.setattr(scan, "PARTICLES_PER_THREAD", 50)
     surface, spacing = CASES["bowl"]
     s, p = sandy(surface, spacing, (0.4, 0.25), **WAYS[way]), two_bodies(surface, spacing)
-    (a, row_a, _), (b, row_b, _) = (run(get_backend("scan", threads=n), s, p, 60, 2e-3) for n in (1, 2))
+    (a, row_a, _), (b, row_b, _) = (run(get_backend("scan", threads=n), s, p, 30, 2e-3) for n in (1, 2))
     half, again = get_backend("scan", threads=1), get_backend("scan", threads=1)
-    run(half, s, p, 30, 2e-3)
+    run(half, s, p, 15, 2e-3)
     again.restore(s, half.checkpoint())
-    for _ in range(30):
+    for _ in range(15):
         again.step(2e-3)
     for name in vars(a):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
@@ -155,3 +156,29 @@ def test_hash_refuses_what_it_has_not_and_names_what_has_it(way):
 def test_a_transfer_that_is_not_there_is_refused(choice, said):
     with pytest.raises(ConfigError, match=said):
         scene(**choice)
+
+
+def roughness_of_pressure(p, material):
+    """RMS difference of the pressure from its linear fit over the 20 nearest particles, over its mean."""
+    x, b = p.position(np.ones(3)), p.strain[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
+    bulk = material.lame_lambda + 2 / 3 * material.shear_modulus
+    pressure, rest = -0.5 * bulk * np.log(np.linalg.det(b + np.eye(3))), []
+    for n, i in enumerate(cKDTree(x).query(x, k=20)[1]):
+        fit = np.linalg.lstsq(np.column_stack([np.ones(20), x[i] - x[n]]), pressure[i], rcond=None)[0]
+        rest.append(pressure[n] - fit[0])
+    return float(np.sqrt(np.mean(np.square(rest))) / np.abs(pressure).mean())
+
+
+def test_f_bar_smooths_the_pressure_of_a_collapsing_column_and_leaves_its_shape():
+    """0.7 of the mean pressure is checkerboard without it, less than a fifth of that with it; the front moves by 1 %."""
+    rough, width = [], []
+    for way in ({}, {"f_bar": True}):
+        p = box((30.3, 30.2, 0.0), (6.0, 6.0, 8.0), (1.0, 1.0, 1.0), SAND.density)
+        engine = loaded(get_backend("scan", threads=1), sandy(plane(), friction=(0.4, 0.4), **way), p)
+        for _ in range(100):
+            engine.step(engine.stable_step())
+        rough.append(roughness_of_pressure(engine.particles(), SAND))
+        width.append(np.ptp(engine.particles().position(np.ones(3))[:, 0]))
+    assert rough[0] > 0.5
+    assert rough[1] < 0.2 * rough[0]
+    assert width[1] == pytest.approx(width[0], rel=0.01)
