@@ -1,6 +1,9 @@
 """U6: a bar that vibrates."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -25,14 +28,17 @@ def bar(cells: int, offset: float) -> tuple[Particles, np.ndarray]:
     return p, np.sin(WAVE * x)
 
 
-def vibration(cells: int, cfl: float = 0.4, offset: float = 0.0, periods: int = 10) -> tuple[float, float]:
+def vibration(
+    cells: int, cfl: float = 0.4, offset: float = 0.0, periods: int = 10, transfer: Mapping[str, Any] | None = None
+) -> tuple[float, float]:
     """Relative error of the period over ten periods, and the part of the first amplitude that is left.
 
-    ``offset`` [cells] is where the free end lies between two nodes.
+    ``offset`` [cells] is where the free end lies between two nodes, ``transfer`` the choices of the scene besides the usual ones.
     """
     p, mode = bar(cells, offset)
     h = np.full(3, LENGTH / cells)
-    engine, start = loaded(free_scene(h[0], MATERIAL, cfl=cfl), p), p.position(h)[:, 0]
+    scene = replace(free_scene(h[0], MATERIAL, cfl=cfl), **(transfer or {}))
+    engine, start = loaded(scene, p), p.position(h)[:, 0]
     each = int(np.ceil(PERIOD * MATERIAL.wave_speed / (0.98 * cfl * h[0])))
     dt, swing = PERIOD / each, [0.0]
     for _ in range(int(each * (periods + 0.6))):

@@ -1,0 +1,146 @@
+"""What each transfer, and F-bar, costs and gains: damping, pressure, locking, what comes apart; one page of the documentation."""
+
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines import transfer_cases as cases
+from pipelines.sloping_layer import Layer
+from pipelines.verification_cases.bar import vibration
+from runout import __version__
+from runout.backends.protocol import get_backend
+from runout.io.atomic import write_json, write_text
+from runout.physics.resolution import numerical_viscosity
+
+WAYS: dict[str, dict[str, Any]] = {
+    "mls": {},
+    "apic": {"transfer": "apic"},
+    "aflip": {"transfer": "aflip"},
+    "mls, F-bar": {"f_bar": True},
+    "apic, F-bar": {"transfer": "apic", "f_bar": True},
+}
+ROUNDS, STEPS = 7, 5  # of the timed layers
+
+
+def damping(way: Mapping[str, Any], full: bool) -> dict[str, float]:
+    """U6: part of the amplitude of a bar of 16 cells that is left after ten periods at two sizes of the step."""
+    short = 0.05 if full else 0.2
+    return {"amplitude left, CFL 0.5": vibration(16, 0.5, transfer=way)[1], f"CFL {short:g}": vibration(16, short, transfer=way)[1]}
+
+
+def viscosity(way: Mapping[str, Any], full: bool) -> dict[str, float]:
+    """Viscosity of shear over 12 cells, over the h^2/dt (h/wave length)^2 of the formula; what the formula gives."""
+    keeps = replace(cases.weightless(), **way).keeps
+    unit = numerical_viscosity(1.0, 12.0, 0.1, 0.0) / 0.95
+    return {
+        "viscosity, 12 cells": cases.shear_viscosity(12, 0.1, way) / unit,
+        "by formula": numerical_viscosity(1.0, 12.0, 0.1, keeps) / unit,
+    }
+
+
+def column(way: Mapping[str, Any], full: bool) -> dict[str, float]:
+    """Checkerboard and front of a column of sand that collapses."""
+    rough, front = cases.collapse(way)
+    return {"checkerboard of pressure": rough, "front of the column [cells]": front}
+
+
+def footing(way: Mapping[str, Any], full: bool) -> dict[str, float]:
+    """Load of a strip footing on clay over (2 + pi) c times its width with the half cell beside it."""
+    return {"footing over exact": cases.footing(way, 0.05 if full else 0.2)}
+
+
+def thrown(way: Mapping[str, Any], full: bool) -> dict[str, float]:
+    """Height of a thrown layer after its landing over that before, gained volume 10 % and 35 %."""
+    return {f"landed, thrown at {v:g} m/s": cases.thrown(way, v) for v in (3.0, 6.0)}
+
+
+def parted(way: Mapping[str, Any], full: bool) -> dict[str, float]:
+    """Part of their speed that two blocks of sand lose when they part from so many cells on."""
+    return {f"lost from {gap:g} h": cases.parted(way, gap) for gap in (0.5, 1.5, 2.5, 3.0)}
+
+
+STUDIES: tuple[Callable[[Mapping[str, Any], bool], dict[str, float]], ...] = (damping, viscosity, column, footing, thrown, parted)
+
+
+def costs(particles: int, depth: int, precision: str = "float32") -> dict[str, float]:
+    """Processor time of a step on one thread over that of the packed transfer, the best of rounds that took turns."""
+    engines, best = {}, dict.fromkeys(WAYS, np.inf)
+    for name, way in WAYS.items():
+        scene, p = Layer(particles, depth=depth, precision=precision).build()
+        engines[name] = get_backend("scan", threads=1)
+        engines[name].load(replace(scene, **way), p)
+    dt = 0.95 * engines["mls"].stable_step()
+    for turn in range(ROUNDS):
+        for name in list(WAYS)[:: 1 if turn % 2 else -1]:
+            started = time.process_time()
+            for _ in range(STEPS):
+                engines[name].step(dt)
+            if turn:  # the first round compiles
+                best[name] = min(best[name], time.process_time() - started)
+    return {name: seconds / best["mls"] for name, seconds in best.items()}
+
+
+def measure(full: bool = False, particles: int = 100_000) -> dict[str, Any]:
+    """All numbers: a row of findings a way, and its cost in a deep and in a thin layer."""
+    deep, thin = costs(particles, 8), costs(particles, 2)
+    rows = {}
+    for name, way in WAYS.items():
+        found = {key: value for study in STUDIES for key, value in study(way, full).items()}
+        rows[name] = {"step over mls, 8 cells deep": deep[name], "2 cells deep": thin[name]} | found
+    machine = {"python": platform.python_version(), "numpy": np.__version__, "processor": platform.machine()}
+    return {"version": __version__, "machine": machine, "full": full, "particles": particles, "rows": rows}
+
+
+def page(found: Mapping[str, Any]) -> str:
+    """The numbers as a page of the documentation."""
+    rows = found["rows"]
+    lines = [
+        "# Transfers and F-bar",
+        "",
+        "What the choices `transfer` and `f_bar` cost and gain ({doc}`../theory`,",
+        "{doc}`../decisions/028-transfers-beside-the-packed-one`).",
+        "",
+        f"    python -m pipelines.transfers docs/benchmarks{' --full' if found['full'] else ''}",
+        "",
+        f"runout {found['version']}, Python {found['machine']['python']}, numpy {found['machine']['numpy']}. Steps: layers of "
+        f"{found['particles']:,} particles in float32 on one thread, processor time, taken in turns. All else: float64.",
+        "",
+        "| | " + " | ".join(rows) + " |",
+        "|---|" + "---|" * len(rows),
+    ]
+    for key in next(iter(rows.values())):
+        lines.append(f"| {key} | " + " | ".join(f"{row[key]:.4g}" for row in rows.values()) + " |")
+    return "\n".join([*lines, "", *REMARKS, ""])
+
+
+REMARKS = (
+    "- *amplitude left*: a bar of 16 cells after ten periods (U6). *viscosity*: of a shear wave, in units of h²/Δt (h/λ)².",
+    "- *checkerboard*: RMS difference of the pressure from its linear fit over the 20 nearest particles, over its mean, in a",
+    "  collapsing column of sand of 6 x 6 x 8 cells; *front*: its width then.",
+    "- *footing*: a rigid rough strip, six cells wide, pressed into weightless clay (friction angle 0, Poisson's ratio 0.49), over",
+    "  (2 + π) c and the width that the grid gives it, half a cell more on each side: locking shows as more than 1.",
+    "- *landed*: height of a periodic layer of four cells of sand that was thrown up, came apart by a tenth (3 m/s) or a third",
+    "  (6 m/s) of its volume and landed; 1 is the density of before.",
+    "- *lost*: two blocks of sand, three cells each way, part at 1 m/s from so many cells between their particles on; from three",
+    "  cells on no node is shared and nothing is lost, to the bit.",
+)
+
+
+def study(out: Path, full: bool = False) -> str:
+    """The page ``transfers.md`` and its numbers ``transfers.json`` in the folder ``out``; returns the page."""
+    found = measure(full)
+    write_json(found, out / "transfers.json")
+    text = page(found)
+    write_text(text, out / "transfers.md")
+    return text
+
+
+if __name__ == "__main__":
+    import sys
+
+    print(study(Path(sys.argv[1]), "--full" in sys.argv))
