@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -109,10 +109,11 @@ def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
 def _inspect_resolution(found: Findings, site: "Site") -> None:
     if not found.releases:
         return
-    spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)
+    grid = site.grid(found.releases)
+    spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3)
     for release in found.releases:
         found.problems += _too_coarse(release, spacing)
-        found.warnings += _too_thin(release, resolution(release, site))
+        found.warnings += _too_thin(release, resolution(release, site, grid))
         found.warnings += _too_soft(release, site)
 
 
@@ -124,16 +125,16 @@ def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
         yield f"release {release.name}: {area}; set simulation.cell_size to {finer:.2g} or less"
 
 
-def resolution(release: "Release", site: "Site") -> "Resolution":
-    """What the grid of a site resolves of a release where it is thickest, with the step that the material allows at rest."""
+def resolution(release: "Release", site: "Site", grid: "dict[str, Any]") -> "Resolution":
+    """What the ``grid`` of a site resolves of a release where it is thickest, with the step that the material allows at rest."""
     from runout.model.resolution import Resolution
     from runout.model.scene import Raster, Scene
 
     stated, (rows, columns) = site.settings.simulation, release.thickness.shape
-    spacing = np.broadcast_to(np.asarray(stated.cell_size, float), 3).tolist()
+    spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3).tolist()
     raster, material = Raster(rows, columns, release.terrain.cell_size), release.material or site.material()
     scene = Scene(
-        tuple(spacing), None, raster, (material,), (0.0,), cfl=stated.cfl, transfer=stated.transfer, flip_ratio=stated.flip_ratio
+        tuple(spacing), None, raster, (material,), (0.0,), cfl=grid["cfl"], transfer=stated.transfer, flip_ratio=stated.flip_ratio
     )
     return Resolution.of(float(release.thickness.max()), scene, scene.stable_step(0.0))
 
@@ -226,11 +227,12 @@ def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out
     from runout.status import print_stages
 
     study = Study.open(site.file, out, device=device)
+    grid = site.grid(releases)
     for release in releases:
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
         console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)
-        console.print(f"release {release.name}: {resolution(release, study.site).statement()}", markup=False)
-    for line in lines(site.settings.simulation.accuracy, releases, site.grid(releases)):
+        console.print(f"release {release.name}: {resolution(release, study.site, grid).statement()}", markup=False)
+    for line in lines(site.settings.simulation.accuracy, releases, grid):
         console.print(line, markup=False)
     print_stages(console, study)
     try:

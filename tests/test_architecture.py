@@ -15,7 +15,7 @@ SOURCES = sorted([*(ROOT / "runout").rglob("*.py"), *(ROOT / "pipelines").rglob(
 LARGEST_FILE = 400
 LARGEST_FUNCTION = 40
 LARGEST_KERNEL = 60  # of the compiled backends
-LARGEST_REFERENCE = 360  # three transfers and F-bar
+LARGEST_REFERENCE = 365  # three transfers and F-bar
 HOMES = {
     "numba": ("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
     "warp": ("runout/backends/hash/", "runout/backends/compile.py"),

@@ -1,8 +1,8 @@
 """What the transfers can do besides the packed form of :mod:`runout.physics.moments`.
 
 ``apic`` takes stress and strain through the gradients of the weights (Jiang et al. 2016, SIGGRAPH course, sec. 10), ``aflip`` keeps
-a part of the particle's velocity that the grid does not see (Fei et al. 2021, ACM TOG 40:109), F-bar averages the volumetric strain
-over the grid (Zhao, Jiang & Choo 2023, Int. J. Numer. Meth. Eng. 124:5334, here in rate form).
+a part of what the grid does not see of a particle's velocity (Fei et al. 2021, ACM TOG 40:109) and affine matrix, F-bar averages
+the volumetric strain over the grid (Zhao, Jiang & Choo 2023, Int. J. Numer. Meth. Eng. 124:5334, here in rate form).
 """
 
 from typing import Any
@@ -20,8 +20,21 @@ def slip_velocity(v: Any, seen: Any):
     return vec(v[0] - seen[0], v[1] - seen[1], v[2] - seen[2])
 
 
+def slip_moment(a: Any, m: Any, seen: Any):
+    """Column of first moments [m/s] that the grid has not seen, from columns m C_j h_j of the particle and C_j h_j of the grid."""
+    return vec(
+        real(0.25) * (a[0] / m - seen[0]),
+        real(0.25) * (a[1] / m - seen[1]),
+        real(0.25) * (a[2] / m - seen[2]),
+    )
+
+
 def kept_velocity(u: Any, slip: Any, ratio: Any):
-    """Velocity [m/s] after a step: that of the grid and the part ``ratio`` of what the grid had not seen."""
+    """Velocity [m/s], or column of moments, after a step: that of the grid and the part ``ratio`` of what it had not seen.
+
+    Both must be kept: forces then do the work on particles that they do on nodes. With the velocities alone the work on the
+    affine part is missed, and a flow that shears gains energy.
+    """
     return vec(u[0] + ratio * slip[0], u[1] + ratio * slip[1], u[2] + ratio * slip[2])
 
 

@@ -52,7 +52,7 @@ def test_cohesionless_blocks_that_part_within_the_support_feel_no_tension_and_so
         assert row.elastic_energy < 3e-3 * row.kinetic_energy
     assert losses == sorted(losses, reverse=True)
     assert losses[0] < (0.3 if way == "aflip" else 0.45)
-    assert losses[-1] < (0.01 if way == "aflip" else 0.1)
+    assert losses[-1] < (0.02 if way == "aflip" else 0.1)
 
 
 def thrown(way, expansion_speed, **material):

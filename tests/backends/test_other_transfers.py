@@ -43,7 +43,7 @@ def test_mass_and_momentum_survive_and_angular_momentum_without_kept_velocities(
     assert q.mass.sum() == p.mass.sum()
     np.testing.assert_allclose(q.mass @ q.velocity, momentum, atol=1e-12 * size)
     turned = np.abs(angular_momentum(q, SPACING) - before).max() / (40.0 * size)
-    assert turned < (1e-3 if "aflip" in way else 1e-12)  # the spin of what a particle keeps has no place in its affine matrix
+    assert turned < (1e-6 if "aflip" in way else 1e-12)  # kept slips move with the grid, not with themselves
 
 
 @every_way

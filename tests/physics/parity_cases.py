@@ -178,6 +178,7 @@ CASES = [
     Case(moments.potential_energy, "svv", "s", (between(0.1, 50.0), vector, vector)),
     Case(transfers.gradient_slope, "ss", "s", (step, between(0.1, 50.0))),
     Case(transfers.slip_velocity, "vv", "v", (vector, vector)),
+    Case(transfers.slip_moment, "vsv", "v", (vector, between(0.1, 50.0), vector)),
     Case(transfers.kept_velocity, "vvs", "v", (vector, vector, angle)),
     Case(transfers.dilatation, "t", "s", (rate,)),
     Case(transfers.with_dilatation, "tss", "t", (rate, ratio, whole(0, 1))),

@@ -82,11 +82,11 @@ class ReferenceBackend:
         self.watch(stencils, mass, velocity)
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
-        slip = self._p.velocity - stencils.gather(given) if self.scene.keeps else None
+        slips = self._slips(stencils, given) if self.scene.keeps else ()
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
-        if slip is not None:
-            self.loops.keep_velocity(self._p.velocity, slip, self.scene.keeps)
+        for mine, slip in zip((self._p.velocity, self._p.affine), slips, strict=False):
+            self.loops.keep_velocity(mine.reshape(-1, 3), slip.reshape(-1, 3), self.scene.keeps)
         self._let_escape()
 
     def push(self, change: np.ndarray) -> None:
@@ -181,12 +181,19 @@ class ReferenceBackend:
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)
 
+    def _slips(self, stencils: Stencils, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the nodes have not seen of velocities (n, 3) [m/s] and affine matrices (n, 3, 3) [1/s]."""
+        return self._p.velocity - stencils.gather(given), self._p.affine - self._affine(stencils, given)
+
+    def _affine(self, stencils: Stencils, velocity: np.ndarray) -> np.ndarray:
+        """Affine matrices (n, 3, 3) [1/s] of nodal velocities."""
+        seen = velocity[stencils.node]
+        return np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia  # type: ignore[no-any-return]
+
     def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float) -> None:
-        p, seen, work = self._p, velocity[stencils.node], np.zeros(len(self._p))
-        p.velocity = stencils.gather(velocity)
-        p.affine = np.einsum("pn,pni,pnj->pij", stencils.weight, seen, stencils.arm) * self.inverse_inertia
-        gradient = p.affine if self.scene.packed else np.einsum("pni,pnj->pij", seen, stencils.slope)
-        gradient = dt * gradient
+        p, work = self._p, np.zeros(len(self._p))
+        p.velocity, p.affine = stencils.gather(velocity), self._affine(stencils, velocity)
+        gradient = dt * (p.affine if self.scene.packed else stencils.gradient(velocity))
         if self.scene.f_bar:
             mean = stencils.gather(stencils.average(p.volume, np.trace(gradient, axis1=1, axis2=2)))[:, 0]
             self.loops.average_dilatation(gradient, mean)

@@ -90,7 +90,7 @@ def average_dilatation(gradient: Any, mean: Any):
 
 
 def keep_velocity(velocity: Any, slip: Any, ratio: Any):
-    """Add the part ``ratio`` of what the grid had not seen, ``slip`` (n, 3) [m/s], to the velocities (n, 3) [m/s] of the grid."""
+    """Add the part ``ratio`` of the ``slip`` (n, 3), unseen by the grid, to velocities or rows of matrices (n, 3) of the grid."""
     for p in range(len(velocity)):
         u = vec(velocity[p, 0], velocity[p, 1], velocity[p, 2])
         kept = kept_velocity(u, vec(slip[p, 0], slip[p, 1], slip[p, 2]), ratio)

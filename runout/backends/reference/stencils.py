@@ -61,6 +61,10 @@ class Stencils:
         parts = np.einsum("pij,pnj->pni", tensors, self.slope).reshape(-1, 3)
         return np.stack([np.bincount(self.node.ravel(), part, self.size) for part in parts.T], axis=-1)
 
+    def gradient(self, values: np.ndarray) -> np.ndarray:
+        """Gradient of nodal values (nodes, k) at the particles: (n, k, 3)."""
+        return np.einsum("pnk,pnj->pkj", values[self.node], self.slope)
+
     def average(self, share: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Mean (nodes, 1) over particles of values (n,), each with its weight times its share (n,); zero where nobody is."""
         total, sums = self.scatter(np.column_stack([share, share * values])).T

@@ -24,6 +24,8 @@ class General:
     ----------
     rates : (slots, 16)
         See :mod:`runout.backends.scan.gradients`; scratch of a step.
+    slips : (slots, 16)
+        As well, of aflip alone; else the rates stand for them, times zero.
     given : (nall, 256)
         Mass and velocity of the nodes before any force; of aflip alone.
     """
@@ -32,7 +34,7 @@ class General:
         self.scene, real = scene, scene.dtype
         self.averaged, self.keeps = real(scene.f_bar), real(scene.keeps)
         self.still = np.zeros(16, real)  # no gravity
-        self.rates = self.given = np.zeros((0, 16), real)
+        self.rates = self.slips = self.given = np.zeros((0, 16), real)
 
     def push(self, engine: "ScanBackend") -> None:
         """Add internal forces to arenas that hold mass and momentum; keep what the particles alone give to the nodes."""
@@ -54,23 +56,25 @@ class General:
         i, s, a, k, cells = engine.index, engine.store, engine.room, engine.k, self._cells(engine)
         if len(self.rates) != len(s.rec):
             self.rates = _zeros(len(s.rec), 16, self.scene.dtype)
+            self.slips = _zeros(len(s.rec), 16, self.scene.dtype) if self.scene.keeps else self.rates
         k.take_gradients(s.rec, s.order, i.starts, i.first, i.nown, a.grid, i.up, not self.scene.packed, self.rates)
         if self.scene.f_bar:
             k.spread_dilatation(self.rates, s.state, s.order, i.starts, i.first, i.nown, cells, a.number, a.arenas)
             k.average_dilatation(a.arenas, a.number, i.held, i.down, i.nall, a.grid)
             k.take_dilatation(self.rates, i.starts, i.first, i.nown, a.grid, i.up)
         if self.scene.keeps:
-            k.take_slips(s.rec, self.rates, s.order, i.starts, i.first, i.nown, self.given, i.up)
+            k.take_slips(s.rec, s.order, i.starts, i.first, i.nown, self.given, i.up, self.slips)
         slopes = engine.slopes if self.scene.packed else (self.scene.dtype(0.0),) * 3
         k.grid_to_particles_generally(
             s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
-            engine.domain, engine.mats, slopes, engine.cells, self.rates, self.averaged, self.keeps, *engine.buffers, s.listed,
-            a.leaving, a.shifted, a.thinned, a.changed, a.motion,
+            engine.domain, engine.mats, slopes, engine.cells, self.rates, self.averaged, self.slips, self.keeps, *engine.buffers,
+            s.listed, a.leaving, a.shifted, a.thinned, a.changed, a.motion,
         )  # fmt: skip
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
-        return {"rates": self.rates.nbytes, "given": self.given.nbytes}
+        slips = self.slips.nbytes if self.scene.keeps else 0
+        return {"rates": self.rates.nbytes, "slips": slips, "given": self.given.nbytes}
 
     def _cells(self, engine: "ScanBackend") -> tuple[float, ...]:
         """Factor dt / h [s/m] by axis."""

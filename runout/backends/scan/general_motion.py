@@ -44,9 +44,9 @@ from runout.physics.moments import velocity_gradient
 from runout.physics.tensors import dot, real, vec
 from runout.physics.transfers import kept_velocity, with_dilatation
 
-RATE = 31  # first of the 16 rows of a tile that hold the particles' rates
+RATE, SLIP = 31, 47  # first of the 16 rows of a tile that hold the particles' rates, and their slips
 ONE_MATERIAL = True
-local_tile = local_array((RATE + 16, TILE))
+local_tile = local_array((SLIP + 16, TILE))
 load_rates, _ = record_vectors(16)
 _, store_16_rows = row_vectors(16, TILE)
 
@@ -59,13 +59,21 @@ def _gradient(t, p, cells, averaged):
     return with_dilatation(L, t[RATE, p], averaged)
 
 
+def _kept(t, p, k, keeps):
+    """Three rows of a column from row ``k`` on, with the part of their slip that is kept."""
+    slip = vec(t[SLIP + k, p], t[SLIP + k + 1, p], t[SLIP + k + 2, p])
+    return kept_velocity(vec(t[k, p], t[k + 1, p], t[k + 2, p]), slip, keeps)
+
+
 def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
     """Write the state of a column, move it with the grid, keep a part of its own velocity and pack its next record."""
     nothing = real(0.0)
     far, refused, code = _move(t, p, cells)
-    slip = vec(t[RATE + 1, p], t[RATE + 2, p], t[RATE + 3, p])
-    v = kept_velocity(vec(t[1, p], t[2, p], t[3, p]), slip, keeps)
+    v = _kept(t, p, 1, keeps)
     t[1, p], t[2, p], t[3, p] = v
+    t[5, p], t[6, p], t[7, p] = _kept(t, p, 5, keeps)
+    t[9, p], t[10, p], t[11, p] = _kept(t, p, 9, keeps)
+    t[13, p], t[14, p], t[15, p] = _kept(t, p, 13, keeps)
     t[SPEED, p] = dot(v, v) if alive else nothing
     t[MOVE, p] = far if alive else nothing
     t[REFUSED, p] = refused if alive else nothing
@@ -118,12 +126,12 @@ def _follow_all_large(t, rec, state, slot, who, label, first, groups, mats, s, c
 
 
 def grid_to_particles_generally(
-    rec, state, cell, who, label, order, starts, first, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates, averaged, keeps,
-    rec2, state2, who2, movers, leaving, shifted, thinned, changed, sums,
+    rec, state, cell, who, label, order, starts, first, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates, averaged, slips,
+    keeps, rec2, state2, who2, movers, leaving, shifted, thinned, changed, sums,
 ):  # fmt: skip
-    """As :func:`runout.backends.scan.motion.grid_to_particles`, with the gradients, mean dilatations and slips of ``rates``.
+    """As :func:`runout.backends.scan.motion.grid_to_particles`, with gradients and mean dilatations of ``rates``, and ``slips``.
 
-    ``averaged`` is 1 with F-bar and 0 without, ``keeps`` the part of the slip that stays with a particle. ``s`` is zero where
+    ``averaged`` is 1 with F-bar and 0 without, ``keeps`` the part of the slips that stays with a particle. ``s`` is zero where
     records hold no stress.
     """
     for b in prange(nown):
@@ -153,6 +161,7 @@ def grid_to_particles_generally(
             _load_tile(t, rec2[buffer], state2[buffer], k, groups)
             for g in range(groups):
                 store_16_rows(t, RATE * TILE + 16 * g, load_rates(rates, 16 * (f + k + 16 * g)))
+                store_16_rows(t, SLIP * TILE + 16 * g, load_rates(slips, 16 * (f + k + 16 * g)))
             _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
             _follow_all_large(t, rec2[buffer], state2[buffer], k, who, label, f + k, groups, mats, s, cells, averaged, keeps)
             _store_tile(t, rec, state, f + k, groups)

@@ -2,9 +2,10 @@
 
 A particle has a row of 16 numbers in ``rates``, in the order of the cells from the first slot of its block on:
 
-    [ mean dilatation, velocity unseen by the grid | fx, sums for d/dx | fy, for d/dy | fz, for d/dz ]
+    [ mean dilatation, - | fx, sums for d/dx | fy, for d/dy | fz, for d/dz ]
 
-with sums [m/s per cell] of nodal velocities over slopes of the weights, or over what takes their place in the packed form.
+with sums [m/s per cell] of nodal velocities over slopes of the weights, or over what takes their place in the packed form. A row
+of ``slips`` holds what the grid has not seen, velocity and columns of first moments, in the same places.
 """
 
 import numpy as np
@@ -34,7 +35,7 @@ from runout.backends.scan.transfer import _find_arenas, _sum_row, local_places, 
 from runout.physics.bspline import moment_slopes, weight_slopes, weights
 from runout.physics.moments import momentum_at, velocity_gradient
 from runout.physics.tensors import real, vec
-from runout.physics.transfers import dilatation, slip_velocity
+from runout.physics.transfers import dilatation, slip_moment, slip_velocity
 
 seconds = permutation(in_groups((1, 5, 9, 13)))
 z_nodes = constant(in_groups((0.0, 4.0, 8.0, 0.0)))
@@ -165,8 +166,8 @@ def take_dilatation(rates, starts, first, nown, grid, up):
                 store(flat, r, first_of_two(_mean(flat, r, rows), load16(flat, r)))
 
 
-def take_slips(rec, rates, order, starts, first, nown, given, up):
-    """Velocity of each particle that the grid has not seen: its own less the mean of the ``given`` nodal velocities."""
+def take_slips(rec, order, starts, first, nown, given, up, slips):
+    """What the grid has not seen of each particle: its velocity and moments less those of the ``given`` nodal velocities."""
     for b in prange(nown):
         if starts[b, 64] == 0:
             continue
@@ -181,9 +182,10 @@ def take_slips(rec, rates, order, starts, first, nown, given, up):
             rows = _load_rows(nodes, _first_node(c))
             for t in range(f + starts[b, c], f + starts[b, c + 1]):
                 p = order[t]
-                store(seen, 0, _mean(flat, np.uint64(16 * p), rows))
-                own = _velocity(rec, p)
-                slip = slip_velocity(own, vec(seen[1], seen[2], seen[3]))
-                rates[t, 1] = slip[0]
-                rates[t, 2] = slip[1]
-                rates[t, 3] = slip[2]
+                store(seen, 0, _gradient_row(flat, np.uint64(16 * p), False, rows))
+                slip = slip_velocity(_velocity(rec, p), vec(seen[1], seen[2], seen[3]))
+                slips[t, 1], slips[t, 2], slips[t, 3] = slip
+                for k in (5, 9, 13):
+                    column = vec(rec[p, k], rec[p, k + 1], rec[p, k + 2])
+                    slip = slip_moment(column, rec[p, 0], vec(seen[k], seen[k + 1], seen[k + 2]))
+                    slips[t, k], slips[t, k + 1], slips[t, k + 2] = slip
