@@ -23,6 +23,7 @@ from pipelines.verification_cases import (
     single_precision,
     sliding_box,
     spreading_cap,
+    terrain_distance,
     thin_layers,
     transfers,
 )
@@ -40,7 +41,7 @@ CASES: dict[str, Case] = {
         *(kernel.CASE, transfers.CONSERVATION, transfers.AFFINE, rigid.FALL, rigid.SPIN, bar.CASE),
         *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
         *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
-        *(curved_ground.BOWL, curved_ground.RAMP, thin_layers.CASE, single_precision.CASE),
+        *(curved_ground.BOWL, curved_ground.RAMP, terrain_distance.CASE, thin_layers.CASE, single_precision.CASE),
         *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
         *(column_collapse.COLUMNS, column_collapse.BUI, granular_slope.CASE),
     )
