@@ -39,18 +39,21 @@ def strip(spacing: float, internal_deg: float, pressure: float, per_axis: int = 
     return scene, p, cap
 
 
-def whole(spacing: float, internal_deg: float, precision: str = "float64") -> tuple[Scene, Particles, SpreadingCap]:
+def whole(
+    spacing: float, internal_deg: float, precision: str = "float64", per_axis: int = 2
+) -> tuple[Scene, Particles, SpreadingCap]:
     """The cap in space, and its solution."""
     cap = SpreadingCap()
     scene = flow.level_scene(spacing, EXTENT, stiff(cap.height, internal_deg), float(np.tan(np.radians(BED))), SLOPE, precision)
-    axis = np.arange(-cap.along + spacing / 4, cap.along, spacing / 2)
+    width = spacing / per_axis
+    axis = np.arange(-cap.along + width / 2, cap.along, width)
     x, y = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
     top = cap.thickness(x, y, 0.0)
     x, y, top = x[top > 0], y[top > 0], top[top > 0]
-    column, above, share = layers(spacing, top)
+    column, above, share = layers(spacing, top, per_axis)
     place = np.column_stack([START + x[column], EXTENT[1] / 2 + y[column], flow.BASE * spacing + above])
     p = filled(place, spacing, scene.materials[0].density, 1.0)
-    volume = spacing**2 / 4 * top[column] * share
+    volume = width**2 * top[column] * share
     p.volume *= volume
     p.mass *= volume
     p.radius[:] = 0.5 * top[column] * share
