@@ -189,7 +189,8 @@ class Point:
     def described(self) -> dict[str, Any]:
         """The shortest run, ready for JSON."""
         best = min(self.outcomes, key=lambda o: o.seconds)
-        return {"grid": self.grid, "cell": self.problem.cell(self.grid), "runs": len(self.outcomes), **asdict(best)}
+        found = {name: None if value != value else value for name, value in asdict(best).items()}  # JSON has no nan
+        return {"grid": self.grid, "cell": self.problem.cell(self.grid), "runs": len(self.outcomes), **found}
 
 
 def measured(
@@ -322,7 +323,7 @@ def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Order and floor of the errors; grid convergence index of the value where three grids differ by one ratio."""
     fit = fitted([p["cell"] for p in curve], [p["error"] for p in curve])
     found: dict[str, Any] = {"fit": asdict(fit) if fit else None, "gci": None}
-    if len(curve) >= 3 and all(np.isfinite(p["value"]) for p in curve[-3:]):
+    if len(curve) >= 3 and all(p["value"] is not None for p in curve[-3:]):
         index = GridIndex.of([[p["value"]] for p in curve[-3:]], float(np.sqrt(curve[-3]["cell"] / curve[-1]["cell"])))
         found["gci"] = {"relative": index.relative, "order": index.order, "converging": index.converging}
     return found

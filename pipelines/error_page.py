@@ -11,9 +11,9 @@ from pipelines.error_cases.curve import Fit
 OPENING = """# Error against time
 
 Written by `runout bench --error{full} --out docs/benchmarks`; do not edit. Problems with a known answer, on finer and finer
-grids; a curve is what one change from the defaults of `runout.simulate` makes of them: {defaults}.
-Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores ({architecture}, vectors of
-{vector_bits} bits), with other work on them; seed {seed}.
+grids; a curve is what one change from the defaults of `runout.simulate` ({defaults})
+makes of them. Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
+({architecture}, vectors of {vector_bits} bits), with other work on them; seed {seed}.
 
 Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond 8 s). It is still
 that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front: no other point is both cheaper
@@ -27,6 +27,7 @@ or always better than their finest.
 
 {ranking}
 """
+SLIGHTEST = 0.1  # order below which none is seen
 ROWS = (
     "problem",
     "choice",
@@ -140,7 +141,8 @@ def _fits(problem: Mapping[str, Any]) -> Iterator[str]:
     yield "|---|---|---|---|"
     for curve in problem["curves"]:
         fit, gci = curve["fit"], curve["gci"]
-        order, floor = (f"{fit['order']:.2f}", f"{fit['floor']:.1e}" if fit["floor"] else "none seen") if fit else ("-", "-")
+        order, floor = ("none", "-") if fit is None or fit["order"] < SLIGHTEST else (f"{fit['order']:.2f}", "none seen")
+        floor = f"{fit['floor']:.1e}" if fit and fit["floor"] else floor
         index = (
             "-" if gci is None else f"{100 * gci['relative']:.2g} % ({'order ' if gci['converging'] else 'range, no order seen'}"
         )
@@ -159,13 +161,13 @@ def _points(content: Mapping[str, Any]) -> Iterator[str]:
             for p in curve["points"]:
                 numbers = (f"{p['cell']:.4g}", f"{p['particles']}", f"{p['steps']}", f"{p['blocks']}")
                 seconds = tuple(f"{p[key]:.2g}" for key in ("wall", "seconds", "setup"))
-                memory, value = _or_dash(1e-6 * p["bytes"], ".2f"), _or_dash(p["value"], ".5g")
+                memory, value = _or_dash(p["bytes"] and 1e-6 * p["bytes"], ".2f"), _or_dash(p["value"], ".5g")
                 last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", "yes" if p["front"] else "")
                 yield "| " + " | ".join((problem["name"], curve["variation"], *numbers, *seconds, *last)) + " |"
 
 
-def _or_dash(value: float, form: str) -> str:
-    return "-" if value != value else format(value, form)
+def _or_dash(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
 
 
 def _ratio(found: Mapping[str, Any] | None) -> str:

@@ -54,9 +54,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, 8, 0.5, 0.2, 0.05, 0.06),
-    "standard": Preset(2.0, 8, 0.5, 0.1, 0.02, 1.0),
-    "high": Preset(4.0, 8, 0.5, 0.05, 0.01, 16.0),
+    "screening": Preset(1.0, 8, 0.5, 0.26, 0.12, 0.059),
+    "standard": Preset(2.0, 8, 0.5, 0.1, 0.037, 1),
+    "high": Preset(4.0, 8, 0.5, 0.043, 0.013, 15),
 }
 
 
@@ -115,7 +115,7 @@ def lines(accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str
         given = choices(other, releases, {})
         ratio = work(given) / work(grid)
         said.append(
-            f"          {other}: {_sizes(given['cell_size'])}, {ratio:.2g} times this work; numerical error about "
+            f"          {other}: {_sizes(given['cell_size'])}, {ratio:.3g} times this work; numerical error about "
             f"{100 * one.map_error:.2g} % of the thickness map, {100 * one.runout_error:.2g} % of the run-out"
         )
     return [*said, f"          (errors measured on {EXAMPLE}; those of this site: `runout verify SITE --convergence`)"]

@@ -1,12 +1,14 @@
 """Presets of accuracy: what they choose, what overrides them, and what is refused."""
 
+import json
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from runout import read_site
-from runout.accuracy import PRESETS, choices, lines, work
+from runout.accuracy import PRESETS, SOURCE, choices, lines, work
 from runout.errors import ConfigError
 
 WIDE = SimpleNamespace(volume=4e6, area=1e5)  # 40 m thick
@@ -25,6 +27,14 @@ def test_presets_are_finer_and_dearer_one_after_the_other_and_promise_less_error
     for error in ("map_error", "runout_error"):
         values = [getattr(preset, error) for preset in PRESETS.values()]
         assert values == sorted(values, reverse=True)
+
+
+def test_numbers_of_the_presets_are_those_of_the_published_study():
+    measured = {one["name"]: one for one in json.loads((Path(__file__).parents[2] / SOURCE).read_text())["presets"]}
+    assert list(measured) == list(PRESETS)
+    for name, preset in PRESETS.items():
+        for number in ("map_error", "runout_error", "particle_steps"):
+            assert getattr(preset, number) == float(f"{measured[name][number]:.2g}"), (name, number)
 
 
 def test_no_cell_is_wider_than_a_quarter_of_the_smallest_release():
