@@ -105,7 +105,8 @@ def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
     for k, curve in enumerate(problem["curves"]):
         points = curve["points"]
         x, e = np.array([p[key] for p in points]), np.array([p["error"] for p in points])
-        axes.loglog(x, e, "-" + "osD^vP*X"[k % 8], color=f"C{k}", markersize=5, linewidth=1.0, label=curve["variation"])
+        style = {"marker": "osD^vP*X"[k % 8], "color": f"C{k % 10}", "linestyle": ":" if k >= 10 else "-"}
+        axes.loglog(x, e, markersize=5, linewidth=1.0, label=curve["variation"], **style)
         best = np.array([p["front"] for p in points])
         if key == "cell" and curve["fit"] and curve["variation"] == "default":
             fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
