@@ -17,7 +17,7 @@ from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, requi
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import GAP, Index
 from runout.backends.hash.kernels import compiled_kernels
-from runout.backends.hash.layout import CELL_LANES, FAILED, PENDING, STEPS, UNSTABLE, bytes_of, run, run_blocks
+from runout.backends.hash.layout import CELL_LANES, FAILED, PENDING, STEPS, UNSTABLE, WARP, bytes_of, room_for, run, run_blocks
 from runout.backends.hash.nodes import NodeArrays
 from runout.backends.hash.store import Store
 from runout.backends.protocol import Columns, Counters, LedgerRow
@@ -75,7 +75,7 @@ class Batch:
             require_finite(particles, scene)
         self.accounts = [Account(len(p), float(p.mass.sum()), fastest(p)) for _, p in scenes]
         self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic)
-        self.since_sort, self.graph, self.graph_of = 0, None, (-1, -1)
+        self.since_sort, self.graph, self.graph_of, self.launched = 0, None, (-1, -1, -1), 0
         self.present = np.ones(len(scenes), bool)
         self.identity = np.concatenate([p.identity for _, p in scenes])
         self.first_number = np.cumsum([0, *(len(p) for _, p in scenes)])
@@ -181,7 +181,14 @@ class Batch:
         if self.ground is not None:
             self.ground.cut(self.k, self.index, self.nodes, self.shift, self.h)
         self.store.sort(self.k, self.index, self.nodes, self.deterministic, self.flags)
+        self._fit_launches()
         self.since_sort = 0
+
+    def _fit_launches(self) -> None:
+        """Blocks of threads for those that hold particles, and some more: a step that needs others does them in turn."""
+        held = self.index.occupied()
+        if not held <= self.launched <= 2 * room_for(held):
+            self.launched = min(room_for(room_for(held)), self.index.room)
 
     def bytes_used(self) -> int:
         """Memory of the device arrays of the run [byte]."""
@@ -292,7 +299,7 @@ class Batch:
             for _ in range(count):
                 self._enqueue()
             return
-        of = (self.index.generation, self.nodes.generation)
+        of = (self.index.generation, self.nodes.generation, self.launched)
         if self.graph is None or self.graph_of != of:
             for module, lanes in self.k.modules:
                 wp.load_module(module, device=self.device, block_dim=lanes)
@@ -327,29 +334,27 @@ class Batch:
     def _to_grid(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.particles_to_grid, i.room, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
-            self.clock, n.tiles, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grid,
-            n.arenas,
+            k.particles_to_grid, self.launched, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
+            self.clock, n.grid, n.arenas,
         )  # fmt: skip
         if self.deterministic:
             run(k.note_held, i.room, i.cstart, n.held)
             run(k.sum_nodes, i.room * 64, self.flags, n.arenas, n.held, i.down, n.grid)
 
     def _move_nodes(self) -> None:
-        """Velocities of the nodes; the impulses of the ground lie between the two halves."""
+        """Velocities of the nodes, after the impulses of the ground."""
         i, k, n = self.index, self.k, self.nodes
         if self.ground is not None:
-            self._add_shares()
-        run(k.update_nodes, i.room * 64, self.flags, i.tally, i.member, self.clock, n.grounded, n.contact, n.grid)
-        if self.ground is not None:
+            self._find_contacts()
             self._push()
-        run(k.push_nodes, i.room * 64, self.flags, i.tally, n.grounded, n.contact, i.ends, n.grid)
+        arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.contact, i.ends, n.grid
+        run(k.update_nodes, i.room * 64, *arguments)
 
-    def _add_shares(self) -> None:
+    def _find_contacts(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.add_shares, i.shared, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
-            n.grounded, n.shares, n.arenas,
+            k.find_contacts, self.launched, WARP, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
+            self.clock, n.tiles, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grounded, n.shares, n.arenas,
         )  # fmt: skip
         if self.deterministic:
             run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.contact)
@@ -357,7 +362,7 @@ class Batch:
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.solve_contacts, i.shared, CELL_LANES, s.rec, s.release, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
+            k.solve_contacts, i.shared, WARP, s.rec, s.release, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
             i.member, self.clock, n.tiles, n.near, self.h, self.friction, n.grounded, n.grid, n.contact, n.arenas, n.booked,
         )  # fmt: skip
         if self.deterministic:
@@ -366,7 +371,7 @@ class Batch:
     def _to_particles(self) -> None:
         i, s, n = self.index, self.store, self.nodes
         run_blocks(
-            self.k.grid_to_particles, i.room, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.ends, i.around, i.up,
+            self.k.grid_to_particles, self.launched, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.ends, i.around, i.up,
             i.coordinates, self.flags, i.tally, i.member, self.clock, n.grid, self.mats, self.h, self.shift,
             self.limits, self.peaks, n.booked,
         )  # fmt: skip

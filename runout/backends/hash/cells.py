@@ -9,11 +9,12 @@ import warp as wp
 from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
-    CURSOR,
     HALT,
     HOMES,
     NEXT,
+    NOT_NEGATIVE,
     Ints,
+    Longs,
     Nodes,
     Reals,
     Shorts,
@@ -34,33 +35,39 @@ def count_blocks(cstart: Table2, totals: Ints):
     totals[b] = total
 
 
-def _list_block(b: int, lane: int, totals: Ints, given: int, cstart: Table2, active: Ints, tally: Ints):
-    """Places of the first particles of a block's cells, each in the place of the next cell, where these were counted."""
-    total = int(0)
-    for q in range(CELL_LANES // wp.block_dim()):
-        c = q * wp.block_dim() + lane
-        n = int(cstart[b, c + 1])
-        cells = wp.tile(n)
-        cstart[b, c + 1] = total + wp.untile(wp.tile_scan_exclusive(cells))
-        total += wp.tile_sum(cells)[0]
-    if total > 0:
-        start = int(0)
-        if lane == 0:
-            active[wp.atomic_add(tally, NEXT, 1)] = b
+def _list_block(b: int, lane: int, totals: Ints, given: int, cstart: Table2, active: Ints, both: Longs):
+    """Places of the first particles of a block's cells, each in the place of the next cell, where these were counted.
+
+    Each lane has some cells in a row. ``both`` counts places and blocks at once: all blocks wait for it.
+    """
+    each = CELL_LANES // wp.block_dim()
+    mine = int(0)
+    for q in range(each):
+        mine += cstart[b, each * lane + q + 1]
+    before = wp.untile(wp.tile_scan_exclusive(wp.tile(mine)))
+    total = wp.tile_sum(wp.tile(mine))[0]
+    start = int(0)
+    if lane == 0:
+        if total > 0:
+            one = wp.int64(1) << wp.int64(32)
             if given != 0:
                 start = int(totals[b])
+                active[int(wp.atomic_add(both, 0, one) >> wp.int64(32))] = b
             else:
-                start = wp.atomic_add(tally, CURSOR, total)
-            cstart[b, 0] = start
-        begin = wp.tile_sum(wp.tile(start))[0]
-        for c in range(lane, CELL_LANES, wp.block_dim()):
-            cstart[b, c + 1] = cstart[b, c + 1] + begin
-    elif lane == 0:
-        cstart[b, 0] = 0
+                before_all = wp.atomic_add(both, 0, one + wp.int64(total))
+                start = int(before_all & wp.int64(NOT_NEGATIVE))
+                active[int(before_all >> wp.int64(32))] = b
+        cstart[b, 0] = start
+    if total > 0:
+        place = wp.tile_sum(wp.tile(start))[0] + before
+        for q in range(each):
+            n = int(cstart[b, each * lane + q + 1])
+            cstart[b, each * lane + q + 1] = place
+            place += n
 
 
 def list_cells(
-    flags: Ints, totals: Ints, given: int, cstart: Table2, active: Ints, tally: Ints, grounded: Ints,
+    flags: Ints, totals: Ints, given: int, cstart: Table2, active: Ints, both: Longs, tally: Ints, grounded: Ints,
     touching: Ints, grid: Nodes, contact: Nodes, launched: int,
 ):  # fmt: skip
     """Where the cells start in the list of particles, which blocks hold any; and nodes without mass for the next step.
@@ -71,7 +78,7 @@ def list_cells(
     if flags[HALT] != 0:
         return
     for b in range(first, tally[BLOCKS], launched):
-        _list_block(b, lane, totals, given, cstart, active, tally)
+        _list_block(b, lane, totals, given, cstart, active, both)
         if lane == 0:
             touching[b] = 0
         for c in range(lane, CELL_LANES, wp.block_dim()):

@@ -53,6 +53,7 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
         engine._load_ground()
         engine.store = _store(state, engine.real)
         engine.index = _index(engine, state)
+        engine._fit_launches()
         engine.nodes, engine.nodes_of = engine._node_arrays(), engine.index.room
         engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]))
         _fill(engine.nodes.tiles, state["tiles"])

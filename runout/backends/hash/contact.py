@@ -7,10 +7,12 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.layout import (
+    ACTIVE,
     CELL_LANES,
     HALT,
     MASS,
     MOMENTUM,
+    NOT_NEGATIVE,
     OFFSET,
     ORDERED,
     PADDED,
@@ -20,6 +22,7 @@ from runout.backends.hash.layout import (
     Doubles2,
     Ints,
     Nodes,
+    Real,
     Reals,
     Rows,
     Shorts,
@@ -83,25 +86,62 @@ def _is_near(around: Any, z: int, h: Vector, reach: Any):
     return distance((real(z) + real(0.5) - top) * h[2], n[2]) <= reach
 
 
-def _find_contacts(
-    rec: Rows, order: Ints, first: int, last: int, tiles: Rows, near: int, c: int, h: Vector, dt: Any, band: Any, reach: Any
-):
-    """Bring the particles of a cell that touch the ground to the front of its list, marked; returns how many."""
-    if first == last:
-        return 0
-    around = _around(tiles, near, c)
-    if not _is_near(around, c & 3, h, reach):
-        return 0
-    end = int(first)
-    for t in range(first, last):
-        p = int(order[t])
-        n, gap = _ground(around, c & 3, rec, p, h)
-        approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), n) / rec[MASS, p]
+def _cell_of(starts: Tile, n: int):
+    """Cell that holds number ``n`` of some particles of a block: the last whose start is not beyond it."""
+    c = int(0)
+    for q in range(6):
+        further = c + (32 >> q)
+        if starts[further] <= n:
+            c = further
+    return c
+
+
+def _number_listed(starts: Tile, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, reach: Any):
+    """Number of the first particle of each cell among those of a block that may touch the ground, and of all."""
+    total = int(0)
+    for q in range(CELL_LANES // wp.block_dim()):
+        c = q * wp.block_dim() + lane
+        n = int(cstart[b, c + 1]) - int(cstart[b, c])
+        if n > 0:
+            n = wp.where(_is_near(_around(tiles, near, c), c & 3, h, reach), n, 0)
+        cells = wp.tile(n)
+        wp.tile_scatter_masked(starts, c, total + wp.untile(wp.tile_scan_exclusive(cells)), True)
+        total += wp.tile_sum(cells)[0]
+    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
+    return total
+
+
+def _mark(
+    starts: Tile, rec: Rows, order: Ints, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, dt: Any, band: Any,
+    reach: Any,
+):  # fmt: skip
+    """Bring the particles of each cell of a block that touch the ground to the front of its list, marked; returns how many.
+
+    A thread first owns a particle and marks it, then a cell.
+    """
+    total = _number_listed(starts, cstart, b, lane, tiles, near, h, reach)
+    for n in range(lane, total, wp.block_dim()):
+        c = _cell_of(starts, n)
+        t = cstart[b, c] + n - starts[c]
+        p = order[t] & NOT_NEGATIVE
+        normal, gap = _ground(_around(tiles, near, c), c & 3, rec, p, h)
+        approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
         if in_contact(gap, approach, dt, band):
-            order[t] = order[end]
-            order[end] = -1 - p
-            end += 1
-    return end - first
+            order[t] = -1 - p
+    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)  # all have marked theirs
+    found = int(0)
+    for c in range(lane, CELL_LANES, wp.block_dim()):
+        if starts[c] < starts[c + 1]:
+            first = int(cstart[b, c])
+            end = int(first)
+            for t in range(first, cstart[b, c + 1]):
+                p = int(order[t])
+                if p < 0:
+                    order[t] = order[end]
+                    order[end] = p
+                    end += 1
+            found += end - first
+    return found
 
 
 def _touching(order: Ints, cstart: Table2, b: int, c: int):
@@ -113,40 +153,59 @@ def _touching(order: Ints, cstart: Table2, b: int, c: int):
     return n
 
 
-def add_shares(
-    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints, grounded: Ints,
+def _add_shares(tile: Tile, rec: Rows, order: Ints, cstart: Table2, b: int, lane: int):
+    """Weights of the contact particles of a block to the nodes of its tile."""
+    for c in range(lane, CELL_LANES, wp.block_dim()):
+        acc = sums1()
+        for t in range(cstart[b, c], cstart[b, c + 1]):
+            if order[t] < 0:
+                p = _listed(order, t)
+                wx = weights(rec[OFFSET, p])
+                wy = weights(rec[OFFSET + 1, p])
+                wz = weights(rec[OFFSET + 2, p])
+                for i in range(3):
+                    for j in range(3):
+                        for k in range(3):
+                            acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
+        first = _first_node(c)
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], True, False)
+
+
+def find_contacts(
+    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
+    tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grounded: Ints,
     shares: Reals, arenas: Nodes, launched: int,
 ):  # fmt: skip
-    """Weights of the contact particles to the nodes; ``shares`` is the first of the four numbers of each node."""
+    """Which particles touch the ground, and the sum of their weights at the nodes.
+
+    They come to the front of their cell's list, marked. ``shares`` is the first of the four numbers of each node.
+    """
     begin, lane = wp.tid()
     if flags[HALT] != 0:
         return
-    for a in range(begin, tally[TOUCHED], launched):
-        b = touched[a]
-        tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
-        for c in range(lane, CELL_LANES, wp.block_dim()):
-            acc = sums1()
-            for t in range(cstart[b, c], cstart[b, c + 1]):
-                if order[t] < 0:
-                    p = _listed(order, t)
-                    wx = weights(rec[OFFSET, p])
-                    wy = weights(rec[OFFSET + 1, p])
-                    wz = weights(rec[OFFSET + 2, p])
-                    for i in range(3):
-                        for j in range(3):
-                            for k in range(3):
-                                acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
-            first = _first_node(c)
-            for i in range(3):
-                for j in range(3):
-                    for k in range(3):
-                        wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], True, False)
-        for t in range(lane, TILE, wp.block_dim()):
-            s = tile[t]
-            if ORDERED:
-                arenas[b * TILE + t] = node4(s, real(0.0), real(0.0), real(0.0))
-            elif s != real(0.0):
-                wp.atomic_add(shares, 4 * (grounded[_block(up, b, t)] * 64 + _local(t)), s)
+    for a in range(begin, tally[ACTIVE], launched):
+        b = active[a]
+        s = member[b]
+        if near[b] >= 0 and clock[s, 0] > real(0.0):
+            starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
+            found = _mark(starts, rec, order, cstart, b, lane, tiles, near[b], h, clock[s, 0], band, clock[s, 4])
+            all_found = wp.tile_sum(wp.tile(found))
+            if all_found[0] > 0:
+                if lane == 0:
+                    touching[b] = all_found[0]
+                    touched[wp.atomic_add(tally, TOUCHED, 1)] = b
+                    wp.atomic_add(contacts, s, all_found[0])
+                tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
+                _add_shares(tile, rec, order, cstart, b, lane)
+                for t in range(lane, TILE, wp.block_dim()):
+                    share = tile[t]
+                    if ORDERED:
+                        arenas[b * TILE + t] = node4(share, real(0.0), real(0.0), real(0.0))
+                    elif share != real(0.0):
+                        wp.atomic_add(shares, 4 * (grounded[_block(up, b, t)] * 64 + _local(t)), share)
 
 
 def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
@@ -161,27 +220,19 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
     return vec(u[0], u[1], u[2]), u[3]
 
 
-def _push(rec: Rows, release: Shorts, tiles: Rows, tile: Tile, near: int, c: int, p: int, h: Vector, friction: Reals, dt: Any):
-    """Impulse [N s] of the ground on a particle of a cell, and its work [J]."""
-    wx = weights(rec[OFFSET, p])
-    wy = weights(rec[OFFSET + 1, p])
-    wz = weights(rec[OFFSET + 2, p])
+def _push(
+    rec: Rows, release: Shorts, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Reals, dt: Any
+):  # fmt: skip
+    """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]."""
+    wx = weights(f[0])
+    wy = weights(f[1])
+    wz = weights(f[2])
     u, compliance = _contact_velocity(tile, _first_node(c), wx, wy, wz)
     n, gap = _ground(_around(tiles, near, c), c & 3, rec, p, h)
     push = impulse(u, n, gap, compliance, friction[int(release[p])], dt)
     m = rec[MASS, p]
     before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
     return node4(push[0], push[1], push[2], work(push, before, u, compliance))
-
-
-def _cell_of(starts: Tile, n: int):
-    """Cell that holds number ``n`` of the contact particles of a block: the last whose start is not beyond it."""
-    c = int(0)
-    for q in range(6):
-        further = c + (32 >> q)
-        if starts[further] <= n:
-            c = further
-    return c
 
 
 def _start_pushes(starts: Tile, order: Ints, cstart: Table2, b: int, lane: int):
@@ -197,8 +248,11 @@ def _start_pushes(starts: Tile, order: Ints, cstart: Table2, b: int, lane: int):
     return total
 
 
-def _spread(tile: Tile, pushes: Tile, starts: Tile, rec: Rows, order: Ints, place: int, c: int, base: int):
-    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time; returns impulse and work of all."""
+def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: int):
+    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time; returns impulse and work of all.
+
+    ``pushes`` and ``spots`` hold impulse and work, and offset, of those from number ``base`` on.
+    """
     done = double4()
     n = int(starts[c])
     begin = wp.max(n, base)
@@ -207,11 +261,11 @@ def _spread(tile: Tile, pushes: Tile, starts: Tile, rec: Rows, order: Ints, plac
     for i in range(3):
         acc = sums3()
         for t in range(begin, end):
-            p = _listed(order, place + t - n)
             push = pushes[t - base]
-            wx = weights(rec[OFFSET, p])
-            wy = weights(rec[OFFSET + 1, p])
-            wz = weights(rec[OFFSET + 2, p])
+            f = spots[t - base]
+            wx = weights(f[0])
+            wy = weights(f[1])
+            wz = weights(f[2])
             for j in range(3):
                 for k in range(3):
                     for d in range(3):
@@ -220,7 +274,7 @@ def _spread(tile: Tile, pushes: Tile, starts: Tile, rec: Rows, order: Ints, plac
                 done += double4(wp.float64(push[3]), wp.float64(push[0]), wp.float64(push[1]), wp.float64(push[2]))
         for j in range(3):
             for k in range(3):
-                s = vec(acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2])
+                s = node4(real(0.0), acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2])
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, True, False)
     return done
 
@@ -241,23 +295,27 @@ def solve_contacts(
         b = touched[a]
         dt = clock[member[b], 0]
         velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
-        _load(velocities, grid, contact, grounded, up, b, lane)
+        _load(velocities, grid, contact, grounded, up, b, lane, vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3]))
         starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
         total = _start_pushes(starts, order, cstart, b, lane)
-        tile = wp.tile_zeros(shape=TILE, dtype=vec, storage="shared")
-        pushes = wp.tile_zeros(shape=PUSHES, dtype=node4, storage="shared")
+        tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+        pushes = wp.tile_empty(shape=PUSHES, dtype=node4, storage="shared")
+        spots = wp.tile_empty(shape=PUSHES, dtype=vec, storage="shared")
         done = double4()
         for base in range(0, total, PUSHES):
-            for q in range(PUSHES // wp.block_dim()):
+            for q in range((wp.min(total - base, PUSHES) + wp.block_dim() - 1) // wp.block_dim()):
                 n = base + q * wp.block_dim() + lane
                 push = node4()
+                f = vec()
                 if n < total:
                     c = _cell_of(starts, n)
                     p = _listed(order, cstart[b, c] + n - starts[c])
-                    push = _push(rec, release, tiles, velocities, near[b], c, p, h, friction, dt)
+                    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+                    push = _push(rec, release, tiles, velocities, near[b], c, p, f, h, friction, dt)
                 wp.tile_scatter_masked(pushes, n - base, push, n < total)
+                wp.tile_scatter_masked(spots, n - base, f, n < total)
             for c in range(lane, CELL_LANES, wp.block_dim()):
-                done += _spread(tile, pushes, starts, rec, order, cstart[b, c], c, base)
+                done += _spread(tile, pushes, spots, starts, c, base)
         all_done = wp.tile_sum(wp.tile(done, preserve_type=True))
         if lane == 0:
             for d in range(4):
@@ -265,6 +323,6 @@ def solve_contacts(
         for t in range(lane, TILE, wp.block_dim()):
             s = tile[t]
             if ORDERED:
-                arenas[b * TILE + t] = node4(real(0.0), s[0], s[1], s[2])
-            elif s[0] != real(0.0) or s[1] != real(0.0) or s[2] != real(0.0):
-                add_node(contact, grounded[_block(up, b, t)] * 64 + _local(t), node4(real(0.0), s[0], s[1], s[2]))
+                arenas[b * TILE + t] = s
+            elif s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
+                add_node(contact, grounded[_block(up, b, t)] * 64 + _local(t), s)

@@ -16,12 +16,12 @@ import warp as wp
 
 from runout.backends.hash.layout import (
     BLOCKS,
-    CELL_LANES,
     NEXT,
     OFFSET,
     ORDERED,
     SHARED_BLOCKS,
     TALLY,
+    WARP,
     Ints,
     Keys,
     Rows,
@@ -222,12 +222,15 @@ class Index:
         Blocks that hold particles in contact; how many a block holds.
     tally : (TALLY,) int32
         Numbers of a step, see :mod:`runout.backends.hash.layout`.
+    both : (1,) int64
+        The same memory: the first two of them in one number.
     """
 
     def __init__(self, kernels: SimpleNamespace, particles: int, ordered: bool, many: int = 1, rows: int = 2**20):
         self.k, self.ordered, self.many, self.rows = kernels, ordered, many, rows
         self.nown = self.nall = self.room = self.generation = 0
         self.tally = wp.zeros(TALLY, dtype=wp.int32)
+        self.both = wp.array(ptr=self.tally.ptr, dtype=wp.int64, shape=1, device=self.tally.device)
         self.make_table(first_table(particles))
         self.make_room(0)
 
@@ -284,8 +287,8 @@ class Index:
         """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before."""
         given = self.ends if totals is None else totals
         run_blocks(
-            self.k.list_cells, self.shared, CELL_LANES, flags, given, int(totals is not None), self.cstart, self.active,
-            self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
+            self.k.list_cells, self.shared, WARP, flags, given, int(totals is not None), self.cstart, self.active,
+            self.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
         )  # fmt: skip
 
     def totals(self) -> tuple[Any, int]:

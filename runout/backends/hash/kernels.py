@@ -9,10 +9,11 @@ import warp as wp
 from runout.backends.compile import warp_binding, warp_kernels, warp_record
 from runout.backends.hash import cells as cell_lists
 from runout.backends.hash import contact, ground, index, motion, observe, stencil, transfer
-from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES
+from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import LAWS
 
-CELL_KERNELS = ("particles_to_grid", "add_shares", "solve_contacts", "grid_to_particles", "list_cells")
+CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
+WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells")
 
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
@@ -149,12 +150,12 @@ def compiled_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace
     physics, wide = _physics(real), _physics(wp.float64)
     record = warp_record(law, LAWS[law].fields, real)
     name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered
-    cells, others = wp.get_module(f"{name}.cells"), wp.get_module(name)
-    for module in (cells, others):
+    cells, warps, others = (wp.get_module(f"{name}{part}") for part in (".cells", ".warps", ""))
+    for module in (cells, warps, others):
         module.options.update(OPTIONS)
     kernels = warp_kernels(
         physics, (stencil, index, cell_lists, contact, transfer, motion, ground, observe),
-        lambda kernel: cells if kernel in CELL_KERNELS else others,
+        lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         **_argument_types(real, record), ORDERED=ordered,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
         count_in=count_in, next_in=next_in,
@@ -168,5 +169,5 @@ def compiled_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace
     if precision == "float32":
         for kernel, blocks in FLOAT32_BLOCKS.items():
             getattr(kernels, kernel).options["launch_bounds"] = (CELL_LANES, blocks)
-    kernels.record, kernels.modules = record, ((cells, CELL_LANES), (others, PARTICLE_LANES))
+    kernels.record, kernels.modules = record, ((cells, CELL_LANES), (warps, WARP), (others, PARTICLE_LANES))
     return kernels

@@ -47,12 +47,16 @@ MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, RADIUS, ROWS = 0, 1, 4,
 TILE = 216
 PADDED = 256  # trips of a loop that every lane of a block runs alike
 WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
+NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances
+PLACES = 1023  # of a tile, likewise
 HALT, PENDING, STEPS, FAILED = range(4)  # flags on the device: why it stands still, why it will, steps done, member that failed
-# counts of a step: places listed so far, blocks, those with particles in this step and in the next, those with contact, and
-# particles that have left the domain since the last sort; blocks that held particles then
-CURSOR, BLOCKS, ACTIVE, NEXT, TOUCHED, GONE, HOMES, TALLY = range(8)
+# counts of a step: places listed so far, blocks with particles in the next step (one number of 64 bits with the first), blocks,
+# those with particles in this step, those with contact, and particles that have left the domain since the last sort; blocks that
+# held particles then
+CURSOR, NEXT, BLOCKS, ACTIVE, TOUCHED, GONE, HOMES, TALLY = range(8)
 LEFT_INDEX, UNSTABLE = 1, 2  # why a batch halts
 CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
+WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
 

@@ -19,8 +19,10 @@ from runout.backends.hash.layout import (
     MASS,
     MOMENTUM,
     NEXT,
+    NOT_NEGATIVE,
     OFFSET,
     PENDING,
+    PLACES,
     STEPS,
     STRAIN,
     TOUCHED,
@@ -52,8 +54,6 @@ from runout.physics.moments import affine_columns, moment_slope, stress_columns,
 from runout.physics.tensors import dot, real, sym, vec
 
 SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
-NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances
-PLACES = 1023  # of the tile, likewise
 count_in: Any = None  # adds one to a count; the binding puts it in its place
 raise_peak: Any = None  # brings a largest value up to those of all lanes
 call_up: Any = None  # asks for a place in memory before it is read
@@ -151,6 +151,11 @@ def _gather(f: Any, tile: Tile, first: int):
     return v, x, y, z
 
 
+def _place_around(x: int, y: int, z: int):
+    """Which of the 27 blocks around a home holds cell (x, y, z), -1 to 4."""
+    return (((x + 4) >> 2) * 9 + ((y + 4) >> 2) * 3 + ((z + 4) >> 2)) & 31
+
+
 def _next_cell(
     f: Vector, x: int, y: int, z: int, k: int, b: int, bx: int, by: int, around: Table2, up: Table2, shift: int,
     limit_x: wp.float64, limit_y: wp.float64,
@@ -167,8 +172,13 @@ def _next_cell(
     n = z + int(sz)
     new = int(-1)
     if wp.min(i, wp.min(j, n)) >= -1 and wp.max(i, wp.max(j, n)) <= 4:
-        to = around[b, (((i + 4) >> 2) * 9 + ((j + 4) >> 2) * 3 + ((n + 4) >> 2)) & 31]
-        if to >= 0 and up[wp.max(to, 0), 0] >= 0:
+        place = _place_around(i, j, n)
+        to = k >> 6
+        if place != _place_around(x, y, z):  # seldom: no warp waits for memory otherwise
+            to = around[b, place]
+            if to >= 0:
+                to = wp.where(up[to & NOT_NEGATIVE, 0] < 0, -1, to)
+        if to >= 0:
             new = to * 64 + local_index(i, j, n)
     inside = _inside(4 * bx + i, f[0] - sx, int(limit_x) - 2, limit_x)
     if not (inside and _inside(4 * by - shift + j, f[1] - sy, int(limit_y) - 2, limit_y)):

@@ -20,6 +20,7 @@ from runout.backends.hash.layout import (
     Rows,
     Table2,
     Tile,
+    Vector,
     node4,
 )
 from runout.physics.moments import node_velocity
@@ -56,87 +57,103 @@ def _arms(f: Any):
     return vec(-f, real(1.0) - f, real(2.0) - f)
 
 
-def _contact_node(grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, t: int):
-    """Velocity [m/s] and compliance [1/kg] of node ``t`` of a block's tile; nothing beyond the last."""
-    v = node4()
+def _contact_node(grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, t: int, dv: Vector):
+    """Velocity [m/s] before the ground pushes, and compliance [1/kg], of node ``t`` of a block's tile; nothing beyond the last."""
+    u = node4()
     if t < TILE:
         o = _block(up, b, t)
         g = grid[o * 64 + _local(t)]
-        v = node4(g[1], g[2], g[3], contact[grounded[o] * 64 + _local(t)][0])
-    return v
+        share = contact[grounded[o] * 64 + _local(t)][0]
+        if g[0] > real(0.0):
+            v = node_velocity(vec(g[1], g[2], g[3]), g[0], dv)
+            u = node4(v[0], v[1], v[2], share / g[0])
+    return u
 
 
-def _load(tile: Tile, grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, lane: int):
+def _load(tile: Tile, grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, lane: int, dv: Vector):
     """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach."""
     lanes = wp.block_dim()
     for q in range(PADDED // lanes // 4):
         t = 4 * q * lanes + lane
-        v0 = _contact_node(grid, contact, grounded, up, b, t)
-        v1 = _contact_node(grid, contact, grounded, up, b, t + lanes)
-        v2 = _contact_node(grid, contact, grounded, up, b, t + 2 * lanes)
-        v3 = _contact_node(grid, contact, grounded, up, b, t + 3 * lanes)
+        v0 = _contact_node(grid, contact, grounded, up, b, t, dv)
+        v1 = _contact_node(grid, contact, grounded, up, b, t + lanes, dv)
+        v2 = _contact_node(grid, contact, grounded, up, b, t + 2 * lanes, dv)
+        v3 = _contact_node(grid, contact, grounded, up, b, t + 3 * lanes, dv)
         wp.tile_scatter_masked(tile, t, v0, True)
         wp.tile_scatter_masked(tile, t + lanes, v1, True)
         wp.tile_scatter_masked(tile, t + 2 * lanes, v2, True)
         wp.tile_scatter_masked(tile, t + 3 * lanes, v3, True)
 
 
-def _wide_node(grid: Nodes, around: Table2, b: int, t: int):
-    """Velocity of node ``t`` of the 8 x 8 x 8 around a block, and where it goes in the tile."""
-    x = (t >> 6) & 7
-    y = (t >> 3) & 7
-    z = t & 7
-    o = around[b, ((x + 3) >> 2) * 9 + ((y + 3) >> 2) * 3 + ((z + 3) >> 2)]
+def _wide_block(around: Table2, b: int, t: int):
+    """Block of node ``t`` of the 8 x 8 x 8 around a block."""
+    return around[b, (((((t >> 6) & 7) + 3) >> 2) * 9 + ((((t >> 3) & 7) + 3) >> 2) * 3 + (((t & 7) + 3) >> 2)) & 31]
+
+
+def _wide_node(grid: Nodes, o: int, t: int):
+    """Velocity of node ``t`` of the 8 x 8 x 8 around a block; ``o`` is the block that it belongs to, -1 if there is none."""
     g = node4()
     if o >= 0:
-        g = grid[o * 64 + ((((x + 3) & 3) << 4) | (((y + 3) & 3) << 2) | ((z + 3) & 3))]
-    return node4(g[1], g[2], g[3], real(0.0)), x * WIDE_X + y * WIDE_Y + z
+        g = grid[o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3))]
+    return node4(g[1], g[2], g[3], real(0.0))
+
+
+def _wide_place(t: int):
+    """Where node ``t`` of the 8 x 8 x 8 around a block goes in the tile."""
+    return ((t >> 6) & 7) * WIDE_X + ((t >> 3) & 7) * WIDE_Y + (t & 7)
 
 
 def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
-    """Velocity of the nodes that particles reach which have come up to one cell out of a block; four a lane under way at once."""
+    """Velocity of the nodes that particles reach which have come up to one cell out of a block; eight a lane under way at once."""
     lanes = wp.block_dim()
-    for q in range(WIDE // lanes // 4):
-        t = 4 * q * lanes + lane
-        u0, n0 = _wide_node(grid, around, b, t)
-        u1, n1 = _wide_node(grid, around, b, t + lanes)
-        u2, n2 = _wide_node(grid, around, b, t + 2 * lanes)
-        u3, n3 = _wide_node(grid, around, b, t + 3 * lanes)
-        wp.tile_scatter_masked(tile, n0, u0, True)
-        wp.tile_scatter_masked(tile, n1, u1, True)
-        wp.tile_scatter_masked(tile, n2, u2, True)
-        wp.tile_scatter_masked(tile, n3, u3, True)
+    for q in range(WIDE // lanes // 8):
+        t = 8 * q * lanes + lane
+        b0 = _wide_block(around, b, t)
+        b1 = _wide_block(around, b, t + lanes)
+        b2 = _wide_block(around, b, t + 2 * lanes)
+        b3 = _wide_block(around, b, t + 3 * lanes)
+        b4 = _wide_block(around, b, t + 4 * lanes)
+        b5 = _wide_block(around, b, t + 5 * lanes)
+        b6 = _wide_block(around, b, t + 6 * lanes)
+        b7 = _wide_block(around, b, t + 7 * lanes)
+        u0 = _wide_node(grid, b0, t)
+        u1 = _wide_node(grid, b1, t + lanes)
+        u2 = _wide_node(grid, b2, t + 2 * lanes)
+        u3 = _wide_node(grid, b3, t + 3 * lanes)
+        u4 = _wide_node(grid, b4, t + 4 * lanes)
+        u5 = _wide_node(grid, b5, t + 5 * lanes)
+        u6 = _wide_node(grid, b6, t + 6 * lanes)
+        u7 = _wide_node(grid, b7, t + 7 * lanes)
+        wp.tile_scatter_masked(tile, _wide_place(t), u0, True)
+        wp.tile_scatter_masked(tile, _wide_place(t + lanes), u1, True)
+        wp.tile_scatter_masked(tile, _wide_place(t + 2 * lanes), u2, True)
+        wp.tile_scatter_masked(tile, _wide_place(t + 3 * lanes), u3, True)
+        wp.tile_scatter_masked(tile, _wide_place(t + 4 * lanes), u4, True)
+        wp.tile_scatter_masked(tile, _wide_place(t + 5 * lanes), u5, True)
+        wp.tile_scatter_masked(tile, _wide_place(t + 6 * lanes), u6, True)
+        wp.tile_scatter_masked(tile, _wide_place(t + 7 * lanes), u7, True)
 
 
-def update_nodes(flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, contact: Nodes, grid: Nodes):
-    """Momentum of every node to velocity [m/s], after gravity; the sum of its contact weights to the same over mass [1/kg]."""
-    t = wp.tid()
-    b = t >> 6
-    if flags[HALT] != 0 or b >= tally[BLOCKS]:
-        return
-    g = grid[t]
-    if g[0] > real(0.0):
-        s = member[b]
-        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
-        grid[t] = node4(g[0], v[0], v[1], v[2])
-        if grounded[b] >= 0:
-            n = grounded[b] * 64 + (t & 63)
-            contact[n] = node4(contact[n][0] / g[0], real(0.0), real(0.0), real(0.0))
+def update_nodes(
+    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, contact: Nodes, ends: Ints, grid: Nodes
+):  # fmt: skip
+    """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground.
 
-
-def push_nodes(flags: Ints, tally: Ints, grounded: Ints, contact: Nodes, ends: Ints, grid: Nodes):
-    """Velocity of the nodes after the impulses of the ground; the cells are counted anew from here on."""
+    The cells are counted anew from here on.
+    """
     t = wp.tid()
     b = t >> 6
     if flags[HALT] != 0 or b >= tally[BLOCKS]:
         return
     ends[_cell_entry(t)] = 0
-    if grounded[b] < 0:
-        return
-    push = contact[grounded[b] * 64 + (t & 63)]
-    if push[0] > real(0.0):
-        g = grid[t]
-        v = node_velocity(vec(push[1], push[2], push[3]), g[0], vec(g[1], g[2], g[3]))
+    g = grid[t]
+    if g[0] > real(0.0):
+        s = member[b]
+        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
+        if grounded[b] >= 0:
+            push = contact[grounded[b] * 64 + (t & 63)]
+            if push[0] > real(0.0):
+                v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
         grid[t] = node4(g[0], v[0], v[1], v[2])
 
 

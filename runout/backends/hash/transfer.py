@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from runout.backends.hash.contact import _find_contacts, _listed
+from runout.backends.hash.contact import _listed
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
@@ -12,16 +12,15 @@ from runout.backends.hash.layout import (
     HALT,
     MASS,
     MOMENTUM,
+    NOT_NEGATIVE,
     OFFSET,
     ORDERED,
     TILE,
-    TOUCHED,
     Ints,
     Nodes,
-    Real,
     Rows,
     Table2,
-    Vector,
+    Tile,
     add_node,
     node4,
     sums4,
@@ -38,7 +37,7 @@ def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
     if first < last:
         ahead = _listed(order, first)
     for t in range(first, last):
-        p = int(ahead)
+        p = ahead & NOT_NEGATIVE
         if t + 1 < last:
             ahead = _listed(order, t + 1)
         m = rec[MASS, p]
@@ -69,35 +68,38 @@ def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
     return acc
 
 
+def _fullest_first(counts: Tile, cells: Tile, cstart: Table2, b: int, lane: int):
+    """Cells of a block in the order of their particles, so that the threads of a warp have about as many each."""
+    for q in range(CELL_LANES // wp.block_dim()):
+        c = q * wp.block_dim() + lane
+        n = int(cstart[b, c + 1]) - int(cstart[b, c])
+        wp.tile_scatter_masked(counts, c, CELL_LANES * n + CELL_LANES - 1 - c, True)
+    for q in range(CELL_LANES // wp.block_dim()):
+        c = q * wp.block_dim() + lane
+        mine = counts[c]
+        rank = int(0)
+        for k in range(CELL_LANES):
+            rank -= (mine - counts[k]) >> 31  # one more that comes before
+        wp.tile_scatter_masked(cells, rank, c, True)
+
+
 def particles_to_grid(
     rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
-    tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grid: Nodes, arenas: Nodes,
-    launched: int,
+    grid: Nodes, arenas: Nodes, launched: int,
 ):  # fmt: skip
-    """Mass and momentum of the particles to the nodes, and which particles touch the ground.
-
-    In fixed order, each block only fills its own arena. Particles in contact come to the front of their cell's list, marked.
-    """
+    """Mass and momentum of the particles to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[ACTIVE], launched):
         b = active[a]
-        dt = clock[member[b], 0]
-        if dt > real(0.0):
-            if near[b] >= 0:
-                found = int(0)
-                for c in range(lane, CELL_LANES, wp.block_dim()):
-                    found += _find_contacts(
-                        rec, order, cstart[b, c], cstart[b, c + 1], tiles, near[b], c, h, dt, band, clock[member[b], 4]
-                    )  # fmt: skip
-                all_found = wp.tile_sum(wp.tile(found))
-                if lane == 0 and all_found[0] > 0:
-                    touching[b] = all_found[0]
-                    touched[wp.atomic_add(tally, TOUCHED, 1)] = b
-                    wp.atomic_add(contacts, member[b], all_found[0])
+        if clock[member[b], 0] > real(0.0):
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
-            for c in range(lane, CELL_LANES, wp.block_dim()):
+            counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+            cells = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+            _fullest_first(counts, cells, cstart, b, lane)
+            for place in range(lane, CELL_LANES, wp.block_dim()):
+                c = cells[place]
                 acc = _sum_cell(rec, order, cstart[b, c], cstart[b, c + 1])
                 first = _first_node(c)
                 for i in range(3):
