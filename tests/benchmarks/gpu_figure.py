@@ -15,7 +15,9 @@ STAGES = ("p2g", "nodes and contact", "g2p", "cells")
 def main() -> None:
     """Throughput against size, batched scenes beside one; stages of the largest sizes."""
     records = json.loads(Path(sys.argv[1]).read_text())["records"]
-    plain = [r for r in records if r["graph"] and not r["deterministic"] and r["precision"] == "float32"]
+    plain = [
+        r for r in records if r["graph"] and not r["deterministic"] and r["precision"] == "float32" and "steps_per_sort" not in r
+    ]
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     for label, chosen in (
         ("one scene", [r for r in plain if "members" not in r and "thin" not in r["name"]]),

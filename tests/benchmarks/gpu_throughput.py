@@ -1,14 +1,17 @@
 """Throughput of the hash backend: a Drucker-Prager layer that slides down a plane, at several sizes.
 
-    python tests/benchmarks/gpu_throughput.py --device cuda:0 --out throughput.json [--quick]
+    python tests/benchmarks/gpu_throughput.py --device cuda:0 --out throughput.json [--quick] [--spike STEP.py]
 
-Checks first that the device agrees with the CPU at a small size, repeats itself bit by bit in deterministic mode, and gives the
-same with and without a graph. Then measures. Prints a table; the JSON holds one record a configuration.
+Checks first that the device agrees with the CPU at a small size, repeats itself bit by bit in deterministic mode, goes on from a
+checkpoint bit by bit, and gives the same with and without a graph. Then measures, beside a control with scalar atomic sums.
+Prints a table; the JSON holds one record a configuration. ``--spike`` is another program that steps 10.24 M particles on the
+device named by its argument and prints a line with their number, ``p2g T ms`` and ``step T ms = R G``; it runs in between.
 """
 
 import argparse
 import json
 import platform
+import re
 import subprocess
 import sys
 import time
@@ -28,18 +31,22 @@ from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
+from tests.benchmarks.gpu_naive import measure_naive
 
 CELL = 2.0  # [m]
 SLOPE = np.radians(20.0)
 MATERIAL = DruckerPrager(density=2000.0, youngs_modulus=1e7, poisson_ratio=0.3, friction_angle=30.0)
 LAYERS = {  # cells along x, y and through the thickness; 8 particles a cell
+    "0.1M": (56, 56, 4),
     "0.3M": (100, 100, 4),
     "1M": (180, 180, 4),
     "2.6M thin": (400, 400, 2),
     "6.4M": (450, 450, 4),
     "10M": (400, 400, 8),
     "64M": (1000, 1000, 8),
+    "100M": (1250, 1250, 8),
 }
+STAGES = ("p2g", "nodes and contact", "g2p", "cells")
 MEMBER = (56, 56, 4)  # a scene of the batching curve: 100 352 particles
 MEMBERS = (1, 4, 16, 64)
 QUICK = {"0.02M": (25, 25, 4), "0.3M": LAYERS["0.3M"]}
@@ -112,6 +119,15 @@ def check(device: str) -> dict[str, Any]:
         backend.graphs = graphs and backend.device.is_cuda
         backend.steps(0.5 * backend.stable_step(), 100)
         runs.append(backend.particles())
+    whole, half = (loaded(device, replace(scene, precision="float32"), p, deterministic=True) for _ in range(2))
+    dt = 0.5 * whole.stable_step()
+    for backend in (whole, half):
+        backend.steps(dt, 60)
+    resumed: Any = get_backend("hash", device, deterministic=True)
+    resumed.restore(half.scene, half.checkpoint())
+    for backend in (whole, resumed):
+        backend.steps(dt, 60)
+    found["goes on from a checkpoint bit by bit"] = same_bits(whole.particles(), resumed.particles())
     found["repeats bit by bit"] = same_bits(runs[0], runs[1])
     found["graph gives the bits of launches"] = same_bits(runs[0], runs[2])
     return found
@@ -119,7 +135,7 @@ def check(device: str) -> dict[str, Any]:
 
 def stages(backend: Any, steps: int) -> dict[str, float]:
     """Mean seconds of the stages of a step, by events between the launches (no graph), and of a sort with a new index."""
-    names = ("p2g", "nodes and contact", "g2p", "cells")
+    names = STAGES
     works = (backend._to_grid, backend._move_nodes, backend._to_particles, backend._list_cells)
     sums = dict.fromkeys(names, 0.0)
     with wp.ScopedDevice(backend.device):
@@ -185,6 +201,8 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
     backend = loaded(device, scene, p, deterministic)
     taken_up = allocated(device) - before
     backend.graphs = graph and backend.device.is_cuda
+    if "steps_per_sort" in options:
+        backend._steps_per_sort = lambda left: options["steps_per_sort"]
     dt = 0.8 * backend.stable_step()
     backend.steps(dt, 4)
     rebuilds = backend.counters.rebuilds
@@ -249,13 +267,33 @@ def configurations(device: str, quick: bool) -> list[tuple[str, tuple[int, int, 
     for change in ({"graph": False}, {"deterministic": True}, {"precision": "float64"}):
         wanted.append((middle, sizes[middle], plain | change))
     if not quick:
-        wanted.append(("0.3M", LAYERS["0.3M"], plain | {"graph": False}))
+        wanted += [("0.3M", LAYERS["0.3M"], plain | {"graph": False})]
+        wanted += [("1M", LAYERS["1M"], plain | {"steps_per_sort": n}) for n in (2, 4, 8, 16)]
     return wanted
+
+
+def measure_spike(path: Path, device: str) -> dict[str, Any]:
+    """A record from another program, which is ended once it has told of 10.24 M particles."""
+    asked = [sys.executable, str(path), device]
+    with subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) as program:
+        for line in program.stdout or ():
+            found = re.search(r"10\.24 M particles.*p2g ([\d.]+) ms.*?step ([\d.]+) ms = ([\d.]+) G", line)
+            if found:
+                program.kill()
+                break
+        else:
+            raise RuntimeError(f"{path} printed no line of 10.24 M particles")
+    return {
+        "name": path.stem, "particles": 10_240_000, "particle_steps_per_second": 1e9 * float(found[3]), "precision": "float32",
+        "graph": False, "deterministic": False, "control": True, "bytes_per_particle": float("nan"), "steps": 20,
+        "seconds": 20e-3 * float(found[2]), "stage_seconds": {"p2g": 1e-3 * float(found[1])},
+    }  # fmt: skip
 
 
 def table_row(r: dict[str, Any]) -> str:
     """One line of the table."""
-    options = f"{r['precision']}{' graph' if r['graph'] else ''}{' deterministic' if r['deterministic'] else ''}"
+    sorts = f" sort every {r['steps_per_sort']}" if "steps_per_sort" in r else ""
+    options = f"{r['precision']}{' graph' if r['graph'] else ''}{' deterministic' if r['deterministic'] else ''}{sorts}"
     split = ", ".join(f"{k} {1e3 * v:.3f}" for k, v in r["stage_seconds"].items())
     rate = r["particle_steps_per_second"] / 1e9
     return f"{r['name']:>10} {r['particles']:>9} {rate:8.3f} G/s {r['bytes_per_particle']:6.1f} B  {options:<28} [ms] {split}"
@@ -267,10 +305,12 @@ def main() -> None:
     parser.add_argument("--device", default="cuda:0")
     parser.add_argument("--quick", action="store_true", help="two small sizes")
     parser.add_argument("--sizes", nargs="*", help=f"of {', '.join(LAYERS)}")
+    parser.add_argument("--skip", nargs="*", default=(), help="sizes left out")
     parser.add_argument("--steps", type=int, default=256)
     parser.add_argument("--commit", default="unknown")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--no-check", action="store_true")
+    parser.add_argument("--spike", type=Path)
     a = parser.parse_args()
     wp.config.log_level = wp.LOG_WARNING
     card = wp.get_device(a.device)
@@ -285,11 +325,17 @@ def main() -> None:
     print(f"{card.name}: copy {report['copy_bytes_per_second'] / 1e12:.2f} TB/s", flush=True)
     steps = min(a.steps, 32) if not card.is_cuda else a.steps
     for name, cells, options in configurations(a.device, a.quick):
-        if not a.sizes or name in a.sizes:
+        if name not in a.skip and (not a.sizes or name in a.sizes):
             report["records"].append(measure(a.device, name, cells, steps, **options))
             print(table_row(report["records"][-1]), flush=True)
             if a.out:
                 a.out.write_text(json.dumps(report, indent=1))
+    scene, p = layer(*LAYERS["0.3M" if a.quick else "10M"])
+    report["records"].append(measure_naive(a.device, scene, p, min(steps, 32)))
+    print(table_row(report["records"][-1]), flush=True)
+    if a.spike:
+        report["records"].append(measure_spike(a.spike, a.device))
+        print(table_row(report["records"][-1]), flush=True)
     for members in () if a.sizes else MEMBERS[: 2 if a.quick else None]:
         report["records"].append(measure_batch(a.device, members, steps))
         print(table_row(report["records"][-1]), flush=True)

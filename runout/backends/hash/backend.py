@@ -81,7 +81,7 @@ def bytes_needed(
     number = 4 if precision == "float32" else 8
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
-    particle = ROWS * number + 14  # rows; release, number, key, order
+    particle = (ROWS + 1) * number + 14  # rows, radius; release, number, key, order
     grid = 4 * number * max(64 * room_for(blocks), particles // 4)
     block = 488 + deterministic * (TILE * 4 * number + 36)
     contact = room_for(near) * 64 * 4 * number + room_for(near // 2) * 36 * number  # half of these blocks lie above the others

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -17,7 +18,7 @@ from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, requi
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import GAP, Index
 from runout.backends.hash.kernels import compiled_kernels
-from runout.backends.hash.layout import CELL_LANES, FAILED, PENDING, STEPS, UNSTABLE, WARP, bytes_of, room_for, run, run_blocks
+from runout.backends.hash.layout import CELL_LANES, FAILED, PENDING, STEPS, UNSTABLE, WARP, bytes_of, run, run_blocks
 from runout.backends.hash.nodes import NodeArrays
 from runout.backends.hash.store import Store
 from runout.backends.protocol import Columns, Counters, LedgerRow
@@ -75,7 +76,8 @@ class Batch:
             require_finite(particles, scene)
         self.accounts = [Account(len(p), float(p.mass.sum()), fastest(p)) for _, p in scenes]
         self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic)
-        self.since_sort, self.graph, self.graph_of, self.launched = 0, None, (-1, -1, -1), 0
+        self.since_sort, self.graph_of = 0, (-1, -1, -1)
+        self.captured: dict[int, Any] = {}  # a step as a graph, for either place of the rows
         self.present = np.ones(len(scenes), bool)
         self.identity = np.concatenate([p.identity for _, p in scenes])
         self.first_number = np.cumsum([0, *(len(p) for _, p in scenes)])
@@ -181,14 +183,8 @@ class Batch:
         if self.ground is not None:
             self.ground.cut(self.k, self.index, self.nodes, self.shift, self.h)
         self.store.sort(self.k, self.index, self.nodes, self.deterministic, self.flags)
-        self._fit_launches()
+        self.index.fit_launches()
         self.since_sort = 0
-
-    def _fit_launches(self) -> None:
-        """Blocks of threads for those that hold particles, and some more: a step that needs others does them in turn."""
-        held = self.index.occupied()
-        if not held <= self.launched <= 2 * room_for(held):
-            self.launched = min(room_for(room_for(held)), self.index.room)
 
     def bytes_used(self) -> int:
         """Memory of the device arrays of the run [byte]."""
@@ -299,15 +295,17 @@ class Batch:
             for _ in range(count):
                 self._enqueue()
             return
-        of = (self.index.generation, self.nodes.generation, self.launched)
-        if self.graph is None or self.graph_of != of:
+        of = (self.index.generation, self.nodes.generation, self.index.launched)
+        if self.graph_of != of:
+            self.graph_of, self.captured = of, {}
+        if self.store.turn not in self.captured:
             for module, lanes in self.k.modules:
                 wp.load_module(module, device=self.device, block_dim=lanes)
             with wp.ScopedCapture(force_module_load=False) as capture:
                 self._enqueue()
-            self.graph, self.graph_of = capture.graph, of
+            self.captured[self.store.turn] = capture.graph
         for _ in range(count):
-            wp.capture_launch(self.graph)
+            wp.capture_launch(self.captured[self.store.turn])
 
     def _enqueue(self) -> None:
         """Launches of one step."""
@@ -334,7 +332,7 @@ class Batch:
     def _to_grid(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.particles_to_grid, self.launched, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
+            k.particles_to_grid, i.launched, CELL_LANES, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
             self.clock, n.grid, n.arenas,
         )  # fmt: skip
         if self.deterministic:
@@ -343,17 +341,17 @@ class Batch:
 
     def _move_nodes(self) -> None:
         """Velocities of the nodes, after the impulses of the ground."""
-        i, k, n = self.index, self.k, self.nodes
+        i, n = self.index, self.nodes
         if self.ground is not None:
             self._find_contacts()
             self._push()
         arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.contact, i.ends, n.grid
-        run(k.update_nodes, i.room * 64, *arguments)
+        run(self.k.update_nodes, i.room * 64, *arguments)
 
     def _find_contacts(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.find_contacts, self.launched, WARP, s.rec, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
+            k.find_contacts, i.launched, WARP, s.rec, s.radius, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
             self.clock, n.tiles, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grounded, n.shares, n.arenas,
         )  # fmt: skip
         if self.deterministic:
@@ -362,7 +360,7 @@ class Batch:
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.solve_contacts, i.shared, WARP, s.rec, s.release, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
+            k.solve_contacts, i.shared, WARP, s.rec, s.radius, s.release, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
             i.member, self.clock, n.tiles, n.near, self.h, self.friction, n.grounded, n.grid, n.contact, n.arenas, n.booked,
         )  # fmt: skip
         if self.deterministic:
@@ -371,7 +369,7 @@ class Batch:
     def _to_particles(self) -> None:
         i, s, n = self.index, self.store, self.nodes
         run_blocks(
-            self.k.grid_to_particles, self.launched, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.ends, i.around, i.up,
+            self.k.grid_to_particles, i.launched, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.ends, i.around, i.up,
             i.coordinates, self.flags, i.tally, i.member, self.clock, n.grid, self.mats, self.h, self.shift,
             self.limits, self.peaks, n.booked,
         )  # fmt: skip

@@ -123,10 +123,22 @@ def sort_cells(flags: Ints, tally: Ints, active: Ints, number: Ints, cstart: Tab
         order[j] = p
 
 
-def gather_reals(source: Reals, order: Ints, target: Reals):
-    """Numbers in the order of the cells."""
+def gather_reals(source: Reals, order: Ints, count: int, threads: int, target: Reals):
+    """Numbers in the order of the list, four a thread under way at once: ``threads`` is a quarter of the ``count``, or more."""
     t = wp.tid()
-    target[t] = source[order[t]]
+    last = count - 1
+    p0 = order[t] & NOT_NEGATIVE
+    p1 = order[wp.min(t + threads, last)] & NOT_NEGATIVE
+    p2 = order[wp.min(t + 2 * threads, last)] & NOT_NEGATIVE
+    p3 = order[wp.min(t + 3 * threads, last)] & NOT_NEGATIVE
+    x0 = source[p0]
+    x1 = source[p1]
+    x2 = source[p2]
+    x3 = source[p3]
+    target[t] = x0
+    target[wp.min(t + threads, last)] = x1
+    target[wp.min(t + 2 * threads, last)] = x2
+    target[wp.min(t + 3 * threads, last)] = x3
 
 
 def gather_ints(source: Ints, order: Ints, target: Ints):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "home", "homes", "active")  # of the index
 OF_NODES = ("grounded", "near", "booked")
-BY_PARTICLE = ("release", "number", "key", "order")
+BY_PARTICLE = ("radius", "release", "number", "key", "order")
 OWN = ("since_sort", "largest", "identity")
 
 
@@ -53,7 +53,7 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
         engine._load_ground()
         engine.store = _store(state, engine.real)
         engine.index = _index(engine, state)
-        engine._fit_launches()
+        engine.index.fit_launches()
         engine.nodes, engine.nodes_of = engine._node_arrays(), engine.index.room
         engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]))
         _fill(engine.nodes.tiles, state["tiles"])

@@ -16,7 +16,6 @@ from runout.backends.hash.layout import (
     OFFSET,
     ORDERED,
     PADDED,
-    RADIUS,
     TILE,
     TOUCHED,
     Doubles2,
@@ -60,11 +59,11 @@ def _listed(order: Ints, t: int):
     return wp.max(p, -1 - p)
 
 
-def _ground(around: Any, z: int, rec: Rows, p: int, h: Vector):
+def _ground(around: Any, z: int, rec: Rows, radius: Reals, p: int, h: Vector):
     """Unit normal and gap [m] of a particle in a cell whose nine coefficients and lowest node ``z`` are given."""
     e = surface_at(around, rec[OFFSET, p], rec[OFFSET + 1, p])
     n = upward_normal(e[1] * h[2] / h[0], e[2] * h[2] / h[1])
-    return n, distance((real(z) + rec[OFFSET + 2, p] - e[0]) * h[2], n[2]) - rec[RADIUS, p]
+    return n, distance((real(z) + rec[OFFSET + 2, p] - e[0]) * h[2], n[2]) - radius[p]
 
 
 def _is_near(around: Any, z: int, h: Vector, reach: Any):
@@ -112,8 +111,8 @@ def _number_listed(starts: Tile, cstart: Table2, b: int, lane: int, tiles: Rows,
 
 
 def _mark(
-    starts: Tile, rec: Rows, order: Ints, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, dt: Any, band: Any,
-    reach: Any,
+    starts: Tile, rec: Rows, radius: Reals, order: Ints, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector,
+    dt: Any, band: Any, reach: Any,
 ):  # fmt: skip
     """Bring the particles of each cell of a block that touch the ground to the front of its list, marked; returns how many.
 
@@ -124,7 +123,7 @@ def _mark(
         c = _cell_of(starts, n)
         t = cstart[b, c] + n - starts[c]
         p = order[t] & NOT_NEGATIVE
-        normal, gap = _ground(_around(tiles, near, c), c & 3, rec, p, h)
+        normal, gap = _ground(_around(tiles, near, c), c & 3, rec, radius, p, h)
         approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
         if in_contact(gap, approach, dt, band):
             order[t] = -1 - p
@@ -175,8 +174,8 @@ def _add_shares(tile: Tile, rec: Rows, order: Ints, cstart: Table2, b: int, lane
 
 
 def find_contacts(
-    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
-    tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grounded: Ints,
+    rec: Rows, radius: Reals, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
+    clock: Rows, tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grounded: Ints,
     shares: Reals, arenas: Nodes, launched: int,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
@@ -191,7 +190,7 @@ def find_contacts(
         s = member[b]
         if near[b] >= 0 and clock[s, 0] > real(0.0):
             starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
-            found = _mark(starts, rec, order, cstart, b, lane, tiles, near[b], h, clock[s, 0], band, clock[s, 4])
+            found = _mark(starts, rec, radius, order, cstart, b, lane, tiles, near[b], h, clock[s, 0], band, clock[s, 4])
             all_found = wp.tile_sum(wp.tile(found))
             if all_found[0] > 0:
                 if lane == 0:
@@ -221,14 +220,15 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
 
 
 def _push(
-    rec: Rows, release: Shorts, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Reals, dt: Any
+    rec: Rows, radius: Reals, release: Shorts, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector,
+    friction: Reals, dt: Any,
 ):  # fmt: skip
     """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]."""
     wx = weights(f[0])
     wy = weights(f[1])
     wz = weights(f[2])
     u, compliance = _contact_velocity(tile, _first_node(c), wx, wy, wz)
-    n, gap = _ground(_around(tiles, near, c), c & 3, rec, p, h)
+    n, gap = _ground(_around(tiles, near, c), c & 3, rec, radius, p, h)
     push = impulse(u, n, gap, compliance, friction[int(release[p])], dt)
     m = rec[MASS, p]
     before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
@@ -280,7 +280,7 @@ def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: i
 
 
 def solve_contacts(
-    rec: Rows, release: Shorts, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints,
+    rec: Rows, radius: Reals, release: Shorts, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints,
     member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, grounded: Ints, grid: Nodes, contact: Nodes,
     arenas: Nodes, booked: Doubles2, launched: int,
 ):  # fmt: skip
@@ -306,12 +306,12 @@ def solve_contacts(
             for q in range((wp.min(total - base, PUSHES) + wp.block_dim() - 1) // wp.block_dim()):
                 n = base + q * wp.block_dim() + lane
                 push = node4()
-                f = vec()
+                f = vec(real(0.0), real(0.0), real(0.0))
                 if n < total:
                     c = _cell_of(starts, n)
                     p = _listed(order, cstart[b, c] + n - starts[c])
                     f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-                    push = _push(rec, release, tiles, velocities, near[b], c, p, f, h, friction, dt)
+                    push = _push(rec, radius, release, tiles, velocities, near[b], c, p, f, h, friction, dt)
                 wp.tile_scatter_masked(pushes, n - base, push, n < total)
                 wp.tile_scatter_masked(spots, n - base, f, n < total)
             for c in range(lane, CELL_LANES, wp.block_dim()):

@@ -200,6 +200,8 @@ class Index:
         Blocks that the arrays have room for.
     shared : int
         Blocks of threads of kernels in which each takes several blocks in turn.
+    launched : int
+        Blocks of threads of kernels in which each takes one that holds particles.
     generation : int
         Counts how often arrays were made anew.
     coordinates : (room, 3) int32
@@ -228,7 +230,7 @@ class Index:
 
     def __init__(self, kernels: SimpleNamespace, particles: int, ordered: bool, many: int = 1, rows: int = 2**20):
         self.k, self.ordered, self.many, self.rows = kernels, ordered, many, rows
-        self.nown = self.nall = self.room = self.generation = 0
+        self.nown = self.nall = self.room = self.generation = self.launched = 0
         self.tally = wp.zeros(TALLY, dtype=wp.int32)
         self.both = wp.array(ptr=self.tally.ptr, dtype=wp.int64, shape=1, device=self.tally.device)
         self.make_table(first_table(particles))
@@ -297,6 +299,12 @@ class Index:
         run(self.k.count_blocks, self.nall, self.cstart, totals)
         wp.utils.array_scan(totals, totals, inclusive=False)
         return totals, int(totals[self.room :].numpy()[0])
+
+    def fit_launches(self) -> None:
+        """Blocks of threads for the blocks that hold particles and some more; a step that needs others does them in turn."""
+        held = self.occupied()
+        if not held <= self.launched <= 2 * room_for(held):
+            self.launched = min(room_for(room_for(held)), self.room)
 
     def occupied(self) -> int:
         """Blocks that hold particles now."""

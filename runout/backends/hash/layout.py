@@ -2,7 +2,7 @@
 
 Rows of the particle matrix, one column a particle; f is the offset from the cell's first node [cells]:
 
-    0 m | 1-3 m v | 4-6 f | 7-15 A, column by column | 16-21 B = b_e - I | 22 history | 23 stress-free volume | 24 radius
+    0 m | 1-3 m v | 4-6 f | 7-15 A, column by column | 16-21 B = b_e - I | 22 history | 23 stress-free volume
 
 with A = h_j (m C - dt 4/h_j^2 V0 tau), so that the momentum at node x is m v + A (x - f) with x in cells
 (Hu et al. 2018, ACM TOG 37:150, eq. 18). A tile holds the 6 x 6 x 6 nodes that the particles of one block reach.
@@ -43,7 +43,7 @@ double7: Any = None
 add_node: Any = None  # adds four numbers to a node
 
 ORDERED = False  # sums in fixed order; the binding decides
-MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, RADIUS, ROWS = 0, 1, 4, 7, 16, 22, 23, 24, 25
+MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
 PADDED = 256  # trips of a loop that every lane of a block runs alike
 WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
@@ -57,6 +57,7 @@ CURSOR, NEXT, BLOCKS, ACTIVE, TOUCHED, GONE, HOMES, TALLY = range(8)
 LEFT_INDEX, UNSTABLE = 1, 2  # why a batch halts
 CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
 WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
+AT_ONCE = 4  # numbers that a thread of a sort has under way
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
 
@@ -78,6 +79,6 @@ def room_for(blocks: int) -> int:
 
 
 def bytes_of(*holders: Any) -> int:
-    """Size [byte] of the device arrays that objects hold; what shares memory counts once."""
+    """Size [byte] of the device arrays that objects hold; parts of another, which own no memory, do not count."""
     arrays = [a for holder in holders for a in vars(holder).values() if isinstance(a, wp.array)]
-    return sum({a.ptr: a.capacity for a in arrays if a.ptr}.values())
+    return sum(a.capacity for a in arrays if a.deleter is not None)

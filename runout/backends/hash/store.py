@@ -12,12 +12,12 @@ import warp as wp
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
     AFFINE,
+    AT_ONCE,
     CELL_LANES,
     HISTORY,
     MASS,
     MOMENTUM,
     OFFSET,
-    RADIUS,
     ROWS,
     STRAIN,
     VOLUME,
@@ -36,6 +36,10 @@ class Store:
         Places; places that hold a particle or one that has gone since the last sort.
     rec : (ROWS, size)
         See :mod:`runout.backends.hash.layout`.
+    radius : (size,)
+    memory : (ROWS + 1, size)
+        What holds both: a sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1 back, and the
+        radius to the place at the other end.
     release : (size,) int16
     number : (size,) int32
         Place in the particles as they were loaded.
@@ -47,7 +51,8 @@ class Store:
 
     def __init__(self, size: int, number: Any):
         self.size = self.n = size
-        self.rec = wp.zeros((ROWS, size), dtype=number)
+        self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
+        self._take_turn(0)
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
 
@@ -56,6 +61,11 @@ class Store:
         self.release.assign(p.release.astype(np.int16))
         for row, values in self._rows(p, spacing):
             self.rec[row].assign(values.astype(dtype))
+        self.radius.assign(p.radius.astype(dtype))
+
+    def _take_turn(self, turn: int) -> None:
+        self.turn = turn
+        self.rec, self.radius = self.memory[turn : turn + ROWS], self.memory[0 if turn else ROWS]
 
     def sort(self, k: SimpleNamespace, index: Index, nodes: NodeArrays, ordered: bool, flags: Any) -> None:
         """After the cells have been numbered: list the particles and sort them in memory; those that have gone drop out."""
@@ -64,9 +74,7 @@ class Store:
         run(k.place_particles, self.n, flags, self.key, index.ends, self.order)
         if ordered:
             run(k.sort_cells, index.room * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
-        scratch = nodes.scratch(self.size, self.rec.dtype)
-        for row in range(ROWS):
-            self._gather(k.gather_reals, self.rec[row], scratch, left)
+        self._sort_rows(k, nodes.scratch(self.size, self.memory.dtype), left)
         for array in (self.key, self.number):
             self._gather(k.gather_ints, array, nodes.scratch(self.size, wp.int32), left)
         self._gather(k.gather_shorts, self.release, nodes.scratch(self.size, wp.int16), left)
@@ -74,6 +82,19 @@ class Store:
         self.n = left
         run(k.note_homes, index.room, index.tally, index.active, index.cstart, index.homes, index.home)
         run(k.count_up, self.size, self.order, left, self.key)
+
+    def _sort_rows(self, k: SimpleNamespace, scratch: Any, left: int) -> None:
+        """Rows in the order of the list, each to the place beside it, which has become free; only the radius is copied."""
+        if not left:
+            return
+        threads = -(-left // AT_ONCE)
+        run(k.gather_reals, threads, self.radius, self.order, left, threads, scratch)
+        places = range(ROWS - 1, -1, -1) if self.turn == 0 else range(1, ROWS + 1)
+        step = 1 - 2 * self.turn
+        for place in places:
+            run(k.gather_reals, threads, self.memory[place], self.order, left, threads, self.memory[place + step])
+        self._take_turn(1 - self.turn)
+        wp.copy(self.radius, scratch, count=left)
 
     def _gather(self, kernel: Any, array: Any, scratch: Any, count: int) -> None:
         if count:
@@ -86,7 +107,7 @@ class Store:
         m = rec[MASS]
         p = Particles(
             node.numpy(), rec[OFFSET : OFFSET + 3].T, (rec[MOMENTUM : MOMENTUM + 3] / m).T, affine.numpy().reshape(-1, 3, 3),
-            rec[STRAIN : STRAIN + 6].T, rec[HISTORY], m, rec[VOLUME], rec[RADIUS],
+            rec[STRAIN : STRAIN + 6].T, rec[HISTORY], m, rec[VOLUME], self.radius[where].numpy().astype(np.float64),
             self.release[where].numpy().astype(np.int32), np.zeros(len(m), np.int64),
         )  # fmt: skip
         return p, self.number[where].numpy()
@@ -104,4 +125,3 @@ class Store:
             yield STRAIN + k, p.strain[:, k]
         yield HISTORY, p.history
         yield VOLUME, p.volume
-        yield RADIUS, p.radius
