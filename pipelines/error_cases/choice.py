@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -108,7 +108,7 @@ class March:
         self.variation, self.began = variation, time.perf_counter()
         self.scene = replace(scene, **{"precision": "float32", **variation.scene})
         options: dict[str, Any] = {"index": "dense"} if period and variation.backend == "scan" else {}
-        self.engine: Any = get_backend(variation.backend, threads=1, **options)
+        self.engine = cast(Any, get_backend(variation.backend, threads=1, **options))
         if period:
             self.engine.period = period if options else np.where(np.array(period) > 0, period, BOUNDLESS)
         self.engine.load(self.scene, particles)
