@@ -38,17 +38,20 @@ def block(corner: tuple[float, float, float], cells: tuple[float, float, float],
     return filled(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), 1.0, density, 0.125, 0.25)
 
 
-def shear_viscosity(cells: int, dt: float, way: Choices, steps: int = 20) -> float:
-    """Viscosity [m2/s] by which transfers alone damp a shear wave of ``cells`` cells in steps of ``dt`` [s]."""
+def shear_viscosity(cells: int, dt: float, way: Choices, since: int = 60, steps: int = 60) -> float:
+    """Viscosity [m2/s] by which transfers alone damp a shear wave of ``cells`` cells in steps of ``dt`` [s].
+
+    What aflip keeps settles within 1 / (1 - ratio) steps; only what comes after step ``since`` counts.
+    """
     p, k, left = block((10.0, 10.0, -1.5 * cells), (1.0, 1.0, 3.0 * cells), 1000.0), 2 * np.pi / cells, []
     z = p.position(np.ones(3))[:, 2]
     p.volume[:] = 1e-15
     p.velocity[:, 0], p.affine[:, 0, 2] = 1e-3 * np.cos(k * z), -1e-3 * k * np.sin(k * z)
     engine, inside = get_backend("reference"), np.abs(z) < cells / 2
     engine.load(replace(weightless(), **way), p)
-    for step in range(steps + 1):
+    for step in range(since + steps + 1):
         engine.step(dt)
-        if step in (0, steps):
+        if step in (since, since + steps):
             left.append(float(engine.particles().velocity[inside, 0] @ np.cos(k * z[inside])))
     return -math.log(left[1] / left[0]) / (steps * dt * k**2)
 

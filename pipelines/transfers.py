@@ -34,12 +34,12 @@ def damping(way: Mapping[str, Any], full: bool) -> dict[str, float]:
 
 
 def viscosity(way: Mapping[str, Any], full: bool) -> dict[str, float]:
-    """Viscosity of shear over 12 cells, over the h^2/dt (h/wave length)^2 of the formula; what the formula gives."""
+    """Viscosity of shear over 16 cells, over the h^2/dt (h/wave length)^2 of the formula; what the formula gives."""
     keeps = replace(cases.weightless(), **way).keeps
-    unit = numerical_viscosity(1.0, 12.0, 0.1, 0.0) / 0.95
+    unit = numerical_viscosity(1.0, 16.0, 0.1, 0.0) / 0.95
     return {
-        "viscosity, 12 cells": cases.shear_viscosity(12, 0.1, way) / unit,
-        "by formula": numerical_viscosity(1.0, 12.0, 0.1, keeps) / unit,
+        "viscosity, 16 cells": cases.shear_viscosity(16, 0.1, way) / unit,
+        "by formula": numerical_viscosity(1.0, 16.0, 0.1, keeps) / unit,
     }
 
 
