@@ -144,11 +144,11 @@ def measure_round(full: bool) -> list[Result]:
     if not full:
         return []
     results, found = list[Result](), dict[float, float]()
-    for aspect in (1.0, 1.5, 2.0, 4.0):
+    for aspect, cells in ((1.0, 16), (1.5, 16), (2.0, 16), (4.0, 8)):  # with 8 the edge of a low one is thinner than a cell
         law = axisymmetric_runout(aspect)
-        found[aspect], height = round_column(aspect, 8)
+        found[aspect], height = round_column(aspect, cells)
         bounds = law * (1 + SCATTER), law * (1 - SCATTER)
-        results.append(Bound(f"run-out of a round column, a = {aspect:g}, 8 cells in the radius", found[aspect], *bounds))
+        results.append(Bound(f"run-out of a round column, a = {aspect:g}, {cells} cells in the radius", found[aspect], *bounds))
         top = axisymmetric_height(aspect)
         results.append(Bound(f"height of a round column over the law, a = {aspect:g}", height / top, 1 + SCATTER, 1 - SCATTER))
     results.append(Bound("exponent of round run-out, a = 2 to 4", exponent((2.0, 4.0), [found[2.0], found[4.0]]), 0.6, 0.4))
@@ -162,8 +162,10 @@ COLUMNS = Case(
     "the mass against the envelope of experiments with a scatter of 25 %; round columns in the full size only",
     lambda full: [*measure_planar(full), *measure_round(full)],
     "The run-out of low columns grows with the number of cells: 0.24, 0.33 and 0.50 lengths at a = 0.5 with 8, 16 and 32 cells. "
-    "Round columns of 8 cells in the radius run out too short up to a = 2 (0.73, 1.21 and 1.70 radii at a = 1, 1.5 and 2) and not "
-    "at a = 4, so that their exponent comes out as 1.0 instead of 0.5. "
+    "So does that of round ones: 0.73, 1.21 and 1.70 radii at a = 1, 1.5 and 2 with 8 cells in the radius, below the envelope, "
+    "and 1.05, 1.74 and 2.37 with 16, inside (the law: 1.24, 1.86, 2.26). The edge of a low column is thinner than a cell, and "
+    "such a layer is held by the numerical viscosity; more particles (27 a cell: 0.75 at a = 1) or a stiffer sand (0.66) do not "
+    "help, a smoother floor (20 deg: 1.12) would hide it. "
     "Friction angles above 60 degrees are refused, so the negative control is 60 degrees instead of 65.",
 )
 BUI = Case(
