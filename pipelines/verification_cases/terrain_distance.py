@@ -123,7 +123,7 @@ def measure(full: bool) -> list[Result]:
 CASE = Case(
     "T8",
     "distance to terrain",
-    f"z = {AMPLITUDE:g} sin(2 pi x/{WAVELENGTH:g}) cos(2 pi y/{WAVELENGTH:g}) m on a raster; 5000 points within two cells h of it; "
+    f"hills z = {AMPLITUDE:g} sin(2 pi x/{WAVELENGTH:g}) cos(2 pi y/{WAVELENGTH:g}) m on a raster; 5000 points within two cells h of it; "
     "costs on one thread, contact on a block four cells high with eight particles a cell, in float64",
     measure,
     "The backends ask only for particles below a bound of the ground in their column of cells: above it the stage costs a look at "

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from runout import read_site
+from runout import read_site, simulate
 from runout.accuracy import PRESETS, SOURCE, choices, lines, work
 from runout.errors import ConfigError
 
@@ -89,6 +89,16 @@ def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):
     assert site.resolved()["simulation"]["cell_size"] == arguments["cell_size"]
     larger = site.member_arguments({"release_volume_factor": 2.0})
     assert larger["cell_size"] == arguments["cell_size"]
+
+
+def test_a_run_takes_its_cells_from_accuracy_alone(site_folder):
+    stated = read_site(site_folder).member_arguments()
+    given = {name: stated[name] for name in ("terrain", "release", "material")} | {"end_time": 0.05, "backend": "reference"}
+    result = simulate(**given, accuracy="screening")
+    assert result.spacing == (choices("screening", stated["release"], {})["cell_size"],) * 3
+    assert simulate(**given, accuracy="screening", cell_size=8.0).spacing == (8.0, 8.0, 8.0)
+    with pytest.raises(ConfigError, match="neither cell_size nor accuracy"):
+        simulate(**given)
 
 
 @pytest.mark.parametrize(
