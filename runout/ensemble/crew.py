@@ -30,6 +30,7 @@ CLUSTER_SETTINGS = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,  # a paused worker would wait for ever: a member frees nothing before its end
     "distributed.worker.memory.terminate": 0.95,
+    "distributed.nanny.pre-spawn-environ": {},  # dask's makes malloc give back every array, and the next one fault in anew
 }
 
 

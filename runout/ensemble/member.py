@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
@@ -193,11 +194,17 @@ def simulate_together(
             errors[member.number] = error
             todo.remove(member)
     place = device or site.settings.simulation.device
-    for k, outcome in simulate_batch(scenarios, device=place, progress=lambda k, f: progress(todo[k].number, f)):
-        if isinstance(outcome, RunoutError):
-            errors[todo[k].number] = outcome
-        else:
-            _write(site, todo[k], outcome, results)
+    with ThreadPoolExecutor(1) as writer:  # the device goes on meanwhile
+        files = []
+        for k, outcome in simulate_batch(scenarios, device=place, progress=lambda k, f: progress(todo[k].number, f)):
+            if isinstance(outcome, RunoutError):
+                errors[todo[k].number] = outcome
+            else:
+                files.append(writer.submit(_write, site, todo[k], outcome, results))
+            for file in filter(Future.done, files):
+                file.result()  # nothing is simulated in vain where no file can be written
+        for file in files:
+            file.result()
     return errors
 
 

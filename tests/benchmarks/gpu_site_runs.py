@@ -21,6 +21,16 @@ import numpy as np
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
+ENSEMBLE = """
+import sys, time
+from pathlib import Path
+import runout
+from runout.ensemble.run import run_ensemble
+site = runout.read_site(Path(sys.argv[1])).on_device(sys.argv[2])
+started = time.perf_counter()
+report = run_ensemble(site, Path(sys.argv[3]))
+print("seconds", time.perf_counter() - started, "failed", len(report.failed))
+"""
 COMMAND = [sys.executable, "-c", "import sys; from runout.cli import main; sys.exit(main())", "run"]
 
 
@@ -39,8 +49,6 @@ def edited(site: str, folder: Path, **values: float) -> Path:
 
 def whole_run(site: Path, device: str) -> dict[str, Any]:
     """Wall time of ``runout run`` without earlier results, and what its members took."""
-    from netCDF4 import Dataset
-
     out = site / f"results_{device.replace(':', '')}"
     started = time.perf_counter()
     done = subprocess.run([*COMMAND, str(site), "--device", device, "--out", str(out)], capture_output=True, text=True)
@@ -48,12 +56,29 @@ def whole_run(site: Path, device: str) -> dict[str, Any]:
     record["ensemble_seconds"] = float((re.findall(r"ensemble: done in ([\d.]+) s", done.stdout + done.stderr) or ["nan"])[0])
     if done.returncode:
         record["output"] = (done.stdout + done.stderr)[-2000:]
+    return record | of_members(out)
+
+
+def members_alone(site: Path, device: str) -> dict[str, Any]:
+    """Wall time of the members of a site, workers and scenes included, without the stages before and after."""
+    out = site / f"members_{device.replace(':', '')}"
+    done = subprocess.run([sys.executable, "-c", ENSEMBLE, str(site), device, str(out)], capture_output=True, text=True)
+    found = re.search(r"seconds ([\d.]+) failed (\d+)", done.stdout)
+    record = {"site": site.name, "device": device, "exit": done.returncode, "stage": "members"}
+    if not found:
+        return record | {"output": (done.stdout + done.stderr)[-2000:]}
+    return record | {"ensemble_seconds": float(found[1]), "failed": int(found[2])} | of_members(out)
+
+
+def of_members(out: Path) -> dict[str, Any]:
+    """Particles and steps of the members with a result."""
+    from netCDF4 import Dataset
+
     steps = []
     for path in sorted((out / "members").glob("*.nc")):
         with Dataset(path) as file:
             steps.append((int(file.particles), int(file.steps)))
-    record |= {"members": len(steps), "particles": [n for n, _ in steps], "particle_steps": sum(n * s for n, s in steps)}
-    return record
+    return {"members": len(steps), "particles": [n for n, _ in steps], "particle_steps": sum(n * s for n, s in steps)}
 
 
 def differences(site: Path, device: str, expected: Path) -> dict[str, float]:
@@ -80,7 +105,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--commit", default="unknown")
     parser.add_argument("--scaling-cell", type=float, default=6.0)
-    parser.add_argument("--scaling-members", type=int, default=32)
+    parser.add_argument("--scaling-members", type=int, default=64)
+    parser.add_argument("--scaling-only", action="store_true", help="only the ensemble on one and two GPUs")
     a = parser.parse_args()
     report: dict[str, Any] = {"commit": a.commit, "runs": []}
 
@@ -89,16 +115,19 @@ def main() -> None:
         print(json.dumps({k: v for k, v in record.items() if k != "particles"}), flush=True)
         a.out.write_text(json.dumps(report, indent=1))
 
-    for site in (edited("jacksboro", a.folder, cell_size=20), edited("frank_slide", a.folder, members=4)):
+    sites = (("jacksboro", {"cell_size": 20}), ("frank_slide", {"members": 4}), ("frank_slide", {"cell_size": 5, "members": 2}))
+    for name, values in () if a.scaling_only else sites:
+        site = edited(name, a.folder, **values)
         record = whole_run(site, "cuda:0")
-        expected = a.cpu_maps / f"{site.name.split('_members')[0].split('_cell')[0]}.nc" if a.cpu_maps else None
+        expected = a.cpu_maps / f"{name}.nc" if a.cpu_maps and values.get("cell_size") != 5 else None
         if expected and expected.exists() and not record["exit"]:
             record["against_cpu"] = differences(site, "cuda:0", expected)
         note(record)
     many = edited("jacksboro", a.folder, cell_size=a.scaling_cell, members=a.scaling_members)
-    for device in ("cuda:0", "cuda") if len(devices_of("cuda")) > 1 else ("cuda:0",):
-        note(whole_run(many, device))
-    note(whole_run(edited("frank_slide", a.folder, cell_size=5, members=2), "cuda"))
+    if len(devices_of("cuda")) > 1:
+        members_alone(edited("jacksboro", a.folder, cell_size=20, members=2), "cuda")  # compiles
+        for device in ("cuda:0", "cuda"):
+            note(members_alone(many, device))
 
 
 if __name__ == "__main__":
