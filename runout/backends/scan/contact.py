@@ -20,6 +20,7 @@ from runout.backends.lanes import (
     local_array,
     permutation,
     permutation_of_two,
+    prefetch,
     record_vectors,
     row_vectors,
     select,
@@ -186,6 +187,18 @@ def _spread_block(contacts, row, listed, cell, f, n, arena):
         _add_rows(arena, place, _spread(flat, np.uint64(16 * (row + t)), _nothing(contacts)))
 
 
+def _call_up(planes, tiles, who, listed, b, f, held):
+    """Ask for what :func:`_list_candidates` and :func:`_take_candidates` of a block will read, while its arena is filled."""
+    plane = planes.reshape(-1)
+    tile = tiles.reshape(-1)
+    for k in range(0, 48, 16):
+        prefetch(plane, 48 * b + k)
+        prefetch(tile, 36 * b + k)
+    for p in range(f, f + held, 16):
+        prefetch(who, p)
+        prefetch(listed, p)
+
+
 def particles_to_arenas_and_contacts(
     rec, who, radius, label, cell, order, starts, first, giving, nown, tiles, planes, bounds, friction, reach, dt, h, band, number,
     arenas, contacts, region, cursors, place, listed, candidates, touching,
@@ -201,9 +214,12 @@ def particles_to_arenas_and_contacts(
         touching[b] = 0
         if giving[b] == 0:
             continue
-        _fill_arena(rec, order, starts, first, b, arenas[number[b]])
         cut = reach / (bounds[b, 1] * h[2])
-        if real(0.5) - bounds[b, 0] > cut:
+        near = real(0.5) - bounds[b, 0] <= cut
+        if near:
+            _call_up(planes, tiles, who, listed, b, first[b], giving[b])
+        _fill_arena(rec, order, starts, first, b, arenas[number[b]])
+        if not near:
             continue
         n = _list_candidates(rec, cell, order, starts, first[b], b, planes, cut, listed)
         if n == 0:
