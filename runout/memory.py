@@ -87,7 +87,9 @@ def available_bytes() -> float | None:
     return float(psutil.virtual_memory().available)
 
 
-def expected_memory(extent: Extent, map_cells: int, precision: str, engine: Backend | None = None) -> MemoryForecast:
+def expected_memory(
+    extent: Extent, map_cells: int, precision: str, engine: Backend | None = None, transfer: str = "mls", f_bar: bool = False
+) -> MemoryForecast:
     """Forecast for a backend, by default scan.
 
     Parameters
@@ -98,12 +100,15 @@ def expected_memory(extent: Extent, map_cells: int, precision: str, engine: Back
     precision : str
     engine : Backend, optional
         On a GPU its own figures hold, elsewhere those of scan.
+    transfer, f_bar : str, bool
+        As of :class:`runout.model.scene.Scene`.
     """
     host = PROGRAM + 2 * EXCHANGED * extent.particles + PER_MAP_CELL * map_cells
     device: Any = getattr(engine, "device", None)
     if device is not None and device.is_cuda:
         return MemoryForecast(bytes_on_device(extent.particles, extent.nodes, precision), host, True)
-    return MemoryForecast(bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision), host)
+    backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
+    return MemoryForecast(backend, host)
 
 
 def expected_extent(

@@ -197,7 +197,8 @@ def _scene(
     cells = arguments["terrain"].elevation.size
     precision = arguments.get("precision", "float32")
     given = {name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
-    return build_scene(**given, accept=lambda extent: accept(expected_memory(extent, cells, precision, engine)))
+    chosen = arguments.get("transfer", "mls"), arguments.get("f_bar", False)
+    return build_scene(**given, accept=lambda extent: accept(expected_memory(extent, cells, precision, engine, *chosen)))
 
 
 def _engine(arguments: Mapping[str, Any]) -> Backend:

@@ -167,7 +167,9 @@ def simulate(
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed,
-        accept=lambda extent: require_memory(expected_memory(extent, terrain.elevation.size, precision, engine), engine, memory_gb),
+        accept=lambda extent: require_memory(
+            expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar), engine, memory_gb
+        ),
     )  # fmt: skip
     keep = _checkpoint(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
     run = Run(engine, scene, course, progress, keep)

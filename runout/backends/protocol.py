@@ -194,10 +194,12 @@ def get_backend(
     return backend  # type: ignore[no-any-return]
 
 
-def bytes_on_host(particles: int, held: int, owners: int, nodes: int, precision: str) -> int:
+def bytes_on_host(
+    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False
+) -> int:
     """Memory [byte] that the scan backend takes (see :func:`runout.backends.scan.forecast.bytes_needed`)."""
     forecast = import_module("runout.backends.scan.forecast")
-    return forecast.bytes_needed(particles, held, owners, nodes, precision)  # type: ignore[no-any-return]
+    return forecast.bytes_needed(particles, held, owners, nodes, precision, transfer, f_bar)  # type: ignore[no-any-return]
 
 
 def bytes_on_device(particles: int, blocks: int, precision: str) -> int:

@@ -2,6 +2,7 @@
 
 import time
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,19 @@ def test_forecast_agrees_with_what_the_scan_backend_holds(case, precision):
     assert extent.particles == pytest.approx(len(particles), rel=0.05)
     forecast = expected_memory(extent, terrain.elevation.size, precision)
     assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
+
+
+def test_forecast_of_aflip_counts_its_rows_and_its_second_grid():
+    terrain, release = valley(10.0, 30.0)
+    seen = []
+    scene, particles = build_scene(terrain, release, SAND, 20.0, 5.0, 8, precision="float64", accept=seen.append)
+    engine = get_backend("scan", threads=1)
+    engine.load(replace(scene, transfer="aflip", f_bar=True, materials=(SAND, SAND), friction=(0.3, 0.3)), particles)
+    engine.step(engine.stable_step())
+    forecast = expected_memory(seen[0], terrain.elevation.size, "float64", None, "aflip", True)
+    plain = expected_memory(seen[0], terrain.elevation.size, "float64")
+    assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
+    assert forecast.backend > 1.3 * plain.backend
 
 
 def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any():

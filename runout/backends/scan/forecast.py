@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from runout.backends.scan.arenas import Arenas
+from runout.backends.scan.general import bytes_of_general
 from runout.backends.scan.index import Index
 from runout.backends.scan.order import _spacious
 from runout.backends.scan.store import Store, capacity
@@ -15,7 +16,9 @@ from runout.model.scene import Raster, Scene
 SAMPLE = 4096  # slots or blocks that are made to learn their size
 
 
-def bytes_needed(particles: int, held: int, owners: int, nodes: int, precision: str) -> int:
+def bytes_needed(
+    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False
+) -> int:
     """Memory [byte] of a loaded backend.
 
     Parameters
@@ -25,9 +28,13 @@ def bytes_needed(particles: int, held: int, owners: int, nodes: int, precision: 
         Blocks that hold particles, that particles may enter, and that hold nodes.
     precision : str
         "float32" or "float64".
+    transfer, f_bar : str, bool
+        As of :class:`runout.model.scene.Scene`.
     """
     rock = Elastic(density=2000.0, youngs_modulus=1e6)
-    scene = Scene((1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (0.5,), precision=precision)
+    scene = Scene(
+        (1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (0.5,), precision=precision, transfer=transfer, f_bar=f_bar
+    )
     full = particles // max(held, 1)
     slots = capacity(held * _spacious(full))
     of_slot = _slope(lambda n: _store(n, 0, scene))
@@ -36,7 +43,7 @@ def bytes_needed(particles: int, held: int, owners: int, nodes: int, precision: 
     of_held = _slope(lambda n: _blocks(n, SAMPLE, SAMPLE, scene))
     of_node = _slope(lambda n: _blocks(0, SAMPLE, SAMPLE + n, scene)) if nodes else 0.0
     blocks = of_held * held + (of_owner - of_node) * owners + of_node * nodes
-    return round(of_slot * slots + of_particle * particles + blocks)
+    return round(of_slot * slots + of_particle * particles + blocks + bytes_of_general(scene, slots, nodes))
 
 
 def _slope(size: Callable[[int], int]) -> float:

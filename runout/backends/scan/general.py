@@ -17,6 +17,12 @@ def is_general(scene: Scene) -> bool:
     return not scene.packed or scene.f_bar
 
 
+def bytes_of_general(scene: Scene, slots: int, nodes: int) -> int:
+    """Memory [byte] of the arrays of :class:`General` for so many slots and blocks of nodes."""
+    rows = 2 if scene.keeps else 1 if is_general(scene) else 0
+    return int(np.dtype(scene.dtype).itemsize * (16 * rows * slots + 256 * nodes * bool(scene.keeps)))
+
+
 class General:
     """Steps of a scene with transfer apic or aflip, or with F-bar.
 
