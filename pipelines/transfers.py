@@ -1,6 +1,5 @@
 """What each transfer, and F-bar, costs and gains: damping, pressure, locking, what comes apart; one page of the documentation."""
 
-import platform
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -12,7 +11,7 @@ import numpy as np
 from pipelines import transfer_cases as cases
 from pipelines.sloping_layer import Layer
 from pipelines.verification_cases.bar import vibration
-from runout import __version__
+from pipelines.work_precision import machine, versions
 from runout.backends.protocol import get_backend
 from runout.io.atomic import write_json, write_text
 from runout.physics.resolution import numerical_viscosity
@@ -92,13 +91,12 @@ def measure(full: bool = False, particles: int = 100_000) -> dict[str, Any]:
     for name, way in WAYS.items():
         found = {key: value for study in STUDIES for key, value in study(way, full).items()}
         rows[name] = {"step over mls, 8 cells deep": deep[name], "2 cells deep": thin[name]} | found
-    machine = {"python": platform.python_version(), "numpy": np.__version__, "processor": platform.machine()}
-    return {"version": __version__, "machine": machine, "full": full, "particles": particles, "rows": rows}
+    return {"versions": versions(), "machine": machine(), "full": full, "particles": particles, "rows": rows}
 
 
 def page(found: Mapping[str, Any]) -> str:
     """The numbers as a page of the documentation."""
-    rows = found["rows"]
+    rows, made = found["rows"], found["versions"]
     lines = [
         "# Transfers and F-bar",
         "",
@@ -107,7 +105,8 @@ def page(found: Mapping[str, Any]) -> str:
         "",
         f"    python -m pipelines.transfers docs/benchmarks{' --full' if found['full'] else ''}",
         "",
-        f"runout {found['version']}, Python {found['machine']['python']}, numpy {found['machine']['numpy']}. Steps: layers of "
+        f"runout {made['runout']}, commit {made['commit']}, Python {made['python']}, numpy {made['numpy']}, numba {made['numba']}; "
+        f"{found['machine']['cores']} cores ({found['machine']['architecture']}), not idle otherwise. Steps: layers of "
         f"{found['particles']:,} particles in float32 on one thread, processor time, taken in turns. All else: float64.",
         "",
         "| | " + " | ".join(rows) + " |",
