@@ -4,7 +4,10 @@ A wall is the mirror image of the column. The floor of the rods holds what touch
 """
 
 import os
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +29,15 @@ REPOSE, FLOOR = 30.0, 30.0  # [deg] internal friction, and that of the floor
 WALLED = 8.0  # [m] initial length or radius of the columns of sand
 
 
-def rods(spacing: float, time: float, samples: int, threads: int = 1) -> tuple[Frame, np.ndarray, np.ndarray]:
-    """Frame of the rods at ``time`` [s], distance from the wall [m] and thickness [m], mean of both sides, of the columns."""
+def rods(
+    spacing: float, time: float, samples: int, threads: int = 1, transfer: Mapping[str, Any] | None = None
+) -> tuple[Frame, np.ndarray, np.ndarray]:
+    """Frame of the rods at ``time`` [s], distance from the wall [m] and thickness [m], mean of both sides, of the columns.
+
+    ``transfer`` are choices of the scene besides the usual ones.
+    """
     wide = 1.2
-    scene = flow.level_scene(spacing, (wide, 0.0), RODS, NO_SLIP)
+    scene = replace(flow.level_scene(spacing, (wide, 0.0), RODS, NO_SLIP), **(transfer or {}))
     plane = flow.rectangle(2 * LENGTH, HEIGHT, spacing, wide / 2 - LENGTH)
     p = flow.slice_of(plane, spacing**3 / 4, scene)
     flow.press(p, np.tile(HEIGHT - plane[:, 1], flow.ACROSS), scene, AT_REST)
