@@ -299,7 +299,7 @@ def _first(problem: Problem, points: Sequence[Point]) -> float:
     seconds, seen = 0.0, set()
     for point in points:
         kind = (point.variation.backend, point.variation.scene.get("precision", "float32"))
-        if kind in seen:
+        if kind in seen or point.variation.slow:
             continue
         seen.add(kind)
         walls = []
