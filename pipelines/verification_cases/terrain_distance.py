@@ -123,8 +123,8 @@ def measure(full: bool) -> list[Result]:
 CASE = Case(
     "T8",
     "distance to terrain",
-    f"hills z = {AMPLITUDE:g} sin(2 pi x/{WAVELENGTH:g}) cos(2 pi y/{WAVELENGTH:g}) m on a raster; 5000 points within two cells h of "
-    "it; costs on one thread, contact on a block four cells high with eight particles a cell, in float64",
+    f"hills z = {AMPLITUDE:g} sin(2 pi x/{WAVELENGTH:g}) cos(2 pi y/{WAVELENGTH:g}) m on a raster; 5000 points within two cells h"
+    " of it; costs on one thread, contact on a block four cells high with eight particles a cell, in float64",
     measure,
     "The backends ask only for particles below a bound of the ground in their column of cells: above it the stage costs a look at "
     "the bounds of each block. Times are the shortest of one machine and bind nothing.",
