@@ -173,7 +173,8 @@ COLUMNS = Case(
     "So does that of round ones: 0.73, 1.21 and 1.70 radii at a = 1, 1.5 and 2 with 8 cells in the radius, below the envelope, "
     "and 1.05, 1.74 and 2.37 with 16, inside (the law: 1.24, 1.86, 2.26). The edge of a low column is thinner than a cell, and "
     "such a layer is held by the numerical viscosity; more particles (27 a cell: 0.75 at a = 1) or a stiffer sand (0.66) do not "
-    "help, a smoother floor (20 deg: 1.12) would hide it. "
+    "help, a smoother floor (20 deg: 1.12) would hide it. Two do not hold: the planar exponent, and the height at a = 4, "
+    "which has 8 cells in the radius. "
     "Friction angles above 60 degrees are refused, so the negative control is 60 degrees instead of 65.",
 )
 BUI = Case(
