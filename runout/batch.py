@@ -34,7 +34,7 @@ from runout.simulation import BATCH, Course, Run, build_scene
 MOST = 64  # scenarios in a launch
 MEMORY_SHARE = 0.8  # of what is free at the start; flows that spread take more
 AHEAD = min(8, os.cpu_count() or 1)  # scenarios that are prepared at once
-LOOK_SECONDS = 2.5e-3  # of the host between two stretches of steps, on the machines that were measured
+LOOK_SECONDS = 5e-4  # of the host between two stretches of steps, on the machines that were measured
 STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # a step takes the one at least, and the other for each particle
 ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # arguments not taken
 

@@ -285,7 +285,7 @@ def measure_spike(path: Path, device: str) -> dict[str, Any]:
             raise RuntimeError(f"{path} printed no line of 10.24 M particles")
     return {
         "name": path.stem, "particles": 10_240_000, "particle_steps_per_second": 1e9 * float(found[3]), "precision": "float32",
-        "graph": False, "deterministic": False, "control": True, "bytes_per_particle": float("nan"), "steps": 20,
+        "graph": False, "deterministic": False, "control": True, "bytes_per_particle": None, "steps": 20,
         "seconds": 20e-3 * float(found[2]), "stage_seconds": {"p2g": 1e-3 * float(found[1])},
     }  # fmt: skip
 
@@ -296,7 +296,7 @@ def table_row(r: dict[str, Any]) -> str:
     options = f"{r['precision']}{' graph' if r['graph'] else ''}{' deterministic' if r['deterministic'] else ''}{sorts}"
     split = ", ".join(f"{k} {1e3 * v:.3f}" for k, v in r["stage_seconds"].items())
     rate = r["particle_steps_per_second"] / 1e9
-    return f"{r['name']:>10} {r['particles']:>9} {rate:8.3f} G/s {r['bytes_per_particle']:6.1f} B  {options:<28} [ms] {split}"
+    return f"{r['name']:>10} {r['particles']:>9} {rate:8.3f} G/s {r['bytes_per_particle'] or 0:6.1f} B  {options:<28} [ms] {split}"
 
 
 def main() -> None:
