@@ -72,7 +72,7 @@ class FakeResult:
         import xarray as xr
 
         environment = {"numba_threads": os.environ.get("NUMBA_NUM_THREADS", "unset"), "pid": os.getpid()}
-        environment |= {"threads": self.threads, "device": self.device}
+        environment |= {"threads": self.threads, "device": self.device, "trim": os.environ.get("MALLOC_TRIM_THRESHOLD_", "unset")}
         xr.Dataset({"max_speed": (("y", "x"), np.full((3, 4), self.value))}, attrs={**environment, **attrs}).to_netcdf(path)
 
 
