@@ -115,13 +115,17 @@ def main() -> None:
         print(json.dumps({k: v for k, v in record.items() if k != "particles"}), flush=True)
         a.out.write_text(json.dumps(report, indent=1))
 
-    sites = (("jacksboro", {"cell_size": 20}), ("frank_slide", {"members": 4}), ("frank_slide", {"cell_size": 5, "members": 2}))
-    for name, values in () if a.scaling_only else sites:
+    sites: tuple[tuple[str, dict[str, float], str], ...] = (
+        ("jacksboro", {"cell_size": 20}, "cuda:0"),
+        ("frank_slide", {"members": 4}, "cuda:0"),
+        ("frank_slide", {"cell_size": 5, "members": 2}, "cuda"),
+    )
+    for name, values, device in () if a.scaling_only else sites:
         site = edited(name, a.folder, **values)
-        record = whole_run(site, "cuda:0")
+        record = whole_run(site, device)
         expected = a.cpu_maps / f"{name}.nc" if a.cpu_maps and values.get("cell_size") != 5 else None
         if expected and expected.exists() and not record["exit"]:
-            record["against_cpu"] = differences(site, "cuda:0", expected)
+            record["against_cpu"] = differences(site, device, expected)
         note(record)
     many = edited("jacksboro", a.folder, cell_size=a.scaling_cell, members=a.scaling_members)
     if len(devices_of("cuda")) > 1:
