@@ -78,15 +78,8 @@ def rods(way: Mapping[str, Any], full: bool) -> dict[str, float]:
     return errors
 
 
-STUDIES: tuple[Callable[[Mapping[str, Any], bool], dict[str, float]], ...] = (
-    damping,
-    viscosity,
-    column,
-    rods,
-    footing,
-    thrown,
-    parted,
-)
+Study = Callable[[Mapping[str, Any], bool], dict[str, float]]
+STUDIES: tuple[Study, ...] = (damping, viscosity, column, rods, footing, thrown, parted)
 
 
 def costs(particles: int, depth: int, precision: str = "float32") -> dict[str, float]:

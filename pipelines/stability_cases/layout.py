@@ -45,6 +45,9 @@ class Layout:
     keep: int | None = None
     steps: int = 400
     rests: bool = False
+    transfer: str = "mls"
+    flip_ratio: float = 0.95
+    f_bar: bool = False
 
     def material(self) -> Material:
         """The material of the mass."""
@@ -73,8 +76,9 @@ class Layout:
         release = Release.from_array(thickness, terrain, Placement(self.placement))
         sizes = (self.h, self.h, self.h * self.flatness)
         scene, p = build_scene(
-            terrain, release, self.material(), self.basal, sizes, self.per_cell, cfl=self.cfl, precision=self.precision
-        )
+            terrain, release, self.material(), self.basal, sizes, self.per_cell, cfl=self.cfl, precision=self.precision,
+            transfer=self.transfer, flip_ratio=self.flip_ratio, f_bar=self.f_bar,
+        )  # fmt: skip
         if self.keep is not None:
             p = p.take(np.arange(self.keep) * (len(p) // self.keep))
         slope = np.radians(self.slope)
