@@ -16,6 +16,7 @@ from runout.physics.blocks import block_of
 OWNER = 1
 NODES = 2
 PAGE = 512  # blocks of a superblock
+DEALT, HANDS = 16, 4  # blocks that stay together; parts into which their groups are dealt
 LARGEST_TABLE = 2**24  # superblocks: 64 MB
 UP = np.array([(q >> 2, (q >> 1) & 1, q & 1) for q in range(8)])  # steps to the blocks of Index.up
 AROUND = np.array([(q // 9 - 1, (q // 3) % 3 - 1, q % 3 - 1) for q in range(27)])
@@ -107,6 +108,7 @@ class Index:
         before = np.cumsum(counts, axis=0) - counts
         new = Index.room_for(int(counts[:, 0].sum()), int(counts.sum()))
         k.number_blocks(places, mask, before, new.nown, slot, new.bxyz)
+        _deal_owners(new, mask == OWNER, slot)
         k.link_blocks(corner, table, slot, new.bxyz, new.nown, new.nall, new.up, new.down, new.around)
         numbers = np.empty(self.nown, np.int32)
         k.find_numbers(self.bxyz, self.held, self.nown, corner, table, slot, numbers)
@@ -231,6 +233,19 @@ def mark_nodes(places, corner, table, mask):
             k = places[s, 2] * 8 + (p & 7)
             if mask[s, p] == 0 and _beside_owner(corner, table, mask, i, j, k):
                 mask[s, p] = NODES
+
+
+def _deal_owners(index: Index, owners: np.ndarray, slot: np.ndarray) -> None:
+    """Number the owners anew: hand by hand, dealt to a few hands in groups of neighbours.
+
+    A thread takes one stretch of numbers after the other: so each gets its share of what is full and of what is empty.
+    """
+    number = np.arange(index.nown)
+    hand = (number // DEALT) % HANDS
+    dealt = np.empty(index.nown, np.int32)
+    dealt[np.argsort(hand, kind="stable")] = number
+    slot[owners] = dealt[slot[owners]]
+    index.bxyz[dealt] = index.bxyz[: index.nown].copy()
 
 
 def number_blocks(places, mask, before, nown, slot, bxyz):
