@@ -186,12 +186,14 @@ class Site:
         from runout.backends.protocol import find_device
 
         found, stated = find_device(device), self.settings.simulation
-        needs_scan = stated.transfer != "mls" or stated.f_bar or stated.sleep_speed > 0
+        plain = {"transfer": "mls", "f_bar": False, "sleep_speed": 0.0}
+        needs_scan = [name for name, value in plain.items() if getattr(stated, name) != value]
         if needs_scan and device == "auto":
             found = device = "cpu"
         elif needs_scan and found != "cpu":
-            text = "simulation has a transfer other than mls, f_bar or sleep_speed, which run on the CPU"
-            raise ConfigError(f"{text}, not on {found}; leave --device out, or set transfer: mls, f_bar: false and sleep_speed: 0")
+            named = ", ".join(f"simulation.{name} {str(getattr(stated, name)).lower()}" for name in needs_scan)
+            changed = ", ".join(f"{name}: {str(plain[name]).lower()}" for name in needs_scan)
+            raise ConfigError(f"{named} runs on the CPU, not on {found}; leave --device out, or set {changed}")
         place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
         backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
         simulation = stated.model_copy(update={"device": place, "backend": backend})

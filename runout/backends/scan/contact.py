@@ -36,17 +36,20 @@ from runout.backends.scan.stencil import (
     _mean,
     _nothing,
     _spread,
+    _z_weights,
     heads_and_tails,
     in_groups,
     local_nodes,
     zeros,
 )
 from runout.backends.scan.transfer import _fill_arena, _find_arenas, _sum_row, local_places, masses, ones
+from runout.physics.bspline import weights
 from runout.physics.contact import impulse, in_contact, work
 from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
 TILE = 64
+ROW_OF_WEIGHTS, PLANE_OF_WEIGHTS = 8, 48  # numbers of a row of six nodes, and of six rows, where a node has one
 ASIDE = 16  # first row of a tile of candidates behind their records
 FLOOR, RADIUS, FRICTION = 19, 23, 24
 DONE, PUSH_X, PUSH_Y, PUSH_Z = 16, 17, 18, 19  # and of contacts
@@ -237,11 +240,40 @@ def particles_to_arenas_and_contacts(
             cursors[thread, 0] += (n + 15) & ~15
 
 
+def _spread_block_weights(contacts, row, listed, cell, f, n, arena):
+    """Fill the arena of a block with the weights of its contacts alone: one number a node, rows of eight."""
+    flat = contacts.reshape(-1)
+    for o in range(0, 6 * PLANE_OF_WEIGHTS, 16):
+        store(arena, o, zeros(arena))
+    for t in range(n):
+        c = np.int64(cell[listed[f + t]])
+        r = np.uint64(16 * (row + t))
+        x = weights(flat[r + np.uint64(4)])
+        y = weights(flat[r + np.uint64(8)])
+        z = heads(_z_weights(flat[r + np.uint64(12)])) * flat[r]
+        first = (c >> 4) * PLANE_OF_WEIGHTS + ((c >> 2) & 3) * ROW_OF_WEIGHTS + (c & 3)
+        for i in range(3):
+            for j in range(3):
+                o = first + i * PLANE_OF_WEIGHTS + j * ROW_OF_WEIGHTS
+                store(arena, o, load4(arena, o) + (x[i] * y[j]) * z)
+
+
+def _sum_weights(arenas, place, i, j):
+    """Sum of the arenas' weights over four nodes in the order of their blocks."""
+    s = heads(zeros(arenas))
+    for q in range(8):
+        x = i + (q & 4)
+        y = j + ((q & 2) << 1)
+        if place[q] >= 0 and x < 6 and y < 6:
+            s = s + load4(arenas, place[q] + x * PLANE_OF_WEIGHTS + y * ROW_OF_WEIGHTS + 4 * (q & 1))
+    return s
+
+
 def spread_weights(contacts, place, listed, cell, first, nown, candidates, number, arenas):
     """Put the weights of the contacts into the arenas of their blocks, once the nodes have taken the mass."""
     for b in prange(nown):
         if candidates[b] > 0:
-            _spread_block(contacts, place[b], listed, cell, first[b], candidates[b], arenas[number[b]])
+            _spread_block_weights(contacts, place[b], listed, cell, first[b], candidates[b], arenas[number[b]])
 
 
 def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
@@ -256,7 +288,7 @@ def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
                 node = load16(grid, o)
                 m = masses(node)
                 inverse = select(m > zeros(m), ones(m) / select(m > zeros(m), m, ones(m)), zeros(m))
-                s = _sum_row(arenas, overlapping, i, j)
+                s = in_all_four(_sum_weights(arenas, overlapping, i, j))
                 store(grid, o, heads_and_tails(s * inverse, node))
                 store(inverse_mass, o >> 2, heads(inverse))
 

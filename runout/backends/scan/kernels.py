@@ -28,12 +28,12 @@ COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, col
 LANES = (vectors, shuffles, memory)
 GENERAL = (stencil, transfer, observe, contact, motion, forces, gradients, general_motion)  # of transfers other than the packed one
 SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)
-_MADE: dict[tuple[str, str, bool, bool], SimpleNamespace] = {}
+_MADE: dict[tuple[str, str, bool, str], SimpleNamespace] = {}
 
 
 def kernels_for(scene: Scene) -> SimpleNamespace:
     """Kernels for the number type and the law of a scene, made once a process and taken from the cache of compiled code."""
-    key = (scene.precision, scene.law.name, len(scene.materials) == 1, is_general(scene))
+    key = (scene.precision, scene.law.name, len(scene.materials) == 1, ahead.variant(scene))
     if key not in _MADE:
         ahead.ensure_compiled(scene, (*SOURCES, *GENERAL) if is_general(scene) else SOURCES)
         _MADE[key] = _bound(scene)
