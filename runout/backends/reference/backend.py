@@ -1,8 +1,7 @@
 """Reference backend: one dense grid around all particles, NumPy in float64.
 
-Slow and obvious; the other backends are tested against it. Quadratic B-splines, APIC with the stress packed into the
-affine matrix (Hu et al. 2018, ACM TOG 37:150, eq. 16 to 29) or by the gradients of the weights, symplectic Euler, one ground
-impulse per contact particle.
+Slow and obvious; the others are tested against it. Quadratic B-splines, APIC with the stress packed into the affine matrix (Hu
+et al. 2018, ACM TOG 37:150, eq. 16 to 29) or by gradients of weights, symplectic Euler, one ground impulse per contact particle.
 """
 
 from functools import cache
@@ -14,13 +13,14 @@ import numpy as np
 from runout.backends.compile import numba_binding
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.reference import particles as loops_source
-from runout.backends.reference.stencils import LARGEST_GRID, Stencils
+from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, StabilityError
 from runout.model.laws import LAWS
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline
+from runout.physics.transfers import dilatation, kept_velocity, with_dilatation
 
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
 
@@ -59,8 +59,6 @@ class ReferenceBackend:
         self.table = scene.law.table(scene.materials)
         self.friction = np.array(scene.friction, np.float64)
         self._p = particles.take(np.argsort(particles.identity, kind="stable"))
-        self._log = np.zeros((len(particles), 6))
-        self.loops.take_log(self._p.strain, self._log)
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
         self._contacts, self._basal_impulse = 0, np.zeros(3)
 
@@ -79,14 +77,14 @@ class ReferenceBackend:
         self.counters.rebuilds += 1
         stencils = Stencils(self._p, self.spacing, self.period)
         mass, given, velocity = self._particles_to_grid(stencils, dt)
-        self.watch(stencils, mass, velocity)
+        self.watch(stencils, mass[:, 0], velocity)
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
         slips = self._slips(stencils, given) if self.scene.keeps else ()
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
         for mine, slip in zip((self._p.velocity, self._p.affine), slips, strict=False):
-            self.loops.keep_velocity(mine.reshape(-1, 3), slip.reshape(-1, 3), self.scene.keeps)
+            mine[:] = np.stack(kept_velocity(np.moveaxis(mine, -1, 0), np.moveaxis(slip, -1, 0), self.scene.keeps), axis=-1)
         self._let_escape()
 
     def push(self, change: np.ndarray) -> None:
@@ -129,20 +127,14 @@ class ReferenceBackend:
     def columns(self) -> Columns:
         """Sums over the columns of the raster's cells; a particle covers one grid cell in plan, centred on it."""
         raster, p, x = self.scene.raster, self._p, self._p.position(self.spacing)
-        columns = _overlaps(x[:, 0], self.spacing[0], raster.cell_size[0], raster.columns)
-        lines = _overlaps(x[:, 1], self.spacing[1], raster.cell_size[1], raster.rows)
-        density = np.array([m.density for m in self.scene.materials])[p.release]
-        values = np.column_stack([p.mass / density, p.mass, p.mass[:, None] * p.velocity])
-        sums = np.zeros((raster.rows * raster.columns, 5))
-        for column, across in columns:
-            for line, along in lines:
-                place = (raster.rows - 1 - line) * raster.columns + column
-                np.add.at(sums, place, (across * along)[:, None] * values)
-        cells = sums.reshape(raster.rows, raster.columns, 5)
-        return Columns(volume=cells[..., 0].copy(), mass=cells[..., 1].copy(), momentum=cells[..., 2:].copy())
+        across = _shares(x[:, 0], self.spacing[0], raster.cell_size[0], raster.columns)
+        along = _shares(x[:, 1], self.spacing[1], raster.cell_size[1], raster.rows)[:, ::-1]
+        volume = p.mass / np.array([m.density for m in self.scene.materials])[p.release]
+        sums = [along.T @ (value[:, None] * across) for value in (volume, p.mass, *(p.mass * p.velocity.T))]
+        return Columns(volume=sums[0], mass=sums[1], momentum=np.stack(sums[2:], axis=-1))
 
     def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodal mass (nodes,) [kg], velocity (nodes, 3) [m/s] as given by particles, and with internal force and gravity.
+        """Nodal mass (nodes, 1) [kg], velocity (nodes, 3) [m/s] as given by particles, and with internal force and gravity.
 
         In the packed form both are one sum, and what particles give is not known by itself.
         """
@@ -152,32 +144,26 @@ class ReferenceBackend:
         if self.scene.packed:
             affine += impulse * self.inverse_inertia
         momentum = (p.mass[:, None] * p.velocity)[:, None, :] + np.einsum("pij,pnj->pni", affine, stencils.arm)
-        mass = stencils.scatter(p.mass[:, None])[:, 0]
-        occupied = mass > 0.0  # a node at the very rim of a stencil has weight zero
-        given, velocity = np.zeros((stencils.size, 3)), np.zeros((stencils.size, 3))
-        given[occupied] = stencils.scatter(momentum)[occupied] / mass[occupied, None]
-        if not self.scene.packed:
-            velocity[occupied] = stencils.scatter_slopes(impulse)[occupied] / mass[occupied, None]
-        velocity[occupied] += given[occupied] + dt * np.array(self.scene.gravity)
-        return mass, given, velocity
+        mass = stencils.scatter(p.mass[:, None])
+        given = quotient(stencils.scatter(momentum), mass)
+        force = 0.0 if self.scene.packed else quotient(stencils.scatter_slopes(impulse), mass)
+        return mass, given, given + force + dt * np.array(self.scene.gravity)
 
     def _touch_ground(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
         """Change nodal velocities by one impulse of the ground per contact particle."""
-        gap, normal = self._gap()
-        touches = np.zeros(len(gap), np.bool_)
-        approach = np.einsum("pi,pi->p", self._p.velocity, normal)
-        self.loops.find_contacts(gap, approach, dt, self.scene.contact_band * self.spacing.min(), touches)
+        x, touches = self._p.position(self.spacing), np.zeros(len(self._p), np.bool_)
+        elevation, east, north = self.scene.surface.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
+        gap, normal = x[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))])
+        band = self.scene.contact_band * self.spacing.min()
+        self.loops.find_contacts(self._p.velocity, self._p.radius, dt, band, gap, normal, touches)
         chosen = np.flatnonzero(touches)
         self._contacts = len(chosen)
-        if not len(chosen):
-            return
-        share = np.divide(1.0, mass, out=np.zeros_like(mass), where=mass > 0.0)[:, None]
-        compliance = stencils.gather(stencils.scatter(np.ones((len(chosen), 1)), chosen) * share, chosen)[:, 0]
+        compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
         p, u = self._p.take(chosen), stencils.gather(velocity, chosen)
         impulses, work = np.zeros_like(u), np.zeros(len(u))
         friction = self.friction[p.release]
         self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, friction, dt, impulses, work)
-        velocity += stencils.scatter(impulses, chosen) * share
+        velocity += quotient(stencils.scatter(impulses, chosen), mass)
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)
 
@@ -193,12 +179,12 @@ class ReferenceBackend:
     def _grid_to_particles(self, stencils: Stencils, velocity: np.ndarray, dt: float) -> None:
         p, work = self._p, np.zeros(len(self._p))
         p.velocity, p.affine = stencils.gather(velocity), self._affine(stencils, velocity)
-        gradient = dt * (p.affine if self.scene.packed else stencils.gradient(velocity))
+        gradient = dt * (p.affine if self.scene.packed else stencils.gradient(velocity)).reshape(-1, 9)
         if self.scene.f_bar:
-            mean = stencils.gather(stencils.average(p.volume, np.trace(gradient, axis1=1, axis2=2)))[:, 0]
-            self.loops.average_dilatation(gradient, mean)
+            mean = stencils.gather(stencils.average(p.volume, dilatation(gradient.T)))[:, 0]
+            gradient = np.column_stack(with_dilatation(gradient.T, mean, 1.0))
         self.scene.law.set_step(self.table, dt)
-        self.loops.follow_law(p.strain, gradient, p.history, p.release, self.table, self._log, work)
+        self.loops.follow_law(p.strain, gradient, p.history, p.release, self.table, work)
         self._plastic += float(p.volume @ work)
 
     def _move(self, dt: float) -> None:
@@ -221,20 +207,11 @@ class ReferenceBackend:
         self._escaped_mass += float(self._p.mass[~inside].sum())
         self._escaped_energy += float(sum(energy[~inside].sum() for energy in self._energies()))
         self._p = self._p.take(inside)
-        self._log = self._log[inside]
-
-    def _gap(self) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (n,) [m] between particles and ground, and the ground's unit normals (n, 3)."""
-        x = self._p.position(self.spacing)
-        elevation, east, north = self.scene.surface.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
-        gap, normal = x[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))])
-        self.loops.take_gap(self._p.radius, gap, normal)
-        return gap, normal
 
     def _stress_and_energy(self) -> tuple[np.ndarray, np.ndarray]:
         """Kirchhoff stress (n, 6) [Pa] and stored energy (n,) [J/m3]."""
         stress, energy = np.zeros((len(self._p), 6)), np.zeros(len(self._p))
-        self.loops.take_stress(self._log, self._p.release, self.table, stress, energy)
+        self.loops.take_stress(self._p.strain, self._p.release, self.table, stress, energy)
         return stress, energy
 
     def _energies(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -249,15 +226,8 @@ class ReferenceBackend:
         return float(np.linalg.norm(self._p.velocity, axis=1).max(initial=0.0))
 
 
-def _overlaps(x: np.ndarray, width: float, cell: float, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Cells along one axis that intervals of ``width`` [m] around x (n,) [m] cover, and the covered shares.
-
-    What lies beyond the first and the last of ``count`` cells belongs to them.
-    """
-    low, high = x - 0.5 * width, x + 0.5 * width
-    first = np.floor(low / cell).astype(np.int64)
-    shares = []
-    for k in range(int(np.ceil(width / cell)) + 1):
-        covered = np.minimum(high, (first + k + 1) * cell) - np.maximum(low, (first + k) * cell)
-        shares.append((np.clip(first + k, 0, count - 1), np.maximum(covered, 0.0) / width))
-    return shares
+def _shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndarray:
+    """Shares (n, count) of intervals of ``width`` [m] around x (n,) [m] in cells; what lies beyond is of the outer ones."""
+    edges = np.array([-np.inf, *(cell * np.arange(1, count)), np.inf])
+    covered = np.minimum(x[:, None] + 0.5 * width, edges[1:]) - np.maximum(x[:, None] - 0.5 * width, edges[:-1])
+    return np.maximum(covered, 0.0) / width  # type: ignore[no-any-return]
