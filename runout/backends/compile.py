@@ -28,6 +28,7 @@ from runout.physics import (
     granular_flow,
     heightfield,
     moments,
+    plastic,
     resolution,
     tensors,
     timestep,
@@ -35,8 +36,8 @@ from runout.physics import (
 )
 
 PHYSICS = (
-    *(tensors, bspline, moments, transfers, heightfield, elastic, drucker_prager, granular_flow, contact, blocks, timestep),
-    resolution,
+    *(tensors, bspline, moments, transfers, heightfield, elastic, plastic, drucker_prager, granular_flow),
+    *(contact, blocks, timestep, resolution),
 )
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 

@@ -62,6 +62,15 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, friction: Any, dt: Any):
     return vec(normal * n[0] - s * tx, normal * n[1] - s * ty, normal * n[2] - s * tz)
 
 
+def zone_friction(friction: Any, factor: Any, own: Any):
+    """Friction coefficient [1] in a zone of the ground that multiplies that of the mass by ``factor`` and adds its ``own`` [1].
+
+    A zone that replaces the friction of the mass has the factor 0, one that changes it the own coefficient 0; on the border of a
+    zone both are means by area.
+    """
+    return factor * friction + own
+
+
 def work(push: Any, before: Any, u: Any, compliance: Any):
     """Work [J] of an impulse, with the mean of the particle's velocities before the step and after it.
 

@@ -9,15 +9,9 @@ sec. 4.3.4).
 import math
 from typing import Any
 
-from runout.physics.elastic import (
-    kirchhoff_stress,
-    log_strain,
-    log_strain_series,
-    strain_of_log,
-    strain_series,
-    trial_strain,
-)
-from runout.physics.tensors import added, contracted, deviator, isotropic, norm, real, scaled, shifted, trace
+from runout.physics.elastic import log_strain, log_strain_series, trial_strain
+from runout.physics.plastic import dissipated_energy, end_of_small_step, end_of_step, gained_volume
+from runout.physics.tensors import deviator, isotropic, norm, real, scaled, shifted, trace
 
 
 def cone_triaxial_compression(phi: Any, c: Any):
@@ -79,31 +73,19 @@ def plastic_return(elastic: Any, history: Any, mat: Any):
     gained = history * mat.volume_correction
     h = shifted(elastic, gained * (real(1.0) / real(3.0)))
     new = return_to_cone(h, mat)
-    left = trace(h) - trace(new)
-    if left < real(0.0):
-        left = real(0.0)
-    # tau : flow, not the drop of stored energy: that adds the energy of the whole trial overshoot, first order in dt
-    flow = added(elastic, scaled(new, real(-1.0)))
-    return new, left, contracted(kirchhoff_stress(new, mat), flow)
-
-
-def same(a: Any, b: Any):
-    """Whether two strains are equal: the material did not flow."""
-    return (a[0] == b[0]) and (a[1] == b[1]) and (a[2] == b[2]) and (a[3] == b[3]) and (a[4] == b[4]) and (a[5] == b[5])
+    return new, gained_volume(h, new), dissipated_energy(elastic, new, mat)
 
 
 def update(B: Any, L: Any, history: Any, mat: Any):
     """One step of the law.
 
-    Returns the new B, the Hencky strain that gives its stress, the history variable (:func:`plastic_return`) and the
-    energy dissipated per stress-free volume [J/m3].
+    Returns the new B, the Hencky strain that gives its stress, the history variable (:func:`plastic_return`) and the energy
+    dissipated per stress-free volume [J/m3].
     """
     trial = trial_strain(B, L)
     elastic = log_strain(trial)
     new, left, lost = plastic_return(elastic, history, mat)
-    if same(elastic, new):
-        return trial, elastic, left, real(0.0)
-    return strain_of_log(new), new, left, lost
+    return end_of_step(trial, elastic, new, left, lost)
 
 
 def update_small(B: Any, L: Any, history: Any, mat: Any):
@@ -111,9 +93,4 @@ def update_small(B: Any, L: Any, history: Any, mat: Any):
     trial = trial_strain(B, L)
     elastic = log_strain_series(trial)
     new, left, lost = plastic_return(elastic, history, mat)
-    square = contracted(trial, trial)
-    if square < real(4.0) * contracted(new, new):
-        square = real(4.0) * contracted(new, new)
-    if same(elastic, new):
-        return trial, elastic, left, real(0.0), square
-    return strain_series(scaled(new, real(2.0))), new, left, lost, square
+    return end_of_small_step(trial, elastic, new, left, lost)

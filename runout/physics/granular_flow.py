@@ -8,16 +8,10 @@ Pouliquen 2006, Nature 441:727, eq. 1 to 3; rho is the bulk density). The return
 import math
 from typing import Any
 
-from runout.physics.drucker_prager import pressure, same
-from runout.physics.elastic import (
-    kirchhoff_stress,
-    log_strain,
-    log_strain_series,
-    strain_of_log,
-    strain_series,
-    trial_strain,
-)
-from runout.physics.tensors import added, contracted, deviator, isotropic, norm, real, scaled, shifted, trace
+from runout.physics.drucker_prager import pressure
+from runout.physics.elastic import log_strain, log_strain_series, trial_strain
+from runout.physics.plastic import dissipated_energy, end_of_small_step, end_of_step, gained_volume
+from runout.physics.tensors import deviator, isotropic, norm, real, scaled, shifted, trace
 
 
 def friction(I: Any, mat: Any):
@@ -58,11 +52,7 @@ def flow_return(elastic: Any, history: Any, mat: Any):
     """
     h = shifted(elastic, history * (real(1.0) / real(3.0)))
     new = return_to_flow(h, mat)
-    left = trace(h) - trace(new)
-    if left < real(0.0):
-        left = real(0.0)
-    flow = added(elastic, scaled(new, real(-1.0)))
-    return new, left, contracted(kirchhoff_stress(new, mat), flow)
+    return new, gained_volume(h, new), dissipated_energy(elastic, new, mat)
 
 
 def update(B: Any, L: Any, history: Any, mat: Any):
@@ -74,9 +64,7 @@ def update(B: Any, L: Any, history: Any, mat: Any):
     trial = trial_strain(B, L)
     elastic = log_strain(trial)
     new, left, lost = flow_return(elastic, history, mat)
-    if same(elastic, new):
-        return trial, elastic, left, real(0.0)
-    return strain_of_log(new), new, left, lost
+    return end_of_step(trial, elastic, new, left, lost)
 
 
 def update_small(B: Any, L: Any, history: Any, mat: Any):
@@ -84,9 +72,4 @@ def update_small(B: Any, L: Any, history: Any, mat: Any):
     trial = trial_strain(B, L)
     elastic = log_strain_series(trial)
     new, left, lost = flow_return(elastic, history, mat)
-    square = contracted(trial, trial)
-    if square < real(4.0) * contracted(new, new):
-        square = real(4.0) * contracted(new, new)
-    if same(elastic, new):
-        return trial, elastic, left, real(0.0), square
-    return strain_series(scaled(new, real(2.0))), new, left, lost, square
+    return end_of_small_step(trial, elastic, new, left, lost)

@@ -10,7 +10,7 @@ from runout.backends.scan.arenas import SUMS
 from runout.backends.scan.motion import OUTSIDE
 from runout.physics.elastic import energy_density, is_small, kirchhoff_stress, log_strain, log_strain_scaled, log_strain_series
 from runout.physics.moments import gradient_column, kinetic_energy, moment_slope, momentum_at, potential_energy, stress_columns
-from runout.physics.tensors import contracted, real, sym
+from runout.physics.tensors import contracted, real, sym, vec
 
 MASS, MOMENTUM, KINETIC, POTENTIAL, ELASTIC = 0, 1, 4, 5, 6  # places in a row of sums
 TILE = 32
@@ -27,6 +27,22 @@ def _strain_of(state, p):
     return sym(state[p, 0], state[p, 1], state[p, 2], state[p, 3], state[p, 4], state[p, 5])
 
 
+def _add_stress(rec, p, tau, volume, slopes):
+    """Add the impulse of a stress to the record of a particle, whose momentum is that at the middle node."""
+    push = stress_columns(tau, volume, slopes)
+    momentum = momentum_at(
+        vec(rec[p, 1], rec[p, 2], rec[p, 3]),
+        vec(push[0], push[1], push[2]),
+        vec(push[3], push[4], push[5]),
+        vec(push[6], push[7], push[8]),
+        vec(real(1.0) - rec[p, 4], real(1.0) - rec[p, 8], real(1.0) - rec[p, 12]),
+    )
+    for i in range(3):
+        rec[p, 1 + i] = momentum[i]
+        for j in range(3):
+            rec[p, 5 + 4 * j + i] += push[3 * j + i]
+
+
 def change_step(rec, state, who, label, order, first, held, nown, mats, ddt, h):
     """Repack the records for a time step longer by ``ddt`` [s]."""
     slopes = moment_slope(ddt, h[0]), moment_slope(ddt, h[1]), moment_slope(ddt, h[2])
@@ -34,11 +50,7 @@ def change_step(rec, state, who, label, order, first, held, nown, mats, ddt, h):
         for k in range(first[b], first[b] + held[b]):
             p = order[k]
             tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[who[p], 0]])
-            push = stress_columns(tau, state[p, 7], slopes)
-            for j in range(3):
-                for i in range(3):
-                    rec[p, 5 + 4 * j + i] += push[3 * j + i]
-                    rec[p, 1 + i] += (real(1.0) - rec[p, 4 + 4 * j]) * push[3 * j + i]
+            _add_stress(rec, p, tau, state[p, 7], slopes)
 
 
 def _take_record(t, q, rec, state, p):

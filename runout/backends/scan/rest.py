@@ -2,9 +2,9 @@
 
 from numba import prange
 
-from runout.backends.scan.observe import _strain_of
+from runout.backends.scan.observe import _add_stress, _strain_of
 from runout.physics.elastic import kirchhoff_stress, log_strain
-from runout.physics.moments import moment_slope, stress_columns
+from runout.physics.moments import moment_slope
 from runout.physics.tensors import real
 
 CALM_STEPS = 50  # that a block and its neighbours stay slow before it falls asleep
@@ -76,9 +76,7 @@ def put_to_rest(rec, state, who, label, order, first, falling, nown, mats, dt, h
         for k in range(first[b], first[b] + max(falling[b], 0)):
             p = order[k]
             tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[who[p], 0]])
-            push = stress_columns(tau, state[p, 7], slopes)
-            for i in range(3):
-                rec[p, 1 + i] = real(0.0)
-                for j in range(3):
-                    rec[p, 5 + 4 * j + i] = push[3 * j + i]
-                    rec[p, 1 + i] += (real(1.0) - rec[p, 4 + 4 * j]) * push[3 * j + i]
+            for k in range(1, 4):
+                for j in range(4):
+                    rec[p, k + 4 * j] = real(0.0)
+            _add_stress(rec, p, tau, state[p, 7], slopes)

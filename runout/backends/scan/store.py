@@ -7,6 +7,7 @@ import numpy as np
 
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.physics.moments import momentum_at
 
 PADDING = 64  # slots that vectors may read and write behind the last
 
@@ -91,13 +92,11 @@ class Store:
 
     def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
         self.rec[slot, 0] = p.mass
-        mass, momentum = p.mass[:, None], p.mass[:, None] * p.velocity
-        for j in range(3):
-            slope = mass * p.affine[:, :, j] * scene.spacing[j]
-            momentum += (1.0 - p.offset[:, j, None]) * slope
+        slopes = [p.mass * p.affine[:, :, j].T * scene.spacing[j] for j in range(3)]
+        for j, slope in enumerate(slopes):
             self.rec[slot, 4 + 4 * j] = p.offset[:, j]
-            self.rec[slot, 5 + 4 * j : 8 + 4 * j] = slope
-        self.rec[slot, 1:4] = momentum
+            self.rec[slot, 5 + 4 * j : 8 + 4 * j] = slope.T
+        self.rec[slot, 1:4] = np.column_stack(momentum_at(p.mass * p.velocity.T, slopes[0], slopes[1], slopes[2], 1.0 - p.offset.T))
         self.state[slot, :6], self.state[slot, 6], self.state[slot, 7] = p.strain, p.history, p.volume
 
     def memory(self) -> dict[str, int]:
