@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from runout.config.site import Site
+    from runout.model.friction import FrictionZones
     from runout.model.release import Release
     from runout.model.resolution import Resolution
     from runout.model.terrain import Terrain
@@ -33,6 +34,7 @@ class Findings:
     site: "Site | None" = None
     terrain: "Terrain | None" = None
     releases: "list[Release]" = field(default_factory=list)
+    zones: "FrictionZones | None" = None
 
     def note(self, error: RunoutError) -> None:
         """Add an error, or each of the problems that it lists."""
@@ -60,6 +62,7 @@ def inspect(site_path: Path) -> Findings:
         return found
     found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
     _read_releases(found, readable, found.terrain)
+    _read_zones(found, readable, found.terrain)
     _inspect_overlaps(found, found.terrain)
     if found.site is not None:
         _inspect_resolution(found, found.site)
@@ -95,6 +98,15 @@ def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
             found.releases += alone.releases(terrain)
         except InputError as error:
             found.note(error)
+
+
+def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    try:
+        found.zones = site.friction_zones(terrain)
+    except InputError as error:
+        found.note(error)
+    if found.zones:
+        found.notes += found.zones.changes
 
 
 def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
@@ -169,7 +181,7 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
     if not found.releases:
         return
     thickness = np.sum([release.thickness for release in found.releases], axis=0)
-    reach = prepare.reachable(terrain, thickness, least_friction(site, found.releases))
+    reach = prepare.reachable(terrain, thickness, least_friction(site, found.releases, found.zones))
     try:
         prepare.require_known(terrain, reach, "the area that the mass can reach")
     except DemError as error:
@@ -183,14 +195,15 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
         )
 
 
-def least_friction(site: "Site", releases: "list[Release]") -> float:
-    """Smallest basal friction angle of any member and release [rad]."""
+def least_friction(site: "Site", releases: "list[Release]", zones: "FrictionZones | None" = None) -> float:
+    """Smallest basal friction angle of any member, release and zone [rad]."""
     from runout.ensemble.design import member_table
 
     members = member_table(site.settings.ensemble)
     sampled = members.get("basal_friction_angle_deg")
     angle = math.radians(float(sampled.min()) if sampled is not None else site.settings.basal_friction_angle_deg)
-    return min([angle, *(r.basal_friction_angle for r in releases if r.basal_friction_angle is not None)])
+    least = min([angle, *(r.basal_friction_angle for r in releases if r.basal_friction_angle is not None)])
+    return zones.least_angle(least) if zones else least
 
 
 def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
@@ -215,6 +228,8 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     if found.problems or found.site is None:
         console.print(f"[bold]{len(found.problems)} problem{'s' * (len(found.problems) != 1)}; nothing was changed[/]")
         return ExitCode.CONFIGURATION
+    if found.zones:
+        console.print(found.zones.statement(), markup=False)
     return _print_plan(console, found.site, found.releases, out, device)
 
 

@@ -95,6 +95,8 @@ def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
     transfer = (scene.transfer, scene.flip_ratio, scene.f_bar, scene.sleep_speed)
     digest.update(repr((plain, transfer, scene.contact_band, ground and (ground.spacing, ground.origin))).encode())
     arrays = [] if ground is None else [ground.coefficients]
+    if scene.friction_zones:
+        arrays += [scene.friction_zones.factor, scene.friction_zones.coefficient]
     for values in (*arrays, *vars(particles).values()):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()

@@ -34,6 +34,10 @@ class ReleaseError(InputError):
     """A release that cannot be used as it is."""
 
 
+class ZoneError(InputError):
+    """Friction zones of the ground that cannot be used as they are."""
+
+
 class MaterialError(InputError):
     """Material parameters out of their range."""
 

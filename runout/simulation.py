@@ -16,6 +16,7 @@ from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.checkpoint import EVERY, Checkpoint, run_key
 from runout.errors import ConfigError, ReleaseError
 from runout.memory import Extent, expected_extent, expected_memory, require_memory
+from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
@@ -73,6 +74,7 @@ def simulate(
     material: Material,
     *,
     basal_friction_angle: float = 20.0,
+    friction_zones: FrictionZones | None = None,
     cell_size: float | tuple[float, float, float] | None = None,
     particles_per_cell: int | tuple[int, int, int] | None = None,
     end_time: float,
@@ -106,6 +108,8 @@ def simulate(
         Of every release that brings none of its own.
     basal_friction_angle : float
         Coulomb friction angle at the ground [deg], of every release that brings none; 0 to 60.
+    friction_zones : FrictionZones, optional
+        Where the ground multiplies or replaces the friction, as in :meth:`runout.FrictionZones.from_vector`.
     cell_size : float or (dx, dy, dz)
         Spacing of the grid [m]; needed where no ``accuracy`` is given.
     particles_per_cell : int or (nx, ny, nz)
@@ -166,7 +170,7 @@ def simulate(
     grid = choices(accuracy, releases, {"cell_size": cell_size, "particles_per_cell": particles_per_cell, "cfl": cfl})
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed,
+        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
         accept=lambda extent: require_memory(
             expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar), engine, memory_gb
         ),
@@ -215,6 +219,7 @@ def build_scene(
     flip_ratio: float = 0.95,
     f_bar: bool = False,
     sleep_speed: float = 0.0,
+    friction_zones: FrictionZones | None = None,
     accept: Callable[[Extent], None] | None = None,
 ) -> tuple[Scene, Particles]:
     """Scene and particles of a scenario; parameters as in :func:`simulate`.
@@ -236,7 +241,8 @@ def build_scene(
         m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     spacing = _spacing(cell_size)
     released = np.sum([r.thickness for r in releases], axis=0)
-    prepare.require_known(terrain, prepare.reachable(terrain, released, min(angles)), "the area that the flow can reach")
+    least = friction_zones.least_angle(min(angles)) if friction_zones else min(angles)
+    prepare.require_known(terrain, prepare.reachable(terrain, released, least), "the area that the flow can reach")
     dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if dug else None, spacing[:2])
     if accept:
@@ -246,7 +252,7 @@ def build_scene(
     friction = tuple(math.tan(a) for a in angles)
     scene = Scene(
         spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed,
+        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
     )  # fmt: skip
     return scene, particles
 

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from runout.config.document import Document, Location, read_document
 from runout.config.problems import problems_of
-from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts
+from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts, zone_conflicts
 from runout.errors import ConfigError, Problem
 
 FILE_NAME = "site.yaml"
@@ -90,11 +90,20 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         if "basal_friction_angle_deg" in release and "basal_friction_angle_deg" in sampled:
             place = ("release", i, "basal_friction_angle_deg")
             yield document.problem(place, "the ensemble samples this angle too", "remove one of the two")
+    for i, zone in enumerate(_friction_zones(document)):
+        for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
+            yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
     if document.value(("material", "law")) == "elastic":
         for name in STRENGTH:
             if name in sampled:
                 place = ("ensemble", "parameters", name)
                 yield document.problem(place, "the law elastic has no such parameter", "remove it, or use law: drucker_prager")
+
+
+def _friction_zones(document: Document) -> list[dict[str, Any]]:
+    """Zones as they are stated; nothing for one that is not a block."""
+    stated = document.value(("terrain", "friction_zones"))
+    return [zone if isinstance(zone, dict) else {} for zone in stated] if isinstance(stated, list) else []
 
 
 def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
@@ -115,6 +124,7 @@ def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
     count = len(releases) if isinstance(releases, list) else 0
     places: list[Location] = [("terrain", "dem")]
     places += [("release", i, key) for i in range(count) for key in ("polygons", "raster")]
+    places += [("terrain", "friction_zones", i, "polygons") for i in range(len(_friction_zones(document)))]
     for place in places:
         name = document.value(place)
         if isinstance(name, str) and name:

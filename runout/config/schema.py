@@ -28,6 +28,7 @@ Text = Annotated[str, Field(min_length=1), Tag("<text>")]
 FrictionAngle = Annotated[
     Text | Annotated[float, Field(ge=0, le=60), AfterValidator(plausible_degrees), Tag("<number>")], Discriminator(shape)
 ]
+FrictionFactor = Annotated[Text | Annotated[float, Field(ge=0, le=10), Tag("<number>")], Discriminator(shape)]
 Thickness = Annotated[Text | Annotated[float, Field(gt=0, le=1000), Tag("<number>")], Discriminator(shape)]
 Size = Annotated[float, Field(gt=0, le=1000)]
 CellSize = Annotated[
@@ -53,6 +54,41 @@ class RemoteFile(Settings):
 InputFile = Annotated[Text | Annotated[RemoteFile, Tag("<block>")], Discriminator(shape)]
 
 
+def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+    """Keys of friction zones that do not fit together."""
+    both = {"factor", "basal_friction_angle_deg"} <= given.keys()
+    if both or not {"factor", "basal_friction_angle_deg"} & given.keys():
+        said = (
+            "factor and basal_friction_angle_deg are both given" if both else "neither factor nor basal_friction_angle_deg is given"
+        )
+        yield "", said, "give one of them: factor multiplies the friction of the mass, the angle replaces it"
+
+
+class ZoneSettings(Settings):
+    """Ground that changes the friction of what moves over it."""
+
+    polygons: str = quantity(
+        "zones (GeoPackage, Shapefile, GeoJSON), relative to this folder", min_length=1, examples=["inputs/zones.gpkg"]
+    )
+    layer: str | None = quantity("layer of the GeoPackage; not needed when it has one only", None, examples=["forest"])
+    factor: FrictionFactor | None = quantity(
+        "multiplies the friction coefficient of the mass in these zones; a number or the attribute that holds it",
+        None,
+        examples=[1.5],
+    )
+    basal_friction_angle_deg: FrictionAngle | None = quantity(
+        "replaces the friction angle of the mass in these zones; a number or the attribute that holds it",
+        None,
+        unit="deg",
+        examples=[30.0],
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> "ZoneSettings":
+        _raise_first(zone_conflicts(self.model_dump(exclude_none=True)))
+        return self
+
+
 class TerrainSettings(Settings):
     """The terrain."""
 
@@ -64,6 +100,13 @@ class TerrainSettings(Settings):
     )
     resolution: float | None = quantity(
         "average the raster over whole blocks of cells to about this size", None, unit="m", gt=0, examples=[10.0]
+    )
+    friction_zones: list[ZoneSettings] | None = quantity(
+        "ground that changes the friction of what moves over it (forest, bedrock, snow), a list: polygons of a vector file, with "
+        "factor, which multiplies the friction coefficient of the mass, or basal_friction_angle_deg, which replaces its angle",
+        None,
+        min_length=1,
+        examples=[[{"polygons": "inputs/zones.gpkg", "factor": 1.5}]],
     )
 
 

@@ -15,6 +15,7 @@ from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.errors import ConfigError, Problem
 
 if TYPE_CHECKING:
+    from runout.model.friction import FrictionZones
     from runout.model.materials import Material
     from runout.model.release import Release
     from runout.model.terrain import Terrain
@@ -56,6 +57,23 @@ class Site:
         stated = self.settings.terrain
         terrain = read_terrain(locate(stated.dem, self.folder), stated.crs)
         return self._averaged(terrain, stated.resolution) if stated.resolution else terrain
+
+    def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
+        """The friction zones on the terrain; None where site.yaml states none.
+
+        Raises
+        ------
+        ZoneError
+            If zones cannot be used.
+        """
+        stated = self.settings.terrain.friction_zones
+        if not stated:
+            return None
+        from runout.terrain.zones import read_zones, together
+
+        return together(
+            [read_zones(locate(z.polygons, self.folder), terrain, **z.model_dump(exclude={"polygons"})) for z in stated]
+        )
 
     def releases(self, terrain: "Terrain", sample: Mapping[str, float] | None = None) -> "list[Release]":
         """The releases on the terrain, in the order of site.yaml.
@@ -107,6 +125,7 @@ class Site:
             "release": self.releases(terrain, sampled),
             "material": self.material(sampled),
             "basal_friction_angle": float(angle),
+            "friction_zones": self.friction_zones(terrain),
             "cell_size": _fixed(grid["cell_size"]),
             "particles_per_cell": _fixed(grid["particles_per_cell"]),
             "end_time": stated.end_time,
@@ -150,6 +169,7 @@ class Site:
         stated = [self.settings.terrain.dem]
         for release in self.settings.release:
             stated += [source for source in (release.polygons, release.raster) if source is not None]
+        stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
         return [path for source in stated for path in _files(locate(source, self.folder))]
 
     def resolved(self) -> dict[str, Any]:

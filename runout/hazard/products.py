@@ -59,7 +59,8 @@ def write_products(
     Parameters
     ----------
     site : Site
-        Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``inputs()`` and ``resolved()`` are used.
+        Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``friction_zones(terrain)``, ``inputs()`` and
+        ``resolved()`` are used.
     results : Path
         Folder that holds ``members/0003.nc`` and takes the products.
     members : pandas.DataFrame
@@ -90,7 +91,7 @@ def write_products(
         netcdf.write(hazard, results / "hazard.nc"),
         write_members(ensemble, results / "members.nc", hazard.attrs | {"title": f"{_title(site)}: members of the ensemble"}),
         *_write_maps(hazard, results / "maps"),
-        _write_outlines(hazard, ensemble, terrain, releases, results / "outlines.gpkg"),
+        _write_outlines(hazard, ensemble, site, terrain, releases, results / "outlines.gpkg"),
     ]
     paths.append(_write_origin(origin, paths, results))
     for path in outdated - set(paths):
@@ -153,9 +154,12 @@ def _thresholds_of(hazard: "xr.Dataset", name: str) -> list[float]:
     return hazard[f"{quantity}_threshold"].values.tolist() if f"{quantity}_threshold" in hazard.coords else []
 
 
-def _write_outlines(hazard: "xr.Dataset", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], path: Path) -> Path:
+def _write_outlines(
+    hazard: "xr.Dataset", ensemble: Ensemble, site: "Site", terrain: Terrain, releases: Sequence[Release], path: Path
+) -> Path:
     attributes = {"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | ensemble.counts()
-    return write_outlines(path, terrain, releases, hazard["inundation_probability"].values, attributes=attributes)
+    zones = site.friction_zones(terrain)
+    return write_outlines(path, terrain, releases, hazard["inundation_probability"].values, attributes=attributes, zones=zones)
 
 
 def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Outlines of a release and of inundation as a GeoPackage."""
 
+import math
 import os
 import warnings
 from collections.abc import Iterable, Sequence
@@ -10,6 +11,7 @@ import numpy as np
 
 from runout.io.atomic import storage_error, whole_file
 from runout.io.grid import horizontal_crs
+from runout.model.friction import FrictionZones
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 
@@ -29,8 +31,12 @@ def write_outlines(
     *,
     levels: Iterable[float] = PROBABILITY_LEVELS,
     attributes: dict[str, Any] | None = None,
+    zones: FrictionZones | None = None,
 ) -> Path:
     """The path, after writing a GeoPackage with the layers ``release`` and ``inundation`` in the terrain's system.
+
+    Where there are friction ``zones``, the layer ``friction_zones`` has their outlines, each with its ``factor`` [1] or
+    ``basal_friction_angle_deg``.
 
     Parameters
     ----------
@@ -51,6 +57,8 @@ def write_outlines(
         "release": _release_frame(terrain, releases),
         "inundation": _inundation_frame(terrain, np.asarray(probability), levels, attributes or {}),
     }
+    if zones:
+        layers["friction_zones"] = _zone_frame(terrain, zones)
     with whole_file(path) as temporary, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="'crs' was not provided")  # a local system has none
         try:
@@ -89,6 +97,19 @@ def _release_frame(terrain: Terrain, releases: Sequence[Release]) -> "gpd.GeoDat
         for release in releases
     ]
     return _frame(rows, terrain)
+
+
+def _zone_frame(terrain: Terrain, zones: FrictionZones) -> "gpd.GeoDataFrame":
+    rows = [
+        {
+            "factor": zone.get("factor"),
+            "basal_friction_angle_deg": math.degrees(math.atan(zone["coefficient"])) if "coefficient" in zone else None,
+            "geometry": _multi(zone["geometry"]),
+        }
+        for zone in zones.zones
+    ]
+    frame = _frame(rows, terrain)
+    return frame.astype({"factor": float, "basal_friction_angle_deg": float})
 
 
 def _inundation_frame(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ConfigError, StabilityError
+from runout.model.friction import FrictionZones
 from runout.model.laws import LAWS, Law
 from runout.model.materials import Material
 from runout.model.surface import Surface
@@ -61,6 +62,8 @@ class Scene:
         Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
     sleep_speed : float
         Blocks whose particles stay slower [m/s] are put to rest until something moves beside them; 0 for none, on "scan" alone.
+    friction_zones : FrictionZones or None
+        Where the ground changes the friction; None for nowhere.
     """
 
     spacing: tuple[float, float, float]
@@ -76,6 +79,7 @@ class Scene:
     flip_ratio: float = 0.95
     f_bar: bool = False
     sleep_speed: float = 0.0
+    friction_zones: FrictionZones | None = None
 
     def __post_init__(self) -> None:
         if len(self.spacing) != 3 or not all(np.isfinite(h) and h > 0 for h in self.spacing):
@@ -96,6 +100,10 @@ class Scene:
             raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
         if len(self.friction) != len(self.materials):
             raise ConfigError(f"{len(self.friction)} friction coefficients for {len(self.materials)} releases")
+        zones, raster = self.friction_zones, self.raster
+        if zones and (zones.factor.shape, zones.cell_size) != ((raster.columns, raster.rows), raster.cell_size):
+            cells = f"{zones.factor.shape} of {zones.cell_size} m"
+            raise ConfigError(f"friction zones have cells {cells}, the terrain {raster}; read them on the same terrain")
 
     @property
     def law(self) -> Law:
@@ -116,6 +124,11 @@ class Scene:
     def wave_speed(self) -> float:
         """Largest speed of pressure waves [m/s]."""
         return max(m.wave_speed for m in self.materials)
+
+    def friction_at(self, release: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Basal friction coefficients (n,) [1] of masses of a ``release`` (n,) at local positions (n,) [m]."""
+        friction = np.array(self.friction, np.float64)[release]
+        return self.friction_zones.at(friction, x, y) if self.friction_zones else friction
 
     def stable_step(self, speed: float) -> float:
         """Largest admissible time step [s] while the fastest particle moves at ``speed`` [m/s]."""

@@ -34,6 +34,15 @@ def covered_area(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> np.n
     return share * np.outer(np.diff(edges_x), np.diff(edges_y))
 
 
+def covered_window(outline: Any, edges: tuple[np.ndarray, np.ndarray]) -> tuple[tuple[slice, slice], np.ndarray]:
+    """The window of cells around a polygon or multipolygon that is not empty, and :func:`covered_area` in it."""
+    low, high = outline.bounds[:2], outline.bounds[2:]
+    first = [max(int(np.searchsorted(e, v, "right")) - 1, 0) for e, v in zip(edges, low, strict=True)]
+    last = [int(np.searchsorted(e, v, "left")) for e, v in zip(edges, high, strict=True)]
+    x, y = (slice(a, max(b, a + 1)) for a, b in zip(first, last, strict=True))
+    return (x, y), covered_area(outline, edges[0][x.start : x.stop + 1], edges[1][y.start : y.stop + 1])
+
+
 def covered_centroid(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centroids (nx, ny) of the covered part of each lattice cell, east and north of the cell's centre [m]; 0 where none is.
 

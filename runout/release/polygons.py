@@ -1,4 +1,4 @@
-"""Release polygons of a vector file: read, checked, in map coordinates of the terrain."""
+"""Polygons of a vector file, of a release or of zones: read, checked, in map coordinates of the terrain."""
 
 import difflib
 from dataclasses import dataclass
@@ -61,8 +61,8 @@ class PolygonLayer:
         return f"{asked} numeric attributes: {self.numeric_attributes()}"
 
 
-def read_polygons(path: Path, terrain: Terrain, layer: str | None = None) -> PolygonLayer:
-    """Polygons of a GeoPackage, Shapefile, GeoJSON or whatever else GDAL reads.
+def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: str = "release") -> PolygonLayer:
+    """Polygons of a GeoPackage, Shapefile, GeoJSON or whatever else GDAL reads; ``what`` they are is for messages.
 
     Raises
     ------
@@ -70,17 +70,17 @@ def read_polygons(path: Path, terrain: Terrain, layer: str | None = None) -> Pol
         Missing or unreadable file, unknown layer, another coordinate system, no features, points or lines,
         features without a geometry, or polygons that cross themselves (with the place).
     """
-    frame, driver = _read(path, layer)
+    frame, driver = _read(path, layer, what)
     if len(frame) == 0:
-        raise ReleaseError(f"{path}: the layer is empty; draw at least one release polygon")
+        raise ReleaseError(f"{path}: the layer is empty; draw at least one {what} polygon")
     frame, changes = _in_terrain_crs(path, frame, driver, terrain)
     geometry = frame.geometry.force_2d().to_numpy()
-    _require_polygons(path, geometry)
+    _require_polygons(path, geometry, what)
     _require_valid(path, geometry)
     return PolygonLayer(path, geometry, frame.drop(columns=frame.geometry.name), changes)
 
 
-def _read(path: Path, layer: str | None) -> tuple[Any, str]:
+def _read(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
     """Frame of the layer and the name of the GDAL driver."""
     import geopandas
     import pyogrio
@@ -91,7 +91,7 @@ def _read(path: Path, layer: str | None) -> tuple[Any, str]:
         raise ReleaseError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else "; check the path"))
     try:
         layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
-        layer = _layer(path, layers, layer)
+        layer = _layer(path, layers, layer, what)
         frame = geopandas.read_file(path, layer=layer, engine="pyogrio", on_invalid="raise")
         return frame, pyogrio.read_info(path, layer=layer)["driver"]
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError) as error:
@@ -100,12 +100,12 @@ def _read(path: Path, layer: str | None) -> tuple[Any, str]:
         raise ReleaseError(f"{path}: holds a broken geometry ({error}); close every ring, with four points or more") from error
 
 
-def _layer(path: Path, layers: list[str], layer: str | None) -> str:
+def _layer(path: Path, layers: list[str], layer: str | None, what: str) -> str:
     if not layers:
-        raise ReleaseError(f"{path}: holds a table but no geometries; write the release polygons into it")
+        raise ReleaseError(f"{path}: holds a table but no geometries; write the {what} polygons into it")
     if layer is None and len(layers) > 1:
         names = ", ".join(layers)
-        raise ReleaseError(f"{path}: holds {len(layers)} layers ({names}); name the one with the release: layer={layers[0]!r}")
+        raise ReleaseError(f"{path}: holds {len(layers)} layers ({names}); name the one with the {what}: layer={layers[0]!r}")
     if layer is not None and layer not in layers:
         near = difflib.get_close_matches(layer, layers, n=1, cutoff=0.4)
         asked = f"did you mean {near[0]!r}? " if near else ""
@@ -131,7 +131,7 @@ def _in_terrain_crs(path: Path, frame: Any, driver: str, terrain: Terrain) -> tu
     return frame.to_crs(wanted), (change,)
 
 
-def _require_polygons(path: Path, geometry: np.ndarray) -> None:
+def _require_polygons(path: Path, geometry: np.ndarray, what: str) -> None:
     import shapely
 
     empty = np.flatnonzero(shapely.is_missing(geometry) | shapely.is_empty(geometry))
@@ -139,7 +139,7 @@ def _require_polygons(path: Path, geometry: np.ndarray) -> None:
         raise ReleaseError(f"{path}: feature {empty[0] + 1} has no geometry; delete it or draw its polygon")
     other = sorted({g.geom_type for g in geometry} - {"Polygon", "MultiPolygon"})
     if other:
-        raise ReleaseError(f"{path}: holds {' and '.join(other)}; a release needs polygons around what starts to move")
+        raise ReleaseError(f"{path}: holds {' and '.join(other)}; a {what} needs polygons around it")
 
 
 def _require_valid(path: Path, geometry: np.ndarray) -> None:
@@ -154,18 +154,20 @@ def _require_valid(path: Path, geometry: np.ndarray) -> None:
         )
 
 
-def without_overlap(layer: PolygonLayer, thickness: np.ndarray | None) -> tuple[np.ndarray, tuple[str, ...]]:
+def without_overlap(
+    layer: PolygonLayer, values: np.ndarray | None, what: str = "thickness", unit: str = " m"
+) -> tuple[np.ndarray, tuple[str, ...]]:
     """Polygons (n,) of which no two overlap, and the sentence that says so; an overlap belongs to the first of its polygons.
 
     Parameters
     ----------
-    thickness : ndarray (n,) or None
-        Thickness of the polygons [m], None for one common thickness.
+    values : ndarray (n,) or None
+        Thickness, or ``what`` else in its ``unit`` the polygons have; None for one common value.
 
     Raises
     ------
     ReleaseError
-        If polygons of different thickness overlap: which one holds there is not for a program to say.
+        If polygons of different values overlap: which one holds there is not for a program to say.
     """
     import shapely
 
@@ -176,10 +178,10 @@ def without_overlap(layer: PolygonLayer, thickness: np.ndarray | None) -> tuple[
     common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
     counts = common > OVERLAP * np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
     for i, j, area in zip(first[counts], second[counts], common[counts], strict=True):
-        if thickness is not None and thickness[i] != thickness[j]:
+        if values is not None and values[i] != values[j]:
             raise ReleaseError(
-                f"{layer.source}: polygons {i + 1} ({thickness[i]:g} m) and {j + 1} ({thickness[j]:g} m) overlap by {area:.6g} m2; "
-                "cut one of them back so that every place has one thickness"
+                f"{layer.source}: polygons {i + 1} ({values[i]:g}{unit}) and {j + 1} ({values[j]:g}{unit}) overlap by "
+                f"{area:.6g} m2; cut one of them back so that every place has one {what}"
             )
     for i, j in sorted(zip(first.tolist(), second.tolist(), strict=True), key=lambda pair: pair[1]):
         polygons[j] = _polygonal(shapely.difference(polygons[j], polygons[i]))

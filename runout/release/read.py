@@ -13,7 +13,7 @@ from runout.errors import ReleaseError
 from runout.model.materials import Material
 from runout.model.release import Placement, Release
 from runout.model.terrain import Terrain
-from runout.release.coverage import SAME_EDGE, covered_area, regrid
+from runout.release.coverage import SAME_EDGE, covered_window, regrid
 from runout.release.ground import require_elevation, require_inside
 from runout.release.polygons import PolygonLayer, read_polygons, without_overlap
 from runout.release.volume import checked_number, matched
@@ -233,10 +233,7 @@ def _on_cells(parts: np.ndarray, depths: np.ndarray, terrain: Terrain) -> np.nda
         if united.is_empty:
             continue
         local = shapely.transform(united, terrain.frame.to_local)
-        first = [max(int(np.searchsorted(e, low, "right")) - 1, 0) for e, low in zip(edges, local.bounds[:2], strict=True)]
-        last = [int(np.searchsorted(e, high, "left")) for e, high in zip(edges, local.bounds[2:], strict=True)]
-        window = tuple(slice(a, max(b, a + 1)) for a, b in zip(first, last, strict=True))
-        area = covered_area(local, *(e[w.start : w.stop + 1] for e, w in zip(edges, window, strict=True)))
+        window, area = covered_window(local, edges)
         volume[window] += depth * area * (united.area / area.sum())
     return _from_south_west(volume / terrain.cell_area)
 

@@ -48,6 +48,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "warnings": tables.warnings(study, settings),
         "headline": [_printed(sheet, study, window) for sheet in headline],
         "further": [_printed(sheet, study, window) for sheet in further],
+        "zones": ", dashed lines are those of friction zones" if study.basemap.zones else "",
         "location": _embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study.convergence),

@@ -1,6 +1,7 @@
 """One map: cells of the raster over hillshade, north up, with colour bar, scale and the outline of the release."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,12 +75,15 @@ class Basemap:
         Elevation [m], NaN where unknown.
     outlines : list of shapely geometries
         Outlines of the releases in map coordinates.
+    zones : list of shapely geometries
+        Friction zones in map coordinates.
     """
 
     easting: np.ndarray
     northing: np.ndarray
     elevation: np.ndarray
     outlines: list[Any] = field(default_factory=list)
+    zones: list[Any] = field(default_factory=list)
 
     @property
     def cell_size(self) -> tuple[float, float]:
@@ -221,18 +225,26 @@ def _short(value: float) -> str:
 
 
 def draw_frame(axes: Any, basemap: Basemap, window: Window) -> None:
-    """Release outlines, coordinates in km, scale bar and north arrow."""
-    for outline in basemap.outlines:
-        for part in getattr(outline, "geoms", [outline]):
-            for ring in [part.exterior, *part.interiors]:
-                x, y = ring.xy
-                axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
-                axes.plot(x, y, color=OUTLINE, linewidth=1.3, zorder=4)
+    """Outlines of releases and friction zones, coordinates in km, scale bar and north arrow."""
+    for x, y in _rings(basemap.zones):
+        axes.plot(x, y, color="white", linewidth=1.8, alpha=0.6, zorder=3)
+        axes.plot(x, y, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), zorder=3)
+    for x, y in _rings(basemap.outlines):
+        axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
+        axes.plot(x, y, color=OUTLINE, linewidth=1.3, zorder=4)
     west, east, south, north = basemap.extent(window)
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
     _coordinates(axes, max(east - west, north - south))
     _scale_bar(axes, east - west)
     _north_arrow(axes)
+
+
+def _rings(polygons: list[Any]) -> Iterator[tuple[Any, Any]]:
+    """Coordinates of all rings."""
+    for polygon in polygons:
+        for part in getattr(polygon, "geoms", [polygon]):
+            for ring in [part.exterior, *part.interiors]:
+                yield ring.xy
 
 
 def _coordinates(axes: Any, width: float) -> None:

@@ -62,9 +62,9 @@ def read_study(results: Path) -> Study:
         hazard = _whole(_required(results, "hazard.nc"))
         table = member_table(_required(results, "members.nc"))
         figures, ledgers = _valid_members(results, table, hazard)
-    basemap = Basemap(
-        hazard["x"].values, hazard["y"].values, hazard["elevation"].values, release_outlines(_required(results, "outlines.gpkg"))
-    )
+    drawn = _required(results, "outlines.gpkg")
+    lines = outlines(drawn, "release"), outlines(drawn, "friction_zones")
+    basemap = Basemap(hazard["x"].values, hazard["y"].values, hazard["elevation"].values, *lines)
     error = Path(results) / "convergence.json"
     return Study(
         hazard,
@@ -112,13 +112,13 @@ def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 
-def release_outlines(path: Path) -> list[Any]:
-    """Outlines of the releases in map coordinates, from the layer ``release`` of a GeoPackage; none if it has no such layer."""
+def outlines(path: Path, layer: str) -> list[Any]:
+    """Polygons of a layer of a GeoPackage in map coordinates; none if it has no such layer."""
     import geopandas
     import pyogrio
 
     layers = {name for name, _ in pyogrio.list_layers(path)}
-    return list(geopandas.read_file(path, layer="release").geometry) if "release" in layers else []
+    return list(geopandas.read_file(path, layer=layer).geometry) if layer in layers else []
 
 
 def _provenance(path: Path, command: str = "hazard") -> dict[str, Any]:

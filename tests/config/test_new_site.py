@@ -67,7 +67,8 @@ def test_every_setting_is_in_the_new_file_with_its_description(site_folder):
     assert len(fields) > 35
     for path, field in fields:
         assert field.description, f"{path} has no description"
-        if path[0] != "budget" or len(path) == 1:
+        in_one_line = len(path) > 1 and path[-2] in ("budget", "friction_zones")  # an example, with one description for all
+        if not in_one_line:
             assert field.description in joined, f"{path} is not described"
 
 

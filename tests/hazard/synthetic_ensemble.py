@@ -85,6 +85,9 @@ class FakeSite:
         thickness[2:5, 6:10] = 5.0
         return [Release(thickness, terrain, name="scar")]
 
+    def friction_zones(self, terrain: Terrain) -> None:
+        """None."""
+
     def inputs(self) -> list[Path]:
         """The elevation raster."""
         return [self.folder / "inputs" / "dem.tif"]

@@ -21,6 +21,7 @@ from runout.backends.hash.kernels import compiled_kernels
 from runout.backends.hash.layout import CELL_LANES, FAILED, PENDING, STEPS, UNSTABLE, WARP, bytes_of, run, run_blocks
 from runout.backends.hash.nodes import NodeArrays
 from runout.backends.hash.store import Store
+from runout.backends.hash.zones import Zones
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.errors import CapacityError, StabilityError
 from runout.model.particles import Particles
@@ -75,7 +76,9 @@ class Batch:
         for scene, particles in scenes:
             require_finite(particles, scene)
         self.accounts = [Account(len(p), float(p.mass.sum()), fastest(p)) for _, p in scenes]
-        self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic)
+        self.k = compiled_kernels(
+            self.scene.law.name, self.scene.precision, deterministic, any(x.friction_zones for x, _ in scenes)
+        )
         self.since_sort, self.graph_of = 0, (-1, -1, -1)
         self.captured: dict[int, Any] = {}  # a step as a graph, for either place of the rows
         self.present = np.ones(len(scenes), bool)
@@ -145,7 +148,7 @@ class Batch:
         """The surfaces, and how far from them particles of the largest radius may be to touch them."""
         reach = self.largest + float(self.band) + FARTHEST * max(self.scene.spacing)
         surfaces = [s.surface for s in self.scenes if s.surface is not None]
-        self.ground = Ground(surfaces, self.scene.spacing, reach) if surfaces else None
+        self.zones, self.ground = Zones(self.scenes, self.real), Ground(surfaces, self.scene.spacing, reach) if surfaces else None
 
     def _find_cells(self, given: np.ndarray) -> None:
         """Blocks and cells of particles whose first nodes (n, 3) are given; these leave the device when that is done."""
@@ -361,7 +364,8 @@ class Batch:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
             k.solve_contacts, i.shared, WARP, s.rec, s.radius, s.release, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
-            i.member, self.clock, n.tiles, n.near, self.h, self.friction, n.grounded, n.grid, n.contact, n.arenas, n.booked,
+            i.member, self.clock, n.tiles, n.near, self.h, self.friction, *self.zones.tables, self.shift, i.coordinates,
+            n.grounded, n.grid, n.contact, n.arenas, n.booked,
         )  # fmt: skip
         if self.deterministic:
             run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.contact)

@@ -18,6 +18,7 @@ from runout.backends.hash.layout import (
     PADDED,
     TILE,
     TOUCHED,
+    ZONED,
     Doubles2,
     Ints,
     Nodes,
@@ -35,6 +36,7 @@ from runout.backends.hash.layout import (
     sums3,
 )
 from runout.backends.hash.stencil import _block, _first_node, _load, _local
+from runout.backends.hash.zones import _friction_in_zone
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, in_contact, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
@@ -220,8 +222,7 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
 
 
 def _push(
-    rec: Rows, radius: Reals, release: Shorts, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector,
-    friction: Reals, dt: Any,
+    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Any, dt: Any,
 ):  # fmt: skip
     """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]."""
     wx = weights(f[0])
@@ -229,7 +230,7 @@ def _push(
     wz = weights(f[2])
     u, compliance = _contact_velocity(tile, _first_node(c), wx, wy, wz)
     n, gap = _ground(_around(tiles, near, c), c & 3, rec, radius, p, h)
-    push = impulse(u, n, gap, compliance, friction[int(release[p])], dt)
+    push = impulse(u, n, gap, compliance, friction, dt)
     m = rec[MASS, p]
     before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
     return node4(push[0], push[1], push[2], work(push, before, u, compliance))
@@ -281,8 +282,8 @@ def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: i
 
 def solve_contacts(
     rec: Rows, radius: Reals, release: Shorts, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints,
-    member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, grounded: Ints, grid: Nodes, contact: Nodes,
-    arenas: Nodes, booked: Doubles2, launched: int,
+    member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2, shift: Ints,
+    coordinates: Table2, grounded: Ints, grid: Nodes, contact: Nodes, arenas: Nodes, booked: Doubles2, launched: int,
 ):  # fmt: skip
     """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 5) adds up work [J] and impulse [N s].
 
@@ -311,7 +312,12 @@ def solve_contacts(
                     c = _cell_of(starts, n)
                     p = _listed(order, cstart[b, c] + n - starts[c])
                     f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-                    push = _push(rec, radius, release, tiles, velocities, near[b], c, p, f, h, friction, dt)
+                    mu = friction[int(release[p])]
+                    if ZONED:
+                        x = 4 * coordinates[b, 0] + (c >> 4)
+                        y = 4 * coordinates[b, 1] - shift[member[b]] + ((c >> 2) & 3)
+                        mu = _friction_in_zone(mu, zones, lattice, member[b], x, y, f)
+                    push = _push(rec, radius, tiles, velocities, near[b], c, p, f, h, mu, dt)
                 wp.tile_scatter_masked(pushes, n - base, push, n < total)
                 wp.tile_scatter_masked(spots, n - base, f, n < total)
             for c in range(lane, CELL_LANES, wp.block_dim()):

@@ -8,7 +8,7 @@ import warp as wp
 
 from runout.backends.compile import warp_binding, warp_kernels, warp_record
 from runout.backends.hash import cells as cell_lists
-from runout.backends.hash import contact, ground, index, motion, observe, stencil, transfer
+from runout.backends.hash import contact, ground, index, motion, observe, stencil, transfer, zones
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import LAWS
 
@@ -140,8 +140,8 @@ _physics = cache(warp_binding)
 
 
 @cache
-def compiled_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace:
-    """Kernels for a law and a number type; ``ordered``: sums over particles in a fixed order.
+def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = False) -> SimpleNamespace:
+    """Kernels for a law and a number type; ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction.
 
     ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart from the others,
     because warp compiles a module for every number of lanes.
@@ -149,14 +149,14 @@ def compiled_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace
     real = wp.float32 if precision == "float32" else wp.float64
     physics, wide = _physics(real), _physics(wp.float64)
     record = warp_record(law, LAWS[law].fields, real)
-    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered
+    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
     cells, warps, others = (wp.get_module(f"{name}{part}") for part in (".cells", ".warps", ""))
     for module in (cells, warps, others):
         module.options.update(OPTIONS)
     kernels = warp_kernels(
-        physics, (stencil, index, cell_lists, contact, transfer, motion, ground, observe),
+        physics, (stencil, index, cell_lists, zones, contact, transfer, motion, ground, observe),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
-        **_argument_types(real, record), ORDERED=ordered,
+        **_argument_types(real, record), ORDERED=ordered, ZONED=zoned,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
         count_in=count_in, next_in=next_in,
         add_node=add_node32 if precision == "float32" else add_node64,

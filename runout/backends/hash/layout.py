@@ -43,6 +43,7 @@ double7: Any = None
 add_node: Any = None  # adds four numbers to a node
 
 ORDERED = False  # sums in fixed order; the binding decides
+ZONED = False  # friction zones on the ground; the binding decides
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
 PADDED = 256  # trips of a loop that every lane of a block runs alike

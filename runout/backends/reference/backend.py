@@ -57,7 +57,6 @@ class ReferenceBackend:
         self.inverse_inertia = bspline.inverse_inertia(self.spacing)
         self.loops = compiled_loops(scene.law.name)
         self.table = scene.law.table(scene.materials)
-        self.friction = np.array(scene.friction, np.float64)
         self._p = particles.take(np.argsort(particles.identity, kind="stable"))
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
         self._contacts, self._basal_impulse = 0, np.zeros(3)
@@ -161,7 +160,7 @@ class ReferenceBackend:
         compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
         p, u = self._p.take(chosen), stencils.gather(velocity, chosen)
         impulses, work = np.zeros_like(u), np.zeros(len(u))
-        friction = self.friction[p.release]
+        friction = self.scene.friction_at(p.release, *p.position(self.spacing).T[:2])
         self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, friction, dt, impulses, work)
         velocity += quotient(stencils.scatter(impulses, chosen), mass)
         self._basal -= float(work.sum())

@@ -20,6 +20,7 @@ import numpy as np
 
 from runout.backends.compile import cache_root, source_key
 from runout.backends.scan.general import is_general
+from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -116,9 +117,11 @@ def _rehearse(scene: Scene, particles: Particles) -> None:
 def _small_slope(materials: tuple[Material, ...], precision: str) -> tuple[Scene, Particles]:
     """A cube of particles that slides over the edge of a plane."""
     surface = Surface.through(np.fromfunction(lambda i, j: -0.2 * i, (CELLS + 1, CELLS + 1)), (1.0, 1.0))
+    zones = FrictionZones(np.ones((CELLS, CELLS)), np.zeros((CELLS, CELLS)), (1.0, 1.0))
     scene = Scene(
-        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, (0.3,) * len(materials), precision=precision
-    )
+        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, (0.3,) * len(materials), precision=precision,
+        friction_zones=zones,
+    )  # fmt: skip
     axis = (np.arange(12) + 0.5) / 2
     place = np.stack(np.meshgrid(axis + CELLS - 8, axis + 4, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     place[:, 2] -= 0.2 * place[:, 0]

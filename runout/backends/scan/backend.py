@@ -83,7 +83,8 @@ class ScanBackend:
         self.spacing = np.array(scene.spacing)
         self.h = self.spacing.astype(real)
         self.mats = scene.law.table(scene.materials, real)
-        self.friction = np.array(scene.friction, real)
+        self.friction, zones = np.array(scene.friction, real), scene.friction_zones
+        self.zones = zones and (zones.factor.astype(real), zones.coefficient.astype(real), np.array(zones.cell_size))
         self.density = np.array([m.density for m in scene.materials], np.float64)
         self.gravity, self.dv = np.array(scene.gravity, np.float64), np.zeros(16, real)
         self.corner = particles.node.min(0).astype(np.int64) if self.n else np.zeros(3, np.int64)
@@ -238,21 +239,13 @@ class ScanBackend:
             return
         k.spread_weights(s.contacts, a.place, s.listed, s.cell, i.first, i.nown, a.candidates, a.number, a.arenas)
         k.share_contacts(a.arenas, a.number, a.touching, i.down, i.nall, a.grid, a.inverse_mass)
+        if self.zones:
+            where = i.bxyz, self.corner, self.spacing
+            k.take_zones(s.contacts, a.place, s.listed, s.cell, i.first, i.nown, a.candidates, *where, *self.zones)
         k.solve_contacts(
-            s.contacts,
-            a.place,
-            s.listed,
-            s.cell,
-            i.first,
-            i.nown,
-            a.grid,
-            i.up,
-            self.dt,
-            a.number,
-            a.arenas,
-            a.candidates,
+            s.contacts, a.place, s.listed, s.cell, i.first, i.nown, a.grid, i.up, self.dt, a.number, a.arenas, a.candidates,
             a.ground,
-        )
+        )  # fmt: skip
         k.apply_impulses(a.arenas, a.number, a.touching, i.down, i.nall, a.grid, a.inverse_mass)
         k.total_rows(a.ground, np.where(a.asleep, 0, a.touching) if self.sleepers else a.touching, i.nown, a.total)
         self.basal_dissipation -= float(a.total[0])
@@ -365,9 +358,10 @@ class ScanBackend:
         slot = s.order[np.repeat(i.first - place, i.held) + np.arange(n)]
         rec, state, who = s.rec[slot].astype(np.float64), s.state[slot].astype(np.float64), s.who[slot]
         m = rec[:, 0]
-        momentum = rec[:, 1:4] + sum((rec[:, 4 + 4 * j, None] - 1.0) * rec[:, 5 + 4 * j : 8 + 4 * j] for j in range(3))
+        middle, *slopes = np.moveaxis(rec.reshape(-1, 4, 4)[:, :, 1:], 0, 2)
+        momentum = moments.momentum_at(middle, slopes[0], slopes[1], slopes[2], rec[:, 4::4].T - 1.0)
         p = Particles(
-            node, rec[:, 4::4], momentum / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
+            node, rec[:, 4::4], np.column_stack(momentum) / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
             s.radius[who].astype(np.float64), s.label[who, 0], s.label[who, 1].astype(np.int64),
         )  # fmt: skip
         return p.take(np.argsort(p.identity))

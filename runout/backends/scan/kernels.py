@@ -20,11 +20,12 @@ from runout.backends.scan import (
     rest,
     stencil,
     transfer,
+    zones,
 )
 from runout.backends.scan.general import is_general
 from runout.model.scene import Scene
 
-COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns, rest)  # know no law
+COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns, rest, zones)  # know no law
 LANES = (vectors, shuffles, memory)
 GENERAL = (stencil, transfer, observe, contact, motion, forces, gradients, general_motion)  # of transfers other than the packed one
 SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)

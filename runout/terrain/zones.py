@@ -1,0 +1,129 @@
+"""Friction zones of the polygons in vector files."""
+
+import logging
+from collections.abc import Sequence
+from itertools import combinations
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError, ZoneError
+from runout.model.friction import FrictionZones
+from runout.model.terrain import Terrain
+from runout.release.coverage import covered_window
+from runout.release.polygons import OVERLAP, PolygonLayer, read_polygons, without_overlap
+
+log = logging.getLogger(__name__)
+
+LARGEST_FACTOR = 10.0
+STEEPEST_DEG = 60.0
+
+
+def read_zones(
+    path: str | PathLike[str],
+    terrain: Terrain,
+    *,
+    factor: float | str | None = None,
+    basal_friction_angle_deg: float | str | None = None,
+    layer: str | None = None,
+) -> FrictionZones:
+    """Zones of the polygons of a vector file; parameters as in :meth:`runout.model.friction.FrictionZones.from_vector`.
+
+    What lies beyond the terrain is left out. Overlapping polygons of one value count once.
+
+    Raises
+    ------
+    ZoneError
+        With the place, the value and the remedy.
+    """
+    source = Path(path)
+    if (factor is None) == (basal_friction_angle_deg is None):
+        raise ZoneError(f"{source}: give factor, which multiplies friction, or basal_friction_angle_deg, which replaces it")
+    try:
+        layer_of = read_polygons(source, terrain, layer, "friction zone")
+        values = _values(layer_of, factor, basal_friction_angle_deg)
+        unit = "" if basal_friction_angle_deg is None else " deg"
+        parts, overlaps = without_overlap(layer_of, values, "friction", unit)
+    except ReleaseError as error:  # the readers of polygons are those of a release, and so are their errors
+        raise ZoneError(str(error)) from error
+    if basal_friction_angle_deg is not None:
+        values = np.tan(np.radians(values))
+    covered, weighted, kept = _on_cells(parts, values, terrain, source)
+    outside = np.maximum(1.0 - covered, 0.0)
+    multiplies = basal_friction_angle_deg is None
+    found = FrictionZones(
+        outside + weighted if multiplies else outside,
+        np.zeros_like(weighted) if multiplies else weighted,
+        terrain.cell_size,
+        tuple({"geometry": part, "factor" if multiplies else "coefficient": value} for part, value in kept),
+        str(source),
+        layer_of.changes + overlaps,
+    )
+    for change in found.changes:
+        log.warning(change)
+    return found
+
+
+def together(parts: Sequence[FrictionZones]) -> FrictionZones:
+    """Zones of several files as one.
+
+    Raises
+    ------
+    ZoneError
+        If zones of two of them overlap.
+    """
+    import shapely
+
+    for one, other in combinations(parts, 2):
+        a, b = (shapely.union_all([zone["geometry"] for zone in part.zones]) for part in (one, other))
+        common = a.intersection(b).area
+        if common > OVERLAP * min(a.area, b.area):
+            raise ZoneError(
+                f"friction zones of {one.source} and {other.source} overlap by {common:.6g} m2; cut one of them back so that every "
+                "place has one friction"
+            )
+    return FrictionZones(
+        np.maximum(
+            1.0 + np.sum([part.factor - 1.0 for part in parts], axis=0), 0.0
+        ),  # on borders shares sum up to one with rounding
+        np.sum([part.coefficient for part in parts], axis=0),
+        parts[0].cell_size,
+        tuple(zone for part in parts for zone in part.zones),
+        ", ".join(part.source for part in parts),
+        tuple(change for part in parts for change in part.changes),
+    )
+
+
+def _values(layer: PolygonLayer, factor: float | str | None, angle_deg: float | str | None) -> np.ndarray:
+    """Factor [1] or angle [deg] (n,) of the polygons, in their range."""
+    given, name, most, unit = (factor, "factor", LARGEST_FACTOR, "") if angle_deg is None else (
+        angle_deg, "basal_friction_angle_deg", STEEPEST_DEG, " degrees",
+    )  # fmt: skip
+    values = layer.numbers(given, name) if isinstance(given, str) else np.full(len(layer.polygons), given, np.float64)
+    wrong = np.flatnonzero(~((values >= 0) & (values <= most)))
+    if len(wrong):
+        raise ZoneError(f"{layer.source}: {name} of polygon {wrong[0] + 1} is {values[wrong[0]]:g}; it must be 0 to {most:g}{unit}")
+    return values
+
+
+def _on_cells(
+    parts: np.ndarray, values: np.ndarray, terrain: Terrain, source: Path
+) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:
+    """Share of each cell (nx, ny) that zones cover, values times that share, and the parts on the terrain with their values."""
+    import shapely
+
+    inside = shapely.intersection(parts, shapely.box(*terrain.extent))
+    kept = [(part, float(value)) for part, value in zip(inside, values, strict=True) if part.area > 0]
+    if not kept:
+        raise ZoneError(f"{source}: no friction zone lies on the terrain {terrain.source}; check the coordinate system of both")
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    edges = np.arange(columns + 1) * dx, np.arange(rows + 1) * dy
+    covered, weighted = np.zeros((columns, rows)), np.zeros((columns, rows))
+    for value in sorted({value for _, value in kept}):
+        united = shapely.union_all([part for part, own in kept if own == value])
+        window, area = covered_window(shapely.transform(united, terrain.frame.to_local), edges)
+        covered[window] += area / terrain.cell_area
+        weighted[window] += value * area / terrain.cell_area
+    return covered, weighted, kept

@@ -1,0 +1,83 @@
+"""Friction zones of vector files: shares of cells, values and attributes, and what is refused."""
+
+import numpy as np
+import pytest
+import shapely
+
+from runout import FrictionZones, ZoneError
+from runout.terrain.zones import together
+
+SLOPE = shapely.box(12.0, 10.0, 40.0, 30.0)  # local metres: columns 2 to 7, a share of 0.6 in the first; rows from the south 2 to 5
+
+
+def test_a_cell_that_the_border_cuts_has_the_mean_by_area(terrain, write_polygons):
+    zones = FrictionZones.from_vector(write_polygons([SLOPE]), terrain, factor=1.5)
+    assert zones.factor.shape == (60, 40)
+    np.testing.assert_allclose(zones.factor[2, 2:6], 1.3, rtol=1e-12)
+    np.testing.assert_allclose(zones.factor[3:8, 2:6], 1.5, rtol=1e-12)
+    assert (zones.factor == 1.0).sum() == 60 * 40 - 24
+    assert not zones.coefficient.any()
+
+
+def test_an_angle_replaces_the_friction_of_the_mass(terrain, write_polygons):
+    zones = FrictionZones.from_vector(write_polygons([SLOPE]), terrain, basal_friction_angle_deg=30.0)
+    x, y = np.array([13.0, 25.0, 50.0]), np.array([20.0, 20.0, 20.0])
+    own = np.tan(np.radians(30.0))
+    np.testing.assert_allclose(zones.at(np.full(3, 0.4), x, y), [0.4 * 0.4 + 0.6 * own, own, 0.4], rtol=1e-12)
+    assert zones.least_angle(np.radians(40.0)) == pytest.approx(np.radians(30.0))
+    assert zones.least_angle(np.radians(20.0)) == pytest.approx(np.radians(20.0))
+
+
+def test_an_attribute_gives_each_polygon_its_own(terrain, write_polygons):
+    path = write_polygons([SLOPE, shapely.box(100.0, 100.0, 120.0, 150.0)], friction=[0.5, 2.0])
+    zones = FrictionZones.from_vector(path, terrain, factor="friction")
+    assert (zones.factor[5, 4], zones.factor[21, 25]) == pytest.approx((0.5, 2.0))
+    assert "2 on 1560 m2; friction times 0.5 to 2" in zones.statement()
+
+
+def test_what_lies_beyond_the_terrain_is_left_out(terrain, write_polygons):
+    zones = FrictionZones.from_vector(write_polygons([shapely.box(-50.0, -50.0, 10.0, 10.0)]), terrain, factor=0.5)
+    assert (zones.factor != 1.0).sum() == 4
+    assert zones.zones[0]["geometry"].area == pytest.approx(100.0)
+    with pytest.raises(ZoneError, match="no friction zone lies on the terrain"):
+        FrictionZones.from_vector(write_polygons([shapely.box(-50.0, -50.0, -10.0, -10.0)]), terrain, factor=0.5)
+
+
+def test_zones_of_two_files_hold_side_by_side_and_not_over_each_other(terrain, write_polygons):
+    forest = FrictionZones.from_vector(write_polygons([SLOPE], "forest.gpkg"), terrain, factor=1.5)
+    rock = write_polygons([shapely.box(40.0, 10.0, 62.5, 30.0)], "rock.gpkg")
+    both = together([forest, FrictionZones.from_vector(rock, terrain, basal_friction_angle_deg=25.0)])
+    found = both.at(np.full(3, 0.4), np.array([39.0, 41.0, 62.0]), np.full(3, 20.0))
+    own = np.tan(np.radians(25.0))
+    np.testing.assert_allclose(found, [0.6, own, 0.5 * own + 0.2], rtol=1e-12)
+    with pytest.raises(ZoneError, match=r"forest.gpkg and .*rock.gpkg overlap by 100 m2"):
+        together(
+            [forest, FrictionZones.from_vector(write_polygons([shapely.box(35, 10, 60, 30)], "rock.gpkg"), terrain, factor=2.0)]
+        )
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({}, "give factor, which multiplies friction, or basal_friction_angle_deg, which replaces it"),
+        ({"factor": 1.0, "basal_friction_angle_deg": 20.0}, "give factor"),
+        ({"factor": -0.5}, "factor of polygon 1 is -0.5; it must be 0 to 10"),
+        ({"basal_friction_angle_deg": 80.0}, "basal_friction_angle_deg of polygon 1 is 80; it must be 0 to 60 degrees"),
+        ({"factor": "fricton"}, "no attribute 'fricton' for the factor; did you mean 'friction'"),
+        ({"factor": 1.2, "layer": "wood"}, "no layer 'wood'"),
+    ],
+)
+def test_values_that_cannot_be_are_refused_with_the_place(terrain, write_polygons, given, says):
+    with pytest.raises(ZoneError, match=says):
+        FrictionZones.from_vector(write_polygons([SLOPE], friction=[1.2]), terrain, **given)
+
+
+def test_polygons_of_different_friction_must_not_overlap_and_lines_are_no_zones(terrain, write_polygons):
+    over = [SLOPE, shapely.box(30.0, 10.0, 50.0, 30.0)]
+    with pytest.raises(ZoneError, match=r"polygons 1 \(1.5\) and 2 \(2\) overlap by 200 m2.* one friction"):
+        FrictionZones.from_vector(write_polygons(over, friction=[1.5, 2.0]), terrain, factor="friction")
+    same = FrictionZones.from_vector(write_polygons(over), terrain, factor=1.5)
+    assert same.factor.max() == pytest.approx(1.5)
+    assert "count once" in same.changes[0]
+    with pytest.raises(ZoneError, match="a friction zone needs polygons around it"):
+        FrictionZones.from_vector(write_polygons([shapely.LineString([(0, 0), (20, 20)])]), terrain, factor=1.5)
