@@ -15,6 +15,7 @@ _HOME = {
     "Material": "runout.model.materials",
     "Elastic": "runout.model.materials",
     "DruckerPrager": "runout.model.materials",
+    "GranularFlow": "runout.model.materials",
     "Cone": "runout.model.materials",
     "FrictionZones": "runout.model.friction",
     "Particles": "runout.model.particles",

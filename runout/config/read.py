@@ -93,11 +93,14 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     for i, zone in enumerate(_friction_zones(document)):
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
-    if document.value(("material", "law")) == "elastic":
+    law = document.value(("material", "law"))
+    if law == "granular_flow" and document.value(("simulation", "backend")) == "hash":
+        yield document.problem(("material", "law"), "granular_flow with backend hash, which has none of it", "set backend: scan")
+    if law in ("elastic", "granular_flow"):
         for name in STRENGTH:
             if name in sampled:
                 place = ("ensemble", "parameters", name)
-                yield document.problem(place, "the law elastic has no such parameter", "remove it, or use law: drucker_prager")
+                yield document.problem(place, f"the law {law} has no such parameter", "remove it, or use law: drucker_prager")
 
 
 def _friction_zones(document: Document) -> list[dict[str, Any]]:

@@ -207,13 +207,13 @@ class _Elasticity(Settings):
 class ElasticSettings(_Elasticity):
     """A material that never fails; for tests."""
 
-    law: Literal["elastic"] = quantity("material law: drucker_prager or elastic")
+    law: Literal["elastic"] = quantity("material law: drucker_prager, granular_flow or elastic")
 
 
 class DruckerPragerSettings(_Elasticity):
     """Soil, rock fragments, debris: elastic up to a friction cone, without dilation."""
 
-    law: Literal["drucker_prager"] = quantity("material law: drucker_prager or elastic", "drucker_prager")
+    law: Literal["drucker_prager"] = quantity("material law: drucker_prager, granular_flow or elastic", "drucker_prager")
     friction_angle_deg: Degrees = PARAMETERS["friction_angle_deg"].field("internal friction angle")
     cohesion: float = PARAMETERS["cohesion"].field("cohesion", 0.0)
     cone: Literal["triaxial_compression", "triaxial_extension", "plane_strain", "plane_strain_associated"] = quantity(
@@ -230,8 +230,27 @@ class DruckerPragerSettings(_Elasticity):
         return self
 
 
+class GranularFlowSettings(_Elasticity):
+    """Dry grains whose friction rises with the rate of shear, mu(I): thick dense flows."""
+
+    law: Literal["granular_flow"] = quantity("material law: drucker_prager, granular_flow or elastic")
+    static_friction: float = quantity("friction coefficient of slow flow, the tangent of the angle of repose", ge=0, le=2)
+    dynamic_friction: float = quantity("friction coefficient of fast flow, above static_friction", gt=0, le=2)
+    inertial_constant: float = quantity("inertial number half way between the two", 0.3, gt=0)
+    grain_size: float = quantity("diameter of the grains", unit="m", gt=0, le=100)
+
+    @model_validator(mode="after")
+    def _rises(self) -> "GranularFlowSettings":
+        if self.dynamic_friction <= self.static_friction:
+            said = f"dynamic_friction is {self.dynamic_friction:g}, not above static_friction {self.static_friction:g}"
+            raise refuse(said, "friction rises with the rate; for one that does not, use law: drucker_prager")
+        return self
+
+
 MaterialSettings = Annotated[
-    Annotated[ElasticSettings, Tag("<elastic>")] | Annotated[DruckerPragerSettings, Tag("<drucker_prager>")],
+    Annotated[ElasticSettings, Tag("<elastic>")]
+    | Annotated[DruckerPragerSettings, Tag("<drucker_prager>")]
+    | Annotated[GranularFlowSettings, Tag("<granular_flow>")],
     Discriminator(discriminator("law", "drucker_prager")),
 ]
 

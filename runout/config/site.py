@@ -94,12 +94,12 @@ class Site:
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material with the sampled parameters in the place of the stated ones."""
-        from runout.model.materials import DruckerPrager, Elastic
+        from runout.model.materials import DruckerPrager, Elastic, GranularFlow
 
         stated = self.settings.material.model_dump()
         sampled = self._known(sample)
         values = {name: sampled.get(name, value) for name, value in stated.items()}
-        law = {"drucker_prager": DruckerPrager, "elastic": Elastic}[values.pop("law")]
+        law = {"drucker_prager": DruckerPrager, "elastic": Elastic, "granular_flow": GranularFlow}[values.pop("law")]
         if "friction_angle_deg" in values:
             values["friction_angle"] = values.pop("friction_angle_deg")
         return law(**values)
@@ -207,12 +207,14 @@ class Site:
 
         found, stated = find_device(device), self.settings.simulation
         plain = {"transfer": "mls", "f_bar": False, "sleep_speed": 0.0}
-        needs_scan = [name for name, value in plain.items() if getattr(stated, name) != value]
+        had = {f"simulation.{name}": (getattr(stated, name), value) for name, value in plain.items()}
+        had["material.law"] = (self.settings.material.law, "drucker_prager")
+        needs_scan = {name: pair for name, pair in had.items() if pair[0] != pair[1] and pair[0] != "elastic"}
         if needs_scan and device == "auto":
             found = device = "cpu"
         elif needs_scan and found != "cpu":
-            named = ", ".join(f"simulation.{name} {str(getattr(stated, name)).lower()}" for name in needs_scan)
-            changed = ", ".join(f"{name}: {str(plain[name]).lower()}" for name in needs_scan)
+            named = ", ".join(f"{name} {str(value).lower()}" for name, (value, _) in needs_scan.items())
+            changed = ", ".join(f"{name.partition('.')[2]}: {str(plainer).lower()}" for name, (_, plainer) in needs_scan.items())
             raise ConfigError(f"{named} runs on the CPU, not on {found}; leave --device out, or set {changed}")
         place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
         backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend

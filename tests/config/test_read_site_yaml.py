@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from runout.config.read import load
+from runout.config.site import read_site
 from runout.errors import ConfigError, ExitCode
 
 
@@ -247,3 +248,22 @@ def test_reading_a_site_imports_no_heavy_library(site_folder):
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "pydantic" in loaded
     assert not {"numba", "rasterio", "geopandas", "xarray", "matplotlib", "dask", "pandas"} & set(loaded)
+
+
+GRAINS = "  law: granular_flow\n  static_friction: 0.38\n  dynamic_friction: 0.64\n  grain_size: 0.02\n"
+
+
+def test_friction_that_rises_with_the_rate_is_a_law_of_a_site(edited):
+    folder = edited("  friction_angle_deg: 30\n", GRAINS)
+    material = read_site(folder).material()
+    assert (material.law, material.static_friction, material.grain_size) == ("granular_flow", 0.38, 0.02)
+    assert material.inertial_constant == 0.3
+    assert read_site(folder).on_device("auto").settings.simulation.backend == "scan"
+
+
+def test_friction_that_does_not_rise_and_grains_on_a_gpu_are_refused(edited):
+    (found,) = problems(edited("  friction_angle_deg: 30\n", GRAINS.replace("0.64", "0.3")))
+    assert "dynamic_friction is 0.3, not above static_friction 0.38; friction rises with the rate" in found
+    edited("dynamic_friction: 0.3", "dynamic_friction: 0.64")
+    found = problems(edited("  end_time", "  backend: hash\n  end_time"))
+    assert any("material.law: granular_flow with backend hash, which has none of it; set backend: scan" in line for line in found)
