@@ -82,7 +82,7 @@ def _on_terrain(reference: tuple[str, float]) -> Measure:
 
 
 FINEST, FINEST_SMALL = ("high", 1.0), ("screening", 1.5)  # preset that is the reference on real terrain, and how much coarser
-GRID = ("default", "1 particle per axis", "3 particles per axis", "CFL 0.2", "CFL 0.5", "CFL 0.6")
+GRID = ("default", "1 particle per axis", "3 particles per axis", "CFL 0.2", "CFL 0.4", "CFL 0.6")
 TRANSFERS = ("transfer apic", "transfer aflip", "F-bar")
 IN_SPLIT = (*GRID, *TRANSFERS)
 ON_TERRAIN = (*IN_SPLIT, "float64", "cells half as high", "cells a quarter as high")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.error_cases.curve import Fit
+from runout.accuracy import CFL, PARTICLES_PER_CELL
 
 OPENING = """# Error against time
 
@@ -60,7 +61,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     versions, machine = content["versions"], content["machine"]
     text = OPENING.format(
         full=" --full" if content["full"] else "",
-        defaults="8 particles per cell, CFL 0.4, float32, backend scan",
+        defaults=f"{PARTICLES_PER_CELL} particles per cell, CFL {CFL:g}, float32, backend scan",
         ranking=rows(content),
         seed=content["seed"],
         **{name: versions[name] for name in ("commit", "runout", "numba", "numpy", "python")},

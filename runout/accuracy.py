@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 SOURCE = "docs/benchmarks/work_precision.json"
 EXAMPLE = "jacksboro, 35 m thick, 60 s"  # the flow that the errors were measured on
-PARTICLES_PER_CELL, CFL = 8, 0.4  # where neither a preset nor the caller says otherwise
+PARTICLES_PER_CELL, CFL = 8, 0.5  # where neither a preset nor the caller says otherwise
 FEWEST_ACROSS = 4.0  # cells across a release of its area
 CHOICES = ("cell_size", "particles_per_cell", "cfl")  # what a preset sets
 

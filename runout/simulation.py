@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from runout.accuracy import choices
+from runout.accuracy import CFL, choices
 from runout.backends.protocol import Backend, BatchBackend, Columns, ResumableBackend, WindowBackend, get_backend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.checkpoint import EVERY, Checkpoint, run_key
@@ -124,7 +124,7 @@ def simulate(
     seed : int
         Of the particles' positions.
     cfl : float
-        Courant number, at most 0.6; 0.4 by default. A smaller one is not more accurate: the transfer damps once a step.
+        Courant number, at most 0.6; 0.5 by default. A smaller one is not more accurate: the transfer damps once a step.
     transfer : str
         "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
         ``docs/theory``. "hash" has "mls" alone.
@@ -213,7 +213,7 @@ def build_scene(
     particles_per_cell: int | tuple[int, int, int] = 8,
     *,
     seed: int = 0,
-    cfl: float = 0.4,
+    cfl: float = CFL,
     precision: str = "float32",
     transfer: str = "mls",
     flip_ratio: float = 0.95,

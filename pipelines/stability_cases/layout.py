@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from runout.accuracy import CFL
 from runout.model.materials import DruckerPrager, Elastic, Material
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
@@ -27,7 +28,7 @@ class Layout:
     terrain: str = "plane"
     h: float = 1.0
     flatness: float = 1.0
-    cfl: float = 0.4
+    cfl: float = CFL
     youngs_modulus: float = 1e7
     poisson_ratio: float = 0.3
     density: float = 2000.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipelines.verification_cases.bodies import filled, free_scene, loaded
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
+from runout.accuracy import CFL
 from runout.model.materials import Elastic
 from runout.model.particles import Particles
 
@@ -29,7 +30,7 @@ def bar(cells: int, offset: float) -> tuple[Particles, np.ndarray]:
 
 
 def vibration(
-    cells: int, cfl: float = 0.4, offset: float = 0.0, periods: int = 10, transfer: Mapping[str, Any] | None = None
+    cells: int, cfl: float = CFL, offset: float = 0.0, periods: int = 10, transfer: Mapping[str, Any] | None = None
 ) -> tuple[float, float]:
     """Relative error of the period over ten periods, and the part of the first amplitude that is left.
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from runout.accuracy import CFL
 from runout.backends.protocol import Backend, get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -30,7 +31,7 @@ def filled(position: np.ndarray, spacing: float, density: float, volume: float, 
     return p
 
 
-def free_scene(spacing: float, material: object, surface: Surface | None = None, gravity: float = 0.0, cfl: float = 0.4) -> Scene:
+def free_scene(spacing: float, material: object, surface: Surface | None = None, gravity: float = 0.0, cfl: float = CFL) -> Scene:
     """Scene in float64 on a cubic grid in a domain of 1 km, without friction."""
     raster = Raster(100, 100, (10.0, 10.0))
     return Scene((spacing,) * 3, surface, raster, (material,), (0.0,), (0.0, 0.0, -gravity), cfl=cfl, precision="float64")  # type: ignore[arg-type]

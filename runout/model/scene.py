@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.accuracy import CFL
 from runout.errors import ConfigError, StabilityError
 from runout.model.friction import FrictionZones
 from runout.model.laws import LAWS, Law
@@ -14,7 +15,7 @@ from runout.model.surface import Surface
 from runout.physics import timestep
 
 STANDARD_GRAVITY = 9.81
-LARGEST_CFL = 0.6  # an isolated particle in 3D is unstable near 0.52 to 0.6
+LARGEST_CFL = 0.6  # whatever the material
 TRANSFERS = ("mls", "apic", "aflip")
 STEP_TOLERANCE = 1.02  # a step that was chosen some steps ago may be so much longer than a limit: the flow has sped up
 
@@ -72,7 +73,7 @@ class Scene:
     materials: tuple[Material, ...]
     friction: tuple[float, ...]
     gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
-    cfl: float = 0.4
+    cfl: float = CFL
     precision: str = "float32"
     contact_band: float = field(default=0.02)  # a particle closer than this [cells] is in contact
     transfer: str = "mls"
@@ -85,7 +86,7 @@ class Scene:
         if len(self.spacing) != 3 or not all(np.isfinite(h) and h > 0 for h in self.spacing):
             raise ConfigError(f"cell_size is {self.spacing}; it must be positive, one number or (dx, dy, dz)")
         if not 0 < self.cfl <= LARGEST_CFL:
-            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use 0.4")
+            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
         if self.precision not in ("float32", "float64"):
             raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
         if self.transfer not in TRANSFERS:
@@ -121,6 +122,18 @@ class Scene:
         return self.flip_ratio if self.transfer == "aflip" else 0.0
 
     @property
+    def largest_cfl(self) -> float:
+        """Courant number above which an isolated particle would gain energy, at most :data:`LARGEST_CFL`.
+
+        Its own nodes give it back a dilatation whose stiffness is 3 K where waves feel M = K + 4 G/3: with C for stress and strain
+        (mls) the oscillation is that of a leapfrog with CFL^2 < M/(3 K) = (1 - nu)/(1 + nu). With gradients of weights, whose
+        square over the weight sums to up to 6/h^2 beside 4/h^2, CFL^2 < M/(6 K), when a particle lies half way between nodes.
+        """
+        part = 1.0 if self.packed else 0.5
+        stiffest = min((m.lame_lambda + 2 * m.shear_modulus) / (3 * m.lame_lambda + 2 * m.shear_modulus) for m in self.materials)
+        return min(LARGEST_CFL, math.sqrt(part * stiffest))
+
+    @property
     def wave_speed(self) -> float:
         """Largest speed of pressure waves [m/s]."""
         return max(m.wave_speed for m in self.materials)
@@ -131,8 +144,8 @@ class Scene:
         return self.friction_zones.at(friction, x, y) if self.friction_zones else friction
 
     def stable_step(self, speed: float) -> float:
-        """Largest admissible time step [s] while the fastest particle moves at ``speed`` [m/s]."""
-        return min(self._limits(speed, self.cfl).values())
+        """Largest admissible time step [s] while the fastest particle moves at ``speed`` [m/s]; ``cfl``, if that is stable."""
+        return min(self._limits(speed, min(self.cfl, self.largest_cfl)).values())
 
     def require_stable(self, dt: float, speed: float, step: int) -> None:
         """Nothing, if step number ``step`` of ``dt`` [s] can be stable while the fastest particle moves at ``speed`` [m/s].
@@ -144,13 +157,13 @@ class Scene:
         StabilityError
             If ``dt`` is not positive or above a limit; names the limit and its reason.
         """
-        limits = self._limits(speed, LARGEST_CFL)
+        limits = self._limits(speed, self.largest_cfl)
         reason = min(limits, key=lambda name: limits[name])
         if 0 < dt <= STEP_TOLERANCE * limits[reason]:
             return
         if not dt > 0:
             raise StabilityError(f"step {step} is {dt:g} s long; it must be positive")
-        most = LARGEST_CFL if reason == "acoustic" else 0.5
+        most = self.largest_cfl if reason == "acoustic" else 0.5
         what = f"a pressure wave of {self.wave_speed:.4g} m/s" if reason == "acoustic" else f"a particle of {speed:.4g} m/s"
         raise StabilityError(
             f"{what} would cross {most * dt / limits[reason]:.3g} cells in step {step} of {dt:.4g} s; the {reason} limit is "

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from scenes import ROCK, at, box, loaded, scene
 
+from runout import Elastic
+from runout.accuracy import CFL
+from runout.backends.protocol import get_backend
 from runout.errors import CapacityError, StabilityError
-from runout.model.scene import LARGEST_CFL, STEP_TOLERANCE
+from runout.model.scene import LARGEST_CFL, STEP_TOLERANCE, Scene
 
 UNIT = (1.0, 1.0, 1.0)
 
@@ -72,3 +75,34 @@ def test_particles_beyond_the_index_are_refused_with_the_largest_extent(backend,
     assert f"beyond the index range, {far[1]:.7g} m from where blocks are counted (north-south)" in text
     assert f"the largest admissible extent is {(2**22 - 16) * spacing[1]:.7g} m with cells of {spacing[1]:g} m" in text
     assert "use larger cells" in text
+
+
+def growth_of_a_lone_particle(monkeypatch, transfer, poisson_ratio, share):
+    """Growth of the strain of an elastic particle, alone and half way between nodes, in 60 steps of ``share`` of the largest."""
+    monkeypatch.setattr(Scene, "require_stable", lambda *_: None)
+    rock = Elastic(density=1000.0, youngs_modulus=1e7, poisson_ratio=poisson_ratio)
+    p = at([(20.4999, 20.4999, 20.4999)], UNIT, rock.density, 1.0)
+    p.strain[:, :3] = 1e-8
+    free = scene(materials=(rock,), gravity=(0.0, 0.0, 0.0), transfer=transfer)
+    engine = loaded(get_backend("reference"), free, p)
+    for _ in range(60):
+        engine.step(share * free.largest_cfl / rock.wave_speed)
+    return np.abs(engine.particles().strain).max() / 1e-8
+
+
+@pytest.mark.parametrize(
+    ("transfer", "poisson_ratio", "largest"), [("mls", 0.49, 0.585), ("apic", 0.3, 0.519), ("apic", 0.49, 0.414)]
+)
+def test_an_isolated_particle_is_stable_up_to_the_courant_number_of_its_transfer(monkeypatch, transfer, poisson_ratio, largest):
+    rock = Elastic(density=1000.0, youngs_modulus=1e7, poisson_ratio=poisson_ratio)
+    assert scene(materials=(rock,), transfer=transfer).largest_cfl == pytest.approx(largest, abs=5e-4)
+    assert growth_of_a_lone_particle(monkeypatch, transfer, poisson_ratio, 0.97) < 5
+    assert growth_of_a_lone_particle(monkeypatch, transfer, poisson_ratio, 1.03) > 1e5
+
+
+def test_steps_are_shortened_where_an_isolated_particle_would_be_unstable():
+    rock = Elastic(density=1000.0, youngs_modulus=1e7, poisson_ratio=0.49)
+    packed, by_gradients = (scene(materials=(rock,), transfer=name) for name in ("mls", "apic"))
+    assert packed.stable_step(0.0) == pytest.approx(CFL / rock.wave_speed)
+    assert by_gradients.stable_step(0.0) == pytest.approx(by_gradients.largest_cfl / rock.wave_speed)
+    assert by_gradients.largest_cfl < CFL < packed.largest_cfl

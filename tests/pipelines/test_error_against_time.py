@@ -55,8 +55,8 @@ def test_every_choice_is_measured_on_every_grid(content):
     assert [p["grid"] for p in curves["default"]] == [8, 16]
     assert [p["particles"] for p in curves["3 particles per axis"]] == [24, 48]
     assert [p["particles"] for p in curves["1 particle per axis"]] == [8, 16]
-    assert curves["CFL 0.2"][0]["steps"] == pytest.approx(2 * curves["default"][0]["steps"], rel=0.02)
-    assert curves["CFL 0.6"][0]["steps"] == pytest.approx(curves["default"][0]["steps"] / 1.5, rel=0.02)
+    assert curves["CFL 0.2"][0]["steps"] == pytest.approx(2.5 * curves["default"][0]["steps"], rel=0.02)
+    assert curves["CFL 0.6"][0]["steps"] == pytest.approx(curves["default"][0]["steps"] / 1.2, rel=0.02)
     for points in curves.values():
         assert all(p["particle_steps"] == p["particles"] * p["steps"] for p in points)
         assert all(p["blocks"] > 0 and p["bytes"] > 0 for p in points)
@@ -109,7 +109,7 @@ def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
     assert cli.main(["bench", "--error", "--out", str(tmp_path)]) == ExitCode.OK
     page = (tmp_path / "work_precision.md").read_text()
     assert "| 1 particle per axis | " in page
-    assert "| U7 | default | 0.125 | 32 | 56 |" in page
+    assert "| U7 | default | 0.125 | 32 | 45 |" in page
     assert "## U7: manufactured waves" in page
     assert (tmp_path / "work_precision_U7.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "work_precision.json").is_file()
