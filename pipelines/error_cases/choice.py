@@ -3,16 +3,19 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, cast
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
+from pipelines.error_cases.node_contact import NodeContact
 from pipelines.timing import memory_of
 from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 CHUNK = 10  # steps of one length
+NODES = "nodes"  # the reference backend with the usual contact
 PER_AXIS = 2  # particles along each axis of a cell, by default
 BOUNDLESS = 10**6  # [cells] of a direction that does not repeat
 
@@ -31,6 +34,7 @@ class Variation:
     arguments : mapping
         Arguments of ``runout.simulate`` that change besides, on real terrain.
     backend : str
+        Of runout, or :data:`NODES`.
     slow : bool
         Left out on all but the two coarsest grids.
     only_on : tuple of str
@@ -47,6 +51,7 @@ class Variation:
 
 
 DEFAULT = Variation("default")
+ELASTIC = ("U9", "T1", "T5")  # U7 is a matter of the reference backend alone
 VARIATIONS = (
     DEFAULT,
     Variation("1 particle per axis", per_axis=1),
@@ -57,10 +62,12 @@ VARIATIONS = (
     Variation("transfer apic", scene={"transfer": "apic"}),
     Variation("transfer aflip", scene={"transfer": "aflip"}),
     Variation("F-bar", scene={"f_bar": True}),
-    Variation("float64", scene={"precision": "float64"}),
+    Variation("float64", scene={"precision": "float64"}, only_on=(*ELASTIC, "F3", "F5", "terrain")),
     Variation("cells half as high", arguments={"flat": 2.0}, only_on=("terrain",)),
     Variation("cells a quarter as high", arguments={"flat": 4.0}, only_on=("terrain",), slow=True),
-    Variation("reference backend", scene={"precision": "float64"}, backend="reference", slow=True),
+    Variation("hash on the CPU", backend="hash", slow=True, only_on=("T1", "T5", "terrain")),
+    Variation("reference", scene={"precision": "float64"}, backend="reference", slow=True, only_on=ELASTIC),
+    Variation("reference, contact at nodes", scene={"precision": "float64"}, backend=NODES, slow=True, only_on=("T1", "T5")),
 )
 
 
@@ -101,6 +108,13 @@ class Outcome:
     bytes: float
 
 
+def engine_of(variation: Variation, options: Mapping[str, Any] = MappingProxyType({})) -> Any:
+    """The backend that a variation names, on the CPU and on one thread; ``options`` as in :func:`get_backend`."""
+    if variation.backend == NODES:
+        return NodeContact()
+    return get_backend(variation.backend, "cpu", threads=1, **options)
+
+
 class March:
     """A backend on one thread that takes the steps of one run and keeps their time."""
 
@@ -108,7 +122,7 @@ class March:
         self.variation, self.began = variation, time.perf_counter()
         self.scene = replace(scene, **{"precision": "float32", **variation.scene})
         options: dict[str, Any] = {"index": "dense"} if period and variation.backend == "scan" else {}
-        self.engine = cast(Any, get_backend(variation.backend, threads=1, **options))
+        self.engine = engine_of(variation, options)
         if period:
             self.engine.period = period if options else np.where(np.array(period) > 0, period, BOUNDLESS)
         self.engine.load(self.scene, particles)

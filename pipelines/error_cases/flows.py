@@ -71,7 +71,7 @@ def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
     """Run of the site with cells of ``cell`` [m], its processor time without setup [s], and its wall time in all [s]."""
     changed = {name: value for name, value in v.arguments.items() if name != "flat"}
     high = cell / v.arguments.get("flat", 1.0)
-    given = {"particles_per_cell": (v.per_axis,) * 3, "backend": v.backend, **v.scene, **changed}
+    given = {"particles_per_cell": (v.per_axis,) * 3, "backend": v.backend, "device": "cpu", **v.scene, **changed}
     arguments = {**site_arguments(), "cell_size": (cell, cell, high), **given}
     started, processor = time.perf_counter(), time.process_time()
     result = simulate(**arguments)

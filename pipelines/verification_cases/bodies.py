@@ -58,13 +58,15 @@ def relaxed(
     along: np.ndarray | None = None,
     ramp: float = 0.0,
     every: int = 10,
+    engine: Backend | None = None,
 ) -> Particles:
     """Particles at rest with the stresses that remain after ``time`` [s] with ``damping`` [1/s].
 
     Velocities are damped towards rest, or towards the mean velocity ``along`` a unit vector (3,), once in ``every`` steps.
-    Gravity grows from zero during ``ramp`` [s].
+    Gravity grows from zero during ``ramp`` [s]. ``engine`` takes the steps, scan on one thread where none is given.
     """
-    engine = loaded(scene, particles)
+    engine = engine or get_backend("scan", threads=1)
+    engine.load(scene, particles)
     steps, dt = equal_steps(time, engine.stable_step())
     kept = float(np.exp(-damping * every * dt))
     for step in range(0, steps, every):

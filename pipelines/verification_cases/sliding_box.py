@@ -13,6 +13,7 @@ import numpy as np
 from pipelines.verification_cases.bodies import equal_steps, lattice, loaded, particles_at, relaxed
 from pipelines.verification_cases.closed_forms import GRAVITY, sliding_block, symplectic_excess
 from pipelines.verification_cases.finding import Bound, Case, Result
+from runout.backends.protocol import Backend
 from runout.errors import ConfigError
 from runout.model.materials import Elastic, Material
 from runout.model.particles import Particles
@@ -86,8 +87,8 @@ def slide(plane: Plane, time: float = 1.0) -> Slide:
     return Slide(float(moved), float(speed), time - 0.5 * (last - 1) * dt, float(gap.mean() / plane.spacing), dt)
 
 
-def prepared(plane: Plane, time: float) -> tuple[Scene, Particles, np.ndarray]:
-    """Scene, box at rest and frame (down the slope, across, normal) for a slide of ``time`` [s]."""
+def prepared(plane: Plane, time: float, engine: Backend | None = None) -> tuple[Scene, Particles, np.ndarray]:
+    """Scene, box at rest and frame (down the slope, across, normal) for a slide of ``time`` [s]; ``engine`` lets it settle."""
     h, slope = plane.spacing, np.radians(plane.slope_deg)
     acceleration = GRAVITY * max(np.sin(slope) - plane.friction * np.cos(slope), 0.0)
     extent = 0.5 * acceleration * (time + SETTLING) ** 2 + 5.0
@@ -101,7 +102,7 @@ def prepared(plane: Plane, time: float) -> tuple[Scene, Particles, np.ndarray]:
     scene = Scene((h,) * 3, surface, raster, (BOX,), (plane.friction,), tilt, precision=plane.precision)
     if plane.settled:
         p.velocity[:] = 0.5 * frame[0] if acceleration > 0 else 0.0
-        p = relaxed(scene, p, SETTLING, DAMPING, frame[0] if acceleration > 0 else None)
+        p = relaxed(scene, p, SETTLING, DAMPING, frame[0] if acceleration > 0 else None, engine=engine)
     return scene, p, frame
 
 

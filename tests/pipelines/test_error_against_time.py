@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 
 from pipelines import error_against_time
-from pipelines.error_against_time import GRID, PROBLEMS, measured
-from pipelines.error_cases import choice, solids
+from pipelines.error_against_time import measured
+from pipelines.error_cases import choice, problems, solids
 from pipelines.error_cases.choice import DEFAULT, VARIATIONS, Variation
 from pipelines.error_cases.curve import cost_at, fitted, front
+from pipelines.error_cases.node_contact import NodeContact
+from pipelines.error_cases.problems import PROBLEMS
 from pipelines.verification_cases import spreading_cap
+from pipelines.verification_cases.bodies import free_scene, lattice, particles_at
+from pipelines.verification_cases.sliding_box import BOX
 from runout import cli
 from runout.errors import ExitCode
+from runout.model.surface import Surface
 
 CELLS = np.array([1.0, 0.5, 0.25, 0.125, 0.0625])
 
@@ -51,7 +56,7 @@ def test_every_choice_is_measured_on_every_grid(content):
     (problem,) = content["problems"]
     curves = {c["variation"]: c["points"] for c in problem["curves"]}
     assert set(curves) == {v.name for v in PROBLEMS["u9"].variations()}
-    assert set(curves) >= {*GRID, "float64", "reference backend"}
+    assert set(curves) >= {"default", "CFL 0.4", "transfer aflip", "float64", "reference"}
     assert [p["grid"] for p in curves["default"]] == [8, 16]
     assert [p["particles"] for p in curves["3 particles per axis"]] == [24, 48]
     assert [p["particles"] for p in curves["1 particle per axis"]] == [8, 16]
@@ -65,7 +70,7 @@ def test_every_choice_is_measured_on_every_grid(content):
 def test_backend_and_precision_change_no_error_that_shows(content):
     (problem,) = content["problems"]
     errors = {c["variation"]: c["points"][0]["error"] for c in problem["curves"]}
-    assert errors["reference backend"] == pytest.approx(errors["float64"], rel=1e-9)
+    assert errors["reference"] == pytest.approx(errors["float64"], rel=1e-9)
     assert errors["default"] == pytest.approx(errors["float64"], rel=1e-3)
     assert errors["default"] != errors["float64"]
     assert errors["3 particles per axis"] < errors["default"] < errors["1 particle per axis"]
@@ -99,13 +104,13 @@ def test_strip_holds_the_same_mass_with_any_number_of_particles(per_axis):
 def test_a_choice_that_this_version_does_not_know_is_left_out(monkeypatch):
     unknown = Variation("of tomorrow", scene={"no_such_field": 1})
     assert not choice.selectable(unknown)
-    monkeypatch.setattr(error_against_time, "VARIATIONS", (DEFAULT, unknown))
-    assert [v.name for v in replace(PROBLEMS["u9"], names=()).variations()] == ["default"]
+    monkeypatch.setattr(problems, "VARIATIONS", (DEFAULT, unknown))
+    assert [v.name for v in PROBLEMS["u9"].variations()] == ["default"]
 
 
 def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
-    small = replace(PROBLEMS["u7"], names=("default", "1 particle per axis"))
-    monkeypatch.setattr(error_against_time, "PROBLEMS", {"u7": small})
+    monkeypatch.setattr(problems, "VARIATIONS", VARIATIONS[:2])
+    monkeypatch.setattr(error_against_time, "PROBLEMS", {"u7": PROBLEMS["u7"]})
     assert cli.main(["bench", "--error", "--out", str(tmp_path)]) == ExitCode.OK
     page = (tmp_path / "work_precision.md").read_text()
     assert "| 1 particle per axis | " in page
@@ -118,3 +123,29 @@ def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
 def test_problems_that_are_not_there_are_named():
     with pytest.raises(error_against_time.ConfigError, match="choose among U7, U9"):
         measured(["U99"])
+
+
+def test_contact_at_nodes_is_coulomb_friction_on_the_whole_tangential_vector():
+    """A body below the ground that moves at (1, 1, -1) m/s keeps sqrt(2) - 0.5 m/s at 45 degrees with a friction of 0.5."""
+    ground = Surface.through(np.full((12, 12), 30.0), (4.0, 4.0))
+    body = particles_at(20.0 + lattice((2.0, 2.0, 2.0), 1.0), 1.0, 1000.0, 0.25)
+    body.velocity[:] = (1.0, 1.0, -1.0)
+    engine = NodeContact()
+    engine.load(replace(free_scene(1.0, BOX, ground), friction=(0.5,)), body)
+    before = engine.ledger().kinetic_energy
+    engine.step(1e-4)
+    after, found = engine.ledger(), engine.particles().velocity
+    np.testing.assert_allclose(found, np.broadcast_to([1 - 0.5 / np.sqrt(2)] * 2 + [0.0], found.shape), atol=1e-12)
+    assert after.basal_dissipation == pytest.approx(before - after.kinetic_energy)
+    np.testing.assert_allclose(after.basal_impulse, body.mass.sum() * (found[0] - (1.0, 1.0, -1.0)), rtol=1e-12)
+
+
+def test_nodes_above_the_ground_feel_no_contact():
+    ground = Surface.through(np.full((12, 12), 10.0), (4.0, 4.0))
+    body = particles_at(20.0 + lattice((1.0, 1.0, 1.0), 1.0), 1.0, 1000.0, 0.25)
+    body.velocity[:] = (1.0, 1.0, -1.0)
+    engine = NodeContact()
+    engine.load(replace(free_scene(1.0, BOX, ground), friction=(0.5,)), body)
+    engine.step(1e-4)
+    np.testing.assert_allclose(engine.particles().velocity, body.velocity, atol=1e-12)
+    assert engine.ledger().contact_particles == 0
