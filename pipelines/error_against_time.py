@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.choice import Outcome, Variation
+from pipelines.error_cases.choice import REPEATED_BELOW, Outcome, Variation
 from pipelines.error_cases.curve import cost_at, fitted, front
 from pipelines.error_cases.presets import measured_presets
 from pipelines.error_cases.problems import FINEST_SMALL, PROBLEMS, Problem, on_terrain
@@ -29,7 +29,6 @@ from runout.io.atomic import whole_file, write_json, write_text
 LOGGER = logging.getLogger("runout.work_precision")
 SCHEMA = 1
 NAME = "work_precision"
-REPEATED_BELOW = 8.0  # [s] of processor time; longer runs are made once
 PRESETS_COARSER = 4.0  # cells of the presets in the small study over theirs
 COARSE = 2  # grids of a slow variation; one in the small study
 

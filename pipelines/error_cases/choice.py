@@ -17,6 +17,7 @@ from runout.model.scene import Scene
 CHUNK = 10  # steps of one length
 NODES = "nodes"  # the reference backend with the usual contact
 PER_AXIS = 2  # particles along each axis of a cell, by default
+REPEATED_BELOW = 2.0  # [s] of processor time; longer runs are made once
 BOUNDLESS = 10**6  # [cells] of a direction that does not repeat
 
 
