@@ -4,6 +4,7 @@ import numpy as np
 
 from runout.backends.reference.backend import ReferenceBackend
 from runout.backends.reference.stencils import Stencils
+from runout.physics.heightfield import distance
 
 
 class NodeContact(ReferenceBackend):
@@ -16,7 +17,7 @@ class NodeContact(ReferenceBackend):
     def _touch_ground(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
         x = np.zeros((stencils.size, 3))
         x[stencils.node.ravel()] = (self._p.position(self.spacing)[:, None, :] + stencils.arm).reshape(-1, 3)
-        carries = np.flatnonzero(mass > 0.0)
+        carries = np.flatnonzero(mass[:, 0] > 0.0)
         gap, normal = self._gap_of_nodes(x[carries])
         into = np.einsum("ni,ni->n", velocity[carries], normal)
         touches = (gap < 0.0) & (into < 0.0)
@@ -25,15 +26,15 @@ class NodeContact(ReferenceBackend):
         before = velocity[chosen]
         along = before - into[:, None] * n
         speed = np.linalg.norm(along, axis=1)
-        kept = np.maximum(0.0, 1.0 + self.friction[0] * into / np.maximum(speed, np.finfo(float).tiny))
+        kept = np.maximum(0.0, 1.0 + self.scene.friction[0] * into / np.maximum(speed, np.finfo(float).tiny))
         velocity[chosen] = kept[:, None] * along
-        impulse = mass[chosen, None] * (velocity[chosen] - before)
+        impulse = mass[chosen] * (velocity[chosen] - before)
         self._basal -= float(0.5 * (impulse * (velocity[chosen] + before)).sum())
         self._basal_impulse += impulse.sum(axis=0)
 
     def _gap_of_nodes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance (n,) [m] of places (n, 3) [m] from the ground, and its unit normals there (n, 3)."""
         elevation, east, north = self.scene.surface.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
-        gap, normal = x[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))])
-        self.loops.take_gap(np.zeros(len(x)), gap, normal)
-        return gap, normal
+        upward = np.column_stack([-east, -north, np.ones(len(x))])
+        normal = upward / np.linalg.norm(upward, axis=1, keepdims=True)
+        return distance(x[:, 2] - elevation, normal[:, 2]), normal

@@ -123,15 +123,9 @@ class Scene:
 
     @property
     def largest_cfl(self) -> float:
-        """Courant number above which an isolated particle would gain energy, at most :data:`LARGEST_CFL`.
-
-        Its own nodes give it back a dilatation whose stiffness is 3 K where waves feel M = K + 4 G/3: with C for stress and strain
-        (mls) the oscillation is that of a leapfrog with CFL^2 < M/(3 K) = (1 - nu)/(1 + nu). With gradients of weights, whose
-        square over the weight sums to up to 6/h^2 beside 4/h^2, CFL^2 < M/(6 K), when a particle lies half way between nodes.
-        """
-        part = 1.0 if self.packed else 0.5
-        stiffest = min((m.lame_lambda + 2 * m.shear_modulus) / (3 * m.lame_lambda + 2 * m.shear_modulus) for m in self.materials)
-        return min(LARGEST_CFL, math.sqrt(part * stiffest))
+        """Courant number above which an isolated particle would gain energy, at most :data:`LARGEST_CFL`."""
+        share = 1.0 if self.packed else 0.5
+        return min(LARGEST_CFL, *(timestep.isolated_limit(m.lame_lambda, m.shear_modulus, share) for m in self.materials))
 
     @property
     def wave_speed(self) -> float:

@@ -205,5 +205,6 @@ CASES = [
     Case(resolution.decay_time, "ss", "s", (between(0.1, 50.0), between(1.0, 300.0))),
     Case(resolution.shear_wave_length, "s", "s", (between(0.1, 50.0),)),
     Case(timestep.acoustic_limit, "ssss", "s", (angle, step, speed, between(1.0, 300.0))),
+    Case(timestep.isolated_limit, "sss", "s", (modulus, modulus, between(0.5, 1.0))),
     Case(timestep.particle_limit, "ss", "s", (step, between(0.1, 50.0))),
 ]
