@@ -66,6 +66,7 @@ def inspect(site_path: Path) -> Findings:
     _inspect_overlaps(found, found.terrain)
     if found.site is not None:
         _inspect_resolution(found, found.site)
+        _inspect_obstacles(found, found.site, found.terrain)
         _inspect_reach(found, found.site, found.terrain)
     return found
 
@@ -127,6 +128,22 @@ def _inspect_resolution(found: Findings, site: "Site") -> None:
         found.problems += _too_coarse(release, spacing)
         found.warnings += _too_thin(release, resolution(release, site, grid))
         found.warnings += _too_soft(release, site)
+
+
+def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Obstacles that the grid smears."""
+    from runout.config.fetch import locate
+    from runout.terrain.obstacles import narrowest
+
+    cell = max(np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)[:2]) if found.releases else 0.0
+    cell = max(cell, *terrain.cell_size)
+    for obstacle in site.settings.terrain.obstacles or []:
+        width = narrowest(terrain, locate(obstacle.polygons, site.folder), obstacle.layer)
+        if width < 2 * cell:
+            found.warnings.append(
+                f"{obstacle.polygons}: the narrowest obstacle is about {width:.3g} m wide, less than two cells of {cell:.4g} m; "
+                "its volume is kept, its crest is lower than stated: use smaller cells, or draw it wider"
+            )
 
 
 def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:

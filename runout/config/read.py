@@ -90,7 +90,7 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         if "basal_friction_angle_deg" in release and "basal_friction_angle_deg" in sampled:
             place = ("release", i, "basal_friction_angle_deg")
             yield document.problem(place, "the ensemble samples this angle too", "remove one of the two")
-    for i, zone in enumerate(_friction_zones(document)):
+    for i, zone in enumerate(_overlays(document, "friction_zones")):
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
     law = document.value(("material", "law"))
@@ -103,10 +103,10 @@ def _contradictions(document: Document) -> Iterator[Problem]:
                 yield document.problem(place, f"the law {law} has no such parameter", "remove it, or use law: drucker_prager")
 
 
-def _friction_zones(document: Document) -> list[dict[str, Any]]:
-    """Zones as they are stated; nothing for one that is not a block."""
-    stated = document.value(("terrain", "friction_zones"))
-    return [zone if isinstance(zone, dict) else {} for zone in stated] if isinstance(stated, list) else []
+def _overlays(document: Document, key: str) -> list[dict[str, Any]]:
+    """Friction zones or obstacles as they are stated; nothing for one that is not a block."""
+    stated = document.value(("terrain", key))
+    return [part if isinstance(part, dict) else {} for part in stated] if isinstance(stated, list) else []
 
 
 def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
@@ -127,7 +127,8 @@ def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
     count = len(releases) if isinstance(releases, list) else 0
     places: list[Location] = [("terrain", "dem")]
     places += [("release", i, key) for i in range(count) for key in ("polygons", "raster")]
-    places += [("terrain", "friction_zones", i, "polygons") for i in range(len(_friction_zones(document)))]
+    for key in ("friction_zones", "obstacles"):
+        places += [("terrain", key, i, "polygons") for i in range(len(_overlays(document, key)))]
     for place in places:
         name = document.value(place)
         if isinstance(name, str) and name:

@@ -29,6 +29,7 @@ FrictionAngle = Annotated[
     Text | Annotated[float, Field(ge=0, le=60), AfterValidator(plausible_degrees), Tag("<number>")], Discriminator(shape)
 ]
 FrictionFactor = Annotated[Text | Annotated[float, Field(ge=0, le=10), Tag("<number>")], Discriminator(shape)]
+Height = Annotated[Text | Annotated[float, Field(ge=-300, le=300), Tag("<number>")], Discriminator(shape)]
 Thickness = Annotated[Text | Annotated[float, Field(gt=0, le=1000), Tag("<number>")], Discriminator(shape)]
 Size = Annotated[float, Field(gt=0, le=1000)]
 CellSize = Annotated[
@@ -89,6 +90,20 @@ class ZoneSettings(Settings):
         return self
 
 
+class ObstacleSettings(Settings):
+    """Dams, walls and basins: ground that is higher or lower than in the elevation raster."""
+
+    polygons: str = quantity(
+        "outlines (GeoPackage, Shapefile, GeoJSON), relative to this folder", min_length=1, examples=["inputs/dams.gpkg"]
+    )
+    layer: str | None = quantity("layer of the GeoPackage; not needed when it has one only", None, examples=["dams"])
+    height: Height = quantity(
+        "how much the ground is raised inside the outlines, negative for a basin; a number or the attribute that holds it",
+        unit="m",
+        examples=[8.0],
+    )
+
+
 class TerrainSettings(Settings):
     """The terrain."""
 
@@ -100,6 +115,13 @@ class TerrainSettings(Settings):
     )
     resolution: float | None = quantity(
         "average the raster over whole blocks of cells to about this size", None, unit="m", gt=0, examples=[10.0]
+    )
+    obstacles: list[ObstacleSettings] | None = quantity(
+        "dams, walls and basins that the raster does not hold, a list: polygons of a vector file, with the height by which they "
+        "raise the ground",
+        None,
+        min_length=1,
+        examples=[[{"polygons": "inputs/dams.gpkg", "height": 8.0}]],
     )
     friction_zones: list[ZoneSettings] | None = quantity(
         "ground that changes the friction of what moves over it (forest, bedrock, snow), a list: polygons of a vector file, with "

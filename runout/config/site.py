@@ -45,7 +45,7 @@ class Site:
     settings: SiteSettings
 
     def terrain(self) -> "Terrain":
-        """The elevation raster, read and prepared.
+        """The elevation raster, read and prepared, with the obstacles on it.
 
         Raises
         ------
@@ -56,7 +56,11 @@ class Site:
 
         stated = self.settings.terrain
         terrain = read_terrain(locate(stated.dem, self.folder), stated.crs)
-        return self._averaged(terrain, stated.resolution) if stated.resolution else terrain
+        if stated.resolution:
+            terrain = self._averaged(terrain, stated.resolution)
+        for obstacle in stated.obstacles or []:
+            terrain = terrain.with_obstacles(locate(obstacle.polygons, self.folder), obstacle.height, obstacle.layer)
+        return terrain
 
     def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
         """The friction zones on the terrain; None where site.yaml states none.
@@ -170,6 +174,7 @@ class Site:
         for release in self.settings.release:
             stated += [source for source in (release.polygons, release.raster) if source is not None]
         stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
+        stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
         return [path for source in stated for path in _files(locate(source, self.folder))]
 
     def resolved(self) -> dict[str, Any]:

@@ -75,6 +75,16 @@ class Terrain:
 
         return terrain_from_array(elevation, cell_size, crs, origin)
 
+    def with_obstacles(self, path: str | PathLike[str], height: float | str, layer: str | None = None) -> "Terrain":
+        """The terrain with dams, walls or basins: raised by ``height`` [m] inside the polygons of a vector file, or lowered by it.
+
+        ``height`` is a number, negative for a basin or channel, or the name of an attribute; ``layer`` is needed if the file has
+        several. The volume of a dam is kept; its crest is not where it is narrower than a cell of the raster, or of the run.
+        """
+        from runout.terrain.obstacles import with_obstacles
+
+        return with_obstacles(self, path, height, layer)
+
     @classmethod
     def from_raster(cls, path: str | PathLike[str], crs: Any = None) -> "Terrain":
         """Terrain of any raster that GDAL reads; ``crs`` names the system of a file that states none."""

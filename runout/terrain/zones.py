@@ -5,15 +5,14 @@ from collections.abc import Sequence
 from itertools import combinations
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from runout.errors import ReleaseError, ZoneError
 from runout.model.friction import FrictionZones
 from runout.model.terrain import Terrain
-from runout.release.coverage import covered_window
-from runout.release.polygons import OVERLAP, PolygonLayer, read_polygons, without_overlap
+from runout.release.polygons import OVERLAP, read_polygons, without_overlap
+from runout.terrain.overlay import numbers_of, on_cells
 
 log = logging.getLogger(__name__)
 
@@ -42,15 +41,19 @@ def read_zones(
     if (factor is None) == (basal_friction_angle_deg is None):
         raise ZoneError(f"{source}: give factor, which multiplies friction, or basal_friction_angle_deg, which replaces it")
     try:
-        layer_of = read_polygons(source, terrain, layer, "friction zone")
-        values = _values(layer_of, factor, basal_friction_angle_deg)
-        unit = "" if basal_friction_angle_deg is None else " deg"
-        parts, overlaps = without_overlap(layer_of, values, "friction", unit)
+        polygons = read_polygons(source, terrain, layer, "friction zone")
+        if basal_friction_angle_deg is None:
+            values = numbers_of(polygons, factor, "factor", (0.0, LARGEST_FACTOR), "")
+        else:
+            values = numbers_of(polygons, basal_friction_angle_deg, "basal_friction_angle_deg", (0.0, STEEPEST_DEG), " degrees")
+        parts, overlaps = without_overlap(polygons, values, "friction", "" if basal_friction_angle_deg is None else " deg")
     except ReleaseError as error:  # the readers of polygons are those of a release, and so are their errors
         raise ZoneError(str(error)) from error
     if basal_friction_angle_deg is not None:
         values = np.tan(np.radians(values))
-    covered, weighted, kept = _on_cells(parts, values, terrain, source)
+    covered, weighted, kept = on_cells(parts, values, terrain)
+    if not kept:
+        raise ZoneError(f"{source}: no friction zone lies on the terrain {terrain.source}; check the coordinate system of both")
     outside = np.maximum(1.0 - covered, 0.0)
     multiplies = basal_friction_angle_deg is None
     found = FrictionZones(
@@ -59,7 +62,7 @@ def read_zones(
         terrain.cell_size,
         tuple({"geometry": part, "factor" if multiplies else "coefficient": value} for part, value in kept),
         str(source),
-        layer_of.changes + overlaps,
+        polygons.changes + overlaps,
     )
     for change in found.changes:
         log.warning(change)
@@ -94,36 +97,3 @@ def together(parts: Sequence[FrictionZones]) -> FrictionZones:
         ", ".join(part.source for part in parts),
         tuple(change for part in parts for change in part.changes),
     )
-
-
-def _values(layer: PolygonLayer, factor: float | str | None, angle_deg: float | str | None) -> np.ndarray:
-    """Factor [1] or angle [deg] (n,) of the polygons, in their range."""
-    given, name, most, unit = (factor, "factor", LARGEST_FACTOR, "") if angle_deg is None else (
-        angle_deg, "basal_friction_angle_deg", STEEPEST_DEG, " degrees",
-    )  # fmt: skip
-    values = layer.numbers(given, name) if isinstance(given, str) else np.full(len(layer.polygons), given, np.float64)
-    wrong = np.flatnonzero(~((values >= 0) & (values <= most)))
-    if len(wrong):
-        raise ZoneError(f"{layer.source}: {name} of polygon {wrong[0] + 1} is {values[wrong[0]]:g}; it must be 0 to {most:g}{unit}")
-    return values
-
-
-def _on_cells(
-    parts: np.ndarray, values: np.ndarray, terrain: Terrain, source: Path
-) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:
-    """Share of each cell (nx, ny) that zones cover, values times that share, and the parts on the terrain with their values."""
-    import shapely
-
-    inside = shapely.intersection(parts, shapely.box(*terrain.extent))
-    kept = [(part, float(value)) for part, value in zip(inside, values, strict=True) if part.area > 0]
-    if not kept:
-        raise ZoneError(f"{source}: no friction zone lies on the terrain {terrain.source}; check the coordinate system of both")
-    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
-    edges = np.arange(columns + 1) * dx, np.arange(rows + 1) * dy
-    covered, weighted = np.zeros((columns, rows)), np.zeros((columns, rows))
-    for value in sorted({value for _, value in kept}):
-        united = shapely.union_all([part for part, own in kept if own == value])
-        window, area = covered_window(shapely.transform(united, terrain.frame.to_local), edges)
-        covered[window] += area / terrain.cell_area
-        weighted[window] += value * area / terrain.cell_area
-    return covered, weighted, kept

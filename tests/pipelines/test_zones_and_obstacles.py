@@ -1,4 +1,4 @@
-"""A site with friction zones: from site.yaml to maps, and every way in which they can be wrong."""
+"""A site with friction zones and with obstacles: from site.yaml to maps, and every way in which they can be wrong."""
 
 import geopandas
 import numpy as np
@@ -15,6 +15,8 @@ from runout.errors import ConfigError
 
 SOUTH = NORTH - ROWS * CELL
 PLAIN = shapely.box(WEST + 250.0, SOUTH, WEST + COLUMNS * CELL + 50.0, NORTH)
+DAM = shapely.box(WEST + 300.0, SOUTH, WEST + 330.0, NORTH)
+DAMMED = SITE.replace("tif\nrelease", "tif\n  obstacles: [{polygons: inputs/zones.gpkg, height: height}]\nrelease")
 ZONED = SITE.replace("tif\nrelease", "tif\n  friction_zones:\n    - {polygons: inputs/zones.gpkg, ZONE}\nrelease")
 
 
@@ -75,3 +77,19 @@ def test_every_problem_of_zones_is_named(tmp_path):
     assert any("there is no file 'inputs/zone.gpkg'; did you mean 'inputs/zones.gpkg'?" in line for line in said)
     wrong = write_zoned(tmp_path / "wrong", "factor: friction", friction=[-1.0])
     assert any("factor of polygon 1 is -1; it must be 0 to 10" in problem for problem in inspect(wrong).problems)
+
+
+def test_a_dam_holds_the_flow_and_a_low_one_is_overrun(tmp_path, capsys):
+    high, low = (write_zoned(tmp_path / name, "", DAMMED, (DAM,), height=[up]) for name, up in (("high", 20.0), ("low", 0.5)))
+    without = front(write_site(tmp_path / "without"))
+    assert without > WEST + 340.0
+    assert front(high) <= WEST + 320.0  # up its side, not over it
+    assert WEST + 340.0 < front(low) <= without
+    assert cli.main(["check", str(high)]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "obstacles on 7200 m2 change the ground by 20 to 20 m" in out
+    assert "the narrowest obstacle is about 26.7 m wide" not in out
+    wide = write_zoned(tmp_path / "wide", "", DAMMED.replace("cell_size: 10", "cell_size: 20"), (DAM,), height=[20.0])
+    assert any(
+        "the narrowest obstacle is about 26.7 m wide, less than two cells of 20 m" in line for line in inspect(wide).warnings
+    )

@@ -1,0 +1,60 @@
+"""Dams and basins: ground that is raised by area, in the right cells, and refused where it cannot be."""
+
+import geopandas
+import numpy as np
+import pytest
+import shapely
+
+from runout import Terrain
+from runout.errors import DemError
+from runout.terrain.obstacles import narrowest
+
+WEST, SOUTH, CELL = 600_000.0, 5_200_000.0, 10.0
+
+
+@pytest.fixture
+def flat():
+    return Terrain.from_array(np.full((20, 30), 100.0), CELL, "EPSG:32632", (WEST, SOUTH))
+
+
+@pytest.fixture
+def drawn(tmp_path):
+    """Writes boxes (west, south, east, north) in local metres with their attributes; returns the path."""
+
+    def write(*boxes, crs="EPSG:32632", **attributes):
+        shapes = [shapely.box(WEST + a, SOUTH + b, WEST + c, SOUTH + d) for a, b, c, d in boxes]
+        frame = geopandas.GeoDataFrame(attributes, geometry=shapes, crs=crs)
+        frame.to_file(tmp_path / "dams.gpkg", engine="pyogrio")
+        return tmp_path / "dams.gpkg"
+
+    return write
+
+
+def test_a_dam_keeps_its_volume_and_stands_where_it_was_drawn(flat, drawn):
+    dam = flat.with_obstacles(drawn((104.0, 20.0, 120.0, 60.0)), height=8.0)
+    rows, columns = np.nonzero(dam.elevation != 100.0)
+    assert set(columns) == {10, 11}
+    assert set(rows) == {14, 15, 16, 17}  # from the north: 20 to 60 m north of the southern edge
+    np.testing.assert_allclose(dam.elevation[15, [10, 11]], [104.8, 108.0], rtol=1e-12)
+    assert (dam.elevation - 100.0).sum() * CELL**2 == pytest.approx(16.0 * 40.0 * 8.0)
+    assert "obstacles on 640 m2 change the ground by 8 to 8 m" in dam.changes[-1]
+    assert (flat.elevation == 100.0).all()
+
+
+def test_an_attribute_raises_one_and_lowers_the_other(flat, drawn):
+    path = drawn((100.0, 20.0, 120.0, 60.0), (200.0, 100.0, 250.0, 150.0), up=[5.0, -3.0])
+    ground = flat.with_obstacles(path, height="up")
+    assert (ground.elevation.max(), ground.elevation.min()) == pytest.approx((105.0, 97.0))
+    assert "by -3 to 5 m" in ground.changes[-1]
+    assert narrowest(flat, path) == pytest.approx(2 * 20.0 * 40.0 / 120.0)
+
+
+def test_what_cannot_be_an_obstacle_is_refused(flat, drawn):
+    with pytest.raises(DemError, match=r"dams.gpkg: height of polygon 1 is 900; it must be -300 to 300 m"):
+        flat.with_obstacles(drawn((100.0, 20.0, 120.0, 60.0)), height=900.0)
+    with pytest.raises(DemError, match="no attribute 'heigth' for the height; did you mean 'height'"):
+        flat.with_obstacles(drawn((100.0, 20.0, 120.0, 60.0), height=[3.0]), height="heigth")
+    with pytest.raises(DemError, match="no obstacle lies on the terrain"):
+        flat.with_obstacles(drawn((-100.0, 20.0, -20.0, 60.0)), height=3.0)
+    with pytest.raises(DemError, match=r"1 \(3 m\) and 2 \(4 m\) overlap by 200 m2.* one height"):
+        flat.with_obstacles(drawn((100.0, 20.0, 120.0, 40.0), (110.0, 20.0, 130.0, 40.0), up=[3.0, 4.0]), height="up")
