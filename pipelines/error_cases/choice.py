@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.node_contact import NodeContact
+from pipelines.error_cases.node_contact import node_contact
 from pipelines.timing import memory_of
 from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
@@ -112,7 +112,7 @@ class Outcome:
 def engine_of(variation: Variation, options: Mapping[str, Any] = MappingProxyType({})) -> Any:
     """The backend that a variation names, on the CPU and on one thread; ``options`` as in :func:`get_backend`."""
     if variation.backend == NODES:
-        return NodeContact()
+        return node_contact()
     return get_backend(variation.backend, "cpu", threads=1, **options)
 
 

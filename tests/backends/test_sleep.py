@@ -22,7 +22,7 @@ def bed(precision="float64", sleep_speed=SLOW):
     p = box((10.0, 10.0, 0.0), (40.0, 12.0, 2.0), CELLS, CLAY.density, surface=ground)
     above = 4.0 - p.position(CELLS)[:, 2]
     p.strain[:, 2] = np.expm1(-2 * CLAY.density * GRAVITY * above / (CLAY.lame_lambda + 2 * CLAY.shear_modulus))
-    return scene(ground, CELLS, (CLAY,), precision=precision, sleep_speed=sleep_speed), p
+    return scene(ground, CELLS, (CLAY,), precision=precision, sleep_speed=sleep_speed, cfl=0.4), p
 
 
 def hit_bed(**choices):

@@ -10,7 +10,7 @@ from pipelines.error_against_time import measured
 from pipelines.error_cases import choice, problems, solids
 from pipelines.error_cases.choice import DEFAULT, VARIATIONS, Variation
 from pipelines.error_cases.curve import cost_at, fitted, front
-from pipelines.error_cases.node_contact import NodeContact
+from pipelines.error_cases.node_contact import node_contact
 from pipelines.error_cases.problems import PROBLEMS
 from pipelines.verification_cases import spreading_cap
 from pipelines.verification_cases.bodies import free_scene, lattice, particles_at
@@ -130,7 +130,7 @@ def test_contact_at_nodes_is_coulomb_friction_on_the_whole_tangential_vector():
     ground = Surface.through(np.full((12, 12), 30.0), (4.0, 4.0))
     body = particles_at(20.0 + lattice((2.0, 2.0, 2.0), 1.0), 1.0, 1000.0, 0.25)
     body.velocity[:] = (1.0, 1.0, -1.0)
-    engine = NodeContact()
+    engine = node_contact()
     engine.load(replace(free_scene(1.0, BOX, ground), friction=(0.5,)), body)
     before = engine.ledger().kinetic_energy
     engine.step(1e-4)
@@ -144,7 +144,7 @@ def test_nodes_above_the_ground_feel_no_contact():
     ground = Surface.through(np.full((12, 12), 10.0), (4.0, 4.0))
     body = particles_at(20.0 + lattice((1.0, 1.0, 1.0), 1.0), 1.0, 1000.0, 0.25)
     body.velocity[:] = (1.0, 1.0, -1.0)
-    engine = NodeContact()
+    engine = node_contact()
     engine.load(replace(free_scene(1.0, BOX, ground), friction=(0.5,)), body)
     engine.step(1e-4)
     np.testing.assert_allclose(engine.particles().velocity, body.velocity, atol=1e-12)
