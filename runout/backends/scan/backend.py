@@ -66,6 +66,7 @@ class ScanBackend:
         self.cursors = np.zeros((self.allowed, 8), np.int64)
         self.holes, self.n_holes = np.zeros((LONGEST_LIST, 2), np.int64), 0
         self.k = kernels_for(scene)
+        self.no_rates = (np.zeros((0, 16), scene.dtype), scene.dtype(0), np.zeros((0, 16), scene.dtype), scene.dtype(0))
         self.general = General(scene) if is_general(scene) else None
         self.counters = Counters()
         self.threads = max(1, min(self.allowed, self.n // PARTICLES_PER_THREAD))
@@ -197,7 +198,7 @@ class ScanBackend:
         self.dt = real(dt)
         for k in range(16):
             self.dv[k] = dt * self.scene.gravity[k % 4 - 1] if k % 4 else 0.0
-        self.slopes = tuple(real(moments.moment_slope(dt, h)) for h in self.scene.spacing)
+        self.slopes = tuple(real(moments.moment_slope(dt, h)) if self.scene.packed else real(0) for h in self.scene.spacing)
         self.cells = tuple(real(dt / h) for h in self.scene.spacing)
 
     def _to_grid(self, dt: float) -> None:
@@ -255,14 +256,12 @@ class ScanBackend:
     def _to_particles(self, dt: float) -> None:
         i, s, a = self.index, self.store, self.room
         self._fit_buffers()
-        if self.general:
-            self.general.to_particles(self)
-        else:
-            self.k.grid_to_particles(
-                s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, i.nown, a.grid, i.up, i.bxyz, a.rim,
-                self.domain, self.mats, self.slopes, self.cells, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
-                a.changed, a.motion,
-            )  # fmt: skip
+        more = self.general.take_rates(self) if self.general else self.no_rates
+        self.k.grid_to_particles(
+            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, i.nown, a.grid, i.up, i.bxyz, a.rim,
+            self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
+            a.changed, a.motion,
+        )  # fmt: skip
         speed2, step, lost, refused, self.moved = self.k.total_motion(a.motion, a.changed, i.nown)
         if refused > 0:
             raise StabilityError(

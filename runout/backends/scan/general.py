@@ -1,6 +1,6 @@
 """What a step does more where the transfer is not the packed one, or where F-bar averages: kernels and arrays of such scenes."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,8 +57,8 @@ class General:
             a.arenas, engine.buffers[0],
         )  # fmt: skip
 
-    def to_particles(self, engine: "ScanBackend") -> None:
-        """Velocity gradients, their mean dilatation, and velocities that the grid has not seen; then law and motion."""
+    def take_rates(self, engine: "ScanBackend") -> tuple[Any, ...]:
+        """Velocity gradients with their mean dilatation, and velocities that the grid has not seen, as the motion takes them."""
         i, s, a, k, cells = engine.index, engine.store, engine.room, engine.k, self._cells(engine)
         if len(self.rates) != len(s.rec):
             self.rates = _zeros(len(s.rec), 16, self.scene.dtype)
@@ -70,12 +70,7 @@ class General:
             k.take_dilatation(self.rates, i.starts, i.first, i.nown, a.grid, i.up)
         if self.scene.keeps:
             k.take_slips(s.rec, s.order, i.starts, i.first, i.nown, self.given, i.up, self.slips)
-        slopes = engine.slopes if self.scene.packed else (self.scene.dtype(0.0),) * 3
-        k.grid_to_particles_generally(
-            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, i.nown, a.grid, i.up, i.bxyz, a.rim,
-            engine.domain, engine.mats, slopes, engine.cells, self.rates, self.averaged, self.slips, self.keeps, *engine.buffers,
-            s.listed, a.leaving, a.shifted, a.thinned, a.changed, a.motion,
-        )  # fmt: skip
+        return self.rates, self.averaged, self.slips, self.keeps
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""

@@ -10,7 +10,6 @@ from runout.backends.scan import (
     columns,
     contact,
     forces,
-    general_motion,
     gradients,
     ground,
     index,
@@ -27,7 +26,7 @@ from runout.model.scene import Scene
 
 COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns, rest, zones)  # know no law
 LANES = (vectors, shuffles, memory)
-GENERAL = (stencil, transfer, observe, contact, motion, forces, gradients, general_motion)  # of transfers other than the packed one
+BY_GRADIENTS = (stencil, transfer, observe, contact, forces, gradients)  # of transfers other than the packed one, and of F-bar
 SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)
 _MADE: dict[tuple[str, str, bool, str], SimpleNamespace] = {}
 
@@ -36,7 +35,7 @@ def kernels_for(scene: Scene) -> SimpleNamespace:
     """Kernels for the number type and the law of a scene, made once a process and taken from the cache of compiled code."""
     key = (scene.precision, scene.law.name, len(scene.materials) == 1, ahead.variant(scene))
     if key not in _MADE:
-        ahead.ensure_compiled(scene, (*SOURCES, *GENERAL) if is_general(scene) else SOURCES)
+        ahead.ensure_compiled(scene, (*SOURCES, *BY_GRADIENTS) if is_general(scene) else SOURCES)
         _MADE[key] = _bound(scene)
     return _MADE[key]
 
@@ -49,7 +48,8 @@ def _bound(scene: Scene) -> SimpleNamespace:
         "law_update": law.update,
         "law_update_small": law.update_small,
         "ONE_MATERIAL": len(scene.materials) == 1,
+        "GENERAL": is_general(scene),
     }
     own = binding.kernels(stencil, motion, sources=LANES, **names)
-    general = binding.kernels(*GENERAL, sources=LANES, **names) if is_general(scene) else SimpleNamespace()
-    return SimpleNamespace(**(vars(general) | vars(common) | vars(own)))
+    more = binding.kernels(*BY_GRADIENTS, sources=LANES) if is_general(scene) else SimpleNamespace()
+    return SimpleNamespace(**(vars(more) | vars(common) | vars(own)))

@@ -2,6 +2,9 @@
 
 The law is plain scalar source. LLVM vectorises it over a tile because the index is unsigned (a signed one brings numba's
 test for negative indices into the loop), the functions are inlined, and tiles lie on the stack.
+
+Where a scene is GENERAL, velocity gradients have been taken before (:mod:`runout.backends.scan.gradients`), and particles may keep
+a part of their own velocity; what such a scene does not use is multiplied by zero.
 """
 
 import numpy as np
@@ -40,6 +43,7 @@ from runout.physics.elastic import update as law_update
 from runout.physics.elastic import update_small as law_update_small
 from runout.physics.moments import affine_columns, moment_about, momentum_at, stress_columns, velocity_gradient
 from runout.physics.tensors import real, sym, vec
+from runout.physics.transfers import kept_velocity, with_dilatation
 
 TILE = 32
 LEFT = 64  # mark of a slot whose particle leaves the block
@@ -48,8 +52,10 @@ HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
 # rows of a tile after the 16 numbers of the record and the 8 of the state
 CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
+RATE, SLIP = 31, 47  # first of the 16 rows that hold the particles' rates, and their slips, where a scene is general
 ONE_MATERIAL = True
-local_tile = local_array((31, TILE))
+GENERAL = False
+local_tile = local_array((SLIP + 16, TILE))
 load_records, store_records = record_vectors(16)
 load_states, store_states = record_vectors(8)
 load_16_rows, store_16_rows = row_vectors(16, TILE)
@@ -80,17 +86,34 @@ def _store_tile(t, rec, state, p, groups):
         store_states(state, 8 * (p + 16 * g), load_8_rows(t, 16 * TILE + 16 * g))
 
 
+def _rows(t, p, k):
+    """Three rows of a column from row ``k`` on."""
+    return vec(t[k, p], t[k + 1, p], t[k + 2, p])
+
+
 def _moments(t, p):
     """Columns of first moments [m/s] of a column of a tile."""
-    x = vec(t[5, p], t[6, p], t[7, p])
-    y = vec(t[9, p], t[10, p], t[11, p])
-    return x, y, vec(t[13, p], t[14, p], t[15, p])
+    return _rows(t, p, 5), _rows(t, p, 9), _rows(t, p, 13)
 
 
-def _gradient(t, p, s):
-    """Velocity gradient times the step [1] from first moments; s = 4 dt / h [s/m]."""
+def _gradient(t, p, s, cells, averaged):
+    """Velocity gradient times the step [1] from first moments, s = 4 dt / h [s/m]; or from rates, ``cells`` = dt / h [s/m].
+
+    The mean dilatation takes the place of a particle's own where it is ``averaged`` (1, else 0).
+    """
+    if GENERAL:
+        L = velocity_gradient(_rows(t, p, RATE + 5), _rows(t, p, RATE + 9), _rows(t, p, RATE + 13), cells)
+        return with_dilatation(L, t[RATE, p], averaged)
     x, y, z = _moments(t, p)
     return velocity_gradient(x, y, z, s)
+
+
+def _keep(t, p, keeps):
+    """Give a column that part of its slip that it keeps, velocity and first moments, after it has moved with the grid."""
+    t[1, p], t[2, p], t[3, p] = kept_velocity(_rows(t, p, 1), _rows(t, p, SLIP + 1), keeps)
+    t[5, p], t[6, p], t[7, p] = kept_velocity(_rows(t, p, 5), _rows(t, p, SLIP + 5), keeps)
+    t[9, p], t[10, p], t[11, p] = kept_velocity(_rows(t, p, 9), _rows(t, p, SLIP + 9), keeps)
+    t[13, p], t[14, p], t[15, p] = kept_velocity(_rows(t, p, 13), _rows(t, p, SLIP + 13), keeps)
 
 
 def _strain(t, p):
@@ -138,11 +161,13 @@ def _move(t, p, cells):
     return far, refused, code
 
 
-def _finish(t, p, alive, B, history, lost, tau, s, cells):
+def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
     """Write the state of a column, move it and pack its next record; a slot without particle counts for nothing."""
     nothing = real(0.0)
-    speed2 = t[1, p] * t[1, p] + t[2, p] * t[2, p] + t[3, p] * t[3, p]
     far, refused, code = _move(t, p, cells)
+    if GENERAL:
+        _keep(t, p, keeps)
+    speed2 = t[1, p] * t[1, p] + t[2, p] * t[2, p] + t[3, p] * t[3, p]
     t[SPEED, p] = speed2 if alive else nothing
     t[MOVE, p] = far if alive else nothing
     t[REFUSED, p] = refused if alive else nothing
@@ -158,7 +183,7 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells):
     t[22, p] = history
 
 
-def _follow_tile(t, who, label, first, count, mats, s, cells):
+def _follow_tile(t, who, label, first, count, mats, s, cells, averaged, keeps):
     """Law, motion and next record of a tile, for small strain; the others are marked LARGE."""
     mat = mats[0]
     for p in range((count + np.uint64(15)) & ~np.uint64(15)):
@@ -166,12 +191,12 @@ def _follow_tile(t, who, label, first, count, mats, s, cells):
         t[ALIVE, p] = real(1.0) if alive else real(0.0)
         if not ONE_MATERIAL:
             mat = mats[label[who[first + p], 0]]
-        B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
+        B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s, cells, averaged), t[22, p], mat)
         t[LARGE, p] = real(0.0) if is_small(size) else t[ALIVE, p]
-        _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells)
+        _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
 
 
-def _follow_large(t, rec, state, p, slot, mat, s, cells):
+def _follow_large(t, rec, state, p, slot, mat, s, cells, averaged, keeps):
     """The same for one particle of any strain, from its record and state before the law."""
     r = rec[slot]
     r = _about_particles((r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14], r[15]))
@@ -179,11 +204,11 @@ def _follow_large(t, rec, state, p, slot, mat, s, cells):
         t[k, p] = r[k]
     for k in range(8):
         t[16 + k, p] = state[slot, k]
-    B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s), t[22, p], mat)
-    _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells)
+    B, log, history, lost = law_update(_strain(t, p), _gradient(t, p, s, cells, averaged), t[22, p], mat)
+    _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
 
 
-def _follow_all_large(t, rec, state, slot, who, label, first, groups, mats, s, cells):
+def _follow_all_large(t, rec, state, slot, who, label, first, groups, mats, s, cells, averaged, keeps):
     """The robust law for the columns that are marked LARGE."""
     for g in range(groups):
         bits = lane_bits(load16(t, LARGE * TILE + 16 * g) > halves(t))
@@ -191,7 +216,7 @@ def _follow_all_large(t, rec, state, slot, who, label, first, groups, mats, s, c
             column = np.int64(lowest_bit(bits)) + 16 * g
             bits = bits & (bits - np.uint64(1))
             mat = mats[label[who[first + column], 0]]
-            _follow_large(t, rec, state, column, slot + column, mat, s, cells)
+            _follow_large(t, rec, state, column, slot + column, mat, s, cells, averaged, keeps)
 
 
 def _lies_in_domain(bxyz, b, c, rec, slot, domain):
@@ -277,13 +302,15 @@ def _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2, s
 
 
 def grid_to_particles(
-    rec, state, cell, who, label, order, starts, first, moving, nown, grid, up, bxyz, rim, domain, mats, s, cells, rec2, state2,
-    who2, movers, leaving, shifted, thinned, changed, sums,
+    rec, state, cell, who, label, order, starts, first, moving, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates, averaged,
+    slips, keeps, rec2, state2, who2, movers, leaving, shifted, thinned, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
     ``rec2``, ``state2`` and ``who2`` have room for one block for each thread. ``sums`` (nown, 4): largest speed squared,
-    longest move [cells], dissipated energy [J], refused moves.
+    longest move [cells], dissipated energy [J], refused moves. Where the scene is GENERAL, gradients and mean dilatations are
+    those of ``rates``, ``averaged`` is 1 with F-bar and 0 without, ``keeps`` the part of the ``slips`` that stays with a particle,
+    and ``s`` is zero where records hold no stress.
     """
     for b in prange(nown):
         leaving[b] = 0
@@ -310,8 +337,12 @@ def grid_to_particles(
             count = min(TILE, held - k)
             groups = (count + 15) >> 4
             _load_tile(t, rec2[buffer], state2[buffer], k, groups)
-            _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells)
-            _follow_all_large(t, rec2[buffer], state2[buffer], k, who, label, f + k, groups, mats, s, cells)
+            if GENERAL:
+                for g in range(groups):
+                    store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (f + k + 16 * g)))
+                    store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (f + k + 16 * g)))
+            _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
+            _follow_all_large(t, rec2[buffer], state2[buffer], k, who, label, f + k, groups, mats, s, cells, averaged, keeps)
             _store_tile(t, rec, state, f + k, groups)
             for g in range(groups):
                 speed = largest(speed, load16(t, SPEED * TILE + 16 * g))
