@@ -357,9 +357,14 @@ class Run:
 
     def arrive(self, count: int) -> None:
         """``count`` steps are done; observe if it is time to."""
+        is_due = self.looks_after(count)
         self.time += self.dt * count
-        if self.time >= min(self.due, self._next_stop()) - 1e-12 * self.course.end_time:
+        if is_due:
             self.due = self._observe()
+
+    def looks_after(self, count: int) -> bool:
+        """Whether it is time to observe once ``count`` steps are done."""
+        return self.time + self.dt * count >= min(self.due, self._next_stop()) - 1e-12 * self.course.end_time
 
     def _next_stop(self) -> float:
         return min([self.course.end_time, *self.pending[:1]])

@@ -140,6 +140,9 @@ class SceneBatch(Protocol):
     def flow_columns_of(self, s: int, /) -> Columns:
         """As :meth:`WindowBackend.flow_columns`."""
 
+    def look_at(self, scenes: Sequence[int]) -> None:
+        """These scenes will be asked for their columns before the next step: all of them wait for the device together."""
+
 
 def get_batch(scenes: Sequence[tuple[Scene, Particles]], device: str) -> SceneBatch:
     """Scenes that hash steps together on a device.

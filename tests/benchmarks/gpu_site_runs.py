@@ -2,9 +2,10 @@
 
     python tests/benchmarks/gpu_site_runs.py --out gpu_site_runs.json --folder work [--cpu-maps FOLDER]
 
-``--cpu-maps`` holds ``jacksboro.nc`` and ``frank_slide.nc``: ``hazard.nc`` of the same sites (frank_slide with 4 members) made by
-``runout run`` on a CPU; maps are compared by the mean difference over the mean of the CPU's (relative L1). Sites with downloaded
-rasters take them from ``RUNOUT_DATA``. With two GPUs or more, an ensemble runs on one and on two of them.
+``--cpu-maps`` holds ``hazard.nc`` of the same sites under their names here (``frank_slide_members4.nc`` and so on), which this
+script made elsewhere with ``--write-cpu-maps`` by ``runout run`` on a CPU; maps are compared by the mean difference over the mean
+of the CPU's (relative L1). Sites with downloaded rasters take them from ``RUNOUT_DATA``. With two GPUs or more, an ensemble runs on
+one and on two of them, with one worker a GPU and with several.
 """
 
 import argparse
@@ -28,9 +29,10 @@ import runout
 from runout.ensemble.run import run_ensemble
 site = runout.read_site(Path(sys.argv[1])).on_device(sys.argv[2])
 started = time.perf_counter()
-report = run_ensemble(site, Path(sys.argv[3]))
+report = run_ensemble(site, Path(sys.argv[3]), workers=int(sys.argv[4]))
 print("seconds", time.perf_counter() - started, "failed", len(report.failed))
 """
+SCALING = (("cuda:0", "1"), ("cuda", "2"), ("cuda:0", "4"), ("cuda", "8"))  # devices, and workers that share them
 COMMAND = [sys.executable, "-c", "import sys; from runout.cli import main; sys.exit(main())", "run"]
 
 
@@ -59,12 +61,13 @@ def whole_run(site: Path, device: str) -> dict[str, Any]:
     return record | of_members(out)
 
 
-def members_alone(site: Path, device: str) -> dict[str, Any]:
+def members_alone(site: Path, device: str, workers: int) -> dict[str, Any]:
     """Wall time of the members of a site, workers and scenes included, without the stages before and after."""
-    out = site / f"members_{device.replace(':', '')}"
-    done = subprocess.run([sys.executable, "-c", ENSEMBLE, str(site), device, str(out)], capture_output=True, text=True)
+    out = site / f"members_{device.replace(':', '')}_{workers}"
+    command = [sys.executable, "-c", ENSEMBLE, str(site), device, str(out), str(workers)]
+    done = subprocess.run(command, capture_output=True, text=True)
     found = re.search(r"seconds ([\d.]+) failed (\d+)", done.stdout)
-    record = {"site": site.name, "device": device, "exit": done.returncode, "stage": "members"}
+    record = {"site": site.name, "device": device, "workers": workers, "exit": done.returncode, "stage": "members"}
     if not found:
         return record | {"output": (done.stdout + done.stderr)[-2000:]}
     return record | {"ensemble_seconds": float(found[1]), "failed": int(found[2])} | of_members(out)
@@ -106,6 +109,8 @@ def main() -> None:
     parser.add_argument("--commit", default="unknown")
     parser.add_argument("--scaling-cell", type=float, default=6.0)
     parser.add_argument("--scaling-members", type=int, default=64)
+    parser.add_argument("--scaling", nargs="*", default=SCALING, type=lambda text: text.split("="), metavar="DEVICE=WORKERS")
+    parser.add_argument("--write-cpu-maps", type=Path)
     parser.add_argument("--scaling-only", action="store_true", help="only the ensemble on one and two GPUs")
     a = parser.parse_args()
     report: dict[str, Any] = {"commit": a.commit, "runs": []}
@@ -118,20 +123,27 @@ def main() -> None:
     sites: tuple[tuple[str, dict[str, float], str], ...] = (
         ("jacksboro", {"cell_size": 20}, "cuda:0"),
         ("frank_slide", {"members": 4}, "cuda:0"),
+        ("frank_slide", {"cell_size": 10, "members": 2}, "cuda:0"),
         ("frank_slide", {"cell_size": 5, "members": 2}, "cuda"),
     )
+    if a.write_cpu_maps:
+        for name, values, _ in sites[:-1]:
+            site = edited(name, a.folder, **values)
+            note(whole_run(site, "cpu"))
+            shutil.copy(site / "results_cpu" / "hazard.nc", a.write_cpu_maps / f"{site.name}.nc")
+        return
     for name, values, device in () if a.scaling_only else sites:
         site = edited(name, a.folder, **values)
         record = whole_run(site, device)
-        expected = a.cpu_maps / f"{name}.nc" if a.cpu_maps and values.get("cell_size") != 5 else None
+        expected = a.cpu_maps / f"{site.name}.nc" if a.cpu_maps else None
         if expected and expected.exists() and not record["exit"]:
             record["against_cpu"] = differences(site, device, expected)
         note(record)
     many = edited("jacksboro", a.folder, cell_size=a.scaling_cell, members=a.scaling_members)
     if len(devices_of("cuda")) > 1:
-        members_alone(edited("jacksboro", a.folder, cell_size=20, members=2), "cuda")  # compiles
-        for device in ("cuda:0", "cuda"):
-            note(members_alone(many, device))
+        members_alone(edited("jacksboro", a.folder, cell_size=20, members=2), "cuda", 2)  # compiles
+        for device, workers in a.scaling:
+            note(members_alone(many, device, int(workers)))
 
 
 if __name__ == "__main__":

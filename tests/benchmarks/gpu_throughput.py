@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from runout import DruckerPrager
 from runout.backends.hash.backend import bytes_needed
-from runout.backends.hash.batch import Batch
+from runout.backends.hash.batch import SORTS_BEFORE, Batch
 from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -133,13 +133,20 @@ def check(device: str) -> dict[str, Any]:
     return found
 
 
+def record_sorts(batch: Any) -> None:
+    """Sort until the graphs of a sort are recorded, for either place of the rows."""
+    with wp.ScopedDevice(batch.device):
+        for _ in range(2 * SORTS_BEFORE + 2):
+            batch._rebuild(), batch._settle()
+
+
 def stages(backend: Any, steps: int) -> dict[str, float]:
     """Mean seconds of the stages of a step, by events between the launches (no graph), and of a sort with a new index."""
     names = STAGES
     works = (backend._to_grid, backend._move_nodes, backend._to_particles, backend._list_cells)
     sums = dict.fromkeys(names, 0.0)
+    record_sorts(backend)  # or a particle might leave the index within the steps
     with wp.ScopedDevice(backend.device):
-        backend._rebuild()  # or a particle might leave the index within the steps
         backend.left.fill_(steps)
         for _ in range(steps):
             backend._begin()
@@ -153,7 +160,7 @@ def stages(backend: Any, steps: int) -> dict[str, float]:
         before = mark(backend)
         backend._rebuild()
         after = mark(backend)
-        wp.synchronize_device(backend.device)
+        backend._settle()
         backend.columns(), backend.ledger()
         started = time.perf_counter()
         backend.flow_columns(), backend.ledger()
@@ -205,8 +212,9 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
         backend._steps_per_sort = lambda left: options["steps_per_sort"]
     dt = 0.8 * backend.stable_step()
     backend.steps(dt, 4)
+    backend.steps(dt, steps // 4)  # the graph of a step is recorded here
+    record_sorts(backend)
     rebuilds = backend.counters.rebuilds
-    backend.steps(dt, steps // 4)  # the graph is recorded here
     started = time.perf_counter()
     backend.steps(dt, steps)
     taken = time.perf_counter() - started
@@ -235,6 +243,7 @@ def measure_batch(device: str, members: int, steps: int) -> dict[str, Any]:
     together.graphs = together.device.is_cuda
     dt = [0.8 * together.stable_step(n) * (1.0 - 0.2 * n / members) for n in range(members)]
     together.advance(dt, [steps // 4 + 4] * members)
+    record_sorts(together)
     started = time.perf_counter()
     together.advance(dt, [steps] * members)
     taken = time.perf_counter() - started

@@ -83,6 +83,6 @@ def bytes_needed(
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
     particle = (ROWS + 1) * number + 14  # rows, radius; release, number, key, order
     grid = 4 * number * max(64 * room_for(blocks), particles // 4)
-    block = 488 + deterministic * (TILE * 4 * number + 36)
+    block = 504 + deterministic * (TILE * 4 * number + 36)
     contact = room_for(near) * 64 * 4 * number + room_for(near // 2) * 36 * number  # half of these blocks lie above the others
     return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries

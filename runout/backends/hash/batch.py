@@ -5,16 +5,17 @@ north that no other reaches, so that one index serves all of them; and its own t
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
-from runout.backends.hash import looks, observe
+from runout.backends.hash import looks, sort
 from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, require_alike, require_finite
+from runout.backends.hash.board import Board
+from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import GAP, Index
 from runout.backends.hash.kernels import compiled_kernels
@@ -28,6 +29,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 STEPS_PER_SORT = 64  # the particles come back into the order of their cells in memory after so many steps
+SORTS_BEFORE = 2  # for either place of the rows, before a sort is recorded as a graph
 FEWEST = 4  # but not before so many, unless a particle leaves the index
 FARTHEST = 1.75  # cells that a particle moves in a step at most, in any direction, before the run is called unstable
 SURE_MARGIN = 0.5  # cells that a particle may move between two sorts for blocks one cell around it to do
@@ -35,15 +37,13 @@ SURE_MARGIN = 0.5  # cells that a particle may move between two sorts for blocks
 
 @dataclass
 class Account:
-    """What a scene has lost so far, and how fast it is."""
+    """What the host knows of a scene."""
 
     particles: int
     mass: float  # [kg]
     max_speed: float
     packed_dt: float = 0.0  # time step for which the records hold the stress [s]
     contact_particles: int = 0
-    escaped: np.ndarray = field(default_factory=lambda: np.zeros(observe.SUMS))
-    booked: np.ndarray = field(default_factory=lambda: np.zeros(5))
     failure: str = ""
 
 
@@ -76,11 +76,12 @@ class Batch:
         for scene, particles in scenes:
             require_finite(particles, scene)
         self.accounts = [Account(len(p), float(p.mass.sum()), fastest(p)) for _, p in scenes]
-        self.k = compiled_kernels(
-            self.scene.law.name, self.scene.precision, deterministic, any(x.friction_zones for x, _ in scenes)
-        )
-        self.since_sort, self.graph_of = 0, (-1, -1, -1)
-        self.captured: dict[int, Any] = {}  # a step as a graph, for either place of the rows
+        zoned = any(x.friction_zones for x in self.scenes)
+        self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic, zoned)
+        self.since_sort, self.sorting = 0, False
+        self.told: np.ndarray | None = None  # sums of the present state, once somebody has asked
+        self.seen: dict[int, Columns] = {}  # the same by column
+        self.recorded = Graphs(self.device, self.k.modules)  # steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)
         self.identity = np.concatenate([p.identity for _, p in scenes])
         self.first_number = np.cumsum([0, *(len(p) for _, p in scenes)])
@@ -118,8 +119,10 @@ class Batch:
             raise CapacityError(f"{n} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
         self.shifts = 4 * self.rows * np.arange(n)
         self.shift = wp.array(self.shifts.astype(np.int32), dtype=wp.int32)
-        self.flags, self.left, self.contacts = (wp.zeros(m, dtype=wp.int32) for m in (4, n, n))
-        self.peaks = wp.array(np.array([*(a.max_speed**2 for a in self.accounts), 0.0]), dtype=self.real)
+        self.board = Board(n, self.real)
+        self.flags, self.contacts, self.peaks = self.board.flags, self.board.contacts, self.board.peaks
+        self.peaks.assign(np.array([*(a.max_speed**2 for a in self.accounts), 0.0], s.dtype))
+        self.left, self.report = wp.zeros(n, dtype=wp.int32), looks.Report(n, self.device.is_cuda)
         self.steps_of, self.packed = (wp.zeros(n, dtype=self.real) for _ in range(2))
         self.clock = wp.zeros((n, 5), dtype=self.real)
         self.band = self.real(s.contact_band * min(s.spacing))
@@ -129,8 +132,8 @@ class Batch:
         self.largest = max((float(p.radius.max(initial=0.0)) for p in given), default=0.0)
         self._load_ground()
         self.store = s = Store(len(self.identity), self.real)
-        self.index = i = Index(self.k, s.size, self.deterministic, len(self.scenes), self.rows)
-        self.nodes, self.nodes_of = self._node_arrays(), i.room
+        self.index = Index(self.k, self.board, s.size, self.deterministic, len(self.scenes), self.rows)
+        self.nodes = self.node_arrays()
         if not s.size:
             return
         for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
@@ -138,8 +141,10 @@ class Batch:
             p.release[:] += np.int32(first)
         p = given[0] if len(given) == 1 else Particles.concatenate(given)
         s.fill(p, self.scene.spacing, self.scene.dtype)
-        self._find_cells(p.node)
-        self._sort()
+        works = sort.given(self, p.node, self._margin())
+        sort.enqueue(self, *works)
+        s.turn_over()
+        sort.settle(self, lambda: works)
         for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
             p.node[:, 1] -= np.int32(shift)
             p.release[:] -= np.int32(first)
@@ -150,14 +155,8 @@ class Batch:
         surfaces = [s.surface for s in self.scenes if s.surface is not None]
         self.zones, self.ground = Zones(self.scenes, self.real), Ground(surfaces, self.scene.spacing, reach) if surfaces else None
 
-    def _find_cells(self, given: np.ndarray) -> None:
-        """Blocks and cells of particles whose first nodes (n, 3) are given; these leave the device when that is done."""
-        i, s = self.index, self.store
-        node = wp.array(np.ascontiguousarray(given, np.int32), dtype=wp.int32)
-        i.find_blocks(lambda i: run(self.k.enter_given, s.n, node, self._margin(), i.table, i.members, i.entered))
-        run(self.k.number_given, s.n, node, i.table, i.slots, s.key, i.ends)
-
-    def _node_arrays(self) -> NodeArrays:
+    def node_arrays(self) -> NodeArrays:
+        """New arrays by block for the present index."""
         return NodeArrays(self.index.room, self.store.size, self.real, self.deterministic)
 
     def _margin(self) -> int:
@@ -166,28 +165,18 @@ class Batch:
         return 1 if 0 < moves * STEPS_PER_SORT <= SURE_MARGIN else 2
 
     def _rebuild(self) -> None:
-        """Find the blocks anew; bring the particles back into the order of their cells in memory."""
+        """Find the blocks anew and bring the particles back into the order of their cells in memory; the host does not wait."""
+        if self.sorting:
+            self._settle()
         self.counters.rebuilds += 1
-        i, k, s = self.index, self.k, self.store
-        for account, booked, gone in zip(self.accounts, looks.booked(self), looks.gone(self), strict=True):
-            account.booked += booked
-            account.escaped += gone
-        self.nodes.booked.zero_()
-        old, margin = wp.clone(i.coordinates), self._margin()
-        i.find_blocks(lambda i: run(k.enter_present, s.n, s.rec, s.key, old, margin, i.table, i.members, i.entered))
-        run(k.number_present, s.n, s.rec, old, i.table, i.slots, s.key, i.ends)
-        self._sort()
+        self.since_sort, self.sorting, margin = 0, True, self._margin()
+        self._launch((self.store.turn, -margin), lambda: sort.enqueue_again(self, margin), SORTS_BEFORE)
+        self.store.turn_over()
 
-    def _sort(self) -> None:
-        """After the cells have been numbered: make the arrays by block fit, and sort the particles."""
-        if self.nodes_of != self.index.room:
-            self.nodes, self.nodes_of = self._node_arrays(), self.index.room
-        self.flags.zero_()
-        if self.ground is not None:
-            self.ground.cut(self.k, self.index, self.nodes, self.shift, self.h)
-        self.store.sort(self.k, self.index, self.nodes, self.deterministic, self.flags)
-        self.index.fit_launches()
-        self.since_sort = 0
+    def _settle(self) -> dict[str, np.ndarray]:
+        """What the host knows of the device once a sort is done."""
+        self.sorting, margin = False, self._margin()
+        return sort.settle(self, lambda: sort.present(self, margin))
 
     def bytes_used(self) -> int:
         """Memory of the device arrays of the run [byte]."""
@@ -200,16 +189,20 @@ class Batch:
     def advance(self, dt: Sequence[float], count: Sequence[int]) -> None:
         """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted."""
         started = time.perf_counter()
+        self.told, self.seen = None, {}
         self._require_stable(dt, count)
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
             self._set_clock(np.asarray(dt, float), left)
+            given = np.zeros_like(left)
             while left.max() > 0 and self.store.n > 0:
                 if self.since_sort >= self._steps_per_sort(left):
                     self._rebuild()
-                self.left.assign(left.astype(np.int32))
+                if not np.array_equal(left, given):  # the device counts for itself
+                    self.left.assign(left.astype(np.int32))
                 done = self._batch(min(int(left.max()), self._steps_per_sort(left) - self.since_sort), left)
-                left = np.where(self.present, np.maximum(left - done, 0), 0)
+                given = np.maximum(left - done, 0)
+                left = np.where(self.present, given, 0)
         self.counters.steps += int(left.max())
         seconds = self.counters.seconds
         seconds["steps"] = seconds.get("steps", 0.0) + time.perf_counter() - started
@@ -251,9 +244,12 @@ class Batch:
 
     def _batch(self, count: int, left: np.ndarray) -> int:
         """Up to ``count`` steps without a look at the device; returns how many were done."""
-        self.flags.zero_()
-        self._launch_steps(count)
-        flags, peaks, contacts = self.flags.numpy(), self.peaks.numpy().astype(float), self.contacts.numpy()
+        if not self.sorting:
+            self.flags.zero_()
+        for _ in range(count):
+            self._launch((self.store.turn, self.index.launched), self._enqueue, int(count == 1))
+        board = self._settle() if self.sorting else self.board.read()
+        flags, peaks, contacts = board["flags"], board["peaks"].astype(float), board["contacts"]
         done = int(flags[STEPS])
         self.counters.steps += done
         held = [self.store.n] if len(self.scenes) == 1 else [a.particles for a in self.accounts]
@@ -270,6 +266,7 @@ class Batch:
             self._break(int(s), f"{moved} at {a.max_speed:.3g} m/s; use a smaller cfl, or check material and terrain there")
         if flags[PENDING] or broken.any():
             self._rebuild()
+            self._settle()
         return done
 
     def _break(self, scene: int, reason: str) -> None:
@@ -285,6 +282,7 @@ class Batch:
 
     def leave(self, scenes: Sequence[int]) -> None:
         """Scenes that have come to their end leave the device at the next sort; look at them before."""
+        self.told = None
         self.present[list(scenes)] = False
         peaks = self.peaks.numpy()
         peaks[list(scenes)] = 0.0
@@ -293,22 +291,12 @@ class Batch:
             gone = wp.array((~self.present).astype(np.int32), dtype=wp.int32)
             run(self.k.leave, self.store.n, self.store.key, self.index.member, gone)
 
-    def _launch_steps(self, count: int) -> None:
-        if not self.graphs or count == 1:
-            for _ in range(count):
-                self._enqueue()
-            return
-        of = (self.index.generation, self.nodes.generation, self.index.launched)
-        if self.graph_of != of:
-            self.graph_of, self.captured = of, {}
-        if self.store.turn not in self.captured:
-            for module, lanes in self.k.modules:
-                wp.load_module(module, device=self.device, block_dim=lanes)
-            with wp.ScopedCapture(force_module_load=False) as capture:
-                self._enqueue()
-            self.captured[self.store.turn] = capture.graph
-        for _ in range(count):
-            wp.capture_launch(self.captured[self.store.turn])
+    def _launch(self, name: tuple[int, int], enqueue: Callable[[], None], before: int) -> None:
+        """Launches, on a GPU as a graph once they have come ``before`` times."""
+        if self.graphs:
+            self.recorded.launch(name, (self.index.generation, self.nodes.generation), enqueue, before)
+        else:
+            enqueue()
 
     def _enqueue(self) -> None:
         """Launches of one step."""
@@ -392,9 +380,15 @@ class Batch:
         """Sums over the columns of the cells of a scene's raster."""
         raster = self.scenes[scene].raster
         with self._on_device():
-            return looks.columns(self, scene, (0, 0, raster.rows, raster.columns))
+            return looks.columns(self, {scene: (0, 0, raster.rows, raster.columns)})[scene]
 
     def flow_columns_of(self, scene: int) -> Columns:
         """The same over a window of cells that holds all mass."""
+        if scene not in self.seen:
+            self.look_at([scene])
+        return self.seen[scene]
+
+    def look_at(self, scenes: Sequence[int]) -> None:
+        """Bring the columns over windows of some scenes at once, for :meth:`flow_columns_of`; the host waits once for all."""
         with self._on_device():
-            return looks.columns(self, scene, looks.window(self, scene))
+            self.seen |= looks.columns(self, {s: looks.window(self, s) for s in scenes})

@@ -11,6 +11,7 @@ from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
     HOMES,
+    LEFT,
     NEXT,
     NOT_NEGATIVE,
     Ints,
@@ -87,18 +88,6 @@ def list_cells(
                 contact[grounded[b] * CELL_LANES + c] = node4()
 
 
-def note_homes(tally: Ints, active: Ints, cstart: Table2, homes: Ints, home: Table2):
-    """Where the particles of each block are in memory, just sorted."""
-    i = wp.tid()
-    if i == 0:
-        tally[HOMES] = tally[NEXT]
-    if i < tally[NEXT]:
-        b = active[i]
-        homes[i] = b
-        home[b, 0] = cstart[b, 0]
-        home[b, 1] = cstart[b, CELL_LANES]
-
-
 def place_particles(flags: Ints, key: Ints, ends: Ints, order: Ints):
     """List the particles of each cell; the start of each cell, in the place of the next, moves on to its end as it fills."""
     p = wp.tid()
@@ -123,9 +112,13 @@ def sort_cells(flags: Ints, tally: Ints, active: Ints, number: Ints, cstart: Tab
         order[j] = p
 
 
-def gather_reals(source: Reals, order: Ints, count: int, threads: int, target: Reals):
-    """Numbers in the order of the list, four a thread under way at once: ``threads`` is a quarter of the ``count``, or more."""
+def gather_reals(flags: Ints, source: Reals, order: Ints, totals: Ints, target: Reals):
+    """Numbers in the order of the list, four a thread under way at once; as many as the last of ``totals`` tells."""
     t = wp.tid()
+    count = totals[totals.shape[0] - 1]
+    threads = (count + 3) >> 2
+    if flags[HALT] != 0 or t >= threads:
+        return
     last = count - 1
     p0 = order[t] & NOT_NEGATIVE
     p1 = order[wp.min(t + threads, last)] & NOT_NEGATIVE
@@ -141,21 +134,69 @@ def gather_reals(source: Reals, order: Ints, count: int, threads: int, target: R
     target[wp.min(t + 3 * threads, last)] = x3
 
 
-def gather_ints(source: Ints, order: Ints, target: Ints):
+def bring_back_reals(flags: Ints, source: Reals, totals: Ints, target: Reals):
+    """Numbers from the place where they were gathered, unless the sort waits for room."""
+    t = wp.tid()
+    if flags[HALT] == 0 and t < totals[totals.shape[0] - 1]:
+        target[t] = source[t]
+
+
+def gather_ints(flags: Ints, source: Ints, order: Ints, totals: Ints, target: Ints):
     """Integers in the order of the cells."""
     t = wp.tid()
-    target[t] = source[order[t]]
+    if flags[HALT] == 0 and t < totals[totals.shape[0] - 1]:
+        target[t] = source[order[t]]
 
 
-def gather_shorts(source: Shorts, order: Ints, target: Shorts):
+def bring_back_ints(flags: Ints, source: Ints, totals: Ints, target: Ints):
+    """Integers from the place where they were gathered, unless the sort waits for room."""
+    t = wp.tid()
+    if flags[HALT] == 0 and t < totals[totals.shape[0] - 1]:
+        target[t] = source[t]
+
+
+def gather_shorts(flags: Ints, source: Shorts, order: Ints, totals: Ints, target: Shorts):
     """Small integers in the order of the cells."""
     t = wp.tid()
-    target[t] = source[order[t]]
+    if flags[HALT] == 0 and t < totals[totals.shape[0] - 1]:
+        target[t] = source[order[t]]
 
 
-def count_up(numbers: Ints, n: int, beyond: Ints):
-    """The numbers 0, 1, ... ; places from ``n`` on hold no particle: ``beyond`` becomes -1 there."""
+def bring_back_shorts(flags: Ints, source: Shorts, totals: Ints, target: Shorts):
+    """Small integers from the place where they were gathered, unless the sort waits for room."""
     t = wp.tid()
-    numbers[t] = t
-    if t >= n:
-        beyond[t] = -1
+    if flags[HALT] == 0 and t < totals[totals.shape[0] - 1]:
+        target[t] = source[t]
+
+
+def renumber(
+    flags: Ints, tally: Ints, active: Ints, cstart: Table2, totals: Ints, counts: Ints, homes: Ints, home: Table2, order: Ints,
+    key: Ints, launched: int,
+):  # fmt: skip
+    """Particles lie as the list tells: what is listed and in which cell, and where those of each block begin and end.
+
+    ``counts`` is told how many there are in all, the last of ``totals``.
+    """
+    first, lane = wp.tid()
+    if flags[HALT] != 0:
+        return
+    if first == 0 and lane == 0:
+        tally[HOMES] = tally[NEXT]
+        counts[LEFT] = totals[totals.shape[0] - 1]
+    for a in range(first, tally[NEXT], launched):
+        b = active[a]
+        if lane == 0:
+            homes[a] = b
+            home[b, 0] = cstart[b, 0]
+            home[b, 1] = cstart[b, CELL_LANES]
+        for c in range(lane, CELL_LANES, wp.block_dim()):
+            for t in range(cstart[b, c], cstart[b, c + 1]):
+                order[t] = t
+                key[t] = b * CELL_LANES + c
+
+
+def clear_beyond(flags: Ints, totals: Ints, key: Ints):
+    """Places from the last of ``totals`` on hold no particle."""
+    t = wp.tid()
+    if flags[HALT] == 0 and t >= totals[totals.shape[0] - 1]:
+        key[t] = -1

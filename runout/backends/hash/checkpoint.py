@@ -34,7 +34,8 @@ def taken(engine: "HashBackend") -> State:
     state |= {f"index.{name}": getattr(i, name).numpy()[: i.nall] for name in BY_BLOCK}
     state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
-    state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "tiles": n.tiles.numpy(), "rec": s.rec.numpy()[:, : s.n]}
+    state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "kept": engine.report.kept.numpy()}
+    state |= {"tiles": n.tiles.numpy(), "rec": s.rec.numpy()[:, : s.n]}
     sizes = {"nown": i.nown, "nall": i.nall, "room": i.room, "entries": i.table.shape[0], "slots": n.slots}
     return state | {f"size.{name}": np.asarray(value) for name, value in sizes.items()}
 
@@ -49,12 +50,13 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
     engine.first_number = np.array([0, len(engine.identity)])
     with wp.ScopedDevice(engine.device):
         engine.peaks.assign(state["peaks"])
+        engine.report.kept.assign(state["kept"])
         engine._write_clock(np.array([engine.accounts[0].packed_dt]))
         engine._load_ground()
         engine.store = _store(state, engine.real)
         engine.index = _index(engine, state)
-        engine.index.fit_launches()
-        engine.nodes, engine.nodes_of = engine._node_arrays(), engine.index.room
+        engine.index.fit_launches(engine.index.occupied())
+        engine.nodes = engine.node_arrays()
         engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]))
         _fill(engine.nodes.tiles, state["tiles"])
         for name in OF_NODES:
@@ -73,7 +75,7 @@ def _store(state: State, number: Any) -> Store:
 def _index(engine: "HashBackend", state: State) -> Index:
     """An index with the blocks of a state; its table stays empty until the next index is made."""
     size = {name: int(value) for name, value in part(state, "size.").items()}
-    index = Index(engine.k, engine.store.size, engine.deterministic)
+    index = Index(engine.k, engine.board, engine.store.size, engine.deterministic)
     index.make_table(size["entries"])
     index.make_room(size["room"])
     index.nown, index.nall = size["nown"], size["nall"]

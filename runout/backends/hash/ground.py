@@ -8,7 +8,21 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash.index import Index
-from runout.backends.hash.layout import Doubles, Doubles2, Ints, Real, Rows, Table2, Vector, run
+from runout.backends.hash.layout import (
+    BLOCKS,
+    GROUNDED,
+    GROW,
+    HALT,
+    NEAR,
+    Doubles,
+    Doubles2,
+    Ints,
+    Real,
+    Rows,
+    Table2,
+    Vector,
+    run,
+)
 from runout.backends.hash.nodes import NodeArrays
 from runout.model.surface import Surface
 from runout.physics.bspline import first_node as first_node64
@@ -39,7 +53,7 @@ def _north_south(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.flo
 
 
 def cut_tiles(
-    coefficients: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2, nall: int,
+    coefficients: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2, tally: Ints,
     h: Doubles, tiles: Rows,
 ):  # fmt: skip
     """Surface coefficients on the nodes of each block, relative to its lowest node [cells].
@@ -47,7 +61,7 @@ def cut_tiles(
     The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells.
     """
     b, t = wp.tid()
-    if b >= nall:
+    if b >= tally[BLOCKS]:
         return
     s = member[b]
     first = shapes[s, 0]
@@ -87,19 +101,27 @@ def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, groun
             grounded[up[b, q]] = 1
 
 
-def number_marked(places: Ints, marks: Ints):
-    """Place of each marked block, -1 for the others; ``places`` are sums over the blocks before."""
+def number_marked(places: Ints, marks: Ints, counts: Ints, which: int):
+    """Place of each marked block, -1 for the others, and how many there are; ``places`` are sums over the blocks before."""
     b = wp.tid()
+    if b == 0:
+        counts[which] = places[places.shape[0] - 1]
     if marks[b] != 0:
         marks[b] = places[b]
     else:
         marks[b] = -1
 
 
-def keep_tiles(cut: Rows, near: Ints, tiles: Rows):
+def require_ground(counts: Ints, places: int, slots: int, flags: Ints):
+    """Halt if there is no room for the surface under so many blocks, or for the impulses of so many."""
+    if wp.tid() == 0 and (counts[NEAR] > places or counts[GROUNDED] > slots):
+        flags[HALT] = GROW
+
+
+def keep_tiles(flags: Ints, cut: Rows, near: Ints, tiles: Rows):
     """The surface under the blocks that may touch it."""
     b, t = wp.tid()
-    if near[b] >= 0:
+    if flags[HALT] == 0 and near[b] >= 0:
         tiles[near[b], t] = cut[b, t]
 
 
@@ -124,22 +146,17 @@ class Ground:
         self.reach = reach
 
     def cut(self, kernels: SimpleNamespace, index: Index, nodes: NodeArrays, shift: wp.array, h: wp.array) -> None:
-        """Cut the surfaces into tiles of the blocks; give room for impulses to the blocks near the ground."""
-        cut = nodes.scratch((index.room, 36), nodes.number)
+        """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""
+        cut, flags, counts = nodes.scratch((index.room, 36), nodes.number), index.board.flags, index.board.counts
         run(
-            kernels.cut_tiles, (index.nall, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
-            index.coordinates, index.nall, self.spacing, cut,
+            kernels.cut_tiles, (index.room, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
+            index.coordinates, index.tally, self.spacing, cut,
         )  # fmt: skip
         nodes.near.zero_(), nodes.grounded.zero_()
-        run(kernels.note_near, index.nall, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
-        nodes.make_room(*(number_places(kernels, index.room, marks) for marks in (nodes.near, nodes.grounded)))
-        run(kernels.keep_tiles, (index.nall, 36), cut, nodes.near, nodes.tiles)
-
-
-def number_places(kernels: SimpleNamespace, room: int, marks: wp.array) -> int:
-    """Give each marked block its place; returns how many there are."""
-    places = wp.zeros(room + 1, dtype=wp.int32)
-    wp.copy(places, marks, count=room)
-    wp.utils.array_scan(places, places, inclusive=False)
-    run(kernels.number_marked, room, places, marks)
-    return int(places[room:].numpy()[0])
+        run(kernels.note_near, index.room, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
+        for marks, which in ((nodes.near, NEAR), (nodes.grounded, GROUNDED)):
+            wp.copy(index.sums, marks, count=index.room)
+            wp.utils.array_scan(index.sums, index.sums, inclusive=False)
+            run(kernels.number_marked, index.room, index.sums, marks, counts, which)
+        run(kernels.require_ground, 1, counts, nodes.places, nodes.slots, flags)
+        run(kernels.keep_tiles, (index.room, 36), flags, cut, nodes.near, nodes.tiles)

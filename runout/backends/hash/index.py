@@ -14,11 +14,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from runout.backends.hash.board import Board
 from runout.backends.hash.layout import (
     BLOCKS,
+    ENTERED,
+    GROW,
+    HALT,
     NEXT,
     OFFSET,
     ORDERED,
+    OWNERS,
     SHARED_BLOCKS,
     TALLY,
     WARP,
@@ -27,6 +32,7 @@ from runout.backends.hash.layout import (
     Rows,
     Table,
     Table2,
+    more_room_for,
     room_for,
     run,
     run_blocks,
@@ -37,9 +43,11 @@ from runout.physics.bspline import first_node
 from runout.physics.tensors import i64
 
 count_in: Any = None  # adds one to a count; the binding puts it in its place
+add_marks: Any = None  # sets bits of a block, likewise
 
 SMALLEST_TABLE = 1024  # entries
 PARTICLES_PER_ENTRY = 64  # of the first table; it grows when it is half full
+NO_KEY = 2**63 - 1  # comes after every key
 GAP = 8  # blocks between the domains of two members, north to south
 
 
@@ -99,35 +107,88 @@ def enter_given(node: Table2, margin: int, table: Table, members: Keys, count: I
     _enter_around(node[p, 0], node[p, 1], node[p, 2], margin, table, members, count)
 
 
-def enter_present(rec: Rows, key: Ints, coordinates: Table2, margin: int, table: Table, members: Keys, count: Ints):
-    """Enter the blocks around the particles as they are now, unless the particle before is in the same cell."""
+def mark_around(
+    rec: Rows, key: Ints, coordinates: Table2, margin: int, marks: Ints, table: Table, members: Keys, count: Ints
+):  # fmt: skip
+    """Note which of the 27 blocks around its own each particle may reach by moving up to ``margin`` cells: a bit each.
+
+    One that has come further than all of these enters its blocks at once.
+    """
     p = wp.tid()
-    if key[p] >= 0:
+    k = key[p]
+    if k < 0:
+        return
+    b = k >> 6
+    far = int(0)
+    mark = int(1)
+    for d in range(3):
+        x = ((k >> (4 - 2 * d)) & 3) + first_node(rec[OFFSET + d, p])
+        low = block_of(x - margin) + 1
+        high = block_of(x + margin) + 1
+        if low < 0 or high > 2:
+            far = int(1)
+        else:
+            row = int(0)
+            for i in range(low, high + 1):
+                row |= mark << (i * wp.where(d == 0, 9, wp.where(d == 1, 3, 1)))
+            mark = row
+    if far != 0:
         x = _present(rec, key, coordinates, p, 0)
         y = _present(rec, key, coordinates, p, 1)
-        z = _present(rec, key, coordinates, p, 2)
-        o = wp.max(p - 1, 0)
-        new = o == p or key[o] < 0
-        if not new:
-            new = x != _present(rec, key, coordinates, o, 0) or y != _present(rec, key, coordinates, o, 1)
-            new = new or z != _present(rec, key, coordinates, o, 2)
-        if new:
-            _enter_around(x, y, z, margin, table, members, count)
+        _enter_around(x, y, _present(rec, key, coordinates, p, 2), margin, table, members, count)
+    else:
+        add_marks(marks, b, mark)
 
 
-def enter_above(table: Table, members: Keys, count: Ints):
+def enter_marked(coordinates: Table2, marks: Ints, table: Table, members: Keys, count: Ints):
+    """Enter the marked ones of the 27 blocks around each."""
+    b, q = wp.tid()
+    if ((marks[b] >> q) & 1) != 0:
+        i = coordinates[b, 0] + q // 9 - 1
+        j = coordinates[b, 1] + (q // 3) % 3 - 1
+        _enter(table, members, count, block_key(i, j, coordinates[b, 2] + q % 3 - 1))
+
+
+def note_owners(counts: Ints):
+    """How many blocks may hold particles: those that were entered so far."""
+    if wp.tid() == 0:
+        counts[OWNERS] = counts[ENTERED]
+
+
+def enter_above(table: Table, members: Keys, counts: Ints):
     """Enter the seven neighbours upwards of a block: they hold its further nodes."""
     m = wp.tid()
+    if m >= counts[OWNERS]:
+        return
     key = members[m]
     for q in range(1, 8):
         x = int(key_x(key)) + (q >> 2)
         y = int(key_y(key)) + ((q >> 1) & 1)
-        _enter(table, members, count, block_key(x, y, int(key_z(key)) + (q & 1)))
+        _enter(table, members, counts, block_key(x, y, int(key_z(key)) + (q & 1)))
 
 
-def number_blocks(members: Keys, table: Table, slots: Ints, rows: int, many: int, coordinates: Table2, member: Ints):
+def require_room(counts: Ints, entries: int, room: int, members: Keys, flags: Ints, tally: Ints):
+    """Numbers of a step in the new index; a halt if table or arrays have no room for it. Further keys come last in a sort."""
+    m = wp.tid()
+    entered = counts[ENTERED]
+    fits = 2 * entered <= entries and entered <= room
+    if m >= entered:
+        members[m] = i64(NO_KEY)
+    if m < TALLY:
+        tally[m] = 0
+        if m == BLOCKS and fits:
+            tally[m] = entered
+    if m == 0 and not fits:
+        flags[HALT] = GROW
+
+
+def number_blocks(
+    tally: Ints, members: Keys, table: Table, slots: Ints, rows: int, many: int, coordinates: Table2, member: Ints
+):  # fmt: skip
     """Number the entered keys by their order, and note their coordinates and member; a member has ``rows`` blocks to the north."""
     b = wp.tid()
+    if b >= tally[BLOCKS]:
+        return
     key = members[b]
     mask = table.shape[0] - 1
     place = int(mixed(key)) & mask
@@ -140,9 +201,11 @@ def number_blocks(members: Keys, table: Table, slots: Ints, rows: int, many: int
     member[b] = wp.clamp((int(key_y(key)) + GAP // 2) // rows, 0, many - 1)
 
 
-def link_blocks(coordinates: Table2, table: Table, slots: Ints, around: Table2, up: Table2, down: Table2):
+def link_blocks(tally: Ints, coordinates: Table2, table: Table, slots: Ints, around: Table2, up: Table2, down: Table2):
     """The 27 blocks around, the eight upwards, the first of them -1 if any is missing; and downwards; -1 where there is none."""
     b = wp.tid()
+    if b >= tally[BLOCKS]:
+        return
     for q in range(27):
         i = coordinates[b, 0] + q // 9 - 1
         j = coordinates[b, 1] + (q // 3) % 3 - 1
@@ -162,9 +225,11 @@ def link_blocks(coordinates: Table2, table: Table, slots: Ints, around: Table2, 
         up[b, 0] = -1
 
 
-def number_given(node: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
+def number_given(flags: Ints, node: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
     """Cell number of given first nodes (n, 3), and how many are in each cell."""
     p = wp.tid()
+    if flags[HALT] != 0:
+        return
     x = node[p, 0]
     y = node[p, 1]
     z = node[p, 2]
@@ -173,10 +238,10 @@ def number_given(node: Table2, table: Table, slots: Ints, key: Ints, ends: Ints)
     count_in(ends, _cell_entry(k))
 
 
-def number_present(rec: Rows, old: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
+def number_present(flags: Ints, rec: Rows, old: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
     """Cell number of the particles in a new index; offsets come back into their cell."""
     p = wp.tid()
-    if key[p] < 0:
+    if flags[HALT] != 0 or key[p] < 0:
         return
     x = _present(rec, key, old, p, 0)
     y = _present(rec, key, old, p, 1)
@@ -195,7 +260,7 @@ class Index:
     Attributes
     ----------
     nown, nall : int
-        Blocks that may hold particles; all blocks.
+        Blocks that may hold particles; all blocks. Read with the board.
     room : int
         Blocks that the arrays have room for.
     shared : int
@@ -222,17 +287,19 @@ class Index:
         Blocks that hold particles; ``tally`` tells how many.
     touched, touching : (room,) int32
         Blocks that hold particles in contact; how many a block holds.
-    tally : (TALLY,) int32
-        Numbers of a step, see :mod:`runout.backends.hash.layout`.
-    both : (1,) int64
-        The same memory: the first two of them in one number.
+    board : Board
+        Where the numbers of a step and of a sort are written; ``tally`` and ``entered`` are parts of it.
+    former : (room, 3) int32
+        Coordinates of the blocks before the present sort.
+    sums : (room + 1,) int32
+        Sums over the blocks before each, and over all.
     """
 
-    def __init__(self, kernels: SimpleNamespace, particles: int, ordered: bool, many: int = 1, rows: int = 2**20):
-        self.k, self.ordered, self.many, self.rows = kernels, ordered, many, rows
+    def __init__(self, kernels: SimpleNamespace, board: Board, particles: int, ordered: bool, many: int = 1, rows: int = 2**20):
+        self.k, self.board, self.ordered, self.many, self.rows = kernels, board, ordered, many, rows
         self.nown = self.nall = self.room = self.generation = self.launched = 0
-        self.tally = wp.zeros(TALLY, dtype=wp.int32)
-        self.both = wp.array(ptr=self.tally.ptr, dtype=wp.int64, shape=1, device=self.tally.device)
+        self.tally, self.entered = board.tally, board.counts
+        self.former: Any = None
         self.make_table(first_table(particles))
         self.make_room(0)
 
@@ -242,67 +309,72 @@ class Index:
         self.table = wp.zeros(entries, dtype=wp.uint64)
         self.slots = wp.zeros(entries, dtype=wp.int32)
         self.members = wp.zeros(entries, dtype=wp.int64)
-        self.entered = wp.zeros(1, dtype=wp.int32)
 
     def make_room(self, blocks: int) -> None:
-        """Empty arrays for so many blocks."""
+        """Empty arrays for so many blocks; where blocks were before the present sort stays known."""
         self.generation += 1
+        former = self.former if self.room else None
         self.room, self.shared = blocks, min(blocks, SHARED_BLOCKS)
-        shapes = ((blocks, 3), (blocks, 27), (blocks, 8), (blocks * self.ordered, 8), (blocks, 65), (blocks, 2))
+        shapes = ((blocks, 3), (blocks, 3), (blocks, 27), (blocks, 8), (blocks * self.ordered, 8), (blocks, 65), (blocks, 2))
         tables = (wp.zeros(shape, dtype=wp.int32) for shape in shapes)
-        self.coordinates, self.around, self.up, self.down, self.cstart, self.home = tables
+        self.coordinates, self.former, self.around, self.up, self.down, self.cstart, self.home = tables
+        if former is not None:
+            wp.copy(self.former[: len(former)], former)
         self.ends = self.cstart.flatten()
         lists = (wp.zeros(blocks, dtype=wp.int32) for _ in range(5))
         self.member, self.active, self.touched, self.touching, self.homes = lists
+        self.sums = wp.zeros(blocks + 1, dtype=wp.int32)
 
-    def find_blocks(self, enter: Callable[[Index], None]) -> None:
-        """Enter blocks by ``enter``, and number and link them.
+    def keep_former(self) -> None:
+        """Note where the blocks are, for particles that still name them while a new index is made."""
+        if self.room:
+            wp.copy(self.former, self.coordinates)
 
-        A table that gets half full is made four times as large, and everything is entered again.
+    def find_blocks(self, enter: Callable[[], None]) -> None:
+        """Enter blocks by ``enter``, and number and link them; halts where table or arrays have no room for them.
+
+        Only launches; :meth:`grow` follows once the host has seen that.
         """
-        while not self._entered(enter):
-            self.make_table(4 * self.table.shape[0])
-        wp.utils.radix_sort_pairs(self.members, wp.zeros(2 * self.nall, dtype=wp.int32), self.nall)
-        if self.nall > self.room:
-            self.make_room(room_for(self.nall))
+        k, counts, entries = self.k, self.board.counts, self.table.shape[0]
+        self.table.zero_(), counts.zero_()
+        enter()
+        run(k.note_owners, 1, counts)
+        run(k.enter_above, entries // 2, self.table, self.members, counts)
+        sorted_ = min(self.room, entries // 2)
+        run(k.require_room, max(sorted_, TALLY), counts, entries, self.room, self.members, self.board.flags, self.tally)
+        wp.utils.radix_sort_pairs(self.members, self.slots, sorted_)
         self.cstart.zero_(), self.up.fill_(-1)
         if self.ordered:
             self.down.fill_(-1)
         number = (self.members, self.table, self.slots, self.rows, self.many, self.coordinates, self.member)
-        run(self.k.number_blocks, self.nall, *number)
-        run(self.k.link_blocks, self.nall, self.coordinates, self.table, self.slots, self.around, self.up, self.down)
-        tally = np.zeros(TALLY, np.int32)
-        tally[BLOCKS] = self.nall
-        self.tally.assign(tally)
+        run(k.number_blocks, self.room, self.tally, *number)
+        links = (self.coordinates, self.table, self.slots, self.around, self.up, self.down)
+        run(k.link_blocks, self.room, self.tally, *links)
 
-    def _entered(self, enter: Callable[[Index], None]) -> bool:
-        self.table.zero_(), self.entered.zero_()
-        enter(self)
-        self.nown = int(self.entered.numpy()[0])
-        if 2 * self.nown > self.table.shape[0]:
-            return False
-        run(self.k.enter_above, self.nown, self.table, self.members, self.entered)
-        self.nall = int(self.entered.numpy()[0])
-        return 2 * self.nall <= self.table.shape[0]
+    def grow(self, counts: np.ndarray) -> None:
+        """Make room for what the last try counted: a table that got half full becomes four times as large."""
+        self.nown, self.nall = int(counts[OWNERS]), int(counts[ENTERED])
+        if 2 * self.nall > self.table.shape[0]:
+            self.make_table(4 * self.table.shape[0])
+        elif self.nall > self.room:
+            self.make_room(more_room_for(self.nall) if self.room else room_for(self.nall))
 
     def list_cells(self, flags: Any, nodes: Any, totals: Any = None) -> None:
         """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before."""
         given = self.ends if totals is None else totals
         run_blocks(
             self.k.list_cells, self.shared, WARP, flags, given, int(totals is not None), self.cstart, self.active,
-            self.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
+            self.board.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
         )  # fmt: skip
 
-    def totals(self) -> tuple[Any, int]:
+    def count_blocks(self) -> Any:
         """Numbers of particles in the blocks before each, and in all."""
-        totals = wp.zeros(self.room + 1, dtype=wp.int32)
-        run(self.k.count_blocks, self.nall, self.cstart, totals)
-        wp.utils.array_scan(totals, totals, inclusive=False)
-        return totals, int(totals[self.room :].numpy()[0])
+        run(self.k.count_blocks, self.room, self.cstart, self.sums)
+        wp.utils.array_scan(self.sums, self.sums, inclusive=False)
+        return self.sums
 
-    def fit_launches(self) -> None:
-        """Blocks of threads for the blocks that hold particles and some more; a step that needs others does them in turn."""
-        held = self.occupied()
+    def fit_launches(self, held: int) -> None:
+        """Blocks of threads for ``held`` blocks with particles and some more; a step that needs others does them in turn."""
         if not held <= self.launched <= 2 * room_for(held):
             self.launched = min(room_for(room_for(held)), self.room)
 

@@ -13,7 +13,7 @@ from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import LAWS
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
-WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells")
+WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
 
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
@@ -39,6 +39,17 @@ NEXT_IN = """
     return wp::atomic_add(count, cell, 1);
 #endif
 """
+# Neighbours mostly lie in the same block and reach the same blocks around it.
+ADD_MARKS = """
+#if defined(__CUDA_ARCH__)
+    unsigned same = __match_any_sync(__activemask(), b);
+    unsigned all = __reduce_or_sync(same, (unsigned)mark);
+    if ((threadIdx.x & 31) == __ffs(same) - 1 && (all & ~*(volatile unsigned*)(marks.data + b)))
+        atomicOr((unsigned*)(marks.data + b), all);
+#else
+    wp::atomic_or(marks, b, mark);
+#endif
+"""
 
 
 @wp.func_native(COUNT_IN)
@@ -49,6 +60,11 @@ def count_in(count: wp.array(dtype=wp.int32), cell: int):  # type: ignore[valid-
 @wp.func_native(NEXT_IN)
 def next_in(count: wp.array(dtype=wp.int32), cell: int) -> int:  # type: ignore[valid-type, empty-body]
     """Add one to the count of a cell; returns what it was before."""
+
+
+@wp.func_native(ADD_MARKS)
+def add_marks(marks: wp.array(dtype=wp.int32), b: int, mark: int):  # type: ignore[valid-type, no-untyped-def]
+    """Set bits of the marks of a block."""
 
 
 # Four sums at once: one reduction of 16 bytes, which chips before sm_90 lack.
@@ -158,7 +174,7 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         **_argument_types(real, record), ORDERED=ordered, ZONED=zoned,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
-        count_in=count_in, next_in=next_in,
+        count_in=count_in, next_in=next_in, add_marks=add_marks,
         add_node=add_node32 if precision == "float32" else add_node64,
         raise_peak=raise_peak32 if precision == "float32" else raise_peak64,
         call_up=call_up32 if precision == "float32" else call_up64,

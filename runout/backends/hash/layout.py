@@ -50,12 +50,16 @@ PADDED = 256  # trips of a loop that every lane of a block runs alike
 WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
 NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances
 PLACES = 1023  # of a tile, likewise
-HALT, PENDING, STEPS, FAILED = range(4)  # flags on the device: why it stands still, why it will, steps done, member that failed
+# flags on the device: why it stands still, why it will, steps done, member that failed
+HALT, PENDING, STEPS, FAILED, FLAGS = range(5)
 # counts of a step: places listed so far, blocks with particles in the next step (one number of 64 bits with the first), blocks,
 # those with particles in this step, those with contact, and particles that have left the domain since the last sort; blocks that
 # held particles then
 CURSOR, NEXT, BLOCKS, ACTIVE, TOUCHED, GONE, HOMES, TALLY = range(8)
-LEFT_INDEX, UNSTABLE = 1, 2  # why a batch halts
+# counts of a sort: blocks entered in the index, of these those that may hold particles, blocks that may touch the ground, blocks of
+# the nodes that these reach, particles that are left
+ENTERED, OWNERS, NEAR, GROUNDED, LEFT, COUNTS = range(6)
+LEFT_INDEX, UNSTABLE, GROW = 1, 2, 3  # why a batch halts; the last: a sort found too little room and changed no particle
 CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
 WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
 AT_ONCE = 4  # numbers that a thread of a sort has under way
@@ -77,6 +81,11 @@ def run_blocks(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
 def room_for(blocks: int) -> int:
     """Blocks that arrays get room for when ``blocks`` are needed."""
     return blocks + blocks // 16 + 8 * (blocks > 0)
+
+
+def more_room_for(blocks: int) -> int:
+    """The same once a sort has found too little: each such find costs a sort and the steps behind it."""
+    return room_for(blocks + blocks // 16 + 64 * (blocks > 0))
 
 
 def bytes_of(*holders: Any) -> int:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.layout import GONE, NEXT, PARTICLE_LANES, run, run_blocks
-from runout.backends.hash.observe import SUMS
+from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks
+from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.protocol import Columns, LedgerRow
 from runout.model.particles import Particles
 
@@ -16,75 +17,98 @@ if TYPE_CHECKING:
     from runout.backends.hash.batch import Batch
 
 ROW_LANES = 4096  # threads of a GPU that share the sums over the particles that have gone
-PARTS = 16  # blocks of threads that share the sums over the blocks of a scene
+PARTS = 256  # blocks of threads that share the sums over the blocks of all scenes
 CHUNK = 2**21  # particles that are brought to the host at once
 WHOLE = 2.0**62  # sums over columns are whole numbers below this
+KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
+TOLD = KEPT + SUMS + 5  # numbers that are told of a scene; the last are blocks with particles and their extent in plan
+NO_BLOCKS = np.array([0, 2**29, 2**29, -(2**29), -(2**29)])
+Window: TypeAlias = tuple[int, int, int, int]
 REACH = 5  # cells from the first of a block that its particles cover
 
 
-def sums(batch: Batch) -> np.ndarray:
-    """Sums (scenes, SUMS) over the particles that are there."""
-    i, s = batch.index, batch.store
-    found = wp.zeros((i.room, SUMS), dtype=wp.float64)
-    run_blocks(
-        batch.k.sum_blocks, i.room, PARTICLE_LANES, s.rec, s.release, s.key, s.order, i.cstart, i.tally, i.active, i.coordinates,
-        i.member, batch.shift, batch.mats, batch.packed, batch.h, wp.vec3d(*batch.scene.gravity), found,
-    )  # fmt: skip
-    return _by_scene(batch, found)
+class Report:
+    """Memory of sums over blocks and particles on the device of the scope, for so many scenes.
+
+    Attributes
+    ----------
+    kept : (scenes, KEPT) float64
+        Dissipation and impulse booked, and sums over the particles that have gone, up to the last sort.
+    """
+
+    def __init__(self, scenes: int, is_cuda: bool):
+        self.parts, self.threads = (PARTS // scenes + 1, ROW_LANES // scenes + 1) if is_cuda else (1, 1)
+        self.kept, self.told = (wp.zeros((scenes, n), dtype=wp.float64) for n in (KEPT, TOLD))
+        self.booked, self.here = (wp.zeros((scenes * self.parts, n), dtype=wp.float64) for n in (BOOKED, SUMS))
+        self.gone = wp.zeros((scenes * self.threads, SUMS), dtype=wp.float64)
+        self.bounds = wp.zeros((scenes, len(NO_BLOCKS)), dtype=wp.int32)
+        self.no_blocks = wp.array(np.tile(NO_BLOCKS, (scenes, 1)), dtype=wp.int32)
 
 
-def gone(batch: Batch) -> np.ndarray:
-    """The same over those that have gone since the last sort."""
-    i, s, many = batch.index, batch.store, len(batch.scenes)
-    if i.tally.numpy()[GONE] == 0:
-        return np.zeros((many, SUMS))
-    threads = ROW_LANES // many + 1 if batch.device.is_cuda else 1
-    found = wp.zeros((threads * many, SUMS), dtype=wp.float64)
+def keep(batch: Batch) -> None:
+    """Launches that keep what has been booked by block since the last sort, and what particles that have gone took along."""
+    r, many = batch.report, len(batch.scenes)
+    _sum_since_sort(batch)
+    tally = batch.board.tally
+    run(batch.k.keep_sums, (many, KEPT), r.booked, r.parts, r.gone, r.threads, many, tally, r.kept)
+    batch.nodes.booked.zero_()
+
+
+def _sum_since_sort(batch: Batch) -> None:
+    i, s, r, many = batch.index, batch.store, batch.report, len(batch.scenes)
+    _sum_rows(batch, batch.nodes.booked, r.booked)
     run(
-        batch.k.sum_gone, threads, s.rec, s.release, s.key, i.coordinates, i.member, batch.shift, batch.mats, batch.packed, batch.h,
-        wp.vec3d(*batch.scene.gravity), s.n, many, threads, found,
+        batch.k.sum_gone, r.threads, s.rec, s.release, s.key, i.coordinates, i.member, batch.shift, batch.mats, batch.packed,
+        batch.h, wp.vec3d(*batch.scene.gravity), i.tally, many, r.threads, r.gone,
     )  # fmt: skip
-    return found.numpy().reshape(threads, many, SUMS).sum(0)  # type: ignore[no-any-return]
 
 
-def booked(batch: Batch) -> np.ndarray:
-    """Dissipation and impulse (scenes, 5) that have been booked since the last sort."""
-    return _by_scene(batch, batch.nodes.booked)
-
-
-def _by_scene(batch: Batch, rows: wp.array) -> np.ndarray:
+def _sum_rows(batch: Batch, rows: wp.array, sums: wp.array) -> None:
     """Sums over the blocks of each scene of a row for each block."""
-    many, parts = len(batch.scenes), PARTS if batch.device.is_cuda else 1
-    found = wp.zeros((many * parts, rows.shape[1]), dtype=wp.float64)
-    arguments = [rows, batch.index.member, batch.index.nall, rows.shape[1], parts, found]
-    wp.launch_tiled(batch.k.sum_rows, dim=many * parts, inputs=arguments, block_dim=PARTICLE_LANES)
-    return found.numpy().reshape(many, parts, -1).sum(1)  # type: ignore[no-any-return]
+    arguments = [rows, batch.index.member, batch.index.tally, rows.shape[1], batch.report.parts, sums]
+    wp.launch_tiled(batch.k.sum_rows, dim=sums.shape[0], inputs=arguments, block_dim=PARTICLE_LANES)
+
+
+def told(batch: Batch) -> np.ndarray:
+    """All sums of the present state (scenes, TOLD), see :func:`runout.backends.hash.observe.tell_sums`; the host waits once."""
+    if batch.told is None:
+        i, s, r, many = batch.index, batch.store, batch.report, len(batch.scenes)
+        found = wp.zeros((i.room, SUMS), dtype=wp.float64)
+        wp.copy(r.bounds, r.no_blocks)
+        run_blocks(
+            batch.k.sum_blocks, i.room, PARTICLE_LANES, s.rec, s.release, s.key, s.order, i.cstart, i.tally, i.active,
+            i.coordinates, i.member, batch.shift, batch.mats, batch.packed, batch.h, wp.vec3d(*batch.scene.gravity), found,
+            r.bounds,
+        )  # fmt: skip
+        _sum_rows(batch, found, r.here)
+        _sum_since_sort(batch)
+        arguments = r.here, r.booked, r.parts, r.gone, r.threads, many, i.tally, r.kept, r.bounds, r.told
+        run(batch.k.tell_sums, (many, TOLD), *arguments)
+        batch.told = r.told.numpy()
+    return batch.told
 
 
 def ledgers(batch: Batch) -> list[LedgerRow]:
     """Sums of the present state, a row a scene."""
-    here, left, done = sums(batch), gone(batch), booked(batch)
-    held = batch.index.member.numpy()[batch.index.active.numpy()[: batch.index.tally.numpy()[NEXT]]]
-    blocks = np.bincount(held, minlength=len(batch.scenes))
-    return [_row(batch, s, here[s], left[s], done[s], int(blocks[s])) for s in range(len(batch.scenes))]
+    rows = told(batch)
+    return [_row(batch, s, rows[s, KEPT:], rows[s, BOOKED:KEPT], rows[s, :BOOKED]) for s in range(len(batch.scenes))]
 
 
-def _row(batch: Batch, scene: int, here: np.ndarray, left: np.ndarray, done: np.ndarray, blocks: int) -> LedgerRow:
+def _row(batch: Batch, scene: int, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> LedgerRow:
     a = batch.accounts[scene]
-    left, done = a.escaped + left, a.booked + done
     return LedgerRow(
         mass=float(here[0]),
         escaped_mass=float(left[0]),
-        momentum=here[1:4],
+        momentum=here[1:4].copy(),
         kinetic_energy=float(here[4]),
         potential_energy=float(here[5]),
         elastic_energy=float(here[6]),
         basal_dissipation=-float(done[1]),
         plastic_dissipation=float(done[0]),
         escaped_energy=float(left[4:].sum()),
-        basal_impulse=done[2:],
+        basal_impulse=done[2:].copy(),
         max_speed=a.max_speed,
-        active_blocks=blocks,
+        active_blocks=int(here[SUMS]),
         contact_particles=a.contact_particles,
     )
 
@@ -122,15 +146,13 @@ def _brought(batch: Batch, scene: int, places: np.ndarray) -> tuple[Particles, n
     return p, number
 
 
-def window(batch: Batch, scene: int) -> tuple[int, int, int, int]:
+def window(batch: Batch, scene: int) -> Window:
     """First row, first column, rows and columns of the raster's smallest window that the blocks with particles cover."""
-    i, s = batch.index, batch.scenes[scene]
-    bounds = wp.array(np.array([2**30, 2**30, -(2**30), -(2**30)]), dtype=wp.int32)
-    run(batch.k.bound_blocks, i.room, i.tally, i.active, i.member, scene, i.coordinates, bounds)
-    low, high = (4 * b.astype(float) for b in np.split(bounds.numpy(), 2))
+    s = batch.scenes[scene]
+    low, high = np.split(4 * told(batch)[scene, -4:], 2)
     if low[0] > high[0]:
         return 0, 0, 0, 0
-    low[1], high[1] = low[1] - batch.shifts[scene], high[1] - batch.shifts[scene]
+    low, high = low - (0, batch.shifts[scene]), high - (0, batch.shifts[scene])
     r, h, cell = s.raster, np.array(s.spacing[:2]), np.array(s.raster.cell_size)
     most = np.array((r.columns, r.rows)) - 1
     first = np.clip(np.floor(low * h / cell - 1e-6), 0, most).astype(int)
@@ -139,20 +161,30 @@ def window(batch: Batch, scene: int) -> tuple[int, int, int, int]:
     return r.rows - south - rows, west, rows, columns_
 
 
-def columns(batch: Batch, scene: int, covered: tuple[int, int, int, int]) -> Columns:
-    """Sums over a window (first row, first column, rows, columns) of a scene's raster that holds all mass."""
-    s, i, p = batch.scenes[scene], batch.index, batch.store
-    row, column, rows, width = covered
-    raster = wp.zeros(rows * width * 5, dtype=wp.int64)
-    scale = _units(batch, scene)
-    h, cell = wp.vec3d(*s.spacing), wp.vec2d(*s.raster.cell_size)
-    if rows * width:
+def columns(batch: Batch, covered: Mapping[int, Window]) -> dict[int, Columns]:
+    """Sums over a window (first row, first column, rows, columns) of the rasters of some scenes; windows hold all mass."""
+    i, p, many = batch.index, batch.store, len(batch.scenes)
+    windows, scales = np.full((many, 6), -1, np.int32), np.zeros((many, 5))
+    begin, found = 0, {}
+    for n, (row, column, rows, width) in covered.items():
+        s = batch.scenes[n]
+        if rows * width:
+            windows[n] = begin, s.raster.rows, s.raster.columns, row, column, width
+            scales[n] = s.spacing[0] / s.raster.cell_size[0], s.spacing[1] / s.raster.cell_size[1], *_units(batch, n)
+        begin += 5 * rows * width
+    raster = wp.zeros(begin, dtype=wp.int64)
+    if begin:
         run(
-            batch.k.add_columns, p.n, p.rec, p.release, p.key, i.coordinates, i.member, scene, batch.shift, batch.density, h, cell,
-            s.raster.rows, s.raster.columns, row, column, width, wp.vec3d(*scale), raster,
+            batch.k.add_columns, p.n, p.rec, p.release, p.key, i.coordinates, i.member, batch.shift, batch.density,
+            wp.array(windows, dtype=wp.int32), wp.array(scales, dtype=wp.float64), raster,
         )  # fmt: skip
-    found = raster.numpy().reshape(rows, width, 5) / scale[[0, 1, 2, 2, 2]]
-    return Columns(found[..., 0], found[..., 1], found[..., 2:], row, column)
+    sums = raster.numpy()
+    for n, (row, column, rows, width) in covered.items():
+        part = sums[max(windows[n, 0], 0) :][: 5 * rows * width].reshape(rows, width, 5)
+        volume, mass, momentum = np.split(part, (1, 2), axis=-1)
+        units = scales[n, 2:] if rows * width else np.ones(3)
+        found[n] = Columns(volume[..., 0] / units[0], mass[..., 0] / units[1], momentum / units[2], row, column)
+    return found
 
 
 def _units(batch: Batch, scene: int) -> np.ndarray:

@@ -12,6 +12,7 @@ from runout.backends.hash.layout import (
     CURSOR,
     FAILED,
     GONE,
+    GROW,
     HALT,
     HISTORY,
     HOMES,
@@ -67,6 +68,8 @@ def begin_step(
     Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m].
     """
     s = wp.tid()
+    if flags[HALT] == GROW:
+        return
     if flags[PENDING] != 0:
         if s == 0:
             flags[HALT] = flags[PENDING]

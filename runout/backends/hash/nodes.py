@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.layout import TILE, room_for
+from runout.backends.hash.layout import TILE, more_room_for, room_for
 
 
 class NodeArrays:
@@ -50,11 +50,11 @@ class NodeArrays:
     def make_room(self, places: int, slots: int) -> None:
         """Room for the surface under so many blocks, and for the impulses of so many."""
         if places > self.places:
-            self.places = room_for(places)
+            self.places = more_room_for(places) if self.places > 0 else room_for(places)
             self.generation += 1
             self.tiles = wp.zeros((self.places, 36), dtype=self.number)
         if slots > self.slots:
-            self.slots = room_for(slots)
+            self.slots = more_room_for(slots) if self.slots > 0 else room_for(slots)
             self.generation += 1
             self.contact = wp.zeros(64 * self.slots, dtype=self.vec4)
             memory = self.contact.ptr

@@ -8,6 +8,8 @@ import warp as wp
 
 from runout.backends.hash.layout import (
     AFFINE,
+    BLOCKS,
+    GONE,
     MASS,
     MOMENTUM,
     NEXT,
@@ -33,6 +35,7 @@ from runout.physics.moments import potential_energy as potential_energy64
 from runout.physics.moments import stress_columns
 
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
+BOOKED = 5  # plastic dissipation, work and impulse of the ground
 
 
 def change_step(rec: Rows, key: Ints, release: Shorts, member: Ints, mats: Materials, longer: Reals, h: Vector):
@@ -127,9 +130,10 @@ def _row(rec: Rows, release: Shorts, p: int, mats: Materials, dt: Any, h: Vector
 
 def sum_blocks(
     rec: Rows, release: Shorts, key: Ints, order: Ints, cstart: Table2, tally: Ints, active: Ints, coordinates: Table2,
-    member: Ints, shift: Ints, mats: Materials, packed: Reals, h: Vector, gravity: wp.vec3d, sums: Doubles2, launched: int,
+    member: Ints, shift: Ints, mats: Materials, packed: Reals, h: Vector, gravity: wp.vec3d, sums: Doubles2, bounds: Table2,
+    launched: int,
 ):  # fmt: skip
-    """Sums (blocks, 7) over the particles of each block; see ``_row``."""
+    """Sums (blocks, 7) over the particles of each block, see ``_row``; number and extent in plan of the blocks of each scene."""
     begin, lane = wp.tid()
     for a in range(begin, tally[NEXT], launched):
         b = active[a]
@@ -143,15 +147,19 @@ def sum_blocks(
         if lane == 0:
             for k in range(SUMS):
                 sums[b, k] = total[0][k]
+            wp.atomic_add(bounds, s, 0, 1)
+            for d in range(2):
+                wp.atomic_min(bounds, s, 1 + d, coordinates[b, d])
+                wp.atomic_max(bounds, s, 3 + d, coordinates[b, d])
 
 
-def sum_rows(rows: Doubles2, member: Ints, blocks: int, width: int, parts: int, sums: Doubles2):
+def sum_rows(rows: Doubles2, member: Ints, tally: Ints, width: int, parts: int, sums: Doubles2):
     """Sums (scenes parts, width) of the rows of the blocks of each scene; part q takes every ``parts``-th."""
     i, lane = wp.tid()
     scene = i // parts
     for d in range(width):
         acc = wp.float64(0.0)
-        for b in range((i % parts) * wp.block_dim() + lane, blocks, parts * wp.block_dim()):
+        for b in range((i % parts) * wp.block_dim() + lane, tally[BLOCKS], parts * wp.block_dim()):
             if member[b] == scene:
                 acc += rows[b, d]
         total = wp.tile_sum(wp.tile(acc))
@@ -161,14 +169,19 @@ def sum_rows(rows: Doubles2, member: Ints, blocks: int, width: int, parts: int, 
 
 def sum_gone(
     rec: Rows, release: Shorts, key: Ints, coordinates: Table2, member: Ints, shift: Ints, mats: Materials, packed: Reals,
-    h: Vector, gravity: wp.vec3d, n: int, scenes: int, threads: int, sums: Doubles2,
+    h: Vector, gravity: wp.vec3d, tally: Ints, scenes: int, threads: int, sums: Doubles2,
 ):  # fmt: skip
     """The same sums over the particles that have left the domain; thread t takes every so many-th, row ``scenes`` t + s scene s.
 
     The elevation where a particle went over the edge is found from its last cell, which the key still tells.
     """
     t = wp.tid()
-    for p in range(t, n, threads):
+    if tally[GONE] == 0:
+        return
+    for s in range(scenes):
+        for d in range(SUMS):
+            sums[scenes * t + s, d] = wp.float64(0.0)
+    for p in range(t, key.shape[0], threads):
         if key[p] < -1:
             k = -2 - key[p]
             s = member[k >> 6]
@@ -178,16 +191,39 @@ def sum_gone(
                 sums[scenes * t + s, d] = sums[scenes * t + s, d] + row[d]
 
 
-def bound_blocks(tally: Ints, active: Ints, member: Ints, scene: int, coordinates: Table2, bounds: Ints):
-    """Least and largest coordinates in plan of the blocks of a scene that hold particles."""
-    i = wp.tid()
-    if i >= tally[NEXT]:
-        return
-    b = active[i]
-    if member[b] == scene:
-        for d in range(2):
-            wp.atomic_min(bounds, d, coordinates[b, d])
-            wp.atomic_max(bounds, 2 + d, coordinates[b, d])
+def _since_sort(booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes: int, tally: Ints, s: int, d: int):
+    """What a scene has booked since the last sort, or lost by particles that have gone: number ``d`` of what is kept."""
+    total = wp.float64(0.0)
+    if d < BOOKED:
+        for q in range(parts):
+            total += booked[s * parts + q, d]
+    elif tally[GONE] > 0:
+        for t in range(threads):
+            total += gone[scenes * t + s, d - BOOKED]
+    return total
+
+
+def keep_sums(booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes: int, tally: Ints, kept: Doubles2):
+    """Add what has been booked and lost since the last sort to what is kept by scene; a thread a scene and number."""
+    s, d = wp.tid()
+    kept[s, d] = kept[s, d] + _since_sort(booked, parts, gone, threads, scenes, tally, s, d)
+
+
+def tell_sums(
+    here: Doubles2, booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes: int, tally: Ints, kept: Doubles2,
+    bounds: Table2, told: Doubles2,
+):  # fmt: skip
+    """All that is known of a scene in one row: booked and lost, sums over its particles, number and extent of its blocks."""
+    s, d = wp.tid()
+    if d < BOOKED + SUMS:
+        told[s, d] = kept[s, d] + _since_sort(booked, parts, gone, threads, scenes, tally, s, d)
+    elif d < BOOKED + 2 * SUMS:
+        total = wp.float64(0.0)
+        for q in range(parts):
+            total += here[s * parts + q, d - BOOKED - SUMS]
+        told[s, d] = total
+    else:
+        told[s, d] = wp.float64(bounds[s, d - BOOKED - 2 * SUMS])
 
 
 def _covered(x: wp.float64, width: wp.float64, i: int):
@@ -200,34 +236,41 @@ def _add_whole(raster: Longs, place: int, value: wp.float64):
 
 
 def add_columns(
-    rec: Rows, release: Shorts, key: Ints, coordinates: Table2, member: Ints, scene: int, shift: Ints, density: Doubles,
-    h: wp.vec3d, cell: wp.vec2d, rows: int, columns: int, row: int, column: int, width: int, scale: wp.vec3d, raster: Longs,
+    rec: Rows, release: Shorts, key: Ints, coordinates: Table2, member: Ints, shift: Ints, density: Doubles, windows: Table2,
+    scales: Doubles2, raster: Longs,
 ):  # fmt: skip
-    """Add each particle of a scene, spread over a plan box of one grid cell, to a window (x width x 5) of the raster.
+    """Add each particle, spread over a plan box of one grid cell, to the window (rows x columns x 5) of its scene.
 
-    The window begins at ``row``, ``column`` of the raster (rows, columns) and holds all mass.
-    Volume, mass, momentum: whole numbers of a tiny unit, 1 / ``scale``, exact in any order, so that they repeat bit by bit.
+    A window holds all mass. Its row: place in ``raster`` or -1, rows and columns of the whole, first row, first column, columns.
+    Volume, mass, momentum: whole numbers of a tiny unit, exact in any order, so that they repeat bit by bit. A row of ``scales``:
+    a grid cell in raster cells, and how many units make one.
     """
     p = wp.tid()
     k = key[p]
-    if k < 0 or member[wp.max(k, 0) >> 6] != scene:
+    if k < 0:
         return
-    place = _place(rec, p, k, coordinates, shift[scene])
+    s = member[k >> 6]
+    begin = windows[s, 0]
+    if begin < 0:
+        return
+    place = _place(rec, p, k, coordinates, shift[s])
     qx = place[0]
     qy = place[1]
-    wx = h[0] / cell[0]
-    wy = h[1] / cell[1]
+    wx = scales[s, 0]
+    wy = scales[s, 1]
     x = (qx - wp.float64(0.5)) * wx
     y = (qy - wp.float64(0.5)) * wy
     m = wp.float64(rec[MASS, p])
+    rows = windows[s, 1]
+    columns = windows[s, 2]
     for i in range(int(wp.floor(x)), int(wp.floor(x + wx)) + 1):
         sx = _covered(x, wx, i)
         for j in range(int(wp.floor(y)), int(wp.floor(y + wy)) + 1):
             share = sx * _covered(y, wy, j)
             if share > wp.float64(0.0):
-                o = (rows - 1 - wp.clamp(j, 0, rows - 1) - row) * width
-                o = (o + wp.clamp(i, 0, columns - 1) - column) * 5
-                _add_whole(raster, o, share * m / density[int(release[p])] * scale[0])
-                _add_whole(raster, o + 1, share * m * scale[1])
+                o = (rows - 1 - wp.clamp(j, 0, rows - 1) - windows[s, 3]) * windows[s, 5]
+                o = begin + (o + wp.clamp(i, 0, columns - 1) - windows[s, 4]) * 5
+                _add_whole(raster, o, share * m / density[int(release[p])] * scales[s, 2])
+                _add_whole(raster, o + 1, share * m * scales[s, 3])
                 for d in range(3):
-                    _add_whole(raster, o + 2 + d, share * wp.float64(rec[MOMENTUM + d, p]) * scale[2])
+                    _add_whole(raster, o + 2 + d, share * wp.float64(rec[MOMENTUM + d, p]) * scales[s, 4])

@@ -21,7 +21,9 @@ from runout.backends.hash.layout import (
     ROWS,
     STRAIN,
     VOLUME,
+    WARP,
     run,
+    run_blocks,
 )
 from runout.backends.hash.nodes import NodeArrays
 from runout.model.particles import Particles
@@ -41,6 +43,7 @@ class Store:
         What holds both: a sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1 back, and the
         radius to the place at the other end.
     release : (size,) int16
+        ``differ`` tells whether there is more than one.
     number : (size,) int32
         Place in the particles as they were loaded.
     key : (size,) int32
@@ -51,6 +54,7 @@ class Store:
 
     def __init__(self, size: int, number: Any):
         self.size = self.n = size
+        self.differ = True
         self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self._take_turn(0)
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
@@ -59,6 +63,7 @@ class Store:
     def fill(self, p: Particles, spacing: tuple[float, float, float], dtype: Any) -> None:
         """Bring particles to the device; the records hold no stress yet (time step 0)."""
         self.release.assign(p.release.astype(np.int16))
+        self.differ = bool((p.release != p.release[:1]).any())
         for row, values in self._rows(p, spacing):
             self.rec[row].assign(values.astype(dtype))
         self.radius.assign(p.radius.astype(dtype))
@@ -67,39 +72,46 @@ class Store:
         self.turn = turn
         self.rec, self.radius = self.memory[turn : turn + ROWS], self.memory[0 if turn else ROWS]
 
-    def sort(self, k: SimpleNamespace, index: Index, nodes: NodeArrays, ordered: bool, flags: Any) -> None:
-        """After the cells have been numbered: list the particles and sort them in memory; those that have gone drop out."""
-        totals, left = index.totals()
+    def sort(self, k: SimpleNamespace, index: Index, nodes: NodeArrays, ordered: bool) -> None:
+        """After the cells have been numbered: list the particles and sort them in memory; those that have gone drop out.
+
+        Only launches: :meth:`turn_over` follows. Nothing moves where the device has halted.
+        """
+        flags, totals = index.board.flags, index.count_blocks()
         index.list_cells(flags, nodes, totals)
-        run(k.place_particles, self.n, flags, self.key, index.ends, self.order)
+        run(k.place_particles, self.size, flags, self.key, index.ends, self.order)
         if ordered:
             run(k.sort_cells, index.room * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
-        self._sort_rows(k, nodes.scratch(self.size, self.memory.dtype), left)
-        for array in (self.key, self.number):
-            self._gather(k.gather_ints, array, nodes.scratch(self.size, wp.int32), left)
-        self._gather(k.gather_shorts, self.release, nodes.scratch(self.size, wp.int16), left)
+        self._sort_rows(k, flags, nodes.scratch(self.size, self.memory.dtype), totals)
+        self._bring(k.gather_ints, k.bring_back_ints, flags, self.number, nodes, totals)
+        if self.differ:
+            self._bring(k.gather_shorts, k.bring_back_shorts, flags, self.release, nodes, totals)
         nodes.grid.zero_()
-        self.n = left
-        run(k.note_homes, index.room, index.tally, index.active, index.cstart, index.homes, index.home)
-        run(k.count_up, self.size, self.order, left, self.key)
+        run_blocks(
+            k.renumber, index.shared, WARP, flags, index.tally, index.active, index.cstart, totals, index.board.counts, index.homes,
+            index.home, self.order, self.key,
+        )  # fmt: skip
+        run(k.clear_beyond, self.size, flags, totals, self.key)
 
-    def _sort_rows(self, k: SimpleNamespace, scratch: Any, left: int) -> None:
+    def _bring(self, gather: Any, bring_back: Any, flags: Any, array: Any, nodes: NodeArrays, totals: Any) -> None:
+        """An array in the order of the list, by way of the memory of the grid."""
+        scratch = nodes.scratch(self.size, array.dtype)
+        run(gather, self.size, flags, array, self.order, totals, scratch)
+        run(bring_back, self.size, flags, scratch, totals, array)
+
+    def _sort_rows(self, k: SimpleNamespace, flags: Any, scratch: Any, totals: Any) -> None:
         """Rows in the order of the list, each to the place beside it, which has become free; only the radius is copied."""
-        if not left:
-            return
-        threads = -(-left // AT_ONCE)
-        run(k.gather_reals, threads, self.radius, self.order, left, threads, scratch)
+        threads, radius = -(-self.size // AT_ONCE), self.memory[ROWS if self.turn else 0]
+        run(k.gather_reals, threads, flags, self.radius, self.order, totals, scratch)
         places = range(ROWS - 1, -1, -1) if self.turn == 0 else range(1, ROWS + 1)
         step = 1 - 2 * self.turn
         for place in places:
-            run(k.gather_reals, threads, self.memory[place], self.order, left, threads, self.memory[place + step])
-        self._take_turn(1 - self.turn)
-        wp.copy(self.radius, scratch, count=left)
+            run(k.gather_reals, threads, flags, self.memory[place], self.order, totals, self.memory[place + step])
+        run(k.bring_back_reals, self.size, flags, scratch, totals, radius)
 
-    def _gather(self, kernel: Any, array: Any, scratch: Any, count: int) -> None:
-        if count:
-            run(kernel, count, array, self.order, scratch)
-            wp.copy(array, scratch, count=count)
+    def turn_over(self) -> None:
+        """The rows lie in the other places now: after a sort, or again if it moved nothing."""
+        self._take_turn(1 - self.turn)
 
     def brought(self, where: Any, node: Any, affine: Any) -> tuple[Particles, np.ndarray]:
         """Particles at the places ``where`` (n,) in memory, without identity, and their numbers."""

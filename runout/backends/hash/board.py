@@ -1,0 +1,53 @@
+"""What the host reads of the device between stretches of steps: everything in one piece, since each look waits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from runout.backends.hash.layout import COUNTS, FLAGS, TALLY
+
+LINE = 256  # bytes: atomic sums to one part keep no block of threads waiting that reads another
+
+
+class Board:
+    """Numbers that the device writes and the host reads, in one piece of memory on the device of the scope.
+
+    Attributes
+    ----------
+    tally : (TALLY,) int32
+        Numbers of a step, see :mod:`runout.backends.hash.layout`.
+    both : (1,) int64
+        The same memory: the first two of them in one number.
+    flags : (FLAGS,) int32
+        Why the device stands still.
+    counts : (COUNTS,) int32
+        Numbers of a sort.
+    contacts : (scenes,) int32
+        Particles in contact.
+    peaks : (scenes + 1,)
+        Largest squared speed [m2/s2] of each scene, and cells that a particle of an unstable one moved.
+    """
+
+    def __init__(self, many: int, number: Any):
+        whole: np.dtype[Any] = np.dtype(np.int32)
+        kind: np.dtype[Any] = np.dtype(np.float32 if number == wp.float32 else np.float64)
+        parts = [("tally", whole, TALLY), ("flags", whole, FLAGS), ("counts", whole, COUNTS)]
+        parts += [("contacts", whole, many), ("peaks", kind, many + 1)]
+        ends = np.cumsum([-(-dtype.itemsize * size // LINE) * LINE for _, dtype, size in parts])
+        self.memory = wp.zeros(int(ends[-1]), dtype=wp.uint8)
+        self.parts = {name: (int(at), dtype, size) for (name, dtype, size), at in zip(parts, [0, *ends[:-1]], strict=True)}
+        self.tally, self.flags, self.counts = (self._view(name, wp.int32) for name in ("tally", "flags", "counts"))
+        self.contacts, self.peaks = self._view("contacts", wp.int32), self._view("peaks", number)
+        self.both = wp.array(ptr=self.memory.ptr, dtype=wp.int64, shape=1, device=self.memory.device)
+
+    def _view(self, name: str, kind: Any) -> Any:
+        at, _, size = self.parts[name]
+        return wp.array(ptr=self.memory.ptr + at, dtype=kind, shape=size, device=self.memory.device)
+
+    def read(self) -> dict[str, np.ndarray]:
+        """All of it, once the device has come here."""
+        raw = self.memory.numpy()
+        return {name: raw[at : at + dtype.itemsize * size].view(dtype) for name, (at, dtype, size) in self.parts.items()}
