@@ -360,10 +360,13 @@ class Index:
             self.make_room(more_room_for(self.nall) if self.room else room_for(self.nall))
 
     def list_cells(self, flags: Any, nodes: Any, totals: Any = None) -> None:
-        """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before."""
+        """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before.
+
+        A block of threads for each: then blocks are listed nearly in their order, and neighbours are read while they are at hand.
+        """
         given = self.ends if totals is None else totals
         run_blocks(
-            self.k.list_cells, self.shared, WARP, flags, given, int(totals is not None), self.cstart, self.active,
+            self.k.list_cells, self.room, WARP, flags, given, int(totals is not None), self.cstart, self.active,
             self.board.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
         )  # fmt: skip
 

@@ -169,6 +169,7 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
     cells, warps, others = (wp.get_module(f"{name}{part}") for part in (".cells", ".warps", ""))
     for module in (cells, warps, others):
         module.options.update(OPTIONS)
+    warps.options["fast_math"] = True  # divisions and roots of contact to the last bit but one: a fifth of its time
     kernels = warp_kernels(
         physics, (stencil, index, cell_lists, zones, contact, transfer, motion, ground, observe),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
