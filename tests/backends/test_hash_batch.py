@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import SAND, bowl, plane, scene
+from test_hash_equals_reference import GRAINS
 from test_sparse_equals_dense import CLAY, two_bodies
 
 from runout.errors import ConfigError
@@ -40,6 +41,7 @@ def test_scene_of_a_batch_ends_as_in_its_own_run(precision, deterministic):
     together.advance(DT, [20, 20, 20])
     together.advance(DT, [n - 20 for n in STEPS])
     rows = together.ledgers()
+    together.look_at([0, 1, 2])
     assert together.counters.particle_steps == sum(n * len(p) for n, (_, p) in zip(STEPS, scenes, strict=True))
     for n, (s, p) in enumerate(scenes):
         single = alone(s, p, DT[n], STEPS[n], deterministic)
@@ -53,6 +55,22 @@ def test_scene_of_a_batch_ends_as_in_its_own_run(precision, deterministic):
         columns, wanted = together.columns_of(n), single.columns_of(0)
         np.testing.assert_allclose(columns.mass, wanted.mass, rtol=1e-12, atol=1e-9)
         np.testing.assert_allclose(columns.momentum, wanted.momentum, rtol=1e-9, atol=1e-9)
+        window = together.flow_columns_of(n)  # of all scenes at once
+        np.testing.assert_array_equal(window.mass, columns.mass[window.window])
+        assert window.mass.sum() == pytest.approx(columns.mass.sum(), rel=1e-14)
+        assert window.mass.size < columns.mass.size
+
+
+def test_scenes_whose_friction_depends_on_the_rate_each_find_their_own_time_step():
+    first, second = ((replace(s, materials=(GRAINS,), friction=s.friction[:1]), p) for s, p in three_scenes()[:2])
+    for _, p in (first, second):
+        p.release[:] = 0
+    together = batch.Batch([first, second], "cpu", True)
+    together.advance(DT[:2], STEPS[:2])
+    for n, (s, p) in enumerate((first, second)):
+        a, b = alone(s, p, DT[n], STEPS[n], True).particles_of(0), together.particles_of(n)
+        for name in vars(a):
+            np.testing.assert_array_equal(getattr(b, name), getattr(a, name), err_msg=f"{name} of scene {n}")
 
 
 def test_scene_that_is_done_leaves_and_the_others_go_on_unchanged():

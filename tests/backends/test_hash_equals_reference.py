@@ -8,7 +8,11 @@ from scenes import SAND, plane, scene, single_precision, total_energy
 from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
 
 from runout.backends.protocol import get_backend
+from runout.model.materials import GranularFlow
 
+GRAINS = GranularFlow(
+    density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3, static_friction=0.3, dynamic_friction=0.8, grain_size=0.5
+)
 ROW_TOLERANCE = 10  # sums lose some digits more than their parts
 
 
@@ -119,3 +123,18 @@ def test_time_step_that_changes_gives_what_the_reference_gives():
             backend.step(2e-3 * (1 + 0.3 * (n % 3)))
         ends.append((backend.particles(), backend.ledger(), backend.columns()))
     assert_same(*ends, 1e-11, spacing)
+
+
+def test_flow_whose_friction_grows_with_the_rate_gives_what_the_reference_gives_while_the_time_step_changes():
+    surface, spacing = CASES["bowl"]
+    s = scene(surface, spacing, (GRAINS,), (0.3,))
+    p = two_bodies(surface, spacing)
+    p.release[:] = 0
+    ends = []
+    for backend in (get_backend("reference"), on_cpu()):
+        backend.load(s, p)
+        for n in range(30):
+            backend.step(2e-3 * (1 + 0.3 * (n % 3)))
+        ends.append((backend.particles(), backend.ledger(), backend.columns()))
+    assert_same(*ends, 1e-11, spacing)
+    assert ends[1][1].plastic_dissipation > 0

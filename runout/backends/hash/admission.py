@@ -24,8 +24,6 @@ def extent(scene: Scene) -> np.ndarray:
 
 def require_alike(scenes: Sequence[Scene]) -> None:
     """ConfigError unless scenes can be stepped together, and by this backend."""
-    for law in {s.law.name for s in scenes if s.law.depends_on_rate}:
-        raise ConfigError(f"the law {law} depends on the rate, which backend hash does not tell its kernels; use backend scan")
     for s in scenes:
         if s.transfer != "mls" or s.f_bar:
             choice = f"transfer {s.transfer!r}" if s.transfer != "mls" else "f_bar"

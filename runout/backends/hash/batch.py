@@ -108,7 +108,8 @@ class Batch:
         self.real = wp.float32 if s.precision == "float32" else wp.float64
         self.h = wp.types.vector(length=3, dtype=self.real)(*s.spacing)
         materials = [m for scene in self.scenes for m in scene.materials]
-        self.mats = wp.array(s.law.table(tuple(materials), s.dtype), dtype=self.k.record)
+        self.table = s.law.table(tuple(materials), s.dtype)
+        self.mats = wp.array(self.table, dtype=self.k.record)
         self.first_release = np.cumsum([0, *(len(scene.materials) for scene in self.scenes)])
         self.friction = wp.array(np.array([f for scene in self.scenes for f in scene.friction]), dtype=self.real)
         self.density = wp.array(np.array([m.density for m in materials]), dtype=wp.float64)
@@ -241,6 +242,10 @@ class Batch:
         clock = np.zeros((len(now), 5))
         clock[:, 1:4] = now[:, None] * np.array(self.scene.gravity)
         self.clock.assign(clock.astype(kinds))
+        if self.scene.law.depends_on_rate:
+            for step, first, last in zip(now, self.first_release[:-1], self.first_release[1:], strict=True):
+                self.scene.law.set_step(self.table[first:last], step)
+            wp.copy(self.mats, wp.array(self.table, dtype=self.k.record))
 
     def _batch(self, count: int, left: np.ndarray) -> int:
         """Up to ``count`` steps without a look at the device; returns how many were done."""
