@@ -17,7 +17,7 @@ from pipelines.verification_cases.closed_forms import GRAVITY, axisymmetric_heig
 from pipelines.verification_cases.dam_breaks import budget, columns
 from pipelines.verification_cases.finding import Bound, Case, Result
 from pipelines.verification_cases.flow import Frame
-from runout.model.materials import DruckerPrager
+from runout.model.materials import Cone, DruckerPrager
 
 RODS = DruckerPrager(density=2650.0, youngs_modulus=0.84e6, poisson_ratio=0.3, friction_angle=19.8)
 LENGTH, HEIGHT = 0.2, 0.1  # [m] of the rods
@@ -26,7 +26,9 @@ AT_REST = RODS.poisson_ratio / (1 - RODS.poisson_ratio)
 SURFACE = "bui2008_final_surface.csv"
 SCATTER = 0.25  # of experiments on run-out
 REPOSE, FLOOR = 30.0, 30.0  # [deg] internal friction, and that of the floor
+CONTROL = 65.0  # [deg] internal friction of the negative control
 WALLED = 8.0  # [m] initial length or radius of the columns of sand
+AT_REST_AFTER = 5.0  # [sqrt(H/g)]; after 3.5 the outermost percent still slides at 1 to 3 m/s
 
 
 def rods(
@@ -72,39 +74,52 @@ def measure_rods(full: bool) -> list[Result]:
     return results + (budget(frame, name) if full else [])
 
 
-def sand(aspect: float, friction_angle: float) -> DruckerPrager:
-    """Sand of which a column of :data:`WALLED` times ``aspect`` strains its foot by 1.5 percent."""
+def sand(aspect: float, friction_angle: float, cone: Cone = Cone.PLANE_STRAIN) -> DruckerPrager:
+    """Sand of which a column of :data:`WALLED` times ``aspect`` strains its foot by 1.5 percent; friction angle in degrees."""
     modulus = 8e6 * max(aspect, 1.0) * WALLED / 8.0
-    return DruckerPrager(density=2000.0, youngs_modulus=modulus, poisson_ratio=0.3, friction_angle=friction_angle)
+    return DruckerPrager(density=2000.0, youngs_modulus=modulus, poisson_ratio=0.3, friction_angle=friction_angle, cone=cone)
 
 
-def planar(aspect: float, cells: int, friction_angle: float = REPOSE, samples: int = 1) -> tuple[float, Frame]:
-    """Run-out of 99 % of a column between walls over its length [1], and its last frame."""
+def in_compression(friction_angle: float) -> float:
+    """Friction angle [deg] in triaxial compression of the cone that has ``friction_angle`` [deg] in plane strain."""
+    slope = np.sqrt(3.0) * np.sin(np.radians(friction_angle))
+    return float(np.degrees(np.arcsin(3 * slope / (6 + slope))))
+
+
+def planar(aspect: float, cells: int, material: DruckerPrager | None = None, samples: int = 1) -> tuple[float, Frame]:
+    """Run-out of 99 % of a column between walls over its length [1], and its last frame; sand of :data:`REPOSE` by default."""
     h, height = WALLED / cells, aspect * WALLED
     half = np.ceil((WALLED * (2.5 + 3.0 * aspect)) / h) * h
-    material = sand(aspect, friction_angle)
-    scene = flow.level_scene(h, (2 * half, 0.0), material, float(np.tan(np.radians(FLOOR))))
+    scene = flow.level_scene(h, (2 * half, 0.0), material or sand(aspect, REPOSE), float(np.tan(np.radians(FLOOR))))
     plane = flow.rectangle(2 * WALLED, height, h, half - WALLED)
     p = flow.slice_of(plane, h**3 / 4, scene)
     flow.press(p, np.tile(height - plane[:, 1], flow.ACROSS), scene, AT_REST)
-    frame = flow.run(scene, p, (3.5 * float(np.sqrt(height / GRAVITY)),), samples)[-1]
+    frame = flow.run(scene, p, (AT_REST_AFTER * float(np.sqrt(height / GRAVITY)),), samples)[-1]
     away = np.abs(frame.particles.position(np.full(3, h))[:, 0] - half)
     return float(np.quantile(away, 0.99) / WALLED - 1), frame
 
 
-def round_column(aspect: float, cells: int, friction_angle: float = REPOSE, threads: int = 2) -> tuple[float, float]:
-    """Run-out of 99 % of a round column over its radius [1], and its final height over the radius [1]."""
+def round_column(aspect: float, cells: int, cone: Cone) -> tuple[float, float, float]:
+    """Run-out of 99 % of a round column over its radius [1], its final height over the radius [1], and how its core is packed [1].
+
+    The height is the thickness on the axis, mass over area and density as in maps; the packing is that over the height at which
+    the particles there stand (their 95th percentile, for some are thrown up).
+    """
     h, height = WALLED / cells, aspect * WALLED
     half = np.ceil((WALLED * (2.5 + 2.0 * aspect)) / h) * h
-    scene = flow.level_scene(h, (2 * half, 2 * half), sand(aspect, friction_angle), float(np.tan(np.radians(FLOOR))))
+    scene = flow.level_scene(h, (2 * half, 2 * half), sand(aspect, REPOSE, cone), float(np.tan(np.radians(FLOOR))))
     local = lattice((2 * WALLED, 2 * WALLED, height), h) - (WALLED, WALLED, 0.0)
     local = local[np.hypot(local[:, 0], local[:, 1]) < WALLED]
     centre = np.array([half + 0.13 * h, half + 0.27 * h, flow.BASE * h])
     p = filled(local + centre, h, scene.materials[0].density, h**3 / 8, h / 4)
     flow.press(p, height - local[:, 2], scene, AT_REST)
-    x = flow.run(scene, p, (3.5 * float(np.sqrt(height / GRAVITY)),), 1, threads)[-1].particles.position(np.full(3, h)) - centre
+    frame = flow.run(scene, p, (AT_REST_AFTER * float(np.sqrt(height / GRAVITY)),), 1)[-1]
+    x = frame.particles.position(np.full(3, h)) - centre
     away = np.hypot(x[:, 0], x[:, 1])
-    return float(np.quantile(away, 0.99) / WALLED - 1), float((x[away < h, 2].max() + h / 4) / WALLED)
+    middle = round(half / h)
+    thickness = float(frame.thickness[middle - 1 : middle + 1, middle - 1 : middle + 1].mean())
+    stands = float(np.quantile(x[away < h, 2], 0.95) + h / 4)
+    return float(np.quantile(away, 0.99) / WALLED - 1), thickness / WALLED, thickness / stands
 
 
 def planar_envelope(aspect: float) -> tuple[float, float]:
@@ -126,7 +141,9 @@ def exponent(aspects: tuple[float, ...], runouts: list[float]) -> float:
 
 def measure_planar(full: bool) -> list[Result]:
     """Run-out of planar columns in the envelope of experiments, monotone; sand that is too strong must fall out of it."""
-    chosen = ((0.5, 32), (1.0, 16), (2.0, 16), (3.0, 16), (4.0, 16), (6.0, 16)) if full else ((1.0, 16), (2.0, 8), (4.0, 8))
+    chosen = (
+        ((0.5, 32), (1.0, 16), (2.0, 16), (3.0, 16), (4.0, 16), (6.0, 16), (8.0, 16)) if full else ((1.0, 16), (2.0, 8), (4.0, 8))
+    )
     runs = {aspect: planar(aspect, cells, samples=120 if aspect == 2 else 1) for aspect, cells in chosen}
     found = {aspect: run[0] for aspect, run in runs.items()}
     results: list[Result] = []
@@ -136,46 +153,61 @@ def measure_planar(full: bool) -> list[Result]:
     runouts = list(found.values())
     results.append(Bound("least growth of run-out from one planar column to the next", float(np.diff(runouts).min()), low=0.0))
     if full:
-        tall = (3.0, 4.0, 6.0)
+        tall = (4.0, 6.0, 8.0)
         results.append(
-            Bound("exponent of planar run-out, a = 3 to 6", exponent(tall, [found[a] for a in tall]), 2 / 3 + 0.1, 2 / 3 - 0.1)
+            Bound("exponent of planar run-out, a = 4 to 8", exponent(tall, [found[a] for a in tall]), 2 / 3 + 0.1, 2 / 3 - 0.1)
         )
     results += budget(runs[2.0][1], "planar column, a = 2")
     low, _ = planar_envelope(2.0)
-    strong = planar(2.0, 8, 60.0)[0]
-    results.append(Bound("run-out of sand of 60 deg (negative control) over the least of the envelope", strong / low, 0.95))
+    strong = planar(2.0, 8, sand(2.0, in_compression(CONTROL), Cone.TRIAXIAL_COMPRESSION))[0]
+    control = f"run-out of sand of {CONTROL:g} deg (negative control) over the least of the envelope"
+    results.append(Bound(control, strong / low, 0.95))
     return results
 
 
 def measure_round(full: bool) -> list[Result]:
-    """Run-out and height of round columns; the CI tests of collapse cover them at one size."""
+    """Round columns with both cones, between which the laws of experiments lie; the CI tests of collapse cover them at one size."""
     if not full:
         return []
-    results, found = list[Result](), dict[float, float]()
-    for aspect, cells in ((1.0, 16), (1.5, 16), (2.0, 16), (4.0, 8)):  # with 8 the edge of a low one is thinner than a cell
-        law = axisymmetric_runout(aspect)
-        found[aspect], height = round_column(aspect, cells)
-        bounds = law * (1 + SCATTER), law * (1 - SCATTER)
-        results.append(Bound(f"run-out of a round column, a = {aspect:g}, {cells} cells in the radius", found[aspect], *bounds))
-        top = axisymmetric_height(aspect)
-        results.append(Bound(f"height of a round column over the law, a = {aspect:g}", height / top, 1 + SCATTER, 1 - SCATTER))
-    results.append(Bound("exponent of round run-out, a = 2 to 4", exponent((2.0, 4.0), [found[2.0], found[4.0]]), 0.6, 0.4))
+    results, found = list[Result](), dict[tuple[float, Cone], float]()
+    for aspect, cells in ((1.0, 16), (2.0, 12), (4.0, 8)):  # with 8 the edge of a low one is thinner than a cell
+        law, top = axisymmetric_runout(aspect), axisymmetric_height(aspect)
+        for cone, weak in ((Cone.PLANE_STRAIN, True), (Cone.TRIAXIAL_COMPRESSION, False)):
+            place = f"a = {aspect:g}, {cells} cells in the radius, cone of {cone.replace('_', ' ')}"
+            found[aspect, cone], height, packing = round_column(aspect, cells, cone)
+            far = {"low": 1 - SCATTER} if weak else {"high": 1 + SCATTER}
+            tall = {"high": 1 + SCATTER} if weak else {"low": 1 - SCATTER}
+            results.append(Bound(f"run-out of a round column over the law, {place}", found[aspect, cone] / law, **far))
+            results.append(Bound(f"height of a round column over the law, {place}", height / top, **tall))
+            results.append(Bound(f"density of the core over that of the sand, {place}", packing))
+    higher = round_column(8.0, 8, Cone.PLANE_STRAIN)[0]
+    slope = exponent((4.0, 8.0), [found[4.0, Cone.PLANE_STRAIN], higher])
+    results.append(Bound("exponent of round run-out, a = 4 to 8, 8 cells in the radius", slope, 0.6, 0.4))
     return results
 
 
 COLUMNS = Case(
     "F4",
     "collapse of columns of sand",
-    f"internal friction {REPOSE:g} deg, floor {FLOOR:g} deg, E = 8 MPa or more, {WALLED:g} m; run-out (L_99 - L_0)/L_0 of 99 % of "
-    "the mass against the envelope of experiments with a scatter of 25 %; round columns in the full size only",
+    f"internal friction {REPOSE:g} deg, floor {FLOOR:g} deg, E = 8 MPa or more, {WALLED:g} m, until all rests; run-out (L_99 - "
+    "L_0)/L_0 of 99 % of the mass against the envelope of experiments with a scatter of 25 %; round columns in the full size "
+    "only, against Lube et al. 2004 (run-out) and Lajeunesse et al. 2004 (height: mass over area and density, as in maps)",
     lambda full: [*measure_planar(full), *measure_round(full)],
-    "The run-out of low columns grows with the number of cells: 0.24, 0.33 and 0.50 lengths at a = 0.5 with 8, 16 and 32 cells. "
-    "So does that of round ones: 0.73, 1.21 and 1.70 radii at a = 1, 1.5 and 2 with 8 cells in the radius, below the envelope, "
-    "and 1.05, 1.74 and 2.37 with 16, inside (the law: 1.24, 1.86, 2.26). The edge of a low column is thinner than a cell, and "
-    "such a layer is held by the numerical viscosity; more particles (27 a cell: 0.75 at a = 1) or a stiffer sand (0.66) do not "
-    "help, a smoother floor (20 deg: 1.12) would hide it. Two do not hold: the planar exponent, and the height at a = 4, "
-    "which has 8 cells in the radius. "
-    "Friction angles above 60 degrees are refused, so the negative control is 60 degrees instead of 65.",
+    "The run-out of low columns grows with the number of cells: 0.24, 0.33 and 0.50 lengths at a = 0.5 with 8, 16 and 32 cells, "
+    "and 0.75 and 1.08 radii at a = 1 with 8 and 16. The edge of a low column is thinner than a cell, and such a layer is held "
+    "by the numerical viscosity; more particles (27 a cell) or a stiffer sand do not help. The planar exponent falls towards "
+    "that of the law, 2/3, as columns grow: 0.85 from a = 3 to 4, 0.72 from 4 to 6; from 3 to 6 it is 0.77 with 16 and with 24 "
+    "cells, and was 0.81 while the run ended at 3.5 sqrt(H/g), when the edges of low columns still slid at 1 to 3 m/s. A round "
+    "column shows what a Drucker-Prager cone cannot be: one of 30 degrees in plane strain, in which the thin flow shears, is "
+    "one of 22 degrees in triaxial compression, in which the core fails, and one of 30 degrees there is one of 44 in plane "
+    "strain. So the runs with both cones have to enclose the experiments, within their scatter. The exponent of round run-out "
+    "(experiments: 1/2) does not hold, and with the other cone it is 0.78 (6 cells in the radius): the weaker cone gains on the "
+    "law as columns grow. The core of a tall column ends denser than its particles know: 1.4 times as many stand there as the "
+    "strains say at a = 4, 1.1 at a = 2, 1.0 at a = 1. That falls slowly with the cells (by the top of the core 1.7, 1.5 and "
+    "1.4 with 6, 8 and 10 in the radius), and without the volume correction, with F-bar or with transfer apic it is no better "
+    "(1.6 to 1.8 with 6). Volumes are integrated from rates and distances from velocities, and in a fall of several radii they "
+    "part. The height of the highest particle, which was held against the law before and was 0.70 of it, is low for that "
+    "reason. The negative control is the cone of 65 degrees in plane strain, which is that of 38.5 in triaxial compression.",
 )
 BUI = Case(
     "F5",
