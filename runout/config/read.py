@@ -94,8 +94,6 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
     law = document.value(("material", "law"))
-    if law == "granular_flow" and document.value(("simulation", "backend")) == "hash":
-        yield document.problem(("material", "law"), "granular_flow with backend hash, which has none of it", "set backend: scan")
     if law in ("elastic", "granular_flow"):
         for name in STRENGTH:
             if name in sampled:

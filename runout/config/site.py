@@ -212,14 +212,12 @@ class Site:
 
         found, stated = find_device(device), self.settings.simulation
         plain = {"transfer": "mls", "f_bar": False, "sleep_speed": 0.0}
-        had = {f"simulation.{name}": (getattr(stated, name), value) for name, value in plain.items()}
-        had["material.law"] = (self.settings.material.law, "drucker_prager")
-        needs_scan = {name: pair for name, pair in had.items() if pair[0] != pair[1] and pair[0] != "elastic"}
+        needs_scan = [name for name, value in plain.items() if getattr(stated, name) != value]
         if needs_scan and device == "auto":
             found = device = "cpu"
         elif needs_scan and found != "cpu":
-            named = ", ".join(f"{name} {str(value).lower()}" for name, (value, _) in needs_scan.items())
-            changed = ", ".join(f"{name.partition('.')[2]}: {str(plainer).lower()}" for name, (_, plainer) in needs_scan.items())
+            named = ", ".join(f"simulation.{name} {str(getattr(stated, name)).lower()}" for name in needs_scan)
+            changed = ", ".join(f"{name}: {str(plain[name]).lower()}" for name in needs_scan)
             raise ConfigError(f"{named} runs on the CPU, not on {found}; leave --device out, or set {changed}")
         place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
         backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
