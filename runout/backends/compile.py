@@ -184,8 +184,9 @@ def warp_kernels(
     return space
 
 
+@cache
 def warp_record(law_name: str, fields: tuple[str, ...], real: Any) -> Any:
-    """Warp struct with the parameter fields of a law."""
+    """Warp struct with the parameter fields of a law; one in a process, since warp writes its functions once for each struct."""
     import warp as wp
 
     record = type(f"{law_name}_{real.__name__}", (), {"__annotations__": dict.fromkeys(fields, real)})
