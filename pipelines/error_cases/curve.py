@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+SAME = 1e-3  # relative difference of errors that no choice makes, but rounding
 HIDDEN = 0.3  # a floor below this share of the smallest error cannot be told from none
 
 
@@ -52,11 +53,17 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[bool]:
 
 
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
-    """Cost at which a curve reaches an error, between its points (log-log); None where it never does, or starts below it."""
+    """Cost at which a curve reaches an error, between its points (log-log); None where it never does, or starts below it.
+
+    Errors beyond an end of the curve by less than :data:`SAME` count as that end.
+    """
     order = np.argsort(costs)
     c, e = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])
+    wanted, nearest = np.log(error), np.clip(np.log(error), e.min(), e.max())
+    if abs(wanted - nearest) > np.log1p(SAME):
+        return None
     for k in range(len(e) - 1):
-        if e[k] >= np.log(error) >= e[k + 1] and e[k] > e[k + 1]:
-            share = (e[k] - np.log(error)) / (e[k] - e[k + 1])
+        if e[k] >= nearest >= e[k + 1] and e[k] > e[k + 1]:
+            share = (e[k] - nearest) / (e[k] - e[k + 1])
             return float(np.exp(c[k] + share * (c[k + 1] - c[k])))
     return None

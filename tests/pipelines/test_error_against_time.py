@@ -44,6 +44,8 @@ def test_cost_at_an_error_lies_on_the_power_law_between_grids():
     assert cost_at(0.02, [10, 1000], [0.2, 0.002]) == pytest.approx(100)
     assert cost_at(0.001, [10, 1000], [0.2, 0.002]) is None
     assert cost_at(0.5, [10, 1000], [0.2, 0.002]) is None
+    assert cost_at(0.0019985, [10, 1000], [0.2, 0.002]) == pytest.approx(1000)  # as good as equal
+    assert cost_at(0.20015, [10, 1000], [0.2, 0.002]) == pytest.approx(10)
 
 
 @pytest.fixture(scope="module")
