@@ -33,7 +33,7 @@ def sliding(precision="float64"):
     ground = plane(slope_x=-0.5, height=30.0)
     particles = box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), SAND.density, surface=ground)
     particles.velocity[:] = (3.0, -6.0, -1.5)  # over the southern edge before long
-    return scene(ground, materials=(SAND,), precision=precision, cfl=0.4), particles
+    return scene(ground, materials=(SAND,), precision=precision), particles
 
 
 def advance(engine, steps=STEPS):

@@ -36,7 +36,7 @@ def taken(engine: "HashBackend") -> State:
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
     state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "kept": engine.report.kept.numpy()}
     state |= {"tiles": n.tiles.numpy(), "rec": s.rec.numpy()[:, : s.n]}
-    sizes = {"nown": i.nown, "nall": i.nall, "room": i.room, "entries": i.table.shape[0], "slots": n.slots}
+    sizes = {"nown": i.nown, "nall": i.nall, "room": i.room, "entries": i.table.shape[0], "launched": i.launched, "slots": n.slots}
     return state | {f"size.{name}": np.asarray(value) for name, value in sizes.items()}
 
 
@@ -55,9 +55,8 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
         engine._load_ground()
         engine.store = _store(state, engine.real)
         engine.index = _index(engine, state)
-        engine.index.fit_launches(engine.index.occupied())
         engine.nodes = engine.node_arrays()
-        engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]))
+        engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]), exactly=True)
         _fill(engine.nodes.tiles, state["tiles"])
         for name in OF_NODES:
             _fill(getattr(engine.nodes, name), state[f"nodes.{name}"])
@@ -78,7 +77,7 @@ def _index(engine: "HashBackend", state: State) -> Index:
     index = Index(engine.k, engine.board, engine.store.size, engine.deterministic)
     index.make_table(size["entries"])
     index.make_room(size["room"])
-    index.nown, index.nall = size["nown"], size["nall"]
+    index.nown, index.nall, index.launched = size["nown"], size["nall"], size["launched"]
     index.up.fill_(-1)
     for name in BY_BLOCK:
         _fill(getattr(index, name), state[f"index.{name}"])

@@ -20,7 +20,6 @@ from runout.backends.hash.layout import (
     ENTERED,
     GROW,
     HALT,
-    NEXT,
     OFFSET,
     ORDERED,
     OWNERS,
@@ -380,10 +379,6 @@ class Index:
         """Blocks of threads for ``held`` blocks with particles and some more; a step that needs others does them in turn."""
         if not held <= self.launched <= 2 * room_for(held):
             self.launched = min(room_for(room_for(held)), self.room)
-
-    def occupied(self) -> int:
-        """Blocks that hold particles now."""
-        return int(self.tally.numpy()[NEXT])
 
 
 def first_table(particles: int) -> int:

@@ -47,14 +47,14 @@ class NodeArrays:
         """The memory of the grid for something else, while it holds nothing; it must be zero again for the next step."""
         return wp.array(ptr=self.grid.ptr, dtype=kind, shape=shape, device=self.grid.device)
 
-    def make_room(self, places: int, slots: int) -> None:
-        """Room for the surface under so many blocks, and for the impulses of so many."""
+    def make_room(self, places: int, slots: int, exactly: bool = False) -> None:
+        """Room for the surface under so many blocks, and for the impulses of so many; ``exactly`` so many, or some more."""
         if places > self.places:
-            self.places = more_room_for(places) if self.places > 0 else room_for(places)
+            self.places = places if exactly else more_room_for(places) if self.places > 0 else room_for(places)
             self.generation += 1
             self.tiles = wp.zeros((self.places, 36), dtype=self.number)
         if slots > self.slots:
-            self.slots = more_room_for(slots) if self.slots > 0 else room_for(slots)
+            self.slots = slots if exactly else more_room_for(slots) if self.slots > 0 else room_for(slots)
             self.generation += 1
             self.contact = wp.zeros(64 * self.slots, dtype=self.vec4)
             memory = self.contact.ptr

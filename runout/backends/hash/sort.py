@@ -85,6 +85,6 @@ def _make_room(batch: Batch, counts: np.ndarray) -> None:
     if index.room != room:
         batch.nodes = batch.node_arrays()
         if room:
-            batch.nodes.make_room(*(n * index.room // room for n in (nodes.places, nodes.slots)))
+            batch.nodes.make_room(nodes.places * index.room // room, nodes.slots * index.room // room)
     elif index.table.shape[0] == entries:
         nodes.make_room(int(counts[NEAR]), int(counts[GROUNDED]))
