@@ -272,9 +272,8 @@ class Run:
         self.peaks = PeakMaps(scene.raster, course.arrival_threshold)
         self.ledger, self.rest = Ledger(), AtRest()
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
-        self.pending = list(course.snapshot_times)
-        self.time, self.dt, self.due, self.reason = 0.0, 0.0, 0.0, ""
-        self.seconds = self.observing = 0.0
+        self.pending, self.reason = list(course.snapshot_times), ""
+        self.time = self.dt = self.due = self.seconds = self.observing = 0.0
 
     def start(self, particles: Particles) -> None:
         """Load the backend with the particles, or with the state of the checkpoint if there is one of this run."""
@@ -371,8 +370,9 @@ class Run:
 
     def _observe(self) -> float:
         """Record the present state; returns when the next observation is due [s]."""
-        started = clock.perf_counter()
-        columns, row = self._columns(), self.engine.ledger()
+        started, engine = clock.perf_counter(), self.engine
+        columns = engine.flow_columns() if self.course.crop and isinstance(engine, WindowBackend) else engine.columns()
+        row = engine.ledger()
         self.peaks.observe(self.time, columns)
         self.ledger.record(self.time, self.dt, row)
         while self.pending and self.time >= self.pending[0] - 1e-12 * self.course.end_time:
@@ -386,11 +386,6 @@ class Run:
         self.observing += clock.perf_counter() - started
         crossing = self.course.crossing * min(self.scene.raster.cell_size) / max(row.max_speed, 1e-3)
         return self.time + min(self.course.end_time / OBSERVATIONS, crossing)
-
-    def _columns(self) -> Columns:
-        if self.course.crop and isinstance(self.engine, WindowBackend):
-            return self.engine.flow_columns()
-        return self.engine.columns()
 
     def _frame(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and speed [m/s] on the whole raster."""

@@ -3,12 +3,9 @@
 import math
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from pipelines.verification_cases.bodies import filled, free_scene
-from runout.backends.protocol import get_backend
-from runout.errors import ConfigError, MaterialError
+from runout.errors import MaterialError
 from runout.model.materials import GranularFlow
 from runout.physics import drucker_prager, granular_flow
 
@@ -52,10 +49,3 @@ def test_what_comes_apart_carries_nothing_until_it_has_closed_up():
 def test_material_names_what_is_out_of_its_range(changed, word):
     with pytest.raises(MaterialError, match=word):
         GranularFlow(**{**BEADS, **changed})
-
-
-def test_hash_refuses_a_law_that_depends_on_the_rate():
-    p = filled(np.array([[500.0, 500.0, 5.0]]), 1.0, 1500.0, 1.0)
-    engine = get_backend("hash", "cpu")
-    with pytest.raises(ConfigError, match="use backend scan"):
-        engine.load(free_scene(1.0, GranularFlow(**BEADS)), p)
