@@ -194,7 +194,7 @@ def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_co
     backend = loaded(on_cpu(), scene(plane(), precision="float32"), p)
     assert batch.bytes_of(backend.store) == 114 * len(p)
     blocks = backend.bytes_used() - batch.bytes_of(backend.store) - batch.bytes_of(backend.ground)
-    assert blocks / (64 * backend.index.occupied()) <= 100
+    assert blocks / (64 * backend.ledger().active_blocks) <= 100
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
