@@ -112,7 +112,7 @@ def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
         style = {"marker": "osD^vP*X"[k % 8], "color": f"C{k % 10}", "linestyle": ":" if k >= 10 else "-"}
         axes.loglog(x, e, markersize=5, linewidth=1.0, label=curve["variation"], **style)
         best = np.array([p["front"] for p in points])
-        if key == "cell" and curve["fit"] and curve["variation"] == "default":
+        if key == "cell" and curve["variation"] == "default" and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
             fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
             floor = f", floor {fit.floor:.1e}" if fit.floor else ""
             axes.loglog(fine, [fit.at(c) for c in fine], "--", color="0.4", label=f"order {fit.order:.2f}{floor}")
