@@ -7,6 +7,7 @@ import numpy as np
 
 from runout.backends.protocol import get_backend
 from runout.model.surface import Surface
+from runout.physics.heightfield import distance, upward_normal
 
 
 def node_contact() -> Any:
@@ -44,5 +45,5 @@ def _touch_nodes(engine: Any, stencils: Any, mass: np.ndarray, velocity: np.ndar
 def _gap(surface: Surface, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance (n,) [m] of places (n, 3) [m] from the ground, and its unit normals there (n, 3)."""
     elevation, east, north = surface.evaluate(x[:, 0], x[:, 1])
-    upright = 1.0 / np.sqrt(1.0 + east**2 + north**2)
-    return (x[:, 2] - elevation) * upright, np.column_stack([-east, -north, np.ones(len(x))]) * upright[:, None]
+    normal = np.array([upward_normal(*slopes) for slopes in zip(east, north, strict=True)]).reshape(-1, 3)
+    return distance(x[:, 2] - elevation, normal[:, 2]), normal

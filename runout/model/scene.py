@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -121,13 +122,13 @@ class Scene:
         """Part of its own velocity that a particle keeps [1]."""
         return self.flip_ratio if self.transfer == "aflip" else 0.0
 
-    @property
+    @cached_property
     def largest_cfl(self) -> float:
         """Courant number above which an isolated particle would gain energy, at most :data:`LARGEST_CFL`."""
         share = 1.0 if self.packed else 0.5
         return min(LARGEST_CFL, *(timestep.isolated_limit(m.lame_lambda, m.shear_modulus, share) for m in self.materials))
 
-    @property
+    @cached_property
     def wave_speed(self) -> float:
         """Largest speed of pressure waves [m/s]."""
         return max(m.wave_speed for m in self.materials)

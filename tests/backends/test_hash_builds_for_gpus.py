@@ -56,7 +56,8 @@ def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precisi
     assert len(wanted) > 20
 
 
-def test_deterministic_kernels_build_too(tmp_path):
-    for module, _lanes in kernels_of("drucker_prager", "float32", True).modules:
+@pytest.mark.parametrize(("law", "ordered", "zoned"), [("drucker_prager", True, True), ("granular_flow", False, False)])
+def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(law, ordered, zoned, tmp_path):
+    for module, _lanes in kernels_of(law, "float32", ordered, zoned).modules:
         paths = wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
         assert all(".version" in path.read_text()[:2000] for path in paths)
