@@ -201,7 +201,8 @@ def test_workers_tell_how_far_their_members_are(tmp_path, two_cores):
     early = [p for p in seen if p.finished == 0]
     assert early[0].remaining is None
     assert 0.2 < max(p.under_way for p in early) <= 2.0
-    assert all(p.remaining > 0 for p in early if p.under_way > 0.1)
+    told = [p for p in early if p.under_way > 0.1]
+    assert all(p.remaining == pytest.approx(p.seconds * (2 - p.under_way) / p.under_way) for p in told)
     assert [p.finished for p in seen][-1] == 2
 
 
