@@ -106,7 +106,7 @@ def expected_memory(
     host = PROGRAM + 2 * EXCHANGED * extent.particles + PER_MAP_CELL * map_cells
     device: Any = getattr(engine, "device", None)
     if device is not None and device.is_cuda:
-        return MemoryForecast(bytes_on_device(extent.particles, extent.nodes, precision), host, True)
+        return MemoryForecast(bytes_on_device(extent.particles, extent.nodes, precision, transfer, f_bar), host, True)
     backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
     return MemoryForecast(backend, host)
 

@@ -205,9 +205,10 @@ def bytes_on_host(
     return forecast.bytes_needed(particles, held, owners, nodes, precision, transfer, f_bar)  # type: ignore[no-any-return]
 
 
-def bytes_on_device(particles: int, blocks: int, precision: str) -> int:
+def bytes_on_device(particles: int, blocks: int, precision: str, transfer: str = "mls", f_bar: bool = False) -> int:
     """Memory [byte] that the hash backend takes for so many particles and blocks of nodes."""
-    return import_module("runout.backends.hash.backend").bytes_needed(particles, blocks, precision)  # type: ignore[no-any-return]
+    needed = import_module("runout.backends.hash.backend").bytes_needed
+    return needed(particles, blocks, precision, transfer=transfer, f_bar=f_bar)  # type: ignore[no-any-return]
 
 
 def find_device(wanted: str) -> str:

@@ -147,19 +147,11 @@ def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
             yield key, f"has no meaning with {'a raster' if raster else 'polygons'}", "remove it"
 
 
-def _text(value: str | bool) -> str:
-    return str(value).lower()
-
-
 def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
-    """A device that the backend does not run on, or a transfer that it does not have."""
+    """A device that the backend does not run on, or particles that it does not let sleep."""
     device, backend = given.get("device", "cpu"), given.get("backend", "scan")
     if given.get("sleep_speed", 0.0) and backend != "scan":
         yield "sleep_speed", f"{given['sleep_speed']} with backend {backend}, which has none of it", "set it to 0, or backend: scan"
-    if backend == "hash":
-        for key, plain in (("transfer", "mls"), ("f_bar", False)):
-            if given.get(key, plain) != plain:
-                yield key, f"{given[key]} with backend hash, which has none of it", f"set {key}: {_text(plain)}, or backend: scan"
     if device != "cpu" and backend != "hash":
         yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
 
@@ -299,7 +291,7 @@ class SimulationSettings(Settings):
     device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
     precision: Literal["float32", "float64"] = quantity("float32 or float64", "float32")
     transfer: Literal["mls", "apic", "aflip"] = quantity(
-        "between particles and grid: mls (fastest), apic (by gradients of the weights) or aflip (damps less); hash has mls alone",
+        "between particles and grid: mls (fastest), apic (by gradients of the weights) or aflip (damps less)",
         "mls",
     )
     flip_ratio: float = quantity("part of its own velocity that a particle keeps with aflip", 0.95, ge=0, le=1)

@@ -206,19 +206,16 @@ class Site:
         DeviceError
             If the device is not there; names what is there.
         ConfigError
-            If the site has a transfer that a GPU does not run.
+            If particles of the site may sleep, which no GPU has.
         """
         from runout.backends.protocol import find_device
 
         found, stated = find_device(device), self.settings.simulation
-        plain = {"transfer": "mls", "f_bar": False, "sleep_speed": 0.0}
-        needs_scan = [name for name, value in plain.items() if getattr(stated, name) != value]
-        if needs_scan and device == "auto":
+        if stated.sleep_speed and device == "auto":
             found = device = "cpu"
-        elif needs_scan and found != "cpu":
-            named = ", ".join(f"simulation.{name} {str(getattr(stated, name)).lower()}" for name in needs_scan)
-            changed = ", ".join(f"{name}: {str(plain[name]).lower()}" for name in needs_scan)
-            raise ConfigError(f"{named} runs on the CPU, not on {found}; leave --device out, or set {changed}")
+        elif stated.sleep_speed and found != "cpu":
+            named = f"simulation.sleep_speed {stated.sleep_speed}"
+            raise ConfigError(f"{named} runs on the CPU, not on {found}; leave --device out, or set sleep_speed: 0.0")
         place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
         backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
         simulation = stated.model_copy(update={"device": place, "backend": backend})

@@ -29,11 +29,9 @@ def pulled_apart(engine, gap, steps, way, alone=False):
 
 
 @every_transfer
-@pytest.mark.parametrize("name", ["reference", "scan"])
-def test_blocks_beyond_the_support_move_as_if_the_other_was_not_there(name, way):
+def test_blocks_beyond_the_support_move_as_if_the_other_was_not_there(backend, way):
     """Three cells between the nearest particles: no node is shared, and not a bit differs."""
-    engine = get_backend(name, threads=1)
-    (together, row), (alone, _) = (pulled_apart(engine, 3.0, 30, way, single) for single in (False, True))
+    (together, row), (alone, _) = (pulled_apart(backend, 3.0, 30, way, single) for single in (False, True))
     for field in ("node", "offset", "velocity", "strain", "history"):
         np.testing.assert_array_equal(getattr(together, field), getattr(alone, field), err_msg=field)
     assert together.mass @ together.velocity[:, 0] == pytest.approx(-SPEED * together.mass.sum(), rel=1e-14)

@@ -45,16 +45,16 @@ def test_auto_takes_the_gpus_and_else_the_cpu(ramp, gpus):
 def test_a_choice_that_no_gpu_has_stays_on_the_cpu_and_refuses_a_gpu_by_name(ramp, gpus):
     gpus("cuda:0")
     site = read_site(ramp)
-    simulation = site.settings.simulation
-    for choice, remedy in (({"transfer": "apic"}, "transfer: mls"), ({"sleep_speed": 0.1}, "sleep_speed: 0.0")):
-        settings = site.settings.model_copy(update={"simulation": simulation.model_copy(update=choice)})
-        other = replace(site, settings=settings)
-        assert other.on_device("auto").settings.simulation.device == "cpu"
-        stated = " ".join(map(str, *choice.items()))
-        with pytest.raises(
-            ConfigError, match=f"simulation.{stated} runs on the CPU, not on cuda:0; leave --device out, or set {remedy}"
-        ):
-            other.on_device("cuda:0")
+
+    def choosing(**choice):
+        simulation = site.settings.simulation.model_copy(update=choice)
+        return replace(site, settings=site.settings.model_copy(update={"simulation": simulation}))
+
+    assert choosing(sleep_speed=0.1).on_device("auto").settings.simulation.device == "cpu"
+    refused = "simulation.sleep_speed 0.1 runs on the CPU, not on cuda:0; leave --device out, or set sleep_speed: 0.0"
+    with pytest.raises(ConfigError, match=refused):
+        choosing(sleep_speed=0.1).on_device("cuda:0")
+    assert choosing(transfer="aflip", f_bar=True).on_device("cuda:0").settings.simulation.backend == "hash"
 
 
 def test_second_gpu_is_taken_by_name_and_a_third_refused(ramp, gpus):

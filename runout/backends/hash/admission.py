@@ -25,12 +25,9 @@ def extent(scene: Scene) -> np.ndarray:
 def require_alike(scenes: Sequence[Scene]) -> None:
     """ConfigError unless scenes can be stepped together, and by this backend."""
     for s in scenes:
-        if s.transfer != "mls" or s.f_bar:
-            choice = f"transfer {s.transfer!r}" if s.transfer != "mls" else "f_bar"
-            raise ConfigError(f"{choice} runs on scan and reference, not on hash; set backend to scan, or leave it out")
         if s.sleep_speed:
             raise ConfigError("sleep_speed works on scan, not on hash; set backend to scan, or leave it out")
-    for name in ("spacing", "gravity", "precision", "contact_band"):
+    for name in ("spacing", "gravity", "precision", "contact_band", "transfer", "f_bar"):
         values = {getattr(s, name) for s in scenes}
         if len(values) > 1:
             raise ConfigError(f"scenes that run in one batch must share {name}; these have {sorted(values)}")

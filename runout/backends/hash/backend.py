@@ -72,17 +72,25 @@ class HashBackend(Batch):
 
 
 def bytes_needed(
-    particles: int, blocks: int, precision: str = "float32", deterministic: bool = False, near: int | None = None
+    particles: int,
+    blocks: int,
+    precision: str = "float32",
+    deterministic: bool = False,
+    near: int | None = None,
+    transfer: str = "mls",
+    f_bar: bool = False,
 ) -> int:
     """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them with impulses of the ground.
 
-    Without ``near``, three quarters of the blocks: a flow a few blocks thick.
+    Without ``near``, three quarters of the blocks: a flow a few blocks thick. ``transfer`` and ``f_bar`` as of
+    :class:`runout.model.scene.Scene`; of aflip one that keeps something.
     """
     number = 4 if precision == "float32" else 8
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
-    particle = (ROWS + 1) * number + 14  # rows, radius; release, number, key, order
-    grid = 4 * number * max(64 * room_for(blocks), particles // 4)
+    particle = (ROWS + 1 + 6 * (transfer != "mls")) * number + 14  # rows, radius, stress; release, number, key, order
+    nodes = 64 * room_for(blocks)
+    grid = 4 * number * (max((1 + (transfer == "aflip")) * nodes, particles // 4) + nodes * (f_bar and not deterministic))
     block = 504 + deterministic * (TILE * 4 * number + 36)
     contact = room_for(near) * 64 * 4 * number + room_for(near // 2) * 36 * number  # half of these blocks lie above the others
     return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from runout.backends.hash import looks, sort
+from runout.backends.hash import clock, general, looks, sort
 from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, require_alike, require_finite
 from runout.backends.hash.board import Board
 from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import GAP, Index
 from runout.backends.hash.kernels import compiled_kernels
-from runout.backends.hash.layout import CELL_LANES, FAILED, PENDING, STEPS, UNSTABLE, WARP, bytes_of, run, run_blocks
+from runout.backends.hash.layout import CELL_LANES, CLOCK, FAILED, PENDING, STEPS, UNSTABLE, WARP, bytes_of, run, run_blocks
 from runout.backends.hash.nodes import NodeArrays
 from runout.backends.hash.store import Store
 from runout.backends.hash.zones import Zones
@@ -77,7 +77,8 @@ class Batch:
             require_finite(particles, scene)
         self.accounts = [Account(len(p), float(p.mass.sum()), fastest(p)) for _, p in scenes]
         zoned = any(x.friction_zones for x in self.scenes)
-        self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic, zoned)
+        also = zoned, general.is_general(self.scene)
+        self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic, *also)
         self.since_sort, self.sorting = 0, False
         self.told: np.ndarray | None = None  # sums of the present state, once somebody has asked
         self.seen: dict[int, Columns] = {}  # the same by column
@@ -125,14 +126,14 @@ class Batch:
         self.peaks.assign(np.array([*(a.max_speed**2 for a in self.accounts), 0.0], s.dtype))
         self.left, self.report = wp.zeros(n, dtype=wp.int32), looks.Report(n, self.device.is_cuda)
         self.steps_of, self.packed = (wp.zeros(n, dtype=self.real) for _ in range(2))
-        self.clock = wp.zeros((n, 5), dtype=self.real)
+        self.clock = wp.zeros((n, CLOCK), dtype=self.real)
         self.band = self.real(s.contact_band * min(s.spacing))
 
     def _load_particles(self, given: list[Particles]) -> None:
         """Find the blocks of the particles, and bring their arrays to the device in the order of the cells."""
         self.largest = max((float(p.radius.max(initial=0.0)) for p in given), default=0.0)
         self._load_ground()
-        self.store = s = Store(len(self.identity), self.real)
+        self.store = s = Store(len(self.identity), self.real, not self.scene.packed)
         self.index = Index(self.k, self.board, s.size, self.deterministic, len(self.scenes), self.rows)
         self.nodes = self.node_arrays()
         if not s.size:
@@ -158,7 +159,8 @@ class Batch:
 
     def node_arrays(self) -> NodeArrays:
         """New arrays by block for the present index."""
-        return NodeArrays(self.index.room, self.store.size, self.real, self.deterministic)
+        kept, averaged = any(s.keeps for s in self.scenes), self.scene.f_bar
+        return NodeArrays(self.index.room, self.store.size, self.real, self.deterministic, kept, averaged)
 
     def _margin(self) -> int:
         """Cells around a particle whose blocks are there: more where it may move far before the next sort."""
@@ -194,7 +196,7 @@ class Batch:
         self._require_stable(dt, count)
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
-            self._set_clock(np.asarray(dt, float), left)
+            clock.set_steps(self, np.asarray(dt, float), left)
             given = np.zeros_like(left)
             while left.max() > 0 and self.store.n > 0:
                 if self.since_sort >= self._steps_per_sort(left):
@@ -221,31 +223,6 @@ class Batch:
         moves = [a.packed_dt * a.max_speed for a, n in zip(self.accounts, left, strict=True) if n > 0]
         cells = max(moves) / min(self.scene.spacing)
         return STEPS_PER_SORT if cells * STEPS_PER_SORT <= 1 else max(FEWEST, int(1 / cells))
-
-    def _set_clock(self, dt: np.ndarray, left: np.ndarray) -> None:
-        before = np.array([a.packed_dt for a in self.accounts])
-        now = np.where(left > 0, dt, before)
-        if np.array_equal(before, now):
-            return
-        i, s = self.index, self.store
-        longer = wp.array(now - before, dtype=self.real)
-        run(self.k.change_step, s.n, s.rec, s.key, s.release, i.member, self.mats, longer, self.h)
-        for account, step in zip(self.accounts, now, strict=True):
-            account.packed_dt = float(step)
-        self._write_clock(now)
-
-    def _write_clock(self, now: np.ndarray) -> None:
-        """Time steps [s] of the scenes to the device."""
-        kinds = self.scene.dtype
-        self.steps_of.assign(now.astype(kinds))
-        self.packed.assign(now.astype(kinds))
-        clock = np.zeros((len(now), 5))
-        clock[:, 1:4] = now[:, None] * np.array(self.scene.gravity)
-        self.clock.assign(clock.astype(kinds))
-        if self.scene.law.depends_on_rate:
-            for step, first, last in zip(now, self.first_release[:-1], self.first_release[1:], strict=True):
-                self.scene.law.set_step(self.table[first:last], step)
-            wp.copy(self.mats, wp.array(self.table, dtype=self.k.record))
 
     def _batch(self, count: int, left: np.ndarray) -> int:
         """Up to ``count`` steps without a look at the device; returns how many were done."""
@@ -307,7 +284,9 @@ class Batch:
         """Launches of one step."""
         self._begin()
         self._to_grid()
+        general.push(self)
         self._move_nodes()
+        general.average(self)
         self._to_particles()
         self._list_cells()
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
+from runout.backends.hash import clock
 from runout.backends.hash.index import Index
 from runout.backends.hash.store import Store
 from runout.backends.state import State, arrays_of, part, put_arrays
@@ -51,9 +52,9 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
     with wp.ScopedDevice(engine.device):
         engine.peaks.assign(state["peaks"])
         engine.report.kept.assign(state["kept"])
-        engine._write_clock(np.array([engine.accounts[0].packed_dt]))
+        clock.write(engine, np.array([engine.accounts[0].packed_dt]))
         engine._load_ground()
-        engine.store = _store(state, engine.real)
+        engine.store = _store(state, engine.real, not scene.packed)
         engine.index = _index(engine, state)
         engine.nodes = engine.node_arrays()
         engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]), exactly=True)
@@ -62,9 +63,9 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
             _fill(getattr(engine.nodes, name), state[f"nodes.{name}"])
 
 
-def _store(state: State, number: Any) -> Store:
+def _store(state: State, number: Any, stressed: bool) -> Store:
     rec = state["rec"]
-    store = Store(rec.shape[1], number)
+    store = Store(rec.shape[1], number, stressed)
     store.rec.assign(np.ascontiguousarray(rec))
     for name in BY_PARTICLE:
         _fill(getattr(store, name), state[f"store.{name}"])

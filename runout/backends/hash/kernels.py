@@ -8,17 +8,21 @@ import warp as wp
 
 from runout.backends.compile import warp_binding, warp_kernels, warp_record
 from runout.backends.hash import cells as cell_lists
-from runout.backends.hash import contact, ground, index, motion, observe, stencil, transfer, zones
+from runout.backends.hash import contact, deform, forces, gradients, ground, index, motion, observe, stencil, transfer, zones
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import LAWS
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
 WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
+# what a general scene has of its own: kernels that differ from those of the packed form, and those that it needs besides
+GENERAL_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
+GENERAL_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
 
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
 # blocks of threads that share a multiprocessor in single precision, which bounds the registers of each thread: 128 and 168
 FLOAT32_BLOCKS = {"grid_to_particles": 8, "particles_to_grid": 6}
+GENERAL_BLOCKS = {"grid_to_particles": 6, "add_forces": 6}
 
 # Neighbours in a warp mostly enter the same cell: one atomic serves them all.
 COUNT_IN = """
@@ -147,6 +151,7 @@ def _argument_types(real: Any, record: Any) -> dict[str, Any]:
         "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16), "Doubles": wp.array(dtype=wp.float64),
         "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64), "Materials": wp.array(dtype=record),
         "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real), "sums3": wp.types.matrix(shape=(9, 3), dtype=real),
+        "sums27": wp.types.matrix(shape=(27, 3), dtype=real), "sums2": wp.types.matrix(shape=(27, 2), dtype=real),
         "sums1": wp.types.vector(length=27, dtype=real), "double4": wp.vec4d,
         "double7": wp.types.vector(length=7, dtype=wp.float64),
     }  # fmt: skip
@@ -155,25 +160,13 @@ def _argument_types(real: Any, record: Any) -> dict[str, Any]:
 _physics = cache(warp_binding)
 
 
-@cache
-def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = False) -> SimpleNamespace:
-    """Kernels for a law and a number type; ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction.
-
-    ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart from the others,
-    because warp compiles a module for every number of lanes.
-    """
+def _bound(law: str, precision: str, sources: tuple[Any, ...], module_of: Any, **flags: bool) -> SimpleNamespace:
+    """Kernels of source modules for a law and a number type."""
     real = wp.float32 if precision == "float32" else wp.float64
     physics, wide = _physics(real), _physics(wp.float64)
     record = warp_record(law, LAWS[law].fields, real)
-    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
-    cells, warps, others = (wp.get_module(f"{name}{part}") for part in (".cells", ".warps", ""))
-    for module in (cells, warps, others):
-        module.options.update(OPTIONS)
-    warps.options["fast_math"] = True  # divisions and roots of contact to the last bit but one: a fifth of its time
     kernels = warp_kernels(
-        physics, (stencil, index, cell_lists, zones, contact, transfer, motion, ground, observe),
-        lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
-        **_argument_types(real, record), ORDERED=ordered, ZONED=zoned,
+        physics, sources, module_of, **_argument_types(real, record), **flags,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
         count_in=count_in, next_in=next_in, add_marks=add_marks,
         add_node=add_node32 if precision == "float32" else add_node64,
@@ -183,8 +176,57 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
         quasi_interpolant64=wide.heightfield.quasi_interpolant, gradient_column64=wide.moments.gradient_column,
         kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
     )  # fmt: skip
-    if precision == "float32":
-        for kernel, blocks in FLOAT32_BLOCKS.items():
-            getattr(kernels, kernel).options["launch_bounds"] = (CELL_LANES, blocks)
-    kernels.record, kernels.modules = record, ((cells, CELL_LANES), (warps, WARP), (others, PARTICLE_LANES))
+    kernels.record = record
     return kernels
+
+
+def _module(name: str) -> Any:
+    module = wp.get_module(name)
+    module.options.update(OPTIONS)
+    return module
+
+
+def _share_multiprocessor(kernels: SimpleNamespace, precision: str, blocks: dict[str, int]) -> None:
+    """Bound the registers of kernels in single precision, so that so many blocks of threads fit."""
+    if precision == "float32":
+        for kernel, number in blocks.items():
+            getattr(kernels, kernel).options["launch_bounds"] = (CELL_LANES, number)
+
+
+@cache
+def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = False, general: bool = False) -> SimpleNamespace:
+    """Kernels for a law and a number type.
+
+    ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``general``: a transfer other than the packed
+    one, or F-bar. ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart from the
+    others, because warp compiles a module for every number of lanes.
+    """
+    if general:
+        plain, own = compiled_kernels(law, precision, ordered, zoned), _general_kernels(law, precision, ordered)
+        return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
+    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
+    cells, warps, others = (_module(f"{name}{part}") for part in (".cells", ".warps", ""))
+    warps.options["fast_math"] = True  # divisions and roots of contact to the last bit but one: a fifth of its time
+    kernels = _bound(
+        law, precision, (stencil, index, cell_lists, zones, contact, transfer, deform, motion, ground, observe),
+        lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
+        ORDERED=ordered, ZONED=zoned,
+    )  # fmt: skip
+    _share_multiprocessor(kernels, precision, FLOAT32_BLOCKS)
+    kernels.modules = ((cells, CELL_LANES), (warps, WARP), (others, PARTICLE_LANES))
+    return kernels
+
+
+@cache
+def _general_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace:
+    """What a general scene takes in the place of kernels of the packed form or besides; the rest of these is not compiled again."""
+    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".general"
+    cells, others, unused = (_module(f"{name}{part}") for part in (".cells", "", ".unused"))
+    kernels = _bound(
+        law, precision, (stencil, zones, contact, deform, gradients, forces, motion),
+        lambda kernel: cells if kernel in GENERAL_CELL_KERNELS else others if kernel in GENERAL_KERNELS else unused,
+        ORDERED=ordered, GENERAL=True, COUNTED_AT_ONCE=False,
+    )  # fmt: skip
+    _share_multiprocessor(kernels, precision, GENERAL_BLOCKS)
+    own = {kernel: getattr(kernels, kernel) for kernel in (*GENERAL_CELL_KERNELS, *GENERAL_KERNELS)}
+    return SimpleNamespace(**own, modules=((cells, CELL_LANES), (others, PARTICLE_LANES)))

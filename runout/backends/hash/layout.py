@@ -33,10 +33,12 @@ Longs: TypeAlias = Any
 Materials: TypeAlias = Any
 Tile: TypeAlias = Any
 
-# vectors of the compiler that the binding puts in their place: four numbers of a node, of 27 nodes, of nine; one of 27
+# vectors of the compiler that the binding puts in their place: four numbers of a node, of 27 nodes; three of nine, of 27; two of 27
 node4: Any = None
 sums4: Any = None
 sums3: Any = None
+sums27: Any = None
+sums2: Any = None
 sums1: Any = None
 double4: Any = None
 double7: Any = None
@@ -44,6 +46,9 @@ add_node: Any = None  # adds four numbers to a node
 
 ORDERED = False  # sums in fixed order; the binding decides
 ZONED = False  # friction zones on the ground; the binding decides
+GENERAL = False  # transfer apic or aflip, or F-bar; the binding decides
+COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by their negation
+KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what a general scene does; numbers in all
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
 PADDED = 256  # trips of a loop that every lane of a block runs alike

@@ -6,19 +6,21 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.hash.deform import _deform, _slopes
+from runout.backends.hash.gradients import _deform_by_rates, _load_given
 from runout.backends.hash.layout import (
     ACTIVE,
-    AFFINE,
+    BY_SLOPES,
     CURSOR,
     FAILED,
+    GENERAL,
     GONE,
     GROW,
     HALT,
-    HISTORY,
     HOMES,
+    KEPT,
     LEFT_INDEX,
     MASS,
-    MOMENTUM,
     NEXT,
     NOT_NEGATIVE,
     OFFSET,
@@ -28,7 +30,6 @@ from runout.backends.hash.layout import (
     STRAIN,
     TOUCHED,
     UNSTABLE,
-    VOLUME,
     WIDE_TILE,
     WIDE_X,
     WIDE_Y,
@@ -41,18 +42,13 @@ from runout.backends.hash.layout import (
     Rows,
     Shorts,
     Table2,
-    Tile,
     Vector,
     node4,
 )
-from runout.backends.hash.stencil import _arms, _cell_entry, _load_wide
+from runout.backends.hash.stencil import _cell_entry, _load_wide
 from runout.physics.blocks import local_index
-from runout.physics.bspline import weights
 from runout.physics.contact import reach
-from runout.physics.elastic import kirchhoff_stress
-from runout.physics.elastic import update as law_update
-from runout.physics.moments import affine_columns, moment_slope, stress_columns, velocity_gradient
-from runout.physics.tensors import dot, real, sym, vec
+from runout.physics.tensors import dot, real, vec
 
 SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
 count_in: Any = None  # adds one to a count; the binding puts it in its place
@@ -65,7 +61,8 @@ def begin_step(
 ):
     """Open a step, unless the last one asked to halt; a thread a scene. A scene without steps left has time step 0.
 
-    Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m].
+    Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m]; and
+    what a general scene does, see :func:`runout.backends.hash.general.choices`.
     """
     s = wp.tid()
     if flags[HALT] == GROW:
@@ -89,69 +86,12 @@ def begin_step(
         contacts[s] = 0
 
 
-def _strain_of(rec: Rows, p: int):
-    return sym(rec[STRAIN, p], rec[STRAIN + 1, p], rec[STRAIN + 2, p], rec[STRAIN + 3, p], rec[STRAIN + 4, p], rec[STRAIN + 5, p])
-
-
-def _slopes(dt: Any, h: Vector):
-    return vec(moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2]))
-
-
-def _store(rec: Rows, p: int, m: Any, v: Vector, affine: Any, packed: Any, B: Any, history: Any):
-    """Write the next record of a particle, except for its place."""
-    for d in range(3):
-        rec[MOMENTUM + d, p] = m * v[d]
-        rec[AFFINE + d, p] = affine[d] + packed[d]
-        rec[AFFINE + 3 + d, p] = affine[3 + d] + packed[3 + d]
-        rec[AFFINE + 6 + d, p] = affine[6 + d] + packed[6 + d]
-        rec[STRAIN + d, p] = B[d]
-        rec[STRAIN + 3 + d, p] = B[3 + d]
-    rec[HISTORY, p] = history
-
-
 def _inside(node: int, f: Any, last: int, limit: wp.float64):
     """Whether a coordinate lies in the domain, 0 <= node + f <= limit [cells]; surely so from node 0 to ``last``."""
     if node >= 0 and node <= last:
         return True
     q = wp.float64(node) + wp.float64(f)
     return q >= wp.float64(0.0) and q <= limit
-
-
-def _gather(f: Any, tile: Tile, first: int):
-    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``.
-
-    Weights and arms are products over the axes: summed axis by axis.
-    """
-    wx = weights(f[0])
-    wy = weights(f[1])
-    wz = weights(f[2])
-    dx = _arms(f[0])
-    dy = _arms(f[1])
-    dz = _arms(f[2])
-    v = vec(real(0.0), real(0.0), real(0.0))
-    x = vec(real(0.0), real(0.0), real(0.0))
-    y = vec(real(0.0), real(0.0), real(0.0))
-    z = vec(real(0.0), real(0.0), real(0.0))
-    for i in range(3):
-        si = vec(real(0.0), real(0.0), real(0.0))
-        yi = vec(real(0.0), real(0.0), real(0.0))
-        zi = vec(real(0.0), real(0.0), real(0.0))
-        for j in range(3):
-            s = vec(real(0.0), real(0.0), real(0.0))
-            r = vec(real(0.0), real(0.0), real(0.0))
-            for k in range(3):
-                g = tile[first + i * WIDE_X + j * WIDE_Y + k]
-                u = vec(g[0], g[1], g[2])
-                s += wz[k] * u
-                r += (wz[k] * dz[k]) * u
-            si += wy[j] * s
-            yi += (wy[j] * dy[j]) * s
-            zi += wy[j] * r
-        v += wx[i] * si
-        x += (wx[i] * dx[i]) * si
-        y += wx[i] * yi
-        z += wx[i] * zi
-    return v, x, y, z
 
 
 def _place_around(x: int, y: int, z: int):
@@ -232,23 +172,6 @@ def _keep(new: int, k: int, flags: Ints, tally: Ints):
     return new
 
 
-def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):
-    """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J].
-
-    All of it is read before anything is written, so that the loads are under way together.
-    """
-    m = rec[MASS, p] * real(1.0)
-    volume = rec[VOLUME, p] * real(1.0)
-    history = rec[HISTORY, p] * real(1.0)
-    B = _strain_of(rec, p)
-    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-    v, x, y, z = _gather(f, tile, first)
-    B, log, history, work = law_update(B, velocity_gradient(x, y, z, slopes), history, mat)
-    packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
-    _store(rec, p, m, v, affine_columns(m, x, y, z), packed, B, history)
-    return f, v, work * volume
-
-
 def _call_up(rec: Rows, p: int, lane: int, last: int):
     """Ask for what will be read of the 32 particles from place ``p`` on: four sectors of twelve rows, by the lanes of a warp."""
     for turn in range(2):
@@ -295,6 +218,11 @@ def grid_to_particles(
         tile = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
         _load_wide(tile, grid, around, b, lane)
         slopes = _slopes(dt, h)
+        if GENERAL:
+            slopes = _slopes(dt * (real(1.0) - clock[scene, BY_SLOPES]), h)
+            seen = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
+            if clock[scene, KEPT] > real(0.0):
+                _load_given(seen, grid, around, b, lane)
         rates = _rates(dt, h)
         bx = int(coordinates[b, 0])
         by = int(coordinates[b, 1])
@@ -317,9 +245,14 @@ def grid_to_particles(
                     i, j, n = _cell_from_home(k, b, bx, by, bz, coordinates)
                     mat = mats[int(release[p])]
                     corner = ((i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1) & PLACES
-                    f, v, work = _deform(rec, p, tile, corner, mat, slopes)
-                    lost += wp.float64(work)
-                    fastest = wp.max(fastest, dot(v, v))
+                    if GENERAL:
+                        f, v, own, work = _deform_by_rates(rec, p, tile, seen, corner, mat, slopes, rates, clock, scene)
+                        lost += wp.float64(work)
+                        fastest = wp.max(fastest, dot(own, own))
+                    else:
+                        f, v, work = _deform(rec, p, tile, corner, mat, slopes)
+                        lost += wp.float64(work)
+                        fastest = wp.max(fastest, dot(v, v))
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
                     if _is_sound(moves, scene, shift.shape[0], flags, peaks):
                         f = f + moves

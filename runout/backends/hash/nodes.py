@@ -15,7 +15,10 @@ class NodeArrays:
     Attributes
     ----------
     grid : (64 room,) four numbers
-        Mass [kg] and momentum [kg m/s]; longer if it takes more to hold a number for each particle, see :meth:`scratch`.
+        Mass [kg] and momentum [kg m/s]; longer if it takes more to hold a number for each particle, see :meth:`scratch`. With
+        ``kept`` as much again: mass and velocity that the particles alone gave.
+    dilated : (64 room,) four numbers
+        Volume and volume times dilatation of each node while they are summed, with ``averaged``; else empty.
     grounded : (room,) int32
         Place of a block in ``contact``, -1 for one that is not near the ground.
     contact : (64 slots,) four numbers
@@ -32,10 +35,11 @@ class NodeArrays:
         Plastic dissipation and work of the ground [J], impulse of the ground [N s].
     """
 
-    def __init__(self, room: int, particles: int, number: Any, ordered: bool):
-        self.number, self.generation, self.slots, self.places = number, 0, -1, -1
+    def __init__(self, room: int, particles: int, number: Any, ordered: bool, kept: bool = False, averaged: bool = False):
+        self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
         self.vec4 = wp.types.vector(length=4, dtype=number)
-        self.grid = wp.zeros(max(room * 64, (particles + 3) // 4), dtype=self.vec4)
+        self.grid = wp.zeros(max((1 + kept) * room * 64, (particles + 3) // 4), dtype=self.vec4)
+        self.dilated = wp.zeros(room * 64 * (averaged and not ordered), dtype=self.vec4)
         self.arenas = wp.zeros(room * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(room * ordered, dtype=wp.int32)
         self.grounded = wp.full(room, -1, dtype=wp.int32)

@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.hash.deform import _slopes, _strain_of
 from runout.backends.hash.layout import (
     AFFINE,
     BLOCKS,
@@ -27,7 +28,6 @@ from runout.backends.hash.layout import (
     Vector,
     double7,
 )
-from runout.backends.hash.motion import _slopes, _strain_of
 from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
 from runout.physics.moments import gradient_column as gradient_column64
 from runout.physics.moments import kinetic_energy as kinetic_energy64

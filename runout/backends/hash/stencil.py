@@ -9,6 +9,8 @@ import warp as wp
 from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
+    COUNTED_AT_ONCE,
+    GENERAL,
     HALT,
     PADDED,
     TILE,
@@ -91,10 +93,15 @@ def _wide_block(around: Table2, b: int, t: int):
 
 
 def _wide_node(grid: Nodes, o: int, t: int):
-    """Velocity of node ``t`` of the 8 x 8 x 8 around a block; ``o`` is the block that it belongs to, -1 if there is none."""
+    """Velocity of node ``t`` of the 8 x 8 x 8 around a block; ``o`` is the block that it belongs to, -1 if there is none.
+
+    In a general scene the first number of the node comes last: its mean dilatation by then.
+    """
     g = node4()
     if o >= 0:
         g = grid[o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3))]
+    if GENERAL:
+        return node4(g[1], g[2], g[3], g[0])
     return node4(g[1], g[2], g[3], real(0.0))
 
 
@@ -139,13 +146,14 @@ def update_nodes(
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground.
 
-    The cells are counted anew from here on.
+    The cells are counted anew from here on, unless F-bar still needs their lists.
     """
     t = wp.tid()
     b = t >> 6
     if flags[HALT] != 0 or b >= tally[BLOCKS]:
         return
-    ends[_cell_entry(t)] = 0
+    if COUNTED_AT_ONCE:
+        ends[_cell_entry(t)] = 0
     g = grid[t]
     if g[0] > real(0.0):
         s = member[b]

@@ -44,6 +44,8 @@ class Store:
         radius to the place at the other end.
     release : (size,) int16
         ``differ`` tells whether there is more than one.
+    stress : (6, size)
+        Kirchhoff stress [Pa] while nodes take it, if the store is ``stressed``: with transfers whose records hold none.
     number : (size,) int32
         Place in the particles as they were loaded.
     key : (size,) int32
@@ -52,12 +54,13 @@ class Store:
         Places of the particles, cell by cell; those in contact come first in their cell, as -1 - place.
     """
 
-    def __init__(self, size: int, number: Any):
+    def __init__(self, size: int, number: Any, stressed: bool = False):
         self.size = self.n = size
         self.differ = True
         self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self._take_turn(0)
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
+        self.stress = wp.zeros((6, size * stressed), dtype=number)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
 
     def fill(self, p: Particles, spacing: tuple[float, float, float], dtype: Any) -> None:

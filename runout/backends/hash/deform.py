@@ -1,0 +1,100 @@
+"""What a step makes of a particle: velocity and its first moments from the nodes, the law, and the next record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from runout.backends.hash.layout import (
+    AFFINE,
+    HISTORY,
+    MASS,
+    MOMENTUM,
+    OFFSET,
+    STRAIN,
+    VOLUME,
+    WIDE_X,
+    WIDE_Y,
+    Rows,
+    Tile,
+    Vector,
+)
+from runout.backends.hash.stencil import _arms
+from runout.physics.bspline import weights
+from runout.physics.elastic import kirchhoff_stress
+from runout.physics.elastic import update as law_update
+from runout.physics.moments import affine_columns, moment_slope, stress_columns, velocity_gradient
+from runout.physics.tensors import real, sym, vec
+
+
+def _strain_of(rec: Rows, p: int):
+    return sym(rec[STRAIN, p], rec[STRAIN + 1, p], rec[STRAIN + 2, p], rec[STRAIN + 3, p], rec[STRAIN + 4, p], rec[STRAIN + 5, p])
+
+
+def _slopes(dt: Any, h: Vector):
+    return vec(moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2]))
+
+
+def _store(rec: Rows, p: int, m: Any, v: Vector, affine: Any, packed: Any, B: Any, history: Any):
+    """Write the next record of a particle, except for its place."""
+    for d in range(3):
+        rec[MOMENTUM + d, p] = m * v[d]
+        rec[AFFINE + d, p] = affine[d] + packed[d]
+        rec[AFFINE + 3 + d, p] = affine[3 + d] + packed[3 + d]
+        rec[AFFINE + 6 + d, p] = affine[6 + d] + packed[6 + d]
+        rec[STRAIN + d, p] = B[d]
+        rec[STRAIN + 3 + d, p] = B[3 + d]
+    rec[HISTORY, p] = history
+
+
+def _gather(f: Any, tile: Tile, first: int):
+    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``.
+
+    Weights and arms are products over the axes: summed axis by axis.
+    """
+    wx = weights(f[0])
+    wy = weights(f[1])
+    wz = weights(f[2])
+    dx = _arms(f[0])
+    dy = _arms(f[1])
+    dz = _arms(f[2])
+    v = vec(real(0.0), real(0.0), real(0.0))
+    x = vec(real(0.0), real(0.0), real(0.0))
+    y = vec(real(0.0), real(0.0), real(0.0))
+    z = vec(real(0.0), real(0.0), real(0.0))
+    for i in range(3):
+        si = vec(real(0.0), real(0.0), real(0.0))
+        yi = vec(real(0.0), real(0.0), real(0.0))
+        zi = vec(real(0.0), real(0.0), real(0.0))
+        for j in range(3):
+            s = vec(real(0.0), real(0.0), real(0.0))
+            r = vec(real(0.0), real(0.0), real(0.0))
+            for k in range(3):
+                g = tile[first + i * WIDE_X + j * WIDE_Y + k]
+                u = vec(g[0], g[1], g[2])
+                s += wz[k] * u
+                r += (wz[k] * dz[k]) * u
+            si += wy[j] * s
+            yi += (wy[j] * dy[j]) * s
+            zi += wy[j] * r
+        v += wx[i] * si
+        x += (wx[i] * dx[i]) * si
+        y += wx[i] * yi
+        z += wx[i] * zi
+    return v, x, y, z
+
+
+def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):
+    """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J].
+
+    All of it is read before anything is written, so that the loads are under way together.
+    """
+    m = rec[MASS, p] * real(1.0)
+    volume = rec[VOLUME, p] * real(1.0)
+    history = rec[HISTORY, p] * real(1.0)
+    B = _strain_of(rec, p)
+    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+    v, x, y, z = _gather(f, tile, first)
+    B, log, history, work = law_update(B, velocity_gradient(x, y, z, slopes), history, mat)
+    packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
+    _store(rec, p, m, v, affine_columns(m, x, y, z), packed, B, history)
+    return f, v, work * volume

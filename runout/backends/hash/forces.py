@@ -1,0 +1,124 @@
+"""Internal forces by the gradients of the weights, added to the nodes that hold mass and momentum (transfers apic and aflip)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.contact import _listed
+from runout.backends.hash.deform import _strain_of
+from runout.backends.hash.gradients import _cells
+from runout.backends.hash.layout import (
+    ACTIVE,
+    BLOCKS,
+    CELL_LANES,
+    HALT,
+    NOT_NEGATIVE,
+    OFFSET,
+    ORDERED,
+    TILE,
+    VOLUME,
+    Ints,
+    Materials,
+    Nodes,
+    Rows,
+    Shorts,
+    Table2,
+    Vector,
+    add_node,
+    node4,
+    sums27,
+)
+from runout.backends.hash.stencil import _first_node, _node, _sum_arenas
+from runout.physics.bspline import weight_slopes, weights
+from runout.physics.elastic import kirchhoff_stress, log_strain
+from runout.physics.moments import node_velocity, stress_columns
+from runout.physics.tensors import real, sym, vec
+
+
+def note_given(flags: Ints, tally: Ints, room: int, grid: Nodes):
+    """Velocity [m/s] that the particles gave to each node, before any force, behind the nodes of all ``room`` blocks."""
+    t = wp.tid()
+    if flags[HALT] != 0 or (t >> 6) >= tally[BLOCKS]:
+        return
+    g = grid[t]
+    given = node4()
+    if g[0] > real(0.0):
+        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(real(0.0), real(0.0), real(0.0)))
+        given = node4(g[0], v[0], v[1], v[2])
+    grid[t + 64 * room] = given
+
+
+def take_stresses(flags: Ints, rec: Rows, key: Ints, release: Shorts, mats: Materials, stress: Rows):
+    """Kirchhoff stress [Pa] of every particle, from its strain."""
+    p = wp.tid()
+    if flags[HALT] != 0 or key[p] < 0:
+        return
+    tau = kirchhoff_stress(log_strain(_strain_of(rec, p)), mats[int(release[p])])
+    for k in range(6):
+        stress[k, p] = tau[k]
+
+
+def _sum_forces(rec: Rows, stress: Rows, order: Ints, first: int, last: int, cells: Any):
+    """Impulses [N s] of the internal forces of the particles at some places of the list on the 27 nodes of their cell."""
+    acc = sums27()
+    for t in range(first, last):
+        p = _listed(order, t) & NOT_NEGATIVE
+        wx = weights(rec[OFFSET, p])
+        wy = weights(rec[OFFSET + 1, p])
+        wz = weights(rec[OFFSET + 2, p])
+        dx = weight_slopes(rec[OFFSET, p])
+        dy = weight_slopes(rec[OFFSET + 1, p])
+        dz = weight_slopes(rec[OFFSET + 2, p])
+        tau = sym(stress[0, p], stress[1, p], stress[2, p], stress[3, p], stress[4, p], stress[5, p])
+        a = stress_columns(tau, rec[VOLUME, p], cells)
+        ax = vec(a[0], a[1], a[2])
+        ay = vec(a[3], a[4], a[5])
+        az = vec(a[6], a[7], a[8])
+        for i in range(3):
+            for j in range(3):
+                plan = (dx[i] * wy[j]) * ax + (wx[i] * dy[j]) * ay
+                wij = wx[i] * wy[j]
+                for k in range(3):
+                    s = wz[k] * plan + (wij * dz[k]) * az
+                    for d in range(3):
+                        acc[(i * 3 + j) * 3 + k, d] += s[d]
+    return acc
+
+
+def add_forces(
+    rec: Rows, stress: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
+    clock: Rows, h: Vector, grid: Nodes, arenas: Nodes, launched: int,
+):  # fmt: skip
+    """Impulses of the internal forces to the nodes. In fixed order, each block only fills its own arena."""
+    begin, lane = wp.tid()
+    if flags[HALT] != 0:
+        return
+    for a in range(begin, tally[ACTIVE], launched):
+        b = active[a]
+        dt = clock[member[b], 0]
+        if dt > real(0.0):
+            tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+            for c in range(lane, CELL_LANES, wp.block_dim()):
+                acc = _sum_forces(rec, stress, order, cstart[b, c], cstart[b, c + 1], _cells(dt, h))
+                first = _first_node(c)
+                for i in range(3):
+                    for j in range(3):
+                        for k in range(3):
+                            n = (i * 3 + j) * 3 + k
+                            g = node4(real(0.0), acc[n, 0], acc[n, 1], acc[n, 2])
+                            wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
+            for t in range(lane, TILE, wp.block_dim()):
+                g = tile[t]
+                if ORDERED:
+                    arenas[b * TILE + t] = g
+                elif g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
+                    add_node(grid, _node(up, b, t), g)
+
+
+def add_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes):
+    """Add the sums of the arenas to every node, in fixed order."""
+    t = wp.tid()
+    if flags[HALT] == 0:
+        grid[t] = grid[t] + _sum_arenas(arenas, held, down, t)

@@ -1,0 +1,266 @@
+"""What a step of a general scene makes of a particle: gradients of the weights, mean dilatations, and the motion that it keeps.
+
+Such a scene has transfer apic or aflip, or F-bar. Its clock tells which: a factor of zero stands for what it does without.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.contact import _listed
+from runout.backends.hash.deform import _gather, _store, _strain_of
+from runout.backends.hash.layout import (
+    ACTIVE,
+    AFFINE,
+    AVERAGED,
+    BLOCKS,
+    BY_SLOPES,
+    CELL_LANES,
+    HALT,
+    HISTORY,
+    KEPT,
+    MASS,
+    MOMENTUM,
+    NOT_NEGATIVE,
+    OFFSET,
+    ORDERED,
+    PADDED,
+    TILE,
+    VOLUME,
+    WIDE,
+    WIDE_X,
+    WIDE_Y,
+    Ints,
+    Nodes,
+    Rows,
+    Table2,
+    Tile,
+    Vector,
+    add_node,
+    node4,
+    sums2,
+)
+from runout.backends.hash.stencil import (
+    _cell_entry,
+    _first_node,
+    _node,
+    _sum_arenas,
+    _wide_block,
+    _wide_node,
+    _wide_place,
+)
+from runout.physics.bspline import moment_slopes, weight_slopes, weights
+from runout.physics.elastic import kirchhoff_stress
+from runout.physics.elastic import update as law_update
+from runout.physics.moments import affine_columns, stress_columns, velocity_gradient
+from runout.physics.tensors import real, vec
+from runout.physics.transfers import dilatation, gradient_slope, kept_velocity, slip_moment, slip_velocity, with_dilatation
+
+
+def _cells(dt: Any, h: Vector):
+    """Factors dt / h [s/m] by axis."""
+    return vec(gradient_slope(dt, h[0]), gradient_slope(dt, h[1]), gradient_slope(dt, h[2]))
+
+
+def _slopes_at(f: Any, by_slopes: Any):
+    """Slopes of the three weights of an axis [1 / cell], or what the packed form takes for them."""
+    s = moment_slopes(f)
+    if by_slopes > real(0.0):
+        s = weight_slopes(f)
+    return s
+
+
+def _rate(f: Any, tile: Tile, first: int, stride_x: int, stride_y: int, cells: Any, by_slopes: Any):
+    """Velocity gradient times the step [1] from the 27 nodes at place ``first`` of a tile with such strides."""
+    wx = weights(f[0])
+    wy = weights(f[1])
+    wz = weights(f[2])
+    dx = _slopes_at(f[0], by_slopes)
+    dy = _slopes_at(f[1], by_slopes)
+    dz = _slopes_at(f[2], by_slopes)
+    x = vec(real(0.0), real(0.0), real(0.0))
+    y = vec(real(0.0), real(0.0), real(0.0))
+    z = vec(real(0.0), real(0.0), real(0.0))
+    for i in range(3):
+        si = vec(real(0.0), real(0.0), real(0.0))
+        yi = vec(real(0.0), real(0.0), real(0.0))
+        zi = vec(real(0.0), real(0.0), real(0.0))
+        for j in range(3):
+            s = vec(real(0.0), real(0.0), real(0.0))
+            r = vec(real(0.0), real(0.0), real(0.0))
+            for k in range(3):
+                g = tile[first + i * stride_x + j * stride_y + k]
+                u = vec(g[0], g[1], g[2])
+                s += wz[k] * u
+                r += dz[k] * u
+            si += wy[j] * s
+            yi += dy[j] * s
+            zi += wy[j] * r
+        x += dx[i] * si
+        y += wx[i] * yi
+        z += wx[i] * zi
+    return velocity_gradient(x, y, z, cells)
+
+
+def _mean(f: Any, tile: Tile, first: int):
+    """Weighted mean of the fourth number of the 27 nodes at place ``first`` of a wide tile."""
+    wx = weights(f[0])
+    wy = weights(f[1])
+    wz = weights(f[2])
+    mean = real(0.0)
+    for i in range(3):
+        for j in range(3):
+            s = real(0.0)
+            for k in range(3):
+                g = tile[first + i * WIDE_X + j * WIDE_Y + k]
+                s += wz[k] * g[3]
+            mean += wx[i] * wy[j] * s
+    return mean
+
+
+def _given_node(grid: Nodes, around: Table2, b: int, t: int):
+    """Velocity that particles gave to node ``t`` of the 8 x 8 x 8 around a block: it lies behind the nodes of all blocks."""
+    o = _wide_block(around, b, t)
+    return _wide_node(grid, wp.where(o >= 0, o + around.shape[0], o), t)
+
+
+def _load_given(seen: Tile, grid: Nodes, around: Table2, b: int, lane: int):
+    """Velocities that particles gave to the nodes around a block; four a lane under way at once."""
+    lanes = wp.block_dim()
+    for q in range(WIDE // lanes // 4):
+        t = 4 * q * lanes + lane
+        u0 = _given_node(grid, around, b, t)
+        u1 = _given_node(grid, around, b, t + lanes)
+        u2 = _given_node(grid, around, b, t + 2 * lanes)
+        u3 = _given_node(grid, around, b, t + 3 * lanes)
+        wp.tile_scatter_masked(seen, _wide_place(t), u0, True)
+        wp.tile_scatter_masked(seen, _wide_place(t + lanes), u1, True)
+        wp.tile_scatter_masked(seen, _wide_place(t + 2 * lanes), u2, True)
+        wp.tile_scatter_masked(seen, _wide_place(t + 3 * lanes), u3, True)
+
+
+def _with_slips(rec: Rows, p: int, f: Vector, seen: Tile, first: int, v: Vector, x: Vector, y: Vector, z: Vector, keeps: Any):
+    """Velocity and first moments [m/s] with the part ``keeps`` of what the nodes had not seen of a particle's own."""
+    m = rec[MASS, p]
+    u, ux, uy, uz = _gather(f, seen, first)
+    c = affine_columns(real(1.0), ux, uy, uz)
+    slip = slip_velocity(vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m), u)
+    sx = slip_moment(vec(rec[AFFINE, p], rec[AFFINE + 1, p], rec[AFFINE + 2, p]), m, vec(c[0], c[1], c[2]))
+    sy = slip_moment(vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p]), m, vec(c[3], c[4], c[5]))
+    sz = slip_moment(vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p]), m, vec(c[6], c[7], c[8]))
+    return (
+        kept_velocity(v, slip, keeps),
+        kept_velocity(x, sx, keeps),
+        kept_velocity(y, sy, keeps),
+        kept_velocity(z, sz, keeps),
+    )
+
+
+def _deform_by_rates(rec: Rows, p: int, tile: Tile, seen: Tile, first: int, mat: Any, slopes: Any, cells: Any, clock: Rows, s: int):
+    """As ``_deform``; returns offset, velocity of the nodes, own velocity and dissipated energy [J].
+
+    ``slopes`` are zero where records hold no stress, ``cells`` = dt / h [s/m]; the fourth number of a node is its mean dilatation.
+    """
+    m = rec[MASS, p] * real(1.0)
+    volume = rec[VOLUME, p] * real(1.0)
+    history = rec[HISTORY, p] * real(1.0)
+    B = _strain_of(rec, p)
+    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+    v, x, y, z = _gather(f, tile, first)
+    L = _rate(f, tile, first, WIDE_X, WIDE_Y, cells, clock[s, BY_SLOPES])
+    L = with_dilatation(L, _mean(f, tile, first), clock[s, AVERAGED])
+    B, log, history, work = law_update(B, L, history, mat)
+    packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
+    own = v * real(1.0)
+    if clock[s, KEPT] > real(0.0):
+        own, x, y, z = _with_slips(rec, p, f, seen, first, v, x, y, z, clock[s, KEPT])
+    _store(rec, p, m, own, affine_columns(m, x, y, z), packed, B, history)
+    return f, v, own, work * volume
+
+
+def _sum_dilatations(rec: Rows, order: Ints, tile: Tile, corner: int, first: int, last: int, cells: Any, by_slopes: Any):
+    """Volume and volume times dilatation that the particles at some places of the list hand to the 27 nodes of their cell."""
+    acc = sums2()
+    for t in range(first, last):
+        p = _listed(order, t) & NOT_NEGATIVE
+        f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+        volume = rec[VOLUME, p] * real(1.0)
+        change = volume * dilatation(_rate(f, tile, corner, 36, 6, cells, by_slopes))
+        wx = weights(f[0])
+        wy = weights(f[1])
+        wz = weights(f[2])
+        for i in range(3):
+            for j in range(3):
+                wij = wx[i] * wy[j]
+                for k in range(3):
+                    w = wij * wz[k]
+                    acc[(i * 3 + j) * 3 + k, 0] += w * volume
+                    acc[(i * 3 + j) * 3 + k, 1] += w * change
+    return acc
+
+
+def spread_dilatation(
+    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
+    h: Vector, grid: Nodes, dilated: Nodes, arenas: Nodes, launched: int,
+):  # fmt: skip
+    """Volume and volume times dilatation of the particles to the nodes. In fixed order, each block only fills its own arena."""
+    begin, lane = wp.tid()
+    if flags[HALT] != 0:
+        return
+    for a in range(begin, tally[ACTIVE], launched):
+        b = active[a]
+        s = member[b]
+        if clock[s, 0] > real(0.0):
+            cells = _cells(clock[s, 0], h)
+            velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
+            for q in range(PADDED // wp.block_dim()):
+                t = q * wp.block_dim() + lane
+                u = node4()
+                if t < TILE:
+                    g = grid[_node(up, b, t)]
+                    u = node4(g[1], g[2], g[3], real(0.0))
+                wp.tile_scatter_masked(velocities, t, u, True)
+            tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+            for c in range(lane, CELL_LANES, wp.block_dim()):
+                first = _first_node(c)
+                acc = _sum_dilatations(rec, order, velocities, first, cstart[b, c], cstart[b, c + 1], cells, clock[s, BY_SLOPES])
+                for i in range(3):
+                    for j in range(3):
+                        for k in range(3):
+                            n = (i * 3 + j) * 3 + k
+                            g = node4(acc[n, 0], acc[n, 1], real(0.0), real(0.0))
+                            wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
+            for t in range(lane, TILE, wp.block_dim()):
+                g = tile[t]
+                if ORDERED:
+                    arenas[b * TILE + t] = g
+                elif g[0] != real(0.0):
+                    add_node(dilated, _node(up, b, t), g)
+
+
+def average_dilatation(
+    flags: Ints, tally: Ints, arenas: Nodes, held: Ints, down: Table2, dilated: Nodes, grid: Nodes
+):  # fmt: skip
+    """Put the mean dilatation of each node in the place of its mass, which nothing reads any more in this step."""
+    t = wp.tid()
+    if flags[HALT] != 0 or (t >> 6) >= tally[BLOCKS]:
+        return
+    if ORDERED:
+        s = _sum_arenas(arenas, held, down, t)
+    else:
+        s = dilated[t] * real(1.0)
+        dilated[t] = node4()
+    mean = real(0.0)
+    if s[0] > real(0.0):
+        mean = s[1] / s[0]
+    g = grid[t]
+    grid[t] = node4(mean, g[1], g[2], g[3])
+
+
+def count_anew(flags: Ints, tally: Ints, ends: Ints):
+    """The cells are counted anew from here on: nobody needs their lists any more in this step."""
+    t = wp.tid()
+    if flags[HALT] == 0 and (t >> 6) < tally[BLOCKS]:
+        ends[_cell_entry(t)] = 0
