@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.contact import _listed
-from runout.backends.hash.deform import _gather, _store, _strain_of
+from runout.backends.hash.deform import _gather, _slopes, _store, _strain_of
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
@@ -126,10 +126,10 @@ def _given_node(grid: Nodes, around: Table2, b: int, t: int):
     return _wide_node(grid, wp.where(o >= 0, o + around.shape[0], o), t)
 
 
-def _load_given(seen: Tile, grid: Nodes, around: Table2, b: int, lane: int):
-    """Velocities that particles gave to the nodes around a block; four a lane under way at once."""
+def _load_given(seen: Tile, grid: Nodes, around: Table2, b: int, lane: int, keeps: Any):
+    """Velocities that particles gave to the nodes around a block, where they keep slips; four a lane under way at once."""
     lanes = wp.block_dim()
-    for q in range(WIDE // lanes // 4):
+    for q in range(wp.where(keeps > real(0.0), WIDE // lanes // 4, 0)):
         t = 4 * q * lanes + lane
         u0 = _given_node(grid, around, b, t)
         u1 = _given_node(grid, around, b, t + lanes)
@@ -158,10 +158,11 @@ def _with_slips(rec: Rows, p: int, f: Vector, seen: Tile, first: int, v: Vector,
     )
 
 
-def _deform_by_rates(rec: Rows, p: int, tile: Tile, seen: Tile, first: int, mat: Any, slopes: Any, cells: Any, clock: Rows, s: int):
+def _deform_by_rates(rec: Rows, p: int, tile: Tile, seen: Tile, first: int, mat: Any, h: Vector, cells: Any, clock: Rows, s: int):
     """As ``_deform``; returns offset, velocity of the nodes, own velocity and dissipated energy [J].
 
-    ``slopes`` are zero where records hold no stress, ``cells`` = dt / h [s/m]; the fourth number of a node is its mean dilatation.
+    Records of a scene by gradients of the weights hold no stress. ``cells`` = dt / h [s/m]; the fourth number of a node is its
+    mean dilatation.
     """
     m = rec[MASS, p] * real(1.0)
     volume = rec[VOLUME, p] * real(1.0)
@@ -172,7 +173,7 @@ def _deform_by_rates(rec: Rows, p: int, tile: Tile, seen: Tile, first: int, mat:
     L = _rate(f, tile, first, WIDE_X, WIDE_Y, cells, clock[s, BY_SLOPES])
     L = with_dilatation(L, _mean(f, tile, first), clock[s, AVERAGED])
     B, log, history, work = law_update(B, L, history, mat)
-    packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)
+    packed = stress_columns(kirchhoff_stress(log, mat), volume, _slopes(clock[s, 0] * (real(1.0) - clock[s, BY_SLOPES]), h))
     own = v * real(1.0)
     if clock[s, KEPT] > real(0.0):
         own, x, y, z = _with_slips(rec, p, f, seen, first, v, x, y, z, clock[s, KEPT])

@@ -10,7 +10,6 @@ from runout.backends.hash.deform import _deform, _slopes
 from runout.backends.hash.gradients import _deform_by_rates, _load_given
 from runout.backends.hash.layout import (
     ACTIVE,
-    BY_SLOPES,
     CURSOR,
     FAILED,
     GENERAL,
@@ -219,10 +218,8 @@ def grid_to_particles(
         _load_wide(tile, grid, around, b, lane)
         slopes = _slopes(dt, h)
         if GENERAL:
-            slopes = _slopes(dt * (real(1.0) - clock[scene, BY_SLOPES]), h)
             seen = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
-            if clock[scene, KEPT] > real(0.0):
-                _load_given(seen, grid, around, b, lane)
+            _load_given(seen, grid, around, b, lane, clock[scene, KEPT])
         rates = _rates(dt, h)
         bx = int(coordinates[b, 0])
         by = int(coordinates[b, 1])
@@ -246,13 +243,12 @@ def grid_to_particles(
                     mat = mats[int(release[p])]
                     corner = ((i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1) & PLACES
                     if GENERAL:
-                        f, v, own, work = _deform_by_rates(rec, p, tile, seen, corner, mat, slopes, rates, clock, scene)
-                        lost += wp.float64(work)
+                        f, v, own, work = _deform_by_rates(rec, p, tile, seen, corner, mat, h, rates, clock, scene)
                         fastest = wp.max(fastest, dot(own, own))
                     else:
                         f, v, work = _deform(rec, p, tile, corner, mat, slopes)
-                        lost += wp.float64(work)
                         fastest = wp.max(fastest, dot(v, v))
+                    lost += wp.float64(work)
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
                     if _is_sound(moves, scene, shift.shape[0], flags, peaks):
                         f = f + moves
