@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import box, loaded, plane, scene
+from scenes import box, loaded, plane, scene, single_precision, total_energy
 from test_hash_batch import DT, STEPS, alone, batch, three_scenes
 from test_hash_equals_reference import assert_same
 from test_other_transfers import WAYS, sandy
@@ -34,6 +34,17 @@ def test_lanes_of_a_block_share_their_tiles_without_conflict_in_fixed_order(monk
         found.append(run(get_backend("hash", "cpu", deterministic=True), rough_scene(**way), p, 60, 2e-3))
     for wanted, given in zip(expected, found, strict=True):
         assert_same(wanted, given, 1e-10, SPACING)
+
+
+def test_in_float32_the_bulk_stays_close_to_the_reference():
+    """After 100 steps to 1e-4 of a cell and 1e-4 of the energy, as with the packed form."""
+    s, p = rough_scene(**EVERYTHING), two_bodies(SURFACE, SPACING)
+    a, row_a, _ = run(get_backend("reference"), replace(s, surface=on_nodes(SURFACE, SPACING)), p, 100, 2e-3)
+    b, row_b, _ = run(get_backend("hash", "cpu"), single_precision(s), p, 100, 2e-3)
+    shift = np.average(b.position(np.array(SPACING)) - a.position(np.array(SPACING)), axis=0, weights=a.mass)
+    assert np.abs(shift).max() < 1e-4
+    assert total_energy(row_b) == pytest.approx(total_energy(row_a), rel=1e-4)
+    assert row_b.kinetic_energy == pytest.approx(row_a.kinetic_energy, rel=1e-3)
 
 
 @pytest.mark.parametrize("way", ["aflip with F-bar", "packed with F-bar"])

@@ -46,11 +46,12 @@ def assert_alike(found, alone):
     assert [t for t, _, _ in found.snapshots] == [t for t, _, _ in alone.snapshots]
 
 
-def test_each_scenario_of_a_launch_ends_as_in_its_own_run():
-    told = []
-    found = dict(simulate_batch(SCENARIOS, device="cpu", progress=lambda number, fraction: told.append((number, fraction))))
+@pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
+def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
+    told, scenarios = [], [arguments | way for arguments in SCENARIOS]
+    found = dict(simulate_batch(scenarios, device="cpu", progress=lambda number, fraction: told.append((number, fraction))))
     assert sorted(found) == [0, 1, 2]
-    for number, arguments in enumerate(SCENARIOS):
+    for number, arguments in enumerate(scenarios):
         assert_alike(found[number], simulate(**arguments, backend="hash"))
         fractions = [fraction for who, fraction in told if who == number]
         assert fractions == sorted(fractions)
