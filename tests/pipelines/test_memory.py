@@ -1,6 +1,5 @@
 """Memory is forecast from the releases; what does not fit is refused before anything large is made."""
 
-import time
 import tracemalloc
 from dataclasses import replace
 
@@ -66,7 +65,6 @@ def test_forecast_of_aflip_counts_its_rows_and_its_second_grid():
 def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any():
     terrain, release = valley(10.0, 30.0)
     tracemalloc.start()
-    started = time.perf_counter()
     try:
         with pytest.raises(CapacityError) as refused:
             simulate(terrain, release, SAND, cell_size=0.5, end_time=1.0, memory_gb=2.0)
@@ -79,7 +77,6 @@ def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any
     volume = release.thickness.sum() * terrain.cell_area
     assert needed == pytest.approx(volume / 0.5**3 * 8 * (110 * 1.06 + 12 + 448) / GIGABYTE, rel=0.3)
     assert peak < 0.1 * needed * GIGABYTE
-    assert time.perf_counter() - started < 9
 
 
 def test_a_run_that_the_machine_cannot_hold_is_refused(monkeypatch):
