@@ -43,12 +43,17 @@ def affine_columns(m: Any, bx: Any, by: Any, bz: Any):
     return tens(a * bx[0], a * bx[1], a * bx[2], a * by[0], a * by[1], a * by[2], a * bz[0], a * bz[1], a * bz[2])
 
 
+def affine_at(p: Any, ax: Any, ay: Any, az: Any, d: Any):
+    """Component of an affine field at ``d`` [cells] from where it is ``p``, from its slopes; of numbers or lanes."""
+    return p + (d[0] * ax + d[1] * ay + d[2] * az)
+
+
 def momentum_at(p: Any, ax: Any, ay: Any, az: Any, d: Any):
     """Momentum [kg m/s] of an affine field at ``d`` [cells] from where it is ``p``, from the columns of its slopes [kg m/s]."""
     return vec(
-        p[0] + (d[0] * ax[0] + d[1] * ay[0] + d[2] * az[0]),
-        p[1] + (d[0] * ax[1] + d[1] * ay[1] + d[2] * az[1]),
-        p[2] + (d[0] * ax[2] + d[1] * ay[2] + d[2] * az[2]),
+        affine_at(p[0], ax[0], ay[0], az[0], d),
+        affine_at(p[1], ax[1], ay[1], az[1], d),
+        affine_at(p[2], ax[2], ay[2], az[2], d),
     )
 
 
@@ -62,10 +67,13 @@ def node_velocity(momentum: Any, mass: Any, dv: Any):
     return momentum / mass + dv
 
 
-def kinetic_energy(m: Any, v: Any, cx: Any, cy: Any, cz: Any, h: Any):
-    """Kinetic energy of a particle [J] with its affine part, from the columns of C [1/s]; h^2/4 is the second moment by axis."""
-    spin = h[0] * h[0] * dot(cx, cx) + h[1] * h[1] * dot(cy, cy) + h[2] * h[2] * dot(cz, cz)
-    return real(0.5) * m * (dot(v, v) + real(0.25) * spin)
+def kinetic_energy(m: Any, p: Any, ax: Any, ay: Any, az: Any):
+    """Kinetic energy of a particle [J] with its affine part, from its momentum and the columns m C_j h_j [kg m/s].
+
+    h^2/4 is the second moment of the weights along an axis: m (v^2 + sum of h_j^2/4 C_j^2) / 2 without a division by axis.
+    """
+    spin = dot(ax, ax) + dot(ay, ay) + dot(az, az)
+    return real(0.5) * (dot(p, p) + real(0.25) * spin) / m
 
 
 def potential_energy(m: Any, gravity: Any, x: Any):

@@ -11,6 +11,7 @@ import pytest
 from runout.backends.lanes import (
     any_lane,
     constant,
+    in_double,
     lane_bits,
     lane_largest,
     lane_sum,
@@ -61,6 +62,16 @@ def test_arithmetic_is_that_of_numpy_lane_by_lane(real):
     a, b, out = lanes(real), lanes(real, seed=1), np.zeros(16, real)
     ran(combine, a, b, out)
     np.testing.assert_allclose(out, (a + b) * a - b / a + 2 * b - a[3], rtol=20 * np.finfo(real).eps, atol=1e-6)
+
+
+@both
+def test_numbers_in_double_are_the_same_numbers(real):
+    def widen(a, out):
+        store(out, 0, in_double(load4(a, 3)))
+
+    a, out = lanes(real), np.zeros(4)
+    ran(widen, a, out)
+    np.testing.assert_array_equal(out, a[3:7].astype(np.float64))
 
 
 @both

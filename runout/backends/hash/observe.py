@@ -56,13 +56,13 @@ def leave(key: Ints, member: Ints, gone: Ints):
         key[p] = -1
 
 
-def _gradient_column(rec: Rows, p: int, tau: Any, dt: Any, h: Vector, j: int):
-    """Column j of the velocity gradient C [1/s] of a particle, in float64."""
+def _affine_column(rec: Rows, p: int, tau: Any, dt: Any, h: Vector, j: int):
+    """Column j of the affine momentum m C_j h_j [kg m/s] of a particle, in float64."""
     packed = stress_columns(tau, rec[VOLUME, p], _slopes(dt, h))
     x = wp.float64(rec[AFFINE + 3 * j, p] - packed[3 * j])
     y = wp.float64(rec[AFFINE + 3 * j + 1, p] - packed[3 * j + 1])
     z = wp.float64(rec[AFFINE + 3 * j + 2, p] - packed[3 * j + 2])
-    return gradient_column64(wp.vec3d(x, y, z), wp.float64(rec[MASS, p]), wp.float64(h[j]))
+    return wp.vec3d(x, y, z)
 
 
 def _place(rec: Rows, p: int, k: int, coordinates: Table2, shift: int):
@@ -96,7 +96,8 @@ def unpack(
     node[t, 1] = node[t, 1] - shift[s]
     tau = kirchhoff_stress(log_strain(_strain_of(rec, p)), mats[int(release[p])])
     for j in range(3):
-        column = _gradient_column(rec, p, tau, packed[s], h, j)
+        affine_momentum = _affine_column(rec, p, tau, packed[s], h, j)
+        column = gradient_column64(affine_momentum, wp.float64(rec[MASS, p]), wp.float64(h[j]))
         for i in range(3):
             affine[t, 3 * i + j] = column[i]
 
@@ -107,12 +108,11 @@ def _energies(rec: Rows, release: Shorts, p: int, mats: Materials, dt: Any, h: V
     log = log_strain(_strain_of(rec, p))
     tau = kirchhoff_stress(log, mat)
     m = wp.float64(rec[MASS, p])
-    v = wp.vec3d(wp.float64(rec[MOMENTUM, p]), wp.float64(rec[MOMENTUM + 1, p]), wp.float64(rec[MOMENTUM + 2, p])) / m
-    cx = _gradient_column(rec, p, tau, dt, h, 0)
-    cy = _gradient_column(rec, p, tau, dt, h, 1)
-    cz = _gradient_column(rec, p, tau, dt, h, 2)
-    size = wp.vec3d(wp.float64(h[0]), wp.float64(h[1]), wp.float64(h[2]))
-    kinetic = kinetic_energy64(m, v, cx, cy, cz, size)
+    momentum = wp.vec3d(wp.float64(rec[MOMENTUM, p]), wp.float64(rec[MOMENTUM + 1, p]), wp.float64(rec[MOMENTUM + 2, p]))
+    ax = _affine_column(rec, p, tau, dt, h, 0)
+    ay = _affine_column(rec, p, tau, dt, h, 1)
+    az = _affine_column(rec, p, tau, dt, h, 2)
+    kinetic = kinetic_energy64(m, momentum, ax, ay, az)
     return wp.vec3d(kinetic, potential_energy64(m, gravity, x), wp.float64(energy_density(log, mat)) * wp.float64(rec[VOLUME, p]))
 
 

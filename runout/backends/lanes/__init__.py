@@ -21,12 +21,24 @@ from runout.backends.lanes.memory import (
     store,
 )
 from runout.backends.lanes.shuffles import constant, permutation, permutation_of_two, splat
-from runout.backends.lanes.vectors import LANES, any_lane, lane_bits, lane_largest, lane_sum, largest, lowest_bit, select, whole
+from runout.backends.lanes.vectors import (
+    LANES,
+    any_lane,
+    in_double,
+    lane_bits,
+    lane_largest,
+    lane_sum,
+    largest,
+    lowest_bit,
+    select,
+    whole,
+)
 
 __all__ = [
     "LANES",
     "any_lane",
     "constant",
+    "in_double",
     "lane_bits",
     "lane_largest",
     "lane_sum",

@@ -134,6 +134,17 @@ def whole(typing: Any, number: Any) -> Any:
 
 
 @intrinsic
+def in_double(typing: Any, a: Any) -> Any:
+    """The numbers of a vector in float64."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.VectorType(ir.DoubleType(), sig.args[0].lanes)
+        return args[0] if args[0].type == kind else builder.fpext(args[0], kind)
+
+    return (Vec(types.float64, a.lanes)(a), emit) if isinstance(a, Vec) else None
+
+
+@intrinsic
 def lane_bits(typing: Any, mask: Any) -> Any:
     """Integer whose bit k tells whether lane k holds."""
 

@@ -54,7 +54,7 @@ class ScanBackend:
         self.threads, self.counters = 1, Counters()
         self.dense = index == "dense"
         self.period = (0, 0, 0)  # [cells] after which the grid, not the ground, repeats; may be set where the index is dense
-        self.buffers: tuple[np.ndarray, np.ndarray, np.ndarray]
+        self.buffers: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
     def load(self, scene: Scene, particles: Particles) -> None:
         """Take over a scene and its particles."""
@@ -133,7 +133,7 @@ class ScanBackend:
             s.grow(capacity(packed))
         used = np.flatnonzero(i.held)
         by_slot = used[np.argsort(i.first[used])]
-        buffers = (buffer[0] for buffer in self.buffers)
+        buffers = (buffer[0] for buffer in self.buffers[:3])
         self.end = k.pack_slots(s.rec, s.state, s.who, s.cell, s.order, i.starts, by_slot, i.first, i.room, i.held, *buffers)
 
     def _allocate_blocks(self) -> None:
@@ -154,7 +154,12 @@ class ScanBackend:
         if not anew and fullest + PADDING <= self.buffers[0].shape[1]:
             return
         shape, real = (self.threads, int(1.25 * fullest) + 2 * PADDING), self.scene.dtype
-        self.buffers = np.empty((*shape, 16), real), np.empty((*shape, 8), real), np.empty(shape, np.int32)
+        self.buffers = (
+            np.empty((*shape, 16), real),
+            np.empty((*shape, 8), real),
+            np.empty(shape, np.int32),
+            np.empty(shape, np.uint8),
+        )
 
     def stable_step(self) -> float:
         """Largest admissible time step [s]."""

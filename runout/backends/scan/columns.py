@@ -4,17 +4,26 @@ A particle counts where a plan box of one grid cell around it lies. A stripe is 
 neighbours alone: the even stripes are added at once, then the odd ones.
 """
 
+import itertools
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import prange
 
+from runout.backends.lanes import constant, in_double, load4, permutation_of_two, prefetch, store
 from runout.backends.protocol import Columns
-from runout.backends.scan.observe import _momentum, _node_of
+from runout.backends.scan.observe import _node_of
+from runout.backends.scan.stencil import AHEAD
+from runout.physics.moments import affine_at
 
 if TYPE_CHECKING:
     from runout.backends.scan.backend import ScanBackend
+
+WIDTH = 8  # numbers of a cell of the raster, a line of the cache: mass and momentum, and the same over the density
+WINDOW = 3  # cells of the raster that are added to at once
+first_of_one = permutation_of_two((0, 5, 6, 7))
+nothing = constant([0.0] * 4)
 
 
 def whole(engine: "ScanBackend") -> Columns:
@@ -41,16 +50,17 @@ def _over(engine: "ScanBackend", window: tuple[int, int, int, int]) -> Columns:
     """Sums over a window (first row, first column, rows, columns) that holds all mass."""
     i, s, raster = engine.index, engine.store, engine.scene.raster
     row, column, rows, columns = window
-    sums = np.zeros((rows, columns, 5))
+    sums = np.zeros((rows, columns, WIDTH))
     if sums.size and engine.n:
         order, starts = _stripes(engine)
         wide, place = engine.spacing[:2] / np.array(raster.cell_size), np.array((row, column, raster.rows))
-        for parity in (0, 1):
+        for parity, over_density in itertools.product((0, 1), (False, True) if len(engine.density) > 1 else (False,)):
             engine.k.add_stripes(
-                s.rec, s.who, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, wide, place, order,
-                starts, parity, sums,
+                s.rec, s.who, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, over_density, wide, place,
+                order, starts, parity, sums,
             )  # fmt: skip
-    return Columns(sums[..., 0], sums[..., 1], sums[..., 2:], row, column)
+    volume = sums[..., 4] if len(engine.density) > 1 else sums[..., 0] / engine.density[0]
+    return Columns(volume, sums[..., 0], sums[..., 1:4], row, column)
 
 
 def _stripes(engine: "ScanBackend") -> tuple[np.ndarray, np.ndarray]:
@@ -67,59 +77,95 @@ def _stripes(engine: "ScanBackend") -> tuple[np.ndarray, np.ndarray]:
     return occupied[order], starts
 
 
-def _clamped(k, count):
-    """Row or column of the window: what hangs over the edge of the raster counts in the edge cell."""
-    return min(max(k, 0), count - 1)
+def _mass_and_momentum(rec, r):
+    """Mass [kg] and momentum [kg m/s] of the record at place ``r`` in float64; the record holds that at the middle node."""
+    middle = in_double(load4(rec, r))
+    slopes = in_double(load4(rec, r + 4)), in_double(load4(rec, r + 8)), in_double(load4(rec, r + 12))
+    d = np.float64(rec[r + 4]) - 1.0, np.float64(rec[r + 8]) - 1.0, np.float64(rec[r + 12]) - 1.0
+    return first_of_one(middle, affine_at(middle, slopes[0], slopes[1], slopes[2], d))
 
 
-def _add_piece(amounts, x, y, width, place, sums):
-    """Add a box no larger than a cell of the raster, ``width`` (2,) of one wide from (x, y) on, to the up to four it covers."""
-    i = math.floor(x)
-    j = math.floor(y)
-    east = max(x + width[0] - (i + 1.0), 0.0) / width[0]
-    north = max(y + width[1] - (j + 1.0), 0.0) / width[1]
-    for a in range(2):
-        column = _clamped(i + a - place[1], sums.shape[1])
-        across = east if a == 1 else 1.0 - east
-        for b in range(2):
-            row = _clamped(place[2] - 1 - j - b - place[0], sums.shape[0])
-            share = across * north if b == 1 else across * (1.0 - north)
-            for d in range(5):
-                sums[row, column, d] += share * amounts[d]
+def _shares(q, step):
+    """Parts of a box that lie in three cells in a row; ``q`` of it lies beyond the first, ``step`` less beyond the next."""
+    c0 = min(max(q + step, 0.0), 1.0)
+    c1 = min(max(q, 0.0), 1.0)
+    c2 = min(max(q - step, 0.0), 1.0)
+    c3 = min(max(q - 2.0 * step, 0.0), 1.0)
+    return c0 - c1, c1 - c2, c2 - c3
 
 
-def _add_particle(rec, p, density, x, y, pieces, width, place, sums):
-    """Add a particle whose plan box begins at (x, y) [cells of the raster], in pieces no larger than such a cell."""
-    part = 1.0 / (pieces[0] * pieces[1])
-    m = part * rec[p, 0]
-    mv = _momentum(rec.T, p)
-    amounts = (m / density, m, part * mv[0], part * mv[1], part * mv[2])
-    for i in range(pieces[0]):
-        for j in range(pieces[1]):
-            _add_piece(amounts, x + i * width[0], y + j * width[1], width, place, sums)
+def _add_to_cell(amounts, row, column, size, sums, lane):
+    """Add to a cell of the raster; what hangs over the edge of the window counts in the edge cell."""
+    o = (min(max(row, 0), size[0] - 1) * size[1] + min(max(column, 0), size[1] - 1)) * WIDTH + lane
+    store(sums, o, load4(sums, o) + amounts)
 
 
-def _add_block(rec, who, label, order, starts, first, density, b, node, wide, pieces, width, place, sums):
+def _add_cell(rec, who, label, order, s, e, over, corner, step, row, column, size, sums):
+    """Add the particles s to e of a grid cell to three times three cells of the raster, the first at ``row`` and ``column``.
+
+    Of the box of a particle with offset f, f + ``corner`` (2,) lies beyond the first cells; ``step`` (2,) are cells over boxes.
+    ``over`` are the densities by which mass and momentum are divided; or none.
+    """
+    a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = nothing(sums)
+    for t in range(s, e):
+        p = order[t]
+        r = 16 * p
+        prefetch(rec, 16 * np.int64(order[t + AHEAD]))
+        x = _shares(corner[0] + rec[r + 4], step[0])
+        y = _shares(corner[1] + rec[r + 8], step[1])
+        amounts = _mass_and_momentum(rec, r)
+        if len(over) > 0:
+            amounts = amounts * (1.0 / over[label[who[p], 0]])
+        u0 = y[0] * amounts
+        u1 = y[1] * amounts
+        u2 = y[2] * amounts
+        a00 += x[0] * u0
+        a01 += x[0] * u1
+        a02 += x[0] * u2
+        a10 += x[1] * u0
+        a11 += x[1] * u1
+        a12 += x[1] * u2
+        a20 += x[2] * u0
+        a21 += x[2] * u1
+        a22 += x[2] * u2
+    lane = 4 if len(over) > 0 else 0
+    for k, three in enumerate(((a00, a01, a02), (a10, a11, a12), (a20, a21, a22))):
+        _add_to_cell(three[0], row, column + k, size, sums, lane)
+        _add_to_cell(three[1], row - 1, column + k, size, sums, lane)
+        _add_to_cell(three[2], row - 2, column + k, size, sums, lane)
+
+
+def _add_block(rec, who, label, order, starts, first, b, node, over, wide, place, size, sums):
     """Add the particles of a block; ``node`` is its first, ``wide`` (2,) the size of a grid cell in cells of the raster."""
+    step = 1.0 / wide[0], 1.0 / wide[1]
     for c in range(64):
-        west = (node[0] + (c >> 4) - 0.5) * wide[0]
-        south = (node[1] + ((c >> 2) & 3) - 0.5) * wide[1]
-        for t in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
-            p = order[t]
-            rho = density[0] if len(density) == 1 else density[label[who[p], 0]]
-            _add_particle(rec, p, rho, west + rec[p, 4] * wide[0], south + rec[p, 8] * wide[1], pieces, width, place, sums)
+        s = first[b] + starts[b, c]
+        e = first[b] + starts[b, c + 1]
+        if s == e:
+            continue
+        west = (node[0] + (c >> 4)) * wide[0]
+        south = (node[1] + ((c >> 2) & 3)) * wide[1]
+        for i in range(math.floor(west), math.floor(west + 2.0 * wide[0]) + 1, WINDOW):
+            for j in range(math.floor(south), math.floor(south + 2.0 * wide[1]) + 1, WINDOW):
+                corner = (west - i - 1.0) * step[0] + 0.5, (south - j - 1.0) * step[1] + 0.5
+                row = place[2] - 1 - j - place[0]
+                _add_cell(rec, who, label, order, s, e, over, corner, step, row, i - place[1], size, sums)
 
 
-def add_stripes(rec, who, label, order, starts, first, bxyz, corner, density, wide, place, blocks, stripes, parity, sums):
-    """Add the particles of every second stripe of blocks to a window (rows, columns, 5): volume, mass, momentum.
+def add_stripes(
+    rec, who, label, order, starts, first, bxyz, corner, density, over_density, wide, place, blocks, stripes, parity, sums
+):
+    """Add mass and momentum, or these over the density, of every second stripe of blocks to a window (rows, columns, 8).
 
     ``place`` holds the first row and column of the window, and the rows of the raster.
     """
-    pieces = math.ceil(wide[0]), math.ceil(wide[1])
-    width = wide[0] / pieces[0], wide[1] / pieces[1]
+    flat = rec.reshape(-1)
+    total = sums.reshape(-1)
+    size = sums.shape[0], sums.shape[1]
+    over = density if over_density else density[:0]
     for k in prange((len(stripes) - parity) // 2):
         s = 2 * k + parity
         for e in range(stripes[s], stripes[s + 1]):
             b = blocks[e]
             node = _node_of(bxyz, b, 0, corner)
-            _add_block(rec, who, label, order, starts, first, density, b, node, wide, pieces, width, place, sums)
+            _add_block(flat, who, label, order, starts, first, b, node, over, wide, place, size, total)

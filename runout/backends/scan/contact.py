@@ -7,8 +7,6 @@ after the other from ``place[b]`` on, in the region of the thread that found the
     [ weight, then compliance; 0, then velocity, then impulse | fx, normal | fy, gap, friction, weight | fz, v before ]
 """
 
-import math
-
 import numpy as np
 from numba import get_thread_id, prange
 
@@ -61,28 +59,6 @@ load_16_rows, store_16_rows = row_vectors(16, TILE)
 heads = permutation((0, 4, 8, 12))
 in_all_four = permutation(in_groups(range(4)))
 first_of_two = permutation_of_two([*range(4), *range(20, 32)])
-
-
-def _levels(planes, b, a, cut):
-    """Cells of a column, from below, in which a particle may lie less than ``cut`` cells above the bound of the ground."""
-    sx = planes[b, a + 1]
-    sy = planes[b, a + 2]
-    top = planes[b, a] + sx + sy + real(0.5) * (abs(sx) + abs(sy))
-    return min(max(np.int64(math.floor(cut + top + real(0.5))), 0), 4)
-
-
-def _list_candidates(rec, cell, order, starts, f, b, planes, cut, listed):
-    """List the particles that lie less than ``cut`` cells above the bound of the ground; returns their number."""
-    n = 0
-    for column in range(16):
-        a = 3 * column
-        end = f + starts[b, 4 * column + _levels(planes, b, a, cut)]
-        for k in range(f + starts[b, 4 * column], end):
-            p = order[k]
-            bound = planes[b, a] + planes[b, a + 1] * rec[p, 4] + planes[b, a + 2] * rec[p, 8]
-            listed[f + n] = p
-            n += real(cell[p] & 3) + rec[p, 12] - bound <= cut
-    return n
 
 
 def _take_candidates(aside, cell, who, radius, label, tile, friction, listed, start, n):
@@ -191,7 +167,7 @@ def _spread_block(contacts, row, listed, cell, f, n, arena):
 
 
 def _call_up(planes, tiles, who, listed, b, f, held):
-    """Ask for what :func:`_list_candidates` and :func:`_take_candidates` of a block will read, while its arena is filled."""
+    """Ask for what :func:`_take_candidates` of a block will read, while its arena is filled."""
     plane = planes.reshape(-1)
     tile = tiles.reshape(-1)
     for k in range(0, 48, 16):
@@ -221,10 +197,7 @@ def particles_to_arenas_and_contacts(
         near = real(0.5) - bounds[b, 0] <= cut
         if near:
             _call_up(planes, tiles, who, listed, b, first[b], giving[b])
-        _fill_arena(rec, order, starts, first, b, arenas[number[b]])
-        if not near:
-            continue
-        n = _list_candidates(rec, cell, order, starts, first[b], b, planes, cut, listed)
+        n = _fill_arena(rec, order, starts, first, b, arenas[number[b]], near, planes, cut, listed)
         if n == 0:
             continue
         thread = get_thread_id()

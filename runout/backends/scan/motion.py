@@ -271,43 +271,42 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, last, l
     return leaving, shifted, thinned, changed
 
 
-def _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2, state2, who2):
-    """Records with velocities and first moments, states and labels of all particles of a block, by cell, in a buffer."""
+def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, who2, cell2):
+    """Records with velocities and first moments, states, labels and cells of all particles of a block, by cell, in a buffer.
+
+    Each row of nodes is read where it is used, which costs nothing, so that one loop takes all particles.
+    """
     flat = rec.reshape(-1)
     states = state.reshape(-1)
     flat2 = rec2.reshape(-1)
     states2 = state2.reshape(-1)
-    f = np.uint64(first[b])
     ready = local_weights(rec)
     _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(0)))
-    for c in range(64):
-        s = np.uint64(starts[b, c])
-        e = np.uint64(starts[b, c + 1])
-        if s == e:
-            continue
-        rows = _load_rows(nodes, _first_node(c))
-        for t in range(s, e):
-            p = np.uint64(order[f + t])
-            later = np.uint64(order[f + t + np.uint64(AHEAD)])
-            prefetch(flat, later * np.uint64(16))
-            prefetch(states, later * np.uint64(8))
-            _weigh(flat, np.uint64(order[f + t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
-            store(flat2, t * np.uint64(16), _gather(flat, p * np.uint64(16), ready, _place_of(t), rows))
-            store(states2, t * np.uint64(8), load8(states, p * np.uint64(8)))
-            who2[t] = who[p]
-            cell[f + t] = c
-            order[f + t] = f + t
-    for t in range(np.uint64(starts[b, 64])):
+    for t in range(np.uint64(held)):
+        p = np.uint64(order[f + t])
+        later = np.uint64(order[f + t + np.uint64(AHEAD)])
+        prefetch(flat, later * np.uint64(16))
+        prefetch(states, later * np.uint64(8))
+        _weigh(flat, np.uint64(order[f + t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
+        c = cell[p]
+        rows = _load_rows(nodes, _first_node(np.uint64(c)))
+        store(flat2, t * np.uint64(16), _gather(flat, p * np.uint64(16), ready, _place_of(t), rows))
+        store(states2, t * np.uint64(8), load8(states, p * np.uint64(8)))
+        who2[t] = who[p]
+        cell2[t] = c
+        order[f + t] = f + t
+    for t in range(np.uint64(held)):
         who[f + t] = who2[t]
+        cell[f + t] = cell2[t]
 
 
 def grid_to_particles(
     rec, state, cell, who, label, order, starts, first, moving, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates, averaged,
-    slips, keeps, rec2, state2, who2, movers, leaving, shifted, thinned, changed, sums,
+    slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, thinned, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
-    ``rec2``, ``state2`` and ``who2`` have room for one block for each thread. ``sums`` (nown, 4): largest speed squared,
+    ``rec2``, ``state2``, ``who2`` and ``cell2`` have room for one block for each thread. ``sums`` (nown, 4): largest speed squared,
     longest move [cells], dissipated energy [J], refused moves. Where the scene is GENERAL, gradients and mean dilatations are
     those of ``rates``, ``averaged`` is 1 with F-bar and 0 without, ``keeps`` the part of the ``slips`` that stays with a particle,
     and ``s`` is zero where records hold no stress.
@@ -326,8 +325,10 @@ def grid_to_particles(
         nodes = local_nodes(rec)
         t = local_tile(rec)
         _load_nodes(nodes, grid, up, b)
-        _gather_block(rec, state, who, cell, order, starts, first, b, nodes, rec2[buffer], state2[buffer], who2[buffer])
         f = first[b]
+        _gather_block(
+            rec, state, who, cell, order, held, np.uint64(f), nodes, rec2[buffer], state2[buffer], who2[buffer], cell2[buffer]
+        )
         speed = move = lost = refused = zeros(rec)
         left = 0
         stirred = 0

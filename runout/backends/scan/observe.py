@@ -5,7 +5,7 @@ from collections import namedtuple
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import lane_sum, listed_record_vectors, load16, local_array, row_vectors
+from runout.backends.lanes import lane_sum, listed_record_vectors, load16, local_array, prefetch, row_vectors
 from runout.backends.scan.arenas import SUMS
 from runout.backends.scan.motion import OUTSIDE
 from runout.physics.elastic import energy_density, is_small, kirchhoff_stress, log_strain, log_strain_scaled, log_strain_series
@@ -71,12 +71,17 @@ def _take_place(t, x, q, mat, node):
 
 def _take_tile(t, x, rec, state, who, label, cell, order, first, n, mats, node):
     """The ``n`` particles of a list from place ``first`` on as columns; ``node`` is the first of their block."""
+    flat = rec.reshape(-1)
+    states = state.reshape(-1)
     for g in range(0, TILE, 16):
-        store_16_rows(t, g, load_listed_records(rec.reshape(-1), order, first + g))
-        store_8_rows(t, 16 * TILE + g, load_listed_states(state.reshape(-1), order, first + g))
+        store_16_rows(t, g, load_listed_records(flat, order, first + g))
+        store_8_rows(t, 16 * TILE + g, load_listed_states(states, order, first + g))
     mat = mats[0]
     for q in range(np.uint64(n)):
         p = order[first + np.int64(q)]
+        later = np.int64(order[first + np.int64(q) + TILE])
+        prefetch(flat, 16 * later)
+        prefetch(states, 8 * later)
         if len(mats) > 1:
             mat = mats[label[who[p], 0]]
         c = np.int64(cell[p])
@@ -98,25 +103,12 @@ def _momentum(t, q):
     )
 
 
-def _gradient(t, q, tau, dt, h):
-    """Columns of the velocity gradient C of a particle, in float64: what its record holds besides the stress."""
-    m = np.float64(t[0, q])
+def _affine(t, q, tau, dt, h):
+    """Columns of the affine momentum m C_j h_j [kg m/s] of a particle, in float64: what its record holds besides the stress."""
     s = stress_columns(tau, np.float64(t[23, q]), (moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2])))
-    x = (
-        gradient_column(t[5, q] - s[0], m, h[0]),
-        gradient_column(t[6, q] - s[1], m, h[0]),
-        gradient_column(t[7, q] - s[2], m, h[0]),
-    )
-    y = (
-        gradient_column(t[9, q] - s[3], m, h[1]),
-        gradient_column(t[10, q] - s[4], m, h[1]),
-        gradient_column(t[11, q] - s[5], m, h[1]),
-    )
-    z = (
-        gradient_column(t[13, q] - s[6], m, h[2]),
-        gradient_column(t[14, q] - s[7], m, h[2]),
-        gradient_column(t[15, q] - s[8], m, h[2]),
-    )
+    x = t[5, q] - s[0], t[6, q] - s[1], t[7, q] - s[2]
+    y = t[9, q] - s[3], t[10, q] - s[4], t[11, q] - s[5]
+    z = t[13, q] - s[6], t[14, q] - s[7], t[15, q] - s[8]
     return x, y, z
 
 
@@ -125,15 +117,14 @@ def _account(t, x, q, dt, h, gravity):
     mat = Moduli(t[LAMBDA, q], t[SHEAR, q])
     log = _strain(t, q)
     m = np.float64(t[0, q])
-    cx, cy, cz = _gradient(t, q, kirchhoff_stress(log, mat), dt, h)
+    ax, ay, az = _affine(t, q, kirchhoff_stress(log, mat), dt, h)
     mv = _momentum(t, q)
-    v = mv[0] / m, mv[1] / m, mv[2] / m
     place = h[0] * (x[NODE, q] + t[4, q]), h[1] * (x[NODE + 1, q] + t[8, q]), h[2] * (x[NODE + 2, q] + t[12, q])
     x[MASS, q] = m
     x[MOMENTUM, q] = mv[0]
     x[MOMENTUM + 1, q] = mv[1]
     x[MOMENTUM + 2, q] = mv[2]
-    x[KINETIC, q] = kinetic_energy(m, v, cx, cy, cz, h)
+    x[KINETIC, q] = kinetic_energy(m, mv, ax, ay, az)
     x[POTENTIAL, q] = potential_energy(m, gravity, place)
     x[ELASTIC, q] = np.float64(energy_density(log, mat)) * t[23, q]
 
@@ -227,7 +218,8 @@ def unpack(rec, state, who, label, order, starts, first, nown, bxyz, corner, mat
                 node[d, 0], node[d, 1], node[d, 2] = _node_of(bxyz, b, c, corner)
                 _take_record(column, 0, rec, state, p)
                 tau = kirchhoff_stress(log_strain(_strain(column, 0)), mats[label[who[p], 0]])
-                columns = _gradient(column, 0, tau, dt, h)
+                columns = _affine(column, 0, tau, dt, h)
+                m = np.float64(column[0, 0])
                 for j in range(3):
                     for i in range(3):
-                        affine[d, i, j] = columns[j][i]
+                        affine[d, i, j] = gradient_column(columns[j][i], m, h[j])

@@ -22,6 +22,7 @@ from runout.backends.scan.stencil import (
     zeros,
 )
 from runout.physics.moments import node_velocity
+from runout.physics.tensors import real
 
 masses = permutation(in_groups((0, 4, 8, 12)))
 ones = constant([1.0] * 16)
@@ -29,11 +30,16 @@ local_places = local_array((8,))
 widened = permutation([*range(8), *[8] * 8])
 
 
-def _fill_arena(rec, order, starts, first, b, arena):
-    """Add the particles of a block to its arena."""
+def _fill_arena(rec, order, starts, first, b, arena, near, planes, cut, listed):
+    """Add the particles of a block to its arena; where the ground is ``near``, list those that may touch it, and return how many.
+
+    They are less than ``cut`` cells above the bound of the ground in their column of cells (:func:`ground.cut_tiles`): while
+    lanes are busy, a test of all of them costs less than finding the cells that need it.
+    """
     flat = rec.reshape(-1)
     _clear(arena)
     f = first[b]
+    n = 0
     ready = local_weights(rec)
     _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(f)))
     for c in range(64):
@@ -42,18 +48,25 @@ def _fill_arena(rec, order, starts, first, b, arena):
         if s == e:
             continue
         rows = _nothing(rec)
+        a = 3 * (c >> 2)
         for t in range(s, e):
+            r = np.uint64(order[t]) * np.uint64(16)
             prefetch(flat, np.uint64(order[t + np.uint64(AHEAD)]) * np.uint64(16))
             _weigh(flat, np.uint64(order[t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
-            rows = _scatter(flat, np.uint64(order[t]) * np.uint64(16), ready, _place_of(t), rows)
+            rows = _scatter(flat, r, ready, _place_of(t), rows)
+            if near:
+                bound = planes[b, a] + planes[b, a + 1] * flat[r + np.uint64(4)] + planes[b, a + 2] * flat[r + np.uint64(8)]
+                listed[f + n] = order[t]
+                n += real(c & 3) + flat[r + np.uint64(12)] - bound <= cut
         _add_rows(arena, _first_node(c), rows)
+    return n
 
 
 def particles_to_arenas(rec, order, starts, first, giving, nown, number, arenas):
     """Each block whose particles give to nodes adds them to its own arena."""
     for b in prange(nown):
         if giving[b] > 0:
-            _fill_arena(rec, order, starts, first, b, arenas[number[b]])
+            _fill_arena(rec, order, starts, first, b, arenas[number[b]], False, rec, real(0.0), order)
 
 
 def _find_arenas(place, number, filled, down, block):
