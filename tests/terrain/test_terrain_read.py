@@ -232,5 +232,3 @@ def test_import_of_the_package_is_cheap():
     code = "import runout.terrain.read, runout.terrain.prepare, runout.terrain.sdf, sys; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"rasterio", "pyproj", "xarray", "scipy", "matplotlib", "netCDF4"} & set(loaded)
-
-

@@ -135,8 +135,12 @@ def _tuple(context: Any, builder: Any, kind: Any, values: list[Any]) -> Any:
     return result
 
 
-def record_vectors(width: int) -> tuple[Any, Any]:
-    """(load, store) of 16 records of ``width`` numbers, 8 or 16, as ``width`` vectors over the records."""
+def record_vectors(width: int, stride: int | None = None) -> tuple[Any, Any]:
+    """(load, store) of 16 records of ``width`` numbers, 4, 8 or 16, as ``width`` vectors over the records.
+
+    Records lie ``stride`` numbers apart, one behind the other by default; the load takes those alone.
+    """
+    apart = stride or width
 
     @intrinsic
     def load(typing: Any, array: Any, place: Any) -> Any:
@@ -162,7 +166,7 @@ def record_vectors(width: int) -> tuple[Any, Any]:
                 if width < LANES:
                     first = width * (i // width)
                     row = builder.shuffle_vector(row, row, indices(range(first, first + width)))
-                builder.store(row, _at(builder, p, width * i, array.dtype, width), align=_bytes(array.dtype))
+                builder.store(row, _at(builder, p, apart * i, array.dtype, width), align=_bytes(array.dtype))
             return context.get_dummy_value()
 
         return types.void(array, place, fields), emit

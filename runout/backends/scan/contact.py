@@ -11,13 +11,13 @@ import numpy as np
 from numba import get_thread_id, prange
 
 from runout.backends.lanes import (
+    constant,
     lane_sum,
     listed_record_vectors,
     load4,
     load16,
     local_array,
     permutation,
-    permutation_of_two,
     prefetch,
     record_vectors,
     row_vectors,
@@ -40,7 +40,7 @@ from runout.backends.scan.stencil import (
     local_nodes,
     zeros,
 )
-from runout.backends.scan.transfer import _fill_arena, _find_arenas, _sum_row, local_places, masses, ones
+from runout.backends.scan.transfer import _fill_arena, _find_arenas, _sum_row, local_places
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, in_contact, work
 from runout.physics.moments import momentum_at
@@ -55,10 +55,12 @@ local_tile = local_array((32, TILE))
 local_aside = local_array((16 * TILE,))
 load_listed = listed_record_vectors(16)
 load_contacts, store_contacts = record_vectors(16)
+_, store_heads = record_vectors(4, 16)
 load_16_rows, store_16_rows = row_vectors(16, TILE)
+load_4_rows, _ = row_vectors(4, TILE)
 heads = permutation((0, 4, 8, 12))
 in_all_four = permutation(in_groups(range(4)))
-first_of_two = permutation_of_two([*range(4), *range(20, 32)])
+four_ones, four_zeros = constant([1.0] * 4), constant([0.0] * 4)
 
 
 def _take_candidates(aside, cell, who, radius, label, tile, friction, listed, start, n):
@@ -166,16 +168,13 @@ def _spread_block(contacts, row, listed, cell, f, n, arena):
         _add_rows(arena, place, _spread(flat, np.uint64(16 * (row + t)), _nothing(contacts)))
 
 
-def _call_up(planes, tiles, who, listed, b, f, held):
+def _call_up(tiles, who, b, f, held):
     """Ask for what :func:`_take_candidates` of a block will read, while its arena is filled."""
-    plane = planes.reshape(-1)
     tile = tiles.reshape(-1)
-    for k in range(0, 48, 16):
-        prefetch(plane, 48 * b + k)
+    for k in range(0, 36, 16):
         prefetch(tile, 36 * b + k)
     for p in range(f, f + held, 16):
         prefetch(who, p)
-        prefetch(listed, p)
 
 
 def particles_to_arenas_and_contacts(
@@ -196,7 +195,7 @@ def particles_to_arenas_and_contacts(
         cut = reach / (bounds[b, 1] * h[2])
         near = real(0.5) - bounds[b, 0] <= cut
         if near:
-            _call_up(planes, tiles, who, listed, b, first[b], giving[b])
+            _call_up(tiles, who, b, first[b], giving[b])
         n = _fill_arena(rec, order, starts, first, b, arenas[number[b]], near, planes, cut, listed)
         if n == 0:
             continue
@@ -259,11 +258,12 @@ def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
             for j in range(4):
                 o = b * 256 + (i * 4 + j) * 16
                 node = load16(grid, o)
-                m = masses(node)
-                inverse = select(m > zeros(m), ones(m) / select(m > zeros(m), m, ones(m)), zeros(m))
-                s = in_all_four(_sum_weights(arenas, overlapping, i, j))
-                store(grid, o, heads_and_tails(s * inverse, node))
-                store(inverse_mass, o >> 2, heads(inverse))
+                m = heads(node)
+                filled = m > four_zeros(m)
+                inverse = select(filled, four_ones(m) / select(filled, m, four_ones(m)), four_zeros(m))
+                s = in_all_four(_sum_weights(arenas, overlapping, i, j) * inverse)
+                store(grid, o, heads_and_tails(s, node))
+                store(inverse_mass, o >> 2, inverse)
 
 
 def _meet_grid(contacts, row, listed, cell, f, n, nodes):
@@ -272,7 +272,7 @@ def _meet_grid(contacts, row, listed, cell, f, n, nodes):
     for t in range(n):
         r = np.uint64(16 * (row + t))
         rows = _load_rows(nodes, _first_node(np.int64(cell[listed[f + t]])))
-        store(flat, r, first_of_two(_mean(flat, r, rows), load16(flat, r)))
+        store(flat, r, _mean(flat, r, rows))
 
 
 def _push(t, count, dt):
@@ -305,7 +305,7 @@ def _push_block(contacts, first_row, n, dt, ground, b):
             store_16_rows(t, 16 * g, load_contacts(contacts, 16 * (first_row + k + 16 * g)))
         _push(t, np.uint64(some), dt)
         for g in range(groups):
-            store_contacts(contacts, 16 * (first_row + k + 16 * g), load_16_rows(t, 16 * g))
+            store_heads(contacts, 16 * (first_row + k + 16 * g), load_4_rows(t, 16 * g))
             for row in range(4):
                 ground[b, row] += lane_sum(load16(t, (DONE + row) * TILE + 16 * g))
 

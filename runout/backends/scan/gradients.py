@@ -12,7 +12,6 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import constant, load16, permutation, select, splat, store
-from runout.backends.scan.contact import first_of_two
 from runout.backends.scan.forces import _z_slopes
 from runout.backends.scan.stencil import (
     _add_rows,
@@ -163,7 +162,7 @@ def take_dilatation(rates, starts, first, nown, grid, up):
             rows = _load_rows(nodes, _first_node(c))
             for t in range(f + np.uint64(starts[b, c]), f + np.uint64(starts[b, c + 1])):
                 r = t * np.uint64(16)
-                store(flat, r, first_of_two(_mean(flat, r, rows), load16(flat, r)))
+                store(flat, r, _mean(flat, r, rows))
 
 
 def take_slips(rec, order, starts, first, nown, given, up, slips):

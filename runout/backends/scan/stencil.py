@@ -69,6 +69,7 @@ zeros = constant([0.0] * 16)
 repeated = permutation([0, 1, 2, 3] * 4)  # a b c d -> abcd abcd abcd abcd
 even_groups = permutation_of_two([0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 25, 26, 27])
 odd_groups = permutation_of_two([4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31])
+first_group, second_group = permutation(range(4)), permutation(range(4, 8))
 offsets = permutation([0] * 4 + [4] * 4 + [8] * 4 + [12] * 4)  # record -> m, fx, fy, fz in the groups
 heads_and_tails = permutation_of_two([i if i % 4 == 0 else 16 + i for i in range(16)])  # heads of groups of a, rest of b
 tails = permutation([16 if i % 4 == 0 else i for i in range(16)])  # zero in the heads of groups
@@ -204,7 +205,7 @@ def _gather(rec, r, ready, w, rows):
 
 
 def _mean(rec, r, rows):
-    """Weighted mean of the four nodal numbers at the position of the record at place ``r``, in all groups."""
+    """Weighted mean of the four nodal numbers at the position of the record at place ``r``."""
     g00, g01, g02, g10, g11, g12, g20, g21, g22 = rows
     x = weights(rec[r + np.uint64(4)])
     y = weights(rec[r + np.uint64(8)])
@@ -213,7 +214,8 @@ def _mean(rec, r, rows):
     c1 = x[0] * g01 + x[1] * g11 + x[2] * g21
     c2 = x[0] * g02 + x[1] * g12 + x[2] * g22
     s = (y[0] * c0 + y[1] * c1 + y[2] * c2) * z
-    return _sum_groups(s, s, s, s)
+    s = even_groups(s, s) + odd_groups(s, s)
+    return first_group(s) + second_group(s)
 
 
 def _clear(arena):
