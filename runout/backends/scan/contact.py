@@ -159,20 +159,18 @@ def _examine(rec, who, radius, label, cell, f, tile, friction, dt, h, band, cont
     return found
 
 
-def _spread_block(contacts, row, listed, cell, f, n, arena):
+def _spread_block(flat, row, listed, cell, f, n, arena):
     """Fill the arena of a block with the first four numbers of its contacts."""
-    flat = contacts.reshape(-1)
     _clear(arena)
     for t in range(n):
         place = _first_node(np.int64(cell[listed[f + t]]))
-        _add_rows(arena, place, _spread(flat, np.uint64(16 * (row + t)), _nothing(contacts)))
+        _add_rows(arena, place, _spread(flat, np.uint64(16 * (row + t)), _nothing(flat)))
 
 
 def _call_up(tiles, who, b, f, held):
     """Ask for what :func:`_take_candidates` of a block will read, while its arena is filled."""
-    tile = tiles.reshape(-1)
     for k in range(0, 36, 16):
-        prefetch(tile, 36 * b + k)
+        prefetch(tiles, 36 * b + k)
     for p in range(f, f + held, 16):
         prefetch(who, p)
 
@@ -212,9 +210,8 @@ def particles_to_arenas_and_contacts(
             cursors[thread, 0] += (n + 15) & ~15
 
 
-def _spread_block_weights(contacts, row, listed, cell, f, n, arena):
+def _spread_block_weights(flat, row, listed, cell, f, n, arena):
     """Fill the arena of a block with the weights of its contacts alone: one number a node, rows of eight."""
-    flat = contacts.reshape(-1)
     for o in range(0, 6 * PLANE_OF_WEIGHTS, 16):
         store(arena, o, zeros(arena))
     for t in range(n):
@@ -243,9 +240,10 @@ def _sum_weights(arenas, place, i, j):
 
 def spread_weights(contacts, place, listed, cell, first, nown, candidates, number, arenas):
     """Put the weights of the contacts into the arenas of their blocks, once the nodes have taken the mass."""
+    flat = contacts.reshape(-1)
     for b in prange(nown):
         if candidates[b] > 0:
-            _spread_block_weights(contacts, place[b], listed, cell, first[b], candidates[b], arenas[number[b]])
+            _spread_block_weights(flat, place[b], listed, cell, first[b], candidates[b], arenas[number[b]])
 
 
 def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
@@ -266,9 +264,8 @@ def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
                 store(inverse_mass, o >> 2, inverse)
 
 
-def _meet_grid(contacts, row, listed, cell, f, n, nodes):
+def _meet_grid(flat, row, listed, cell, f, n, nodes):
     """Compliance and velocity that the grid would give to each contact."""
-    flat = contacts.reshape(-1)
     for t in range(n):
         r = np.uint64(16 * (row + t))
         rows = _load_rows(nodes, _first_node(np.int64(cell[listed[f + t]])))
@@ -312,15 +309,16 @@ def _push_block(contacts, first_row, n, dt, ground, b):
 
 def solve_contacts(contacts, place, listed, cell, first, nown, grid, up, dt, number, arenas, candidates, ground):
     """One impulse per contact, spread to the arena of its block; ``ground`` (nown, 4) is their work [J] and sum [N s]."""
+    flat = contacts.reshape(-1)
     for b in prange(nown):
         n = candidates[b]
         if n == 0:
             continue
         nodes = local_nodes(contacts)
         _load_nodes(nodes, grid, up, b)
-        _meet_grid(contacts, place[b], listed, cell, first[b], n, nodes)
+        _meet_grid(flat, place[b], listed, cell, first[b], n, nodes)
         _push_block(contacts, place[b], n, dt, ground, b)
-        _spread_block(contacts, place[b], listed, cell, first[b], n, arenas[number[b]])
+        _spread_block(flat, place[b], listed, cell, first[b], n, arenas[number[b]])
 
 
 def apply_impulses(arenas, number, touching, down, nall, grid, inverse_mass):

@@ -276,22 +276,18 @@ def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, wh
 
     Each row of nodes is read where it is used, which costs nothing, so that one loop takes all particles.
     """
-    flat = rec.reshape(-1)
-    states = state.reshape(-1)
-    flat2 = rec2.reshape(-1)
-    states2 = state2.reshape(-1)
     ready = local_weights(rec)
-    _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(0)))
+    _weigh(rec, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(0)))
     for t in range(np.uint64(held)):
         p = np.uint64(order[f + t])
         later = np.uint64(order[f + t + np.uint64(AHEAD)])
-        prefetch(flat, later * np.uint64(16))
-        prefetch(states, later * np.uint64(8))
-        _weigh(flat, np.uint64(order[f + t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
+        prefetch(rec, later * np.uint64(16))
+        prefetch(state, later * np.uint64(8))
+        _weigh(rec, np.uint64(order[f + t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
         c = cell[p]
         rows = _load_rows(nodes, _first_node(np.uint64(c)))
-        store(flat2, t * np.uint64(16), _gather(flat, p * np.uint64(16), ready, _place_of(t), rows))
-        store(states2, t * np.uint64(8), load8(states, p * np.uint64(8)))
+        store(rec2, t * np.uint64(16), _gather(rec, p * np.uint64(16), ready, _place_of(t), rows))
+        store(state2, t * np.uint64(8), load8(state, p * np.uint64(8)))
         who2[t] = who[p]
         cell2[t] = c
         order[f + t] = f + t
@@ -322,13 +318,13 @@ def grid_to_particles(
         if held == 0:
             continue
         buffer = get_thread_id()
+        records = rec2[buffer]
+        states = state2[buffer]
         nodes = local_nodes(rec)
         t = local_tile(rec)
         _load_nodes(nodes, grid, up, b)
         f = first[b]
-        _gather_block(
-            rec, state, who, cell, order, held, np.uint64(f), nodes, rec2[buffer], state2[buffer], who2[buffer], cell2[buffer]
-        )
+        _gather_block(rec, state, who, cell, order, held, np.uint64(f), nodes, records, states, who2[buffer], cell2[buffer])
         speed = move = lost = refused = zeros(rec)
         left = 0
         stirred = 0
@@ -337,13 +333,13 @@ def grid_to_particles(
         for k in range(0, held, TILE):
             count = min(TILE, held - k)
             groups = (count + 15) >> 4
-            _load_tile(t, rec2[buffer], state2[buffer], k, groups)
+            _load_tile(t, records, states, k, groups)
             if GENERAL:
                 for g in range(groups):
                     store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (f + k + 16 * g)))
                     store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (f + k + 16 * g)))
             _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
-            _follow_all_large(t, rec2[buffer], state2[buffer], k, who, label, f + k, groups, mats, s, cells, averaged, keeps)
+            _follow_all_large(t, records, states, k, who, label, f + k, groups, mats, s, cells, averaged, keeps)
             _store_tile(t, rec, state, f + k, groups)
             for g in range(groups):
                 speed = largest(speed, load16(t, SPEED * TILE + 16 * g))

@@ -71,17 +71,15 @@ def _take_place(t, x, q, mat, node):
 
 def _take_tile(t, x, rec, state, who, label, cell, order, first, n, mats, node):
     """The ``n`` particles of a list from place ``first`` on as columns; ``node`` is the first of their block."""
-    flat = rec.reshape(-1)
-    states = state.reshape(-1)
     for g in range(0, TILE, 16):
-        store_16_rows(t, g, load_listed_records(flat, order, first + g))
-        store_8_rows(t, 16 * TILE + g, load_listed_states(states, order, first + g))
+        store_16_rows(t, g, load_listed_records(rec, order, first + g))
+        store_8_rows(t, 16 * TILE + g, load_listed_states(state, order, first + g))
     mat = mats[0]
     for q in range(np.uint64(n)):
         p = order[first + np.int64(q)]
         later = np.int64(order[first + np.int64(q) + TILE])
-        prefetch(flat, 16 * later)
-        prefetch(states, 8 * later)
+        prefetch(rec, 16 * later)
+        prefetch(state, 8 * later)
         if len(mats) > 1:
             mat = mats[label[who[p], 0]]
         c = np.int64(cell[p])

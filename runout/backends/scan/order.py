@@ -105,10 +105,8 @@ def make_room(nown, held, arrivals, first, room, end, holes, n):
 
 def _copy_slot(rec, state, who, cell, p, d, c):
     """Copy a particle to another slot, into cell ``c``."""
-    flat = rec.reshape(-1)
-    states = state.reshape(-1)
-    store(flat, 16 * d, load16(flat, 16 * p))
-    store(states, 8 * d, load8(states, 8 * p))
+    store(rec, 16 * d, load16(rec, 16 * p))
+    store(state, 8 * d, load8(state, 8 * p))
     who[d] = who[p]
     cell[d] = c
 
@@ -125,8 +123,6 @@ def _relocate(rec, state, who, cell, old, new, n):
 
 def _expect(rec, state, who, cell, around, before, movers, leaving, changed, b, end):
     """Ask for the memory of what a block will receive."""
-    flat = rec.reshape(-1)
-    states = state.reshape(-1)
     for q in range(27):
         s = around[b, q]
         if q == HERE or s < 0 or (changed[s] >> (26 - q)) & 1 == 0:
@@ -135,11 +131,11 @@ def _expect(rec, state, who, cell, around, before, movers, leaving, changed, b, 
             entry = movers[before[s] + t]
             if (entry >> 6) & 63 == 26 - q:
                 p = before[s] + (entry >> 12)
-                prefetch(flat, 16 * p)
-                prefetch(states, 8 * p)
+                prefetch(rec, 16 * p)
+                prefetch(state, 8 * p)
                 prefetch(who, p)
-                prefetch(flat, 16 * end)
-                prefetch(states, 8 * end)
+                prefetch(rec, 16 * end)
+                prefetch(state, 8 * end)
                 prefetch(who, end)
                 prefetch(cell, end)
                 end += 1

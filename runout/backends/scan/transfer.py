@@ -36,12 +36,11 @@ def _fill_arena(rec, order, starts, first, b, arena, near, planes, cut, listed):
     They are less than ``cut`` cells above the bound of the ground in their column of cells (:func:`ground.cut_tiles`): while
     lanes are busy, a test of all of them costs less than finding the cells that need it.
     """
-    flat = rec.reshape(-1)
     _clear(arena)
     f = first[b]
     n = 0
     ready = local_weights(rec)
-    _weigh(flat, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(f)))
+    _weigh(rec, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(f)))
     for c in range(64):
         s = np.uint64(f + starts[b, c])
         e = np.uint64(f + starts[b, c + 1])
@@ -50,14 +49,14 @@ def _fill_arena(rec, order, starts, first, b, arena, near, planes, cut, listed):
         rows = _nothing(rec)
         a = 3 * (c >> 2)
         for t in range(s, e):
-            r = np.uint64(order[t]) * np.uint64(16)
-            prefetch(flat, np.uint64(order[t + np.uint64(AHEAD)]) * np.uint64(16))
-            _weigh(flat, np.uint64(order[t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
-            rows = _scatter(flat, r, ready, _place_of(t), rows)
+            p = np.uint64(order[t])
+            prefetch(rec, np.uint64(order[t + np.uint64(AHEAD)]) * np.uint64(16))
+            _weigh(rec, np.uint64(order[t + np.uint64(1)]) * np.uint64(16), ready, _place_of(t + np.uint64(1)))
+            rows = _scatter(rec, p * np.uint64(16), ready, _place_of(t), rows)
             if near:
-                bound = planes[b, a] + planes[b, a + 1] * flat[r + np.uint64(4)] + planes[b, a + 2] * flat[r + np.uint64(8)]
+                bound = planes[b, a] + planes[b, a + 1] * rec[p, 4] + planes[b, a + 2] * rec[p, 8]
                 listed[f + n] = order[t]
-                n += real(c & 3) + flat[r + np.uint64(12)] - bound <= cut
+                n += real(c & 3) + rec[p, 12] - bound <= cut
         _add_rows(arena, _first_node(c), rows)
     return n
 
