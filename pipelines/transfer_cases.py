@@ -70,7 +70,7 @@ def roughness(p: Particles, material: DruckerPrager) -> float:
 
 
 def collapse(way: Choices, steps: int = 130) -> tuple[float, float]:
-    """Roughness of the pressure of a collapsing column of sand, and its width [m], after so many steps at a Courant number of 0.4."""
+    """Roughness of the pressure of a collapsing column of sand and its width [m], after ``steps`` at a Courant number of 0.4."""
     engine = get_backend("scan", threads=1)
     engine.load(replace(level(SAND), cfl=0.4, **way), block((50.3, 50.2, 0.0), (6.0, 6.0, 8.0), SAND.density))
     for _ in range(steps):
