@@ -136,9 +136,9 @@ def _tuple(context: Any, builder: Any, kind: Any, values: list[Any]) -> Any:
 
 
 def record_vectors(width: int, stride: int | None = None) -> tuple[Any, Any]:
-    """(load, store) of 16 records of ``width`` numbers, 4, 8 or 16, as ``width`` vectors over the records.
+    """(load, store) of 16 records of ``width`` numbers, 8 or 16, as ``width`` vectors over the records.
 
-    Records lie ``stride`` numbers apart, one behind the other by default; the load takes those alone.
+    The store takes 4 numbers too, and records that lie ``stride`` numbers apart; the load takes one record behind the other.
     """
     apart = stride or width
 
