@@ -1,17 +1,25 @@
 """Small scenes that every backend must treat alike."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
 
 from runout import DruckerPrager, Elastic
+from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 
 GRAVITY = 9.81
+HASH_DEVICE = os.environ.get("RUNOUT_TEST_DEVICE", "cpu")  # "cuda:0" runs the tests of the hash backend on a GPU
 ROCK = Elastic(density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3)
 SAND = DruckerPrager(density=1800.0, youngs_modulus=2e6, poisson_ratio=0.25, friction_angle=30.0)
+
+
+def engine_of(name, **choices):
+    """A backend on one thread of the CPU, or on the device that the environment names."""
+    return get_backend(name, HASH_DEVICE if name == "hash" else "cpu", threads=1, **choices)
 
 
 def scene(surface=None, spacing=(1.0, 1.0, 1.0), materials=(ROCK,), friction=(0.5,), gravity=(0.0, 0.0, -GRAVITY), **choices):

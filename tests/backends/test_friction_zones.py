@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import GRAVITY, at, loaded, plane, scene
+from scenes import GRAVITY, at, engine_of, loaded, plane, scene
 from test_other_transfers import sandy
 from test_sparse_equals_dense import CASES, STATE, on_nodes, run, two_bodies
 
@@ -84,7 +84,7 @@ def test_sparse_backends_equal_the_reference_in_zones(sparse, way, steps, tolera
     surface, spacing = CASES["bowl"]
     p = two_bodies(surface, spacing)
     made = [sandy(s, spacing, (0.4, 0.25), friction_zones=random_zones(), **way) for s in (on_nodes(surface, spacing), surface)]
-    engines = [get_backend(name, threads=1) for name in ("reference", sparse)]
+    engines = [engine_of(name) for name in ("reference", sparse)]
     (a, row_a, _), (b, row_b, _) = (run(one, s, p, steps, 2e-3) for one, s in zip(engines, made, strict=True))
     for name in STATE:
         x, y = getattr(a, name), getattr(b, name)

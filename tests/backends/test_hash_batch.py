@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SAND, bowl, plane, scene
+from scenes import HASH_DEVICE, SAND, bowl, plane, scene
 from test_hash_equals_reference import GRAINS
 from test_sparse_equals_dense import CLAY, two_bodies
 
@@ -29,7 +29,7 @@ def three_scenes(precision="float64"):
 
 
 def alone(s, p, dt, steps, deterministic):
-    single = batch.Batch([(s, p)], "cpu", deterministic)
+    single = batch.Batch([(s, p)], HASH_DEVICE, deterministic)
     single.advance([dt], [steps])
     return single
 
@@ -37,7 +37,7 @@ def alone(s, p, dt, steps, deterministic):
 @pytest.mark.parametrize(("precision", "deterministic"), [("float64", True), ("float32", False)])
 def test_scene_of_a_batch_ends_as_in_its_own_run(precision, deterministic):
     scenes = three_scenes(precision)
-    together = batch.Batch(scenes, "cpu", deterministic)
+    together = batch.Batch(scenes, HASH_DEVICE, deterministic)
     together.advance(DT, [20, 20, 20])
     together.advance(DT, [n - 20 for n in STEPS])
     rows = together.ledgers()
@@ -65,7 +65,7 @@ def test_scenes_whose_friction_depends_on_the_rate_each_find_their_own_time_step
     first, second = ((replace(s, materials=(GRAINS,), friction=s.friction[:1]), p) for s, p in three_scenes()[:2])
     for _, p in (first, second):
         p.release[:] = 0
-    together = batch.Batch([first, second], "cpu", True)
+    together = batch.Batch([first, second], HASH_DEVICE, True)
     together.advance(DT[:2], STEPS[:2])
     for n, (s, p) in enumerate((first, second)):
         a, b = alone(s, p, DT[n], STEPS[n], True).particles_of(0), together.particles_of(n)
@@ -75,7 +75,7 @@ def test_scenes_whose_friction_depends_on_the_rate_each_find_their_own_time_step
 
 def test_scene_that_is_done_leaves_and_the_others_go_on_unchanged():
     scenes = three_scenes()
-    together = batch.Batch(scenes, "cpu", True)
+    together = batch.Batch(scenes, HASH_DEVICE, True)
     together.advance(DT, [10, 10, 10])
     together.leave([1])
     together.advance(DT, [70, 70, 70])
@@ -89,7 +89,7 @@ def test_scene_that_is_done_leaves_and_the_others_go_on_unchanged():
 def test_scene_that_becomes_unstable_is_recorded_with_its_reason_and_ends_nothing_else():
     scenes = three_scenes()
     scenes[1][1].velocity[3] = (0.0, 0.0, 900.0)
-    together = batch.Batch(scenes, "cpu", True)
+    together = batch.Batch(scenes, HASH_DEVICE, True)
     together.advance(DT, [40, 40, 40])
     assert "a particle of 900 m/s would cross" in together.accounts[1].failure
     assert [a.failure == "" for a in together.accounts] == [True, False, True]
@@ -103,7 +103,7 @@ def test_scenes_that_differ_in_what_they_must_share_are_refused_with_its_name():
 
 
 def test_columns_of_a_window_around_the_flow_are_those_of_the_whole_raster_bit_by_bit():
-    together = batch.Batch(three_scenes(), "cpu")
+    together = batch.Batch(three_scenes(), HASH_DEVICE)
     together.advance(DT, [10, 10, 10])
     for n in range(3):
         whole, flow = together.columns_of(n), together.flow_columns_of(n)

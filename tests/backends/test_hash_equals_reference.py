@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SAND, plane, scene, single_precision, total_energy
+from scenes import HASH_DEVICE, SAND, plane, scene, single_precision, total_energy
 from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
 
 from runout.backends.protocol import get_backend
@@ -17,7 +17,7 @@ ROW_TOLERANCE = 10  # sums lose some digits more than their parts
 
 
 def on_cpu(**choices):
-    return get_backend("hash", "cpu", **choices)
+    return get_backend("hash", HASH_DEVICE, **choices)
 
 
 def assert_same(expected, found, tolerance, spacing):

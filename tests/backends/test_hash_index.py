@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import ROCK, SAND, at, box, cloud, loaded, plane, scene
+from scenes import HASH_DEVICE, ROCK, SAND, at, box, cloud, loaded, plane, scene
 
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError, DeviceError
@@ -15,7 +15,7 @@ WEIGHTLESS = (0.0, 0.0, 0.0)
 
 
 def on_cpu(**choices):
-    return get_backend("hash", "cpu", **choices)
+    return get_backend("hash", HASH_DEVICE, **choices)
 
 
 def scattered(n, reach, seed=3):

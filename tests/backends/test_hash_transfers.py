@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import box, loaded, plane, scene, single_precision, total_energy
+from scenes import HASH_DEVICE, box, loaded, plane, scene, single_precision, total_energy
 from test_hash_batch import DT, STEPS, alone, batch, three_scenes
 from test_hash_equals_reference import assert_same
 from test_other_transfers import WAYS, sandy
@@ -31,7 +31,7 @@ def test_lanes_of_a_block_share_their_tiles_without_conflict_in_fixed_order(monk
     for way in (EVERYTHING, WAYS["packed with F-bar"]):
         dense = replace(rough_scene(**way), surface=on_nodes(SURFACE, SPACING))
         expected.append(run(get_backend("reference"), dense, p, 60, 2e-3))
-        found.append(run(get_backend("hash", "cpu", deterministic=True), rough_scene(**way), p, 60, 2e-3))
+        found.append(run(get_backend("hash", HASH_DEVICE, deterministic=True), rough_scene(**way), p, 60, 2e-3))
     for wanted, given in zip(expected, found, strict=True):
         assert_same(wanted, given, 1e-10, SPACING)
 
@@ -40,7 +40,7 @@ def test_in_float32_the_bulk_stays_close_to_the_reference():
     """After 100 steps to 1e-4 of a cell and 1e-4 of the energy, as with the packed form."""
     s, p = rough_scene(**EVERYTHING), two_bodies(SURFACE, SPACING)
     a, row_a, _ = run(get_backend("reference"), replace(s, surface=on_nodes(SURFACE, SPACING)), p, 100, 2e-3)
-    b, row_b, _ = run(get_backend("hash", "cpu"), single_precision(s), p, 100, 2e-3)
+    b, row_b, _ = run(get_backend("hash", HASH_DEVICE), single_precision(s), p, 100, 2e-3)
     shift = np.average(b.position(np.array(SPACING)) - a.position(np.array(SPACING)), axis=0, weights=a.mass)
     assert np.abs(shift).max() < 1e-4
     assert total_energy(row_b) == pytest.approx(total_energy(row_a), rel=1e-4)
@@ -52,7 +52,7 @@ def test_a_restored_run_and_one_of_many_steps_at_once_go_on_bit_by_bit(way, monk
     """Over sorts, while the time step changes."""
     monkeypatch.setattr(batch, "STEPS_PER_SORT", 10)
     s, p = rough_scene(**WAYS[way]), two_bodies(SURFACE, SPACING)
-    single, many, again = (get_backend("hash", "cpu") for _ in range(3))
+    single, many, again = (get_backend("hash", HASH_DEVICE) for _ in range(3))
     single.load(s, p), many.load(s, p)
     for dt in (2e-3, 1.5e-3):
         many.steps(dt, 18)
@@ -71,7 +71,7 @@ def test_a_restored_run_and_one_of_many_steps_at_once_go_on_bit_by_bit(way, monk
 
 def test_a_time_step_that_changes_gives_what_the_reference_gives():
     s, p, ends = rough_scene(**WAYS["aflip"]), two_bodies(SURFACE, SPACING), []
-    for engine, surface in ((get_backend("reference"), on_nodes(SURFACE, SPACING)), (get_backend("hash", "cpu"), SURFACE)):
+    for engine, surface in ((get_backend("reference"), on_nodes(SURFACE, SPACING)), (get_backend("hash", HASH_DEVICE), SURFACE)):
         engine.load(replace(s, surface=surface), p)
         for n in range(30):
             engine.step(2e-3 * (1 + 0.3 * (n % 3)))
@@ -98,7 +98,7 @@ def test_mass_that_spreads_into_new_blocks_makes_every_array_grow_and_loses_noth
     p = box((38.0, 36.0, 0.0), (2.0, 2.0, 2.0), (1.0, 1.0, 1.0))
     p.velocity[:] = 20.0 * (p.position(np.ones(3)) - np.array([39.0, 37.0, 1.0]))
     p.volume[:] = 1e-9
-    backend = loaded(get_backend("hash", "cpu"), sandy(gravity=(0.0, 0.0, 0.0), **EVERYTHING), p)
+    backend = loaded(get_backend("hash", HASH_DEVICE), sandy(gravity=(0.0, 0.0, 0.0), **EVERYTHING), p)
     blocks, nodes = backend.index.nall, len(backend.nodes.grid)
     backend.steps(7e-3, 150)
     row = backend.ledger()
@@ -114,7 +114,7 @@ def test_mass_that_spreads_into_new_blocks_makes_every_array_grow_and_loses_noth
 def test_forecast_of_the_memory_is_within_two_percent(way, deterministic):
     p = box((20.0, 20.0, 0.0), (16.0, 16.0, 4.0), (1.0, 1.0, 1.0))
     s = scene(plane(), **WAYS[way])
-    backend = loaded(get_backend("hash", "cpu", deterministic=deterministic), s, p)
+    backend = loaded(get_backend("hash", HASH_DEVICE, deterministic=deterministic), s, p)
     near = int((backend.nodes.grounded.numpy() >= 0).sum())
     needed = hash_backend.bytes_needed(len(p), backend.index.nall, "float64", deterministic, near, s.transfer, s.f_bar)
     assert needed == pytest.approx(backend.bytes_used(), rel=0.02)

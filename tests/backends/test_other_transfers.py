@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SAND, angular_momentum, box, cloud, loaded, plane, scene, total_energy
+from scenes import SAND, angular_momentum, box, cloud, engine_of, loaded, plane, scene, total_energy
 from scipy.spatial import cKDTree
 from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
 
@@ -69,7 +69,7 @@ def test_sparse_backends_equal_the_reference_in_float64(way, sparse, ground, ste
     surface, spacing = CASES[ground]
     p = two_bodies(surface, spacing)
     made = [sandy(s, spacing, (0.4, 0.25), **WAYS[way]) for s in (on_nodes(surface, spacing), surface)]
-    engines = [get_backend(name, "cpu", threads=1) for name in ("reference", sparse)]
+    engines = [engine_of(name) for name in ("reference", sparse)]
     (a, row_a, _), (b, row_b, columns) = (run(one, s, p, steps, 2e-3) for one, s in zip(engines, made, strict=True))
     for name in STATE:
         x, y = getattr(a, name), getattr(b, name)

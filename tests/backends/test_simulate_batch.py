@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import HASH_DEVICE
 
 from runout import ConfigError, DruckerPrager, Release, Terrain, simulate
 from runout.batch import simulate_batch
@@ -49,10 +50,10 @@ def assert_alike(found, alone):
 @pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
 def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
     told, scenarios = [], [arguments | way for arguments in SCENARIOS]
-    found = dict(simulate_batch(scenarios, device="cpu", progress=lambda number, fraction: told.append((number, fraction))))
+    found = dict(simulate_batch(scenarios, device=HASH_DEVICE, progress=lambda number, fraction: told.append((number, fraction))))
     assert sorted(found) == [0, 1, 2]
     for number, arguments in enumerate(scenarios):
-        assert_alike(found[number], simulate(**arguments, backend="hash"))
+        assert_alike(found[number], simulate(**arguments, backend="hash", device=HASH_DEVICE))
         fractions = [fraction for who, fraction in told if who == number]
         assert fractions == sorted(fractions)
         assert (fractions[0], fractions[-1]) == (0.0, 1.0)
@@ -60,7 +61,7 @@ def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
 
 def test_a_scenario_that_cannot_be_is_an_error_in_its_place_and_the_others_run():
     bad = scenario(material=DruckerPrager(density=2000.0, youngs_modulus=1e3, friction_angle=30.0))
-    found = dict(simulate_batch([SCENARIOS[1], bad], device="cpu"))
+    found = dict(simulate_batch([SCENARIOS[1], bad], device=HASH_DEVICE))
     assert isinstance(found[1], MaterialError)
     assert "youngs_modulus is 1000 Pa" in str(found[1])
     assert found[0].stop_reason == "end time"
@@ -78,11 +79,11 @@ def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
 
     monkeypatch.setattr("runout.batch.get_batch", counted)
     short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0)]
-    assert sorted(number for number, _ in simulate_batch(short, device="cpu")) == [0, 1, 2, 3]
+    assert sorted(number for number, _ in simulate_batch(short, device=HASH_DEVICE)) == [0, 1, 2, 3]
     assert sizes == [4, 2, 2]
     sizes.clear()
     monkeypatch.setattr("runout.batch._free", lambda place: 1.0)
-    (refused,) = simulate_batch(short[:1], device="cpu")
+    (refused,) = simulate_batch(short[:1], device=HASH_DEVICE)
     assert isinstance(refused[1], CapacityError)
     assert "the free memory of cpu" in str(refused[1])
     assert sizes == []
@@ -90,4 +91,4 @@ def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
 
 def test_scenarios_that_differ_in_what_they_must_share_are_refused():
     with pytest.raises(ConfigError, match="spacing"):
-        list(simulate_batch([scenario(), scenario(cell_size=4.0)], device="cpu"))
+        list(simulate_batch([scenario(), scenario(cell_size=4.0)], device=HASH_DEVICE))

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -323,11 +324,17 @@ class Batch:
         arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.contact, i.ends, n.grid
         run(self.k.update_nodes, i.room * 64, *arguments)
 
+    def _pressed(self) -> tuple[Any, Any]:
+        """Arrays for the list of the particles in contact by cell, and its starts: those of all, unless these are needed yet."""
+        n = self.nodes
+        return (n.pressed, n.pressed_start) if self.scene.f_bar else (self.store.order, self.index.cstart)
+
     def _find_contacts(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
             k.find_contacts, i.launched, WARP, s.rec, s.radius, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
             self.clock, n.tiles, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grounded, n.shares, n.arenas,
+            *self._pressed(),
         )  # fmt: skip
         if self.deterministic:
             run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.contact)
@@ -335,7 +342,7 @@ class Batch:
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
-            k.solve_contacts, i.shared, WARP, s.rec, s.radius, s.release, s.order, i.cstart, i.up, self.flags, i.tally, i.touched,
+            k.solve_contacts, i.shared, WARP, s.rec, s.radius, s.release, *self._pressed(), i.up, self.flags, i.tally, i.touched,
             i.member, self.clock, n.tiles, n.near, self.h, self.friction, *self.zones.tables, self.shift, i.coordinates,
             n.grounded, n.grid, n.contact, n.arenas, n.booked,
         )  # fmt: skip

@@ -42,7 +42,7 @@ from runout.physics.contact import impulse, in_contact, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.tensors import dot, real, tens, vec
 
-PUSHES = 128  # contact particles of a block whose impulses are held at once
+HELD = 128  # contact particles of a block whose impulses or offsets are held at once
 STARTS = CELL_LANES + 1
 
 
@@ -55,17 +55,11 @@ def _around(tiles: Rows, near: int, c: int):
     )  # fmt: skip
 
 
-def _listed(order: Ints, t: int):
-    """Particle at a place of the list; one in contact is listed as -1 - its place in memory."""
-    p = order[t]
-    return wp.max(p, -1 - p)
-
-
-def _ground(around: Any, z: int, rec: Rows, radius: Reals, p: int, h: Vector):
-    """Unit normal and gap [m] of a particle in a cell whose nine coefficients and lowest node ``z`` are given."""
-    e = surface_at(around, rec[OFFSET, p], rec[OFFSET + 1, p])
+def _ground(around: Any, z: int, f: Vector, radius: Any, h: Vector):
+    """Unit normal and gap [m] of a particle at offset ``f`` in a cell whose nine coefficients and lowest node ``z`` are given."""
+    e = surface_at(around, f[0], f[1])
     n = upward_normal(e[1] * h[2] / h[0], e[2] * h[2] / h[1])
-    return n, distance((real(z) + rec[OFFSET + 2, p] - e[0]) * h[2], n[2]) - radius[p]
+    return n, distance((real(z) + f[2] - e[0]) * h[2], n[2]) - radius
 
 
 def _is_near(around: Any, z: int, h: Vector, reach: Any):
@@ -112,62 +106,82 @@ def _number_listed(starts: Tile, cstart: Table2, b: int, lane: int, tiles: Rows,
     return total
 
 
-def _mark(
-    starts: Tile, rec: Rows, radius: Reals, order: Ints, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector,
-    dt: Any, band: Any, reach: Any,
-):  # fmt: skip
-    """Bring the particles of each cell of a block that touch the ground to the front of its list, marked; returns how many.
+def _number(starts: Tile, counts: Tile, lane: int):
+    """Number of the first particle of each cell among ``counts``, and of all."""
+    total = int(0)
+    for q in range(CELL_LANES // wp.block_dim()):
+        c = q * wp.block_dim() + lane
+        cells = wp.tile(int(counts[c]))
+        wp.tile_scatter_masked(starts, c, total + wp.untile(wp.tile_scan_exclusive(cells)), True)
+        total += wp.tile_sum(cells)[0]
+    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
+    return total
 
-    A thread first owns a particle and marks it, then a cell.
+
+def _keep_touching(
+    starts: Tile, counts: Tile, spots: Tile, total: int, rec: Rows, radius: Reals, order: Ints, cstart: Table2, b: int, lane: int,
+    tiles: Rows, near: int, h: Vector, dt: Any, band: Any, pressed: Ints,
+):  # fmt: skip
+    """List those of ``total`` particles of a block that touch the ground; returns how many.
+
+    The list begins where that of the block does, and may be the same memory: none gets a place beyond its own. ``counts`` are told
+    how many a cell has, ``spots`` the offsets of the first.
     """
-    total = _number_listed(starts, cstart, b, lane, tiles, near, h, reach)
-    for n in range(lane, total, wp.block_dim()):
-        c = _cell_of(starts, n)
-        t = cstart[b, c] + n - starts[c]
-        p = order[t] & NOT_NEGATIVE
-        normal, gap = _ground(_around(tiles, near, c), c & 3, rec, radius, p, h)
-        approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
-        if in_contact(gap, approach, dt, band):
-            order[t] = -1 - p
-    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)  # all have marked theirs
     found = int(0)
-    for c in range(lane, CELL_LANES, wp.block_dim()):
-        if starts[c] < starts[c + 1]:
-            first = int(cstart[b, c])
-            end = int(first)
-            for t in range(first, cstart[b, c + 1]):
-                p = int(order[t])
-                if p < 0:
-                    order[t] = order[end]
-                    order[end] = p
-                    end += 1
-            found += end - first
+    begin = int(cstart[b, 0])
+    for turn in range((total + wp.block_dim() - 1) // wp.block_dim()):
+        n = turn * wp.block_dim() + lane
+        c = int(0)
+        p = int(0)
+        hit = int(0)
+        f = vec(real(0.0), real(0.0), real(0.0))
+        if n < total:
+            c = _cell_of(starts, n)
+            p = order[cstart[b, c] + n - starts[c]] & NOT_NEGATIVE
+            f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+            normal, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
+            approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
+            if in_contact(gap, approach, dt, band):
+                hit = 1
+        hits = wp.tile(hit)
+        place = found + wp.untile(wp.tile_scan_exclusive(hits))
+        found += wp.tile_sum(hits)[0]
+        if hit != 0:
+            pressed[begin + place] = p
+        wp.tile_scatter_masked(spots, place, f, hit != 0 and place < HELD)
+        wp.tile_scatter_add(counts, c, 1, hit != 0, True)
     return found
 
 
-def _touching(order: Ints, cstart: Table2, b: int, c: int):
-    """Particles of a cell that are in contact: the marked ones at the front of its list."""
-    n = int(0)
-    for t in range(cstart[b, c], cstart[b, c + 1]):
-        if order[t] < 0:
-            n += 1
-    return n
+def _note_starts(starts: Tile, pressed_start: Table2, begin: int, b: int, lane: int):
+    """Where the particles of each cell that touch the ground start in their list."""
+    for c in range(lane, CELL_LANES, wp.block_dim()):
+        pressed_start[b, c + 1] = begin + starts[c + 1]
+    if lane == 0:
+        pressed_start[b, 0] = begin
 
 
-def _add_shares(tile: Tile, rec: Rows, order: Ints, cstart: Table2, b: int, lane: int):
-    """Weights of the contact particles of a block to the nodes of its tile."""
+def _load_spots(spots: Tile, rec: Rows, pressed: Ints, begin: int, end: int, lane: int):
+    """Offsets of the particles at some places of the list, at most so many as are held at once."""
+    for q in range((end - begin + wp.block_dim() - 1) // wp.block_dim()):
+        n = q * wp.block_dim() + lane
+        p = pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
+        wp.tile_scatter_masked(spots, n, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), begin + n < end)
+
+
+def _add_shares(tile: Tile, spots: Tile, starts: Tile, base: int, lane: int):
+    """Weights of the contact particles of a block from number ``base`` on, with offsets ``spots``, to the nodes of its tile."""
     for c in range(lane, CELL_LANES, wp.block_dim()):
         acc = sums1()
-        for t in range(cstart[b, c], cstart[b, c + 1]):
-            if order[t] < 0:
-                p = _listed(order, t)
-                wx = weights(rec[OFFSET, p])
-                wy = weights(rec[OFFSET + 1, p])
-                wz = weights(rec[OFFSET + 2, p])
-                for i in range(3):
-                    for j in range(3):
-                        for k in range(3):
-                            acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
+        for n in range(wp.max(int(starts[c]), base), wp.min(int(starts[c + 1]), base + HELD)):
+            f = spots[n - base]
+            wx = weights(f[0])
+            wy = weights(f[1])
+            wz = weights(f[2])
+            for i in range(3):
+                for j in range(3):
+                    for k in range(3):
+                        acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
         first = _first_node(c)
         for i in range(3):
             for j in range(3):
@@ -178,11 +192,11 @@ def _add_shares(tile: Tile, rec: Rows, order: Ints, cstart: Table2, b: int, lane
 def find_contacts(
     rec: Rows, radius: Reals, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
     clock: Rows, tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grounded: Ints,
-    shares: Reals, arenas: Nodes, launched: int,
+    shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2, launched: int,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
 
-    They come to the front of their cell's list, marked. ``shares`` is the first of the four numbers of each node.
+    They are listed by cell. ``shares`` is the first of the four numbers of each node.
     """
     begin, lane = wp.tid()
     if flags[HALT] != 0:
@@ -192,15 +206,25 @@ def find_contacts(
         s = member[b]
         if near[b] >= 0 and clock[s, 0] > real(0.0):
             starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
-            found = _mark(starts, rec, radius, order, cstart, b, lane, tiles, near[b], h, clock[s, 0], band, clock[s, 4])
-            all_found = wp.tile_sum(wp.tile(found))
-            if all_found[0] > 0:
+            counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
+            spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
+            total = _number_listed(starts, cstart, b, lane, tiles, near[b], h, clock[s, 4])
+            found = _keep_touching(
+                starts, counts, spots, total, rec, radius, order, cstart, b, lane, tiles, near[b], h, clock[s, 0], band, pressed
+            )
+            if found > 0:
+                _number(starts, counts, lane)
+                first = int(cstart[b, 0])
+                _note_starts(starts, pressed_start, first, b, lane)
                 if lane == 0:
-                    touching[b] = all_found[0]
+                    touching[b] = found
                     touched[wp.atomic_add(tally, TOUCHED, 1)] = b
-                    wp.atomic_add(contacts, s, all_found[0])
+                    wp.atomic_add(contacts, s, found)
                 tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
-                _add_shares(tile, rec, order, cstart, b, lane)
+                for base in range(0, found, HELD):
+                    if base > 0:
+                        _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
+                    _add_shares(tile, spots, starts, base, lane)
                 for t in range(lane, TILE, wp.block_dim()):
                     share = tile[t]
                     if ORDERED:
@@ -229,24 +253,11 @@ def _push(
     wy = weights(f[1])
     wz = weights(f[2])
     u, compliance = _contact_velocity(tile, _first_node(c), wx, wy, wz)
-    n, gap = _ground(_around(tiles, near, c), c & 3, rec, radius, p, h)
+    n, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
     push = impulse(u, n, gap, compliance, friction, dt)
     m = rec[MASS, p]
     before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
     return node4(push[0], push[1], push[2], work(push, before, u, compliance))
-
-
-def _start_pushes(starts: Tile, order: Ints, cstart: Table2, b: int, lane: int):
-    """Number of the first contact particle of each cell of a block, and of all."""
-    total = int(0)
-    for q in range(CELL_LANES // wp.block_dim()):
-        c = q * wp.block_dim() + lane
-        n = _touching(order, cstart, b, c)
-        cells = wp.tile(n)
-        wp.tile_scatter_masked(starts, c, total + wp.untile(wp.tile_scan_exclusive(cells)), True)
-        total += wp.tile_sum(cells)[0]
-    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
-    return total
 
 
 def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: int):
@@ -257,7 +268,7 @@ def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: i
     done = double4()
     n = int(starts[c])
     begin = wp.max(n, base)
-    end = wp.min(int(starts[c + 1]), base + PUSHES)
+    end = wp.min(int(starts[c + 1]), base + HELD)
     first = _first_node(c)
     for i in range(3):
         acc = sums3()
@@ -281,9 +292,9 @@ def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: i
 
 
 def solve_contacts(
-    rec: Rows, radius: Reals, release: Shorts, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, touched: Ints,
-    member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2, shift: Ints,
-    coordinates: Table2, grounded: Ints, grid: Nodes, contact: Nodes, arenas: Nodes, booked: Doubles2, launched: int,
+    rec: Rows, radius: Reals, release: Shorts, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
+    touched: Ints, member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2,
+    shift: Ints, coordinates: Table2, grounded: Ints, grid: Nodes, contact: Nodes, arenas: Nodes, booked: Doubles2, launched: int,
 ):  # fmt: skip
     """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 5) adds up work [J] and impulse [N s].
 
@@ -298,19 +309,23 @@ def solve_contacts(
         velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
         _load(velocities, grid, contact, grounded, up, b, lane, vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3]))
         starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
-        total = _start_pushes(starts, order, cstart, b, lane)
+        first = int(pressed_start[b, 0])
+        for q in range(CELL_LANES // wp.block_dim()):
+            c = q * wp.block_dim() + lane + 1
+            wp.tile_scatter_masked(starts, c, pressed_start[b, c] - first, True)
+        total = pressed_start[b, CELL_LANES] - first
         tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
-        pushes = wp.tile_empty(shape=PUSHES, dtype=node4, storage="shared")
-        spots = wp.tile_empty(shape=PUSHES, dtype=vec, storage="shared")
+        pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
+        spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
         done = double4()
-        for base in range(0, total, PUSHES):
-            for q in range((wp.min(total - base, PUSHES) + wp.block_dim() - 1) // wp.block_dim()):
+        for base in range(0, total, HELD):
+            for q in range((wp.min(total - base, HELD) + wp.block_dim() - 1) // wp.block_dim()):
                 n = base + q * wp.block_dim() + lane
                 push = node4()
                 f = vec(real(0.0), real(0.0), real(0.0))
                 if n < total:
                     c = _cell_of(starts, n)
-                    p = _listed(order, cstart[b, c] + n - starts[c])
+                    p = pressed[first + n] & NOT_NEGATIVE
                     f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
                     mu = friction[int(release[p])]
                     if ZONED:

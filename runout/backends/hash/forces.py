@@ -6,7 +6,6 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact import _listed
 from runout.backends.hash.deform import _strain_of
 from runout.backends.hash.gradients import _cells
 from runout.backends.hash.layout import (
@@ -64,7 +63,7 @@ def _sum_forces(rec: Rows, stress: Rows, order: Ints, first: int, last: int, cel
     """Impulses [N s] of the internal forces of the particles at some places of the list on the 27 nodes of their cell."""
     acc = sums27()
     for t in range(first, last):
-        p = _listed(order, t) & NOT_NEGATIVE
+        p = order[t] & NOT_NEGATIVE
         wx = weights(rec[OFFSET, p])
         wy = weights(rec[OFFSET + 1, p])
         wz = weights(rec[OFFSET + 2, p])

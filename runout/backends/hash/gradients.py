@@ -9,7 +9,6 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact import _listed
 from runout.backends.hash.deform import _gather, _slopes, _store, _strain_of
 from runout.backends.hash.layout import (
     ACTIVE,
@@ -185,7 +184,7 @@ def _sum_dilatations(rec: Rows, order: Ints, tile: Tile, corner: int, first: int
     """Volume and volume times dilatation that the particles at some places of the list hand to the 27 nodes of their cell."""
     acc = sums2()
     for t in range(first, last):
-        p = _listed(order, t) & NOT_NEGATIVE
+        p = order[t] & NOT_NEGATIVE
         f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
         volume = rec[VOLUME, p] * real(1.0)
         change = volume * dilatation(_rate(f, tile, corner, 36, 6, cells, by_slopes))

@@ -277,7 +277,7 @@ class Index:
         Blocks at the block itself and one step up (down) in each axis, -1 where there is none.
     cstart : (room, 65) int32
         Places in the list of particles where the cells of a block start and the last ends. While particles move: how many have
-        entered each cell, in the place of the next cell.
+        entered each cell, in the place of the next cell; in between, near the ground, the same of the particles in contact.
     ends : (65 room,) int32
         The same memory in a row.
     homes, home : (room,), (room, 2) int32

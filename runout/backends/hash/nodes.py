@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.layout import TILE, more_room_for, room_for
+from runout.backends.hash.layout import CELL_LANES, TILE, more_room_for, room_for
 
 
 class NodeArrays:
@@ -29,6 +29,9 @@ class NodeArrays:
         Place in ``tiles`` of a block whose particles may touch the ground, -1 for the others.
     tiles : (places, 36)
         Coefficients of the surface relative to the block's lowest node [cells].
+    pressed, pressed_start : (particles,), (room, 65) int32
+        Particles in contact by cell, and where those of the cells of a block start; only with ``averaged``, else empty: then they
+        take the place of the list of all, which no kernel needs any more.
     arenas, held : (216 room,) four numbers, (room,) int32
         Sums of each block and particles that it holds, for sums in fixed order; else empty.
     booked : (room, 5) float64
@@ -42,6 +45,8 @@ class NodeArrays:
         self.dilated = wp.zeros(room * 64 * (averaged and not ordered), dtype=self.vec4)
         self.arenas = wp.zeros(room * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(room * ordered, dtype=wp.int32)
+        lists = particles * averaged, (room * averaged, CELL_LANES + 1)
+        self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.grounded = wp.full(room, -1, dtype=wp.int32)
         self.near = wp.full(room, -1, dtype=wp.int32)
         self.booked = wp.zeros((room, 5), dtype=wp.float64)

@@ -51,7 +51,7 @@ class Store:
     key : (size,) int32
         64 times the block plus the cell; -2 - key for a particle that has gone, -1 for no particle.
     order : (size,) int32
-        Places of the particles, cell by cell; those in contact come first in their cell, as -1 - place.
+        Places of the particles, cell by cell; near the ground, from the middle of a step on, of those in contact alone.
     """
 
     def __init__(self, size: int, number: Any, stressed: bool = False):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warp as wp
 
-from runout.backends.hash.contact import _listed
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
@@ -35,11 +34,11 @@ def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
     acc = sums4()
     ahead = int(0)
     if first < last:
-        ahead = _listed(order, first)
+        ahead = order[first]
     for t in range(first, last):
         p = ahead & NOT_NEGATIVE
         if t + 1 < last:
-            ahead = _listed(order, t + 1)
+            ahead = order[t + 1]
         m = rec[MASS, p]
         fx = rec[OFFSET, p]
         fy = rec[OFFSET + 1, p]
