@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import HASH_DEVICE, box, loaded, plane, scene, single_precision, total_energy
+from scenes import HASH_DEVICE, IN_ORDER, box, loaded, plane, scene, single_precision, total_energy
 from test_hash_batch import DT, STEPS, alone, batch, three_scenes
 from test_hash_equals_reference import assert_same
 from test_other_transfers import WAYS, sandy
@@ -52,7 +52,7 @@ def test_a_restored_run_and_one_of_many_steps_at_once_go_on_bit_by_bit(way, monk
     """Over sorts, while the time step changes."""
     monkeypatch.setattr(batch, "STEPS_PER_SORT", 10)
     s, p = rough_scene(**WAYS[way]), two_bodies(SURFACE, SPACING)
-    single, many, again = (get_backend("hash", HASH_DEVICE) for _ in range(3))
+    single, many, again = (get_backend("hash", HASH_DEVICE, deterministic=IN_ORDER) for _ in range(3))
     single.load(s, p), many.load(s, p)
     for dt in (2e-3, 1.5e-3):
         many.steps(dt, 18)
@@ -82,10 +82,10 @@ def test_a_time_step_that_changes_gives_what_the_reference_gives():
 def test_members_of_a_batch_with_their_own_materials_and_flip_ratios_end_as_in_their_own_runs():
     ratios = (0.95, 0.5, 0.0)
     scenes = [(replace(s, transfer="aflip", f_bar=True, flip_ratio=r), p) for (s, p), r in zip(three_scenes(), ratios, strict=True)]
-    together = batch.Batch(scenes, "cpu")
+    together = batch.Batch(scenes, HASH_DEVICE, IN_ORDER)
     together.advance(DT, STEPS)
     for n, (s, p) in enumerate(scenes):
-        a, b = alone(s, p, DT[n], STEPS[n], False).particles_of(0), together.particles_of(n)
+        a, b = alone(s, p, DT[n], STEPS[n], IN_ORDER).particles_of(0), together.particles_of(n)
         for name in vars(a):
             np.testing.assert_array_equal(getattr(b, name), getattr(a, name), err_msg=f"{name} of scene {n}")
     with pytest.raises(ConfigError, match="must share transfer"):

@@ -15,7 +15,8 @@ import numpy as np
 import warp as wp
 
 from runout.backends.compile import warp_binding, warp_kernels, warp_record
-from runout.backends.hash import motion, stencil
+from runout.backends.hash import deform, motion, stencil
+from runout.backends.hash.deform import _slopes, _store, _strain_of
 from runout.backends.hash.kernels import OPTIONS, _argument_types
 from runout.backends.hash.layout import (
     AFFINE,
@@ -31,7 +32,7 @@ from runout.backends.hash.layout import (
     Vector,
     run,
 )
-from runout.backends.hash.motion import _in_cell, _slopes, _store, _strain_of
+from runout.backends.hash.motion import _in_cell
 from runout.backends.hash.stencil import _arms
 from runout.backends.hash.store import Store
 from runout.model.laws import LAWS
@@ -116,7 +117,7 @@ def _kernels(law: str) -> SimpleNamespace:
     record = warp_record(law, LAWS[law].fields, wp.float32)
     update = getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update
     kernels = warp_kernels(
-        physics, (stencil, motion, modules[__name__]), lambda name: others if name in vars(motion) else own,
+        physics, (stencil, deform, motion, modules[__name__]), lambda name: others if name in vars(motion) else own,
         **_argument_types(wp.float32, record), law_update=update,
     )  # fmt: skip
     kernels.record = record

@@ -44,6 +44,7 @@ from runout.physics.tensors import dot, real, tens, vec
 
 HELD = 128  # contact particles of a block whose impulses or offsets are held at once
 STARTS = CELL_LANES + 1
+BELOW, FILLED = 2**20 - 1, 20  # a sum of particles lies in these bits, and one of cells from this bit on
 
 
 def _around(tiles: Rows, near: int, c: int):
@@ -106,16 +107,19 @@ def _number_listed(starts: Tile, cstart: Table2, b: int, lane: int, tiles: Rows,
     return total
 
 
-def _number(starts: Tile, counts: Tile, lane: int):
-    """Number of the first particle of each cell among ``counts``, and of all."""
+def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
+    """Number of the first particle of each cell among ``counts``, and of all; ``filled`` lists cells with any; returns how many."""
     total = int(0)
     for q in range(CELL_LANES // wp.block_dim()):
         c = q * wp.block_dim() + lane
-        cells = wp.tile(int(counts[c]))
-        wp.tile_scatter_masked(starts, c, total + wp.untile(wp.tile_scan_exclusive(cells)), True)
+        n = int(counts[c])
+        cells = wp.tile(n + (wp.min(n, 1) << FILLED))
+        before = total + wp.untile(wp.tile_scan_exclusive(cells))
+        wp.tile_scatter_masked(starts, c, before & BELOW, True)
+        wp.tile_scatter_masked(filled, before >> FILLED, c, n > 0)
         total += wp.tile_sum(cells)[0]
-    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
-    return total
+    wp.tile_scatter_masked(starts, CELL_LANES, total & BELOW, lane == 0)
+    return total >> FILLED
 
 
 def _keep_touching(
@@ -169,9 +173,14 @@ def _load_spots(spots: Tile, rec: Rows, pressed: Ints, begin: int, end: int, lan
         wp.tile_scatter_masked(spots, n, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), begin + n < end)
 
 
-def _add_shares(tile: Tile, spots: Tile, starts: Tile, base: int, lane: int):
-    """Weights of the contact particles of a block from number ``base`` on, with offsets ``spots``, to the nodes of its tile."""
-    for c in range(lane, CELL_LANES, wp.block_dim()):
+def _add_shares(tile: Tile, spots: Tile, starts: Tile, filled: Tile, many: int, base: int, lane: int):
+    """Weights of the contact particles of a block from number ``base`` on, with offsets ``spots``, to the nodes of its tile.
+
+    A thread owns one of the ``many`` filled cells: no two add to a node at once.
+    """
+    for turn in range((many + wp.block_dim() - 1) // wp.block_dim()):
+        mine = turn * wp.block_dim() + lane
+        c = int(filled[wp.min(mine, many - 1)])
         acc = sums1()
         for n in range(wp.max(int(starts[c]), base), wp.min(int(starts[c + 1]), base + HELD)):
             f = spots[n - base]
@@ -186,7 +195,7 @@ def _add_shares(tile: Tile, spots: Tile, starts: Tile, base: int, lane: int):
         for i in range(3):
             for j in range(3):
                 for k in range(3):
-                    wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], True, False)
+                    wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], mine < many, False)
 
 
 def find_contacts(
@@ -208,12 +217,13 @@ def find_contacts(
             starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
             counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
             spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
+            filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
             total = _number_listed(starts, cstart, b, lane, tiles, near[b], h, clock[s, 4])
             found = _keep_touching(
                 starts, counts, spots, total, rec, radius, order, cstart, b, lane, tiles, near[b], h, clock[s, 0], band, pressed
             )
             if found > 0:
-                _number(starts, counts, lane)
+                many = _number(starts, filled, counts, lane)
                 first = int(cstart[b, 0])
                 _note_starts(starts, pressed_start, first, b, lane)
                 if lane == 0:
@@ -224,7 +234,7 @@ def find_contacts(
                 for base in range(0, found, HELD):
                     if base > 0:
                         _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
-                    _add_shares(tile, spots, starts, base, lane)
+                    _add_shares(tile, spots, starts, filled, many, base, lane)
                 for t in range(lane, TILE, wp.block_dim()):
                     share = tile[t]
                     if ORDERED:
@@ -260,15 +270,14 @@ def _push(
     return node4(push[0], push[1], push[2], work(push, before, u, compliance))
 
 
-def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: int):
+def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: int, mine: bool):
     """Impulses of the contact particles of a cell to its 27 nodes, nine at a time; returns impulse and work of all.
 
-    ``pushes`` and ``spots`` hold impulse and work, and offset, of those from number ``base`` on.
+    ``pushes`` and ``spots`` hold impulse and work, and offset, of those from number ``base`` on. None if the cell is not ``mine``.
     """
     done = double4()
-    n = int(starts[c])
-    begin = wp.max(n, base)
-    end = wp.min(int(starts[c + 1]), base + HELD)
+    begin = wp.max(int(starts[c]), base)
+    end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
     first = _first_node(c)
     for i in range(3):
         acc = sums3()
@@ -287,7 +296,7 @@ def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: i
         for j in range(3):
             for k in range(3):
                 s = node4(real(0.0), acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2])
-                wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, True, False)
+                wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
     return done
 
 
@@ -310,10 +319,12 @@ def solve_contacts(
         _load(velocities, grid, contact, grounded, up, b, lane, vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3]))
         starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
         first = int(pressed_start[b, 0])
-        for q in range(CELL_LANES // wp.block_dim()):
-            c = q * wp.block_dim() + lane + 1
-            wp.tile_scatter_masked(starts, c, pressed_start[b, c] - first, True)
-        total = pressed_start[b, CELL_LANES] - first
+        counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+        filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+        for c in range(lane, CELL_LANES, wp.block_dim()):
+            wp.tile_scatter_masked(counts, c, pressed_start[b, c + 1] - pressed_start[b, c], True)
+        many = _number(starts, filled, counts, lane)
+        total = int(starts[CELL_LANES])
         tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
         pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
         spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
@@ -335,8 +346,9 @@ def solve_contacts(
                     push = _push(rec, radius, tiles, velocities, near[b], c, p, f, h, mu, dt)
                 wp.tile_scatter_masked(pushes, n - base, push, n < total)
                 wp.tile_scatter_masked(spots, n - base, f, n < total)
-            for c in range(lane, CELL_LANES, wp.block_dim()):
-                done += _spread(tile, pushes, spots, starts, c, base)
+            for turn in range((many + wp.block_dim() - 1) // wp.block_dim()):
+                mine = turn * wp.block_dim() + lane
+                done += _spread(tile, pushes, spots, starts, filled[wp.min(mine, many - 1)], base, mine < many)
         all_done = wp.tile_sum(wp.tile(done, preserve_type=True))
         if lane == 0:
             for d in range(4):
