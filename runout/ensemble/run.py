@@ -153,9 +153,28 @@ def _work(
 ) -> tuple[Task, list[Group]]:
     """What is to be done with members, and the groups in which it is: on hash they share launches, a group a worker."""
     if simulate is None and (on_gpus or site.settings.simulation.backend == "hash"):
-        return partial(simulate_together, site, results=results), [tuple(waiting[k::crew]) for k in range(min(crew, len(waiting)))]
+        return partial(simulate_together, site, results=results), dealt(waiting, crew)
     task = partial(simulate_alone, site, results=results, simulate=simulate, threads=threads)
     return task, [(member,) for member in waiting]
+
+
+def dealt(members: list[Member], crew: int) -> list[Group]:
+    """Members in at most ``crew`` groups of about the same work, which grows with the volume that is released.
+
+    Each in turn, the largest first, comes to the group that has least; a group keeps the order of the numbers.
+    """
+    groups: list[list[Member]] = [[] for _ in range(min(crew, len(members)))]
+    work = [0.0] * len(groups)
+    for member in sorted(members, key=_volume_factor, reverse=True):
+        least = work.index(min(work))
+        groups[least].append(member)
+        work[least] += _volume_factor(member)
+    return [tuple(sorted(group, key=lambda member: member.number)) for group in groups]
+
+
+def _volume_factor(member: Member) -> float:
+    """Volume that a member releases over that of the others' common shape."""
+    return member.parameters.get("release_volume_factor", 1.0)
 
 
 class _Tally:

@@ -18,8 +18,8 @@ from ensemble_fakes import calls, simulate, simulate_on, simulate_step_by_step, 
 from netCDF4 import Dataset
 
 from runout.ensemble import crew
-from runout.ensemble.member import plan_members, stored_key
-from runout.ensemble.run import run_ensemble
+from runout.ensemble.member import Member, plan_members, stored_key
+from runout.ensemble.run import dealt, run_ensemble
 from runout.ensemble.status import member_files, member_status
 from runout.errors import ConfigError, InputError, StorageError
 
@@ -264,6 +264,17 @@ def test_members_on_all_gpus_are_spread_one_process_a_gpu(tmp_path, two_cores, m
     where = [(attributes(place, i)["pid"], attributes(place, i)["device"]) for i in range(4)]
     assert len(set(where)) == 2
     assert {device for _, device in where} == {"cuda:0", "cuda:1"}
+
+
+def test_groups_of_gpus_release_about_the_same_volume_whatever_the_order_of_the_members():
+    """Interleaved, the first group would have four times the work of the second."""
+    members = [Member(n, {"release_volume_factor": 2.0 if n % 2 == 0 else 0.5}, n, "") for n in range(20)]
+    groups = dealt(members, 2)
+    assert [sum(m.parameters["release_volume_factor"] for m in group) for group in groups] == [12.5, 12.5]
+    assert sorted(m.number for group in groups for m in group) == list(range(20))
+    assert all([m.number for m in group] == sorted(m.number for m in group) for group in groups)
+    alike = dealt([Member(n, {}, n, "") for n in range(3)], 5)
+    assert [len(group) for group in alike] == [1, 1, 1]
 
 
 def test_members_on_one_gpu_run_in_one_process(tmp_path, two_cores, monkeypatch):
