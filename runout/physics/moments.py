@@ -67,6 +67,11 @@ def node_velocity(momentum: Any, mass: Any, dv: Any):
     return momentum / mass + dv
 
 
+def velocity_after(v: Any, momentum: Any, inverse_mass: Any):
+    """Velocity [m/s] of a mass, whose inverse [1/kg] is given, after it took up momentum [kg m/s]. By component, and by lanes."""
+    return v + momentum * inverse_mass
+
+
 def kinetic_energy(m: Any, p: Any, ax: Any, ay: Any, az: Any):
     """Kinetic energy of a particle [J] with its affine part, from its momentum and the columns m C_j h_j [kg m/s].
 

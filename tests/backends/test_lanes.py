@@ -39,7 +39,7 @@ reversed_lanes = permutation(range(15, -1, -1))
 first_half_then_nothing = permutation([*range(8), *[16] * 8])
 interleaved = permutation_of_two([k for i in range(8) for k in (i, 16 + i)])
 load_wide, store_wide = record_vectors(16)
-_, store_heads = record_vectors(4, 16)
+load_short, store_short = record_vectors(4)
 load_narrow, store_narrow = record_vectors(8)
 load_chosen = listed_record_vectors(16)
 load_rows, store_rows = row_vectors(3, 20)
@@ -150,16 +150,18 @@ def test_records_turn_into_vectors_and_back(real, width):
 
 
 @both
-def test_heads_of_records_are_written_and_the_rest_stays(real):
-    load, save = row_vectors(4, 16)[0], store_heads
+def test_records_of_four_become_columns_and_go_back(real):
+    (load, save), (read, write) = row_vectors(4, 16), (load_short, store_short)
 
-    def write(columns, records):
-        save(records, 0, load(columns, 0))
+    def turn(records, columns, back):
+        save(columns, 0, read(records, 4))
+        write(back, 4, load(columns, 0))
 
-    columns, records = lanes(real, 4).reshape(4, 16), np.full((16, 16), 7.0, real)
-    ran(write, columns, records)
-    np.testing.assert_array_equal(records[:, :4], columns.T)
-    assert (records[:, 4:] == 7.0).all()
+    records, columns, back = lanes(real, 5).reshape(20, 4), np.zeros((4, 16), real), np.full((20, 4), 7.0, real)
+    ran(turn, records, columns, back)
+    np.testing.assert_array_equal(columns, records[1:17].T)
+    np.testing.assert_array_equal(back[1:17], records[1:17])
+    assert (back[[0, 17, 18, 19]] == 7.0).all()
 
 
 @both

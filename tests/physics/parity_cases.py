@@ -181,6 +181,7 @@ CASES = [
     Case(moments.affine_columns, "svvv", "t", (between(0.1, 50.0), vector, vector, vector)),
     Case(moments.gradient_column, "sss", "s", (number, between(0.1, 50.0), between(0.1, 50.0))),
     Case(moments.node_velocity, "sss", "s", (number, between(0.1, 50.0), number)),
+    Case(moments.velocity_after, "sss", "s", (number, number, between(0.1, 50.0))),
     Case(moments.kinetic_energy, "svvvv", "s", (between(0.1, 50.0), vector, vector, vector, vector)),
     Case(moments.potential_energy, "svv", "s", (between(0.1, 50.0), vector, vector)),
     Case(transfers.gradient_slope, "ss", "s", (step, between(0.1, 50.0))),

@@ -122,10 +122,11 @@ def _transpose_squares(builder: Any, rows: list[Any]) -> None:
 
 
 def _join(builder: Any, parts: list[Any]) -> Any:
-    """Vector of the lanes of one or two vectors."""
-    if len(parts) == 1:
-        return parts[0]
-    return builder.shuffle_vector(parts[0], parts[1], indices(range(LANES)))
+    """Vector of the lanes of one, two or four vectors."""
+    while len(parts) > 1:
+        lanes = indices(range(2 * LANES // len(parts)))
+        parts = [builder.shuffle_vector(a, b, lanes) for a, b in zip(parts[::2], parts[1::2], strict=True)]
+    return parts[0]
 
 
 def _tuple(context: Any, builder: Any, kind: Any, values: list[Any]) -> Any:
@@ -135,12 +136,8 @@ def _tuple(context: Any, builder: Any, kind: Any, values: list[Any]) -> Any:
     return result
 
 
-def record_vectors(width: int, stride: int | None = None) -> tuple[Any, Any]:
-    """(load, store) of 16 records of ``width`` numbers, 8 or 16, as ``width`` vectors over the records.
-
-    The store takes 4 numbers too, and records that lie ``stride`` numbers apart; the load takes one record behind the other.
-    """
-    apart = stride or width
+def record_vectors(width: int) -> tuple[Any, Any]:
+    """(load, store) of 16 records of ``width`` numbers, 4, 8 or 16, one behind the other, as ``width`` vectors over the records."""
 
     @intrinsic
     def load(typing: Any, array: Any, place: Any) -> Any:
@@ -166,7 +163,7 @@ def record_vectors(width: int, stride: int | None = None) -> tuple[Any, Any]:
                 if width < LANES:
                     first = width * (i // width)
                     row = builder.shuffle_vector(row, row, indices(range(first, first + width)))
-                builder.store(row, _at(builder, p, apart * i, array.dtype, width), align=_bytes(array.dtype))
+                builder.store(row, _at(builder, p, width * i, array.dtype, width), align=_bytes(array.dtype))
             return context.get_dummy_value()
 
         return types.void(array, place, fields), emit

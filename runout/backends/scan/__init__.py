@@ -1,7 +1,7 @@
 """The CPU backend: a sparse grid of 4 x 4 x 4 blocks found by marks and a prefix scan, compiled by numba.
 
 ``index`` finds the blocks, ``stencil`` holds the quadratic stencil in lanes, ``transfer`` moves mass and momentum to the
-grid, ``ground`` and ``contact`` apply the terrain, ``motion`` brings velocities back and follows law and position,
+grid, ``ground``, ``contact`` and ``impulses`` apply the terrain, ``motion`` brings velocities back and follows law and position,
 ``order`` keeps the particles by block and cell, ``observe`` sums for observers, ``backend`` puts them in order. What only some
 scenes need lies apart: ``zones`` of friction; ``forces``, ``gradients`` and ``general`` of transfers besides the packed one;
 ``sleep`` and ``rest`` of blocks at rest. ``ahead`` compiles.

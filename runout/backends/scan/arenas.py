@@ -8,6 +8,7 @@ import numpy as np
 
 from runout.backends.scan.index import Index
 from runout.backends.scan.stencil import ARENA
+from runout.backends.scan.transfer import SHARES
 
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
 
@@ -22,9 +23,14 @@ class Arenas:
         Place of each owner that holds particles among the arenas.
     arenas : (some, ARENA)
         What the particles of such an owner give to the nodes that they reach.
+    reached, pressed : (nown,) uint8
+        Parts of such an arena that its particles reach, and its contacts (:mod:`runout.backends.scan.transfer`).
+    shares, sharer : (some, SHARES), (nown,) int32
+        Weights of the contacts of an owner at the nodes that they reach, and the place of the owner among these.
     grid : (nall, 256)
-        Mass, later contact compliance, and velocity of the 64 nodes of each block.
-    inverse_mass : (nall, 64) [1/kg]
+        Mass, or contact compliance where contacts reach, and velocity of the 64 nodes of each block.
+    shared : (nall,) bool
+        Blocks of nodes that contacts reach.
     tiles, planes, bounds : (nown, 36), (nown, 48), (nown, 2)
         The ground, see :func:`runout.backends.scan.ground.cut_tiles`.
     touching, candidates : (nown,) int64
@@ -57,8 +63,12 @@ class Arenas:
 
     number: np.ndarray
     arenas: np.ndarray
+    reached: np.ndarray
+    pressed: np.ndarray
+    shares: np.ndarray
+    sharer: np.ndarray
     grid: np.ndarray
-    inverse_mass: np.ndarray
+    shared: np.ndarray
     tiles: np.ndarray
     planes: np.ndarray
     bounds: np.ndarray
@@ -91,8 +101,12 @@ class Arenas:
         return cls(
             number=np.zeros(n, np.int32),
             arenas=np.empty((_roomy(int(np.count_nonzero(index.held))), ARENA), real),
-            grid=np.empty((index.nall, 256), real),
-            inverse_mass=np.empty((index.nall, 64), real),
+            reached=np.zeros(n, np.uint8),
+            pressed=np.zeros(n, np.uint8),
+            shares=np.empty((0, SHARES), real),
+            sharer=np.zeros(n, np.int32),
+            grid=np.zeros((index.nall, 256), real),
+            shared=np.zeros(index.nall, np.bool_),
             tiles=np.empty((n, 36), real),
             planes=np.empty((n, 48), real),
             bounds=np.empty((n, 2), real),
@@ -121,6 +135,10 @@ class Arenas:
         """More arenas, if there are fewer than ``wanted``."""
         if wanted > len(self.arenas):
             self.arenas = np.empty((_roomy(wanted), ARENA), self.arenas.dtype)
+
+    def make_shares(self, wanted: int) -> None:
+        """Shares of so many blocks."""
+        self.shares = np.empty((wanted, SHARES), self.shares.dtype)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array; those of the index do not count."""

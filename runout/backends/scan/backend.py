@@ -23,6 +23,7 @@ from runout.physics import moments
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 PARTICLES_PER_THREAD = 10_000  # below, waiting for each other costs more than threads gain
 MOST_IN_A_BLOCK = 2**18
+SPARE = 16  # blocks that may get contacts before more memory is made
 LONGEST_LIST = 1024  # of holes between the slots of blocks
 INDEXES = ("sparse", "dense")
 
@@ -92,6 +93,7 @@ class ScanBackend:
         size = np.array([scene.raster.columns, scene.raster.rows]) * np.array(scene.raster.cell_size) / self.spacing[:2]
         self.domain = np.stack([-self.corner[:2], size - self.corner[:2]], axis=1).ravel().astype(np.float64)
         self.largest_radius = float(particles.radius.max(initial=0.0))
+        self.of_one_size = bool(len(particles) and (particles.radius == particles.radius[0]).all())
         self.max_speed = float(np.sqrt((particles.velocity**2).sum(1).max(initial=0.0)))
 
     def _place(self, particles: Particles) -> None:
@@ -207,52 +209,57 @@ class ScanBackend:
         self.cells = tuple(real(dt / h) for h in self.scene.spacing)
 
     def _to_grid(self, dt: float) -> None:
-        i, s, a, real = self.index, self.store, self.room, self.scene.dtype
+        i, s, a = self.index, self.store, self.room
         if dt != self.packed_dt:
             self._change_step(dt)
         a.make_arenas(self.k.number_arenas(a.giving, i.nown, a.number))
         if self.scene.surface is None:
-            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, a.giving, i.nown, a.number, a.arenas)
+            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, a.giving, i.nown, a.number, a.arenas, a.reached)
         else:
-            band = self.scene.contact_band * min(self.scene.spacing)
-            reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
-            self._to_arenas_and_contacts(real(reach), real(band))
+            self._find_contacts(dt)
         if self.general:
             self.general.push(self)
-        self.k.update_nodes(a.arenas, a.number, a.giving, i.down, i.nall, a.grid, self.dv)
+        nodes = i.down, i.nall, a.grid
+        if self.scene.surface is None:
+            self.k.update_nodes(a.arenas, a.number, a.reached, *nodes, self.dv)
+        else:
+            self.k.update_nodes_over_ground(a.arenas, a.number, a.reached, a.shares, a.sharer, a.pressed, *nodes, a.shared, self.dv)
 
-    def _to_arenas_and_contacts(self, reach: Any, band: Any) -> None:
-        """Arenas and rows of contacts; where these lack room, it is made and all is done again."""
-        i, s, a = self.index, self.store, self.room
+    def _find_contacts(self, dt: float) -> None:
+        """Fill the arenas, and find the particles that touch; where their rows lack room, it is made and all is done again."""
+        i, s, a, real, threads = self.index, self.store, self.room, self.scene.dtype, self.threads
+        band = self.scene.contact_band * min(self.scene.spacing)
+        reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
+        radius = s.radius[:1] if self.of_one_size else s.radius
         while True:
-            region = (len(s.contacts) - PADDING) // self.threads
-            for t in range(self.threads):
-                self.cursors[t, 0] = 0
+            self.cursors.fill(0)
+            rows, room = len(s.felt) // threads & ~15, len(a.shares) // threads
             self.k.particles_to_arenas_and_contacts(
-                s.rec, s.who, s.radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
-                self.friction, reach, self.dt, self.h, band, a.number, a.arenas, s.contacts, region, self.cursors, a.place,
-                s.listed, a.candidates, a.touching,
+                s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
+                self.friction, real(reach), self.dt, self.h, real(band), a.number, a.arenas, a.reached, s.listed, a.candidates,
+                a.touching, a.pressed, s.contacts, s.measured, rows, a.shares, room, a.place, a.sharer, self.cursors,
             )  # fmt: skip
-            needed = max(int(self.cursors[t, 0]) for t in range(self.threads))
-            if needed <= region:
+            needed, sharers = (max(int(self.cursors[t, k]) for t in range(threads)) for k in (0, 1))
+            if needed <= rows and sharers <= room:
                 return
-            s.make_contacts((needed + needed // 8 + PADDING) * self.threads)
+            if needed > rows:
+                s.make_contacts((needed + needed // 8 + PADDING) * threads)
+            if sharers > room:
+                a.make_shares((sharers + sharers // 8 + SPARE) * threads)
 
     def _contact(self) -> None:
         i, s, a, k = self.index, self.store, self.room, self.k
         self.contact_particles = k.total_touching(a.touching, i.nown)
         if self.contact_particles == 0:
             return
-        k.spread_weights(s.contacts, a.place, s.listed, s.cell, i.first, i.nown, a.candidates, a.number, a.arenas)
-        k.share_contacts(a.arenas, a.number, a.touching, i.down, i.nall, a.grid, a.inverse_mass)
         if self.zones:
             where = i.bxyz, self.corner, self.spacing
-            k.take_zones(s.contacts, a.place, s.listed, s.cell, i.first, i.nown, a.candidates, *where, *self.zones)
+            k.take_zones(s.rec, s.measured, a.place, s.listed, s.cell, i.first, i.nown, a.touching, *where, *self.zones)
         k.solve_contacts(
-            s.contacts, a.place, s.listed, s.cell, i.first, i.nown, a.grid, i.up, self.dt, a.number, a.arenas, a.candidates,
+            s.contacts, s.measured, s.felt, a.place, a.touching, a.pressed, i.nown, a.grid, i.up, self.dt, a.number, a.arenas,
             a.ground,
         )  # fmt: skip
-        k.apply_impulses(a.arenas, a.number, a.touching, i.down, i.nall, a.grid, a.inverse_mass)
+        k.apply_impulses(a.arenas, a.number, a.shares, a.sharer, a.pressed, a.shared, i.down, i.nall, a.grid)
         k.total_rows(a.ground, np.where(a.asleep, 0, a.touching) if self.sleepers else a.touching, i.nown, a.total)
         self.basal_dissipation -= float(a.total[0])
         for d in range(3):
@@ -263,8 +270,8 @@ class ScanBackend:
         self._fit_buffers()
         more = self.general.take_rates(self) if self.general else self.no_rates
         self.k.grid_to_particles(
-            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, i.nown, a.grid, i.up, i.bxyz, a.rim,
-            self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
+            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown, a.grid, i.up, i.bxyz,
+            a.rim, self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
             a.changed, a.motion,
         )  # fmt: skip
         speed2, step, lost, refused, self.moved = self.k.total_motion(a.motion, a.changed, i.nown)

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 OF_THE_SCENE = ("allowed", "threads", "dense", "spacing", "h", "mats", "friction", "density", "gravity", "dv")
 WITHIN_A_STEP = (
-    *("number", "arenas", "grid", "inverse_mass", "tiles", "planes", "bounds", "rim", "touching", "candidates", "place"),
+    *("number", "arenas", "grid", "tiles", "planes", "bounds", "rim", "touching", "candidates", "place"),
+    *("reached", "pressed", "shares", "sharer", "shared"),
     *(
         "leaving",
         "arrivals",
@@ -38,7 +39,7 @@ WITHIN_A_STEP = (
         "giving",
     ),
 )
-SCRATCH = ("contacts", "listed")  # of a step
+SCRATCH = ("contacts", "measured", "felt", "listed")  # of a step
 
 
 def taken(engine: "ScanBackend") -> State:

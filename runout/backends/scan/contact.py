@@ -1,10 +1,12 @@
-"""Contact with the ground: one impulse per contact particle, see :mod:`runout.physics.contact`.
+"""Contact with the ground: finding the particles that touch it, and their weights at the nodes. See :mod:`runout.physics.contact`.
 
-Only cells near the ground are looked at, and only particles under a bound of its surface are measured: the candidates. Each
-gets a row of 16 numbers in ``contacts``, and a weight of one if it touches, of zero if not. The rows of a block lie one
-after the other from ``place[b]`` on, in the region of the thread that found them:
+Only particles under a bound of the ground's surface are measured: the candidates, which are listed while arenas are filled. Those
+that touch get a row of contacts each. The rows of a *strip* of owners lie one after the other, whichever block they belong to, so
+that vectors are full, in the region of the thread that found them; those of block b start at ``place[b]``. Row r has
 
-    [ weight, then compliance; 0, then velocity, then impulse | fx, normal | fy, gap, friction, weight | fz, v before ]
+    contacts[r]                     cell in the block | fx | fy | fz
+    measured[r // 16, :, r % 16]    unit normal (3), gap [m], friction, velocity before the step (3) [m/s]
+    felt[r]                         compliance [1/kg] and velocity [m/s] that the grid would give, then work [J] and impulse [N s]
 """
 
 import numpy as np
@@ -12,77 +14,92 @@ from numba import get_thread_id, prange
 
 from runout.backends.lanes import (
     constant,
-    lane_sum,
     listed_record_vectors,
     load4,
-    load16,
     local_array,
-    permutation,
     prefetch,
     record_vectors,
     row_vectors,
-    select,
     store,
 )
 from runout.backends.scan.ground import _ground
-from runout.backends.scan.stencil import (
-    _add_rows,
-    _clear,
-    _first_node,
-    _load_nodes,
-    _load_rows,
-    _mean,
-    _nothing,
-    _spread,
-    _z_weights,
-    heads_and_tails,
-    in_groups,
-    local_nodes,
-    zeros,
+from runout.backends.scan.stencil import _place_of, _weigh_four, local_weights, zeros
+from runout.backends.scan.transfer import (
+    PLANE_OF_SHARES,
+    ROW_OF_SHARES,
+    SHARES,
+    _fill_arena,
+    _octant,
+    _parts_of,
+    _reached_parts,
 )
-from runout.backends.scan.transfer import _fill_arena, _find_arenas, _sum_row, local_places
-from runout.physics.bspline import weights
-from runout.physics.contact import impulse, in_contact, work
+from runout.physics.contact import in_contact
 from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
+STRIP = 16  # owners, one after the other
 TILE = 64
-ROW_OF_WEIGHTS, PLANE_OF_WEIGHTS = 8, 48  # numbers of a row of six nodes, and of six rows, where a node has one
 ASIDE = 16  # first row of a tile of candidates behind their records
 FLOOR, RADIUS, FRICTION = 19, 23, 24
-DONE, PUSH_X, PUSH_Y, PUSH_Z = 16, 17, 18, 19  # and of contacts
+TOUCHES, FX, FY, FZ = 0, 4, 8, 12
+NORMAL, GAP, GRIP, BEFORE = 0, 3, 4, 5  # rows of what is measured
+MEASURED = (1, 2, 3, 5, 6, 7, 9, 10)  # rows of a tile that hold it
 local_tile = local_array((32, TILE))
 local_aside = local_array((16 * TILE,))
+local_list = local_array((TILE,))
 load_listed = listed_record_vectors(16)
-load_contacts, store_contacts = record_vectors(16)
-_, store_heads = record_vectors(4, 16)
-load_16_rows, store_16_rows = row_vectors(16, TILE)
-load_4_rows, _ = row_vectors(4, TILE)
-heads = permutation((0, 4, 8, 12))
-in_all_four = permutation(in_groups(range(4)))
-four_ones, four_zeros = constant([1.0] * 4), constant([0.0] * 4)
+load_beside, _ = record_vectors(16)
+_, store_16_rows = row_vectors(16, TILE)
+three_ones = constant([1.0, 1.0, 1.0, 0.0])
 
 
-def _take_candidates(aside, cell, who, radius, label, tile, friction, listed, start, n):
-    """What the records of ``n`` listed particles do not hold: ground in their columns of cells, level, size and friction."""
+def _list_candidates(slots, blocks, rec, cell, who, tiles, listed, first, candidates, b, k, n):
+    """Slots and blocks of the next ``n`` candidates from number ``k`` of block ``b`` on; returns what comes next.
+
+    The last one fills the last vector. What will be read of them is asked for.
+    """
     for q in range(n):
-        p = listed[start + q]
+        while k == candidates[b]:
+            b += 1
+            k = 0
+        if k == 0:
+            for o in range(0, 36, 16):
+                prefetch(tiles, 36 * b + o)
+        p = np.int64(listed[first[b] + k])
+        k += 1
+        slots[q] = p
+        blocks[q] = b
+        prefetch(who, p)
+        prefetch(cell, p)
+        prefetch(rec, 16 * p)
+    for q in range(n, (n + 15) & ~15):
+        slots[q] = slots[n - 1]
+    return b, k
+
+
+def _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, n):
+    """What the records of candidates do not hold: ground in their columns of cells, level, size and friction."""
+    if len(radius) > 1:
+        for q in range(n):
+            prefetch(radius, who[slots[q]])
+    for q in range(n):
+        p = slots[q]
         c = np.int64(cell[p])
-        o = (c >> 4) * 6 + ((c >> 2) & 3)
+        o = 36 * np.int64(blocks[q]) + (c >> 4) * 6 + ((c >> 2) & 3)
         r = 16 * q
-        store(aside, r, load4(tile, o))
-        store(aside, r + 4, load4(tile, o + 6))
-        store(aside, r + 8, load4(tile, o + 11))
+        store(aside, r, load4(tiles, o))
+        store(aside, r + 4, load4(tiles, o + 6))
+        store(aside, r + 8, load4(tiles, o + 11))
         aside[r + 3] = real(c & 3)
-        aside[r + 7] = radius[who[p]]
+        aside[r + 7] = radius[who[p]] if len(radius) > 1 else radius[0]
         aside[r + 8] = friction[label[who[p], 0]] if len(friction) > 1 else friction[0]
 
 
-def _load_candidates(t, rec, aside, listed, start, n):
-    """Records of ``n`` listed particles, and what they do not hold, as columns of a tile."""
-    for g in range(n >> 4):
-        store_16_rows(t, 16 * g, load_listed(rec, listed, start + 16 * g))
-        store_16_rows(t, ASIDE * TILE + 16 * g, load_contacts(aside, 256 * g))
+def _load_candidates(t, rec, aside, slots, groups):
+    """Records of listed particles, and what they do not hold, as columns of a tile."""
+    for g in range(groups):
+        store_16_rows(t, 16 * g, load_listed(rec, slots, 16 * g))
+        store_16_rows(t, ASIDE * TILE + 16 * g, load_beside(aside, 256 * g))
 
 
 def _coefficients(t, q):
@@ -105,7 +122,7 @@ def _momentum(t, q):
 
 
 def _measure(t, n, east, north, dz, dt, band):
-    """Turn records into rows of contacts: weight, normal, gap, friction and velocity."""
+    """Whether each column of a tile touches, in row TOUCHES, and what is MEASURED."""
     for q in range(n):
         z = t[FLOOR, q] + t[12, q]
         nx, ny, nz, gap = _ground(_coefficients(t, q), t[4, q], t[8, q], z, t[RADIUS, q], east, north, dz)
@@ -114,221 +131,144 @@ def _measure(t, n, east, north, dz, dt, band):
         vx = px * m
         vy = py * m
         vz = pz * m
-        weight = real(1.0) if in_contact(gap, vx * nx + vy * ny + vz * nz, dt, band) else real(0.0)
-        t[0, q] = weight
-        t[1, q] = real(0.0)
-        t[2, q] = real(0.0)
-        t[3, q] = real(0.0)
-        t[5, q] = nx
-        t[6, q] = ny
-        t[7, q] = nz
-        t[9, q] = gap
-        t[10, q] = t[FRICTION, q]
-        t[11, q] = weight
-        t[13, q] = vx
-        t[14, q] = vy
-        t[15, q] = vz
+        t[TOUCHES, q] = real(1.0) if in_contact(gap, vx * nx + vy * ny + vz * nz, dt, band) else real(0.0)
+        t[1, q] = nx
+        t[2, q] = ny
+        t[3, q] = nz
+        t[5, q] = gap
+        t[6, q] = t[FRICTION, q]
+        t[7, q] = vx
+        t[9, q] = vy
+        t[10, q] = vz
 
 
-def _store_candidates(t, contacts, row, end, n):
-    """Rows of ``n`` candidates, if there is room before ``end``; returns how many touch."""
-    groups = (n + 15) >> 4
-    if row + 16 * groups <= end:
-        for g in range(groups):
-            store_contacts(contacts, 16 * (row + 16 * g), load_16_rows(t, 16 * g))
-    found = 0
-    for q in range(np.uint64(n)):
-        found += t[0, q] > real(0.0)
-    return found
+def _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured, row, touching):
+    """Rows from ``row`` on for those of ``n`` candidates that touch; returns what comes next.
+
+    Each writes its row, and the next one writes over it unless it touches: no processor could guess which do.
+    """
+    for q in range(n):
+        p = slots[q]
+        b = np.int64(blocks[q])
+        contacts[row, 0] = real(cell[p])
+        contacts[row, 1] = t[FX, q]
+        contacts[row, 2] = t[FY, q]
+        contacts[row, 3] = t[FZ, q]
+        for k, m in enumerate(MEASURED):
+            measured[row >> 4, k, row & 15] = t[m, q]
+        listed[first[b] + touching[b]] = p
+        touches = np.int64(t[TOUCHES, q])
+        touching[b] += touches
+        row += touches
+    return row
 
 
-def _examine(rec, who, radius, label, cell, f, tile, friction, dt, h, band, contacts, row, end, listed, n):
-    """Rows of the ``n`` candidates of a block; returns how many of them touch. The last one fills the last vector."""
+def _expect(contacts, measured, shares, row, rows, share, blocks):
+    """Ask for the memory that the rows of a strip and the shares of its blocks will be written to."""
+    for r in range(row, row + rows, 16):
+        for o in range(0, 64, 16):
+            prefetch(contacts, 4 * r + o)
+        for o in range(0, 128, 16):
+            prefetch(measured, 8 * r + o)
+    for o in range(SHARES * share, SHARES * (share + blocks), 16):
+        prefetch(shares, o)
+
+
+def _share_block(shares, base, contacts, ready, row, n):
+    """Fill an arena with one number a node with the weights of the contacts of a block; returns the parts that they reach.
+
+    Those of the first of them are ``ready``, and at the end those of the row behind the last.
+    """
+    for o in range(base, base + SHARES - 8, 16):
+        store(shares, o, zeros(shares))
+    octants = 0
+    for r in range(np.uint64(row), np.uint64(row + n)):
+        _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
+        w = _place_of(r)
+        c = np.int64(contacts[r, 0])
+        octants |= 1 << _octant(c)
+        o = base + (c >> 4) * PLANE_OF_SHARES + ((c >> 2) & 3) * ROW_OF_SHARES + (c & 3)
+        z = load4(ready, w + np.uint64(12)) * three_ones(ready)
+        for i in range(3):
+            x = ready[w + np.uint64(4 + i)] * z
+            for j in range(3):
+                a = o + i * PLANE_OF_SHARES + j * ROW_OF_SHARES
+                store(shares, a, load4(shares, a) + ready[w + np.uint64(8 + j)] * x)
+    return _parts_of(octants)
+
+
+def _measure_strip(
+    rec, who, radius, label, cell, first, tiles, friction, dt, h, band, listed, candidates, contacts, measured, touching, low,
+    total, row,
+):  # fmt: skip
+    """Rows from ``row`` on of those of the ``total`` candidates of the blocks from ``low`` on that touch."""
     t = local_tile(rec)
     aside = local_aside(rec)
-    for q in range(n, (n + 15) & ~15):
-        listed[f + q] = listed[f + n - 1]
-    found = 0
-    for k in range(0, n, TILE):
-        some = min(TILE, n - k)
-        full = (some + 15) & ~15
-        _take_candidates(aside, cell, who, radius, label, tile, friction, listed, f + k, full)
-        _load_candidates(t, rec, aside, listed, f + k, full)
-        _measure(t, np.uint64(full), h[2] / h[0], h[2] / h[1], h[2], dt, band)
-        found += _store_candidates(t, contacts, row + k, end, some)
-    return found
-
-
-def _spread_block(flat, row, listed, cell, f, n, arena):
-    """Fill the arena of a block with the first four numbers of its contacts."""
-    _clear(arena)
-    for t in range(n):
-        place = _first_node(np.int64(cell[listed[f + t]]))
-        _add_rows(arena, place, _spread(flat, np.uint64(16 * (row + t)), _nothing(flat)))
-
-
-def _call_up(tiles, who, b, f, held):
-    """Ask for what :func:`_take_candidates` of a block will read, while its arena is filled."""
-    for k in range(0, 36, 16):
-        prefetch(tiles, 36 * b + k)
-    for p in range(f, f + held, 16):
-        prefetch(who, p)
+    slots = local_list(listed)
+    blocks = local_list(listed)
+    b = low
+    k = 0
+    for done in range(0, total, TILE):
+        n = min(TILE, total - done)
+        groups = (n + 15) >> 4
+        b, k = _list_candidates(slots, blocks, rec, cell, who, tiles, listed, first, candidates, b, k, n)
+        _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, n)
+        _load_candidates(t, rec, aside, slots, groups)
+        _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, band)
+        row = _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured, row, touching)
 
 
 def particles_to_arenas_and_contacts(
     rec, who, radius, label, cell, order, starts, first, giving, nown, tiles, planes, bounds, friction, reach, dt, h, band, number,
-    arenas, contacts, region, cursors, place, listed, candidates, touching,
+    arenas, reached, listed, candidates, touching, pressed, contacts, measured, rows, shares, room, place, sharer, cursors,
 ):  # fmt: skip
-    """Fill the arenas, and find the particles that touch the ground while a block is in cache.
+    """Fill the arenas, and find the particles that touch the ground while the blocks of a strip are in cache.
 
-    ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch. Gives the numbers
-    (nown,) of ``candidates``, none where no particle touches, and of particles that are ``touching``. Each thread has
-    ``region`` rows of contacts and counts in ``cursors`` (threads, 1) those that it needs; where one needs more, rows are missing.
+    ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch; ``radius`` has one number where
+    all are the same. Gives the numbers (nown,) of particles that are ``touching``, which are ``listed`` then, the sums of their
+    weights over the nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``rows`` of
+    contacts and ``room`` for shares, and counts in ``cursors`` (threads, 2) those that it needs; where one needs more, they are
+    missing.
     """
-    for b in prange(nown):
-        candidates[b] = 0
-        touching[b] = 0
-        if giving[b] == 0:
-            continue
-        cut = reach / (bounds[b, 1] * h[2])
-        near = real(0.5) - bounds[b, 0] <= cut
-        if near:
-            _call_up(tiles, who, b, first[b], giving[b])
-        n = _fill_arena(rec, order, starts, first, b, arenas[number[b]], near, planes, cut, listed)
-        if n == 0:
+    for s in prange((nown + STRIP - 1) // STRIP):
+        low = s * STRIP
+        end = min(low + STRIP, nown)
+        total = 0
+        blocks = 0
+        for b in range(low, end):
+            candidates[b] = touching[b] = 0
+            reached[b] = pressed[b] = 0
+            if giving[b] > 0:
+                cut = reach / (bounds[b, 1] * h[2])
+                near = real(0.5) - bounds[b, 0] <= cut
+                reached[b] = _reached_parts(starts, b)
+                candidates[b] = _fill_arena(rec, order, starts, first, b, arenas[number[b]], near, planes, cut, listed)
+                total += candidates[b]
+                blocks += candidates[b] > 0
+        if total == 0:
             continue
         thread = get_thread_id()
-        row = thread * region + cursors[thread, 0]
-        found = _examine(
-            rec, who, radius, label, cell, first[b], tiles[b], friction, dt, h, band, contacts, row, (thread + 1) * region,
-            listed, n,
+        row = cursors[thread, 0]
+        share = cursors[thread, 1]
+        cursors[thread, 0] += (total + 31) & ~15
+        cursors[thread, 1] += STRIP
+        if cursors[thread, 0] > rows or cursors[thread, 1] > room:
+            continue
+        row += thread * rows
+        share += thread * room
+        _expect(contacts, measured, shares, row, total, share, blocks)
+        _measure_strip(
+            rec, who, radius, label, cell, first, tiles, friction, dt, h, band, listed, candidates, contacts, measured, touching,
+            low, total, row,
         )  # fmt: skip
-        if found > 0:
-            candidates[b] = n
-            touching[b] = found
+        ready = local_weights(contacts)
+        _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
+        for b in range(low, end):
             place[b] = row
-            cursors[thread, 0] += (n + 15) & ~15
-
-
-def _spread_block_weights(flat, row, listed, cell, f, n, arena):
-    """Fill the arena of a block with the weights of its contacts alone: one number a node, rows of eight."""
-    for o in range(0, 6 * PLANE_OF_WEIGHTS, 16):
-        store(arena, o, zeros(arena))
-    for t in range(n):
-        c = np.int64(cell[listed[f + t]])
-        r = np.uint64(16 * (row + t))
-        x = weights(flat[r + np.uint64(4)])
-        y = weights(flat[r + np.uint64(8)])
-        z = heads(_z_weights(flat[r + np.uint64(12)])) * flat[r]
-        first = (c >> 4) * PLANE_OF_WEIGHTS + ((c >> 2) & 3) * ROW_OF_WEIGHTS + (c & 3)
-        for i in range(3):
-            for j in range(3):
-                o = first + i * PLANE_OF_WEIGHTS + j * ROW_OF_WEIGHTS
-                store(arena, o, load4(arena, o) + (x[i] * y[j]) * z)
-
-
-def _sum_weights(arenas, place, i, j):
-    """Sum of the arenas' weights over four nodes in the order of their blocks."""
-    s = heads(zeros(arenas))
-    for q in range(8):
-        x = i + (q & 4)
-        y = j + ((q & 2) << 1)
-        if place[q] >= 0 and x < 6 and y < 6:
-            s = s + load4(arenas, place[q] + x * PLANE_OF_WEIGHTS + y * ROW_OF_WEIGHTS + 4 * (q & 1))
-    return s
-
-
-def spread_weights(contacts, place, listed, cell, first, nown, candidates, number, arenas):
-    """Put the weights of the contacts into the arenas of their blocks, once the nodes have taken the mass."""
-    flat = contacts.reshape(-1)
-    for b in prange(nown):
-        if candidates[b] > 0:
-            _spread_block_weights(flat, place[b], listed, cell, first[b], candidates[b], arenas[number[b]])
-
-
-def share_contacts(arenas, number, touching, down, nall, grid, inverse_mass):
-    """Put the sum of the contacts' weights over the mass in the place of the mass, and one over the mass in ``inverse_mass``."""
-    for b in prange(nall):
-        overlapping = local_places(touching)
-        if not _find_arenas(overlapping, number, touching, down, b):
-            continue
-        for i in range(4):
-            for j in range(4):
-                o = b * 256 + (i * 4 + j) * 16
-                node = load16(grid, o)
-                m = heads(node)
-                filled = m > four_zeros(m)
-                inverse = select(filled, four_ones(m) / select(filled, m, four_ones(m)), four_zeros(m))
-                s = in_all_four(_sum_weights(arenas, overlapping, i, j) * inverse)
-                store(grid, o, heads_and_tails(s, node))
-                store(inverse_mass, o >> 2, inverse)
-
-
-def _meet_grid(flat, row, listed, cell, f, n, nodes):
-    """Compliance and velocity that the grid would give to each contact."""
-    for t in range(n):
-        r = np.uint64(16 * (row + t))
-        rows = _load_rows(nodes, _first_node(np.int64(cell[listed[f + t]])))
-        store(flat, r, _mean(flat, r, rows))
-
-
-def _push(t, count, dt):
-    """Impulse of each column and its work; nothing beyond ``count``."""
-    for q in range((count + np.uint64(15)) & ~np.uint64(15)):
-        compliance = t[0, q]
-        u = vec(t[1, q], t[2, q], t[3, q])
-        here = (q < count) & (t[11, q] > real(0.0))
-        push = impulse(u, vec(t[5, q], t[6, q], t[7, q]), t[9, q], compliance, t[10, q], dt)
-        done = work(push, vec(t[13, q], t[14, q], t[15, q]), u, compliance)
-        t[0, q] = real(0.0)
-        t[1, q] = push[0] if here else real(0.0)
-        t[2, q] = push[1] if here else real(0.0)
-        t[3, q] = push[2] if here else real(0.0)
-        t[DONE, q] = done if here else real(0.0)
-        t[PUSH_X, q] = push[0] if here else real(0.0)
-        t[PUSH_Y, q] = push[1] if here else real(0.0)
-        t[PUSH_Z, q] = push[2] if here else real(0.0)
-
-
-def _push_block(contacts, first_row, n, dt, ground, b):
-    """Impulses of all contacts of a block; their work [J] and sums [N s] go to ``ground``."""
-    t = local_tile(contacts)
-    for k in range(4):
-        ground[b, k] = 0.0
-    for k in range(0, n, TILE):
-        some = min(TILE, n - k)
-        groups = (some + 15) >> 4
-        for g in range(groups):
-            store_16_rows(t, 16 * g, load_contacts(contacts, 16 * (first_row + k + 16 * g)))
-        _push(t, np.uint64(some), dt)
-        for g in range(groups):
-            store_heads(contacts, 16 * (first_row + k + 16 * g), load_4_rows(t, 16 * g))
-            for row in range(4):
-                ground[b, row] += lane_sum(load16(t, (DONE + row) * TILE + 16 * g))
-
-
-def solve_contacts(contacts, place, listed, cell, first, nown, grid, up, dt, number, arenas, candidates, ground):
-    """One impulse per contact, spread to the arena of its block; ``ground`` (nown, 4) is their work [J] and sum [N s]."""
-    flat = contacts.reshape(-1)
-    for b in prange(nown):
-        n = candidates[b]
-        if n == 0:
-            continue
-        nodes = local_nodes(contacts)
-        _load_nodes(nodes, grid, up, b)
-        _meet_grid(flat, place[b], listed, cell, first[b], n, nodes)
-        _push_block(contacts, place[b], n, dt, ground, b)
-        _spread_block(flat, place[b], listed, cell, first[b], n, arenas[number[b]])
-
-
-def apply_impulses(arenas, number, touching, down, nall, grid, inverse_mass):
-    """Add the impulses to the nodes that have mass."""
-    for b in prange(nall):
-        overlapping = local_places(touching)
-        if not _find_arenas(overlapping, number, touching, down, b):
-            continue
-        for i in range(4):
-            for j in range(4):
-                o = b * 256 + (i * 4 + j) * 16
-                s = _sum_row(arenas, overlapping, i, j)
-                store(grid, o, load16(grid, o) + s * in_all_four(load4(inverse_mass, o >> 2)))
+            if touching[b] > 0:
+                sharer[b] = share
+                pressed[b] = _share_block(shares, SHARES * share, contacts, ready, row, touching[b])
+                row += touching[b]
+                share += 1
+        cursors[thread, 0] = ((row + 15) & ~15) - thread * rows
+        cursors[thread, 1] = share - thread * room

@@ -50,7 +50,7 @@ class General:
         if self.scene.keeps:
             if self.given.shape != a.grid.shape:
                 self.given = np.zeros_like(a.grid)
-            k.update_nodes(a.arenas, a.number, i.held, i.down, i.nall, self.given, self.still)
+            k.update_nodes(a.arenas, a.number, a.reached, i.down, i.nall, self.given, self.still)
         engine._fit_buffers()
         k.add_forces(
             s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, engine.mats, self._cells(engine), a.number,
@@ -66,7 +66,7 @@ class General:
         k.take_gradients(s.rec, s.order, i.starts, i.first, i.nown, a.grid, i.up, not self.scene.packed, self.rates)
         if self.scene.f_bar:
             k.spread_dilatation(self.rates, s.state, s.order, i.starts, i.first, i.nown, cells, a.number, a.arenas)
-            k.average_dilatation(a.arenas, a.number, i.held, i.down, i.nall, a.grid)
+            k.average_dilatation(a.arenas, a.number, a.reached, i.down, i.nall, a.grid)
             k.take_dilatation(self.rates, i.starts, i.first, i.nown, a.grid, i.up)
         if self.scene.keeps:
             k.take_slips(s.rec, s.order, i.starts, i.first, i.nown, self.given, i.up, self.slips)

@@ -14,6 +14,8 @@ from numba import prange
 from runout.backends.lanes import constant, load16, permutation, select, splat, store
 from runout.backends.scan.forces import _z_slopes
 from runout.backends.scan.stencil import (
+    ARENA,
+    EVERY,
     _add_rows,
     _clear,
     _first_node,
@@ -30,12 +32,13 @@ from runout.backends.scan.stencil import (
     local_weights,
     zeros,
 )
-from runout.backends.scan.transfer import _find_arenas, _sum_row, local_places, masses, ones
+from runout.backends.scan.transfer import _find_arenas, _sum_row, local_places, masses
 from runout.physics.bspline import moment_slopes, weight_slopes, weights
 from runout.physics.moments import momentum_at, velocity_gradient
 from runout.physics.tensors import real, vec
 from runout.physics.transfers import dilatation, slip_moment, slip_velocity
 
+ones = constant([1.0] * 16)
 seconds = permutation(in_groups((1, 5, 9, 13)))
 z_nodes = constant(in_groups((0.0, 4.0, 8.0, 0.0)))
 
@@ -97,7 +100,7 @@ def take_gradients(rec, order, starts, first, nown, grid, up, spline, rates):
         flat = rec.reshape(-1)
         out = rates.reshape(-1)
         nodes = local_nodes(rec)
-        _load_nodes(nodes, grid, up, b)
+        _load_nodes(nodes, grid, up, b, EVERY)
         f = np.uint64(first[b])
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:
@@ -115,7 +118,7 @@ def spread_dilatation(rates, state, order, starts, first, nown, cells, number, a
             continue
         arena = arenas[number[b]]
         flat = rates.reshape(-1)
-        _clear(arena)
+        _clear(arena, EVERY)
         f = np.uint64(first[b])
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:
@@ -131,11 +134,11 @@ def spread_dilatation(rates, state, order, starts, first, nown, cells, number, a
             _add_rows(arena, _first_node(c), rows)
 
 
-def average_dilatation(arenas, number, held, down, nall, grid):
+def average_dilatation(arenas, number, reached, down, nall, grid):
     """Put the mean dilatation of each node in the place of its mass, which nothing reads any more in this step."""
     for b in prange(nall):
-        place = local_places(held)
-        if not _find_arenas(place, number, held, down, b):
+        place = local_places(down)
+        if not _find_arenas(place, number, ARENA, reached, down, b):
             continue
         for i in range(4):
             for j in range(4):
@@ -154,7 +157,7 @@ def take_dilatation(rates, starts, first, nown, grid, up):
             continue
         flat = rates.reshape(-1)
         nodes = local_nodes(rates)
-        _load_nodes(nodes, grid, up, b)
+        _load_nodes(nodes, grid, up, b, EVERY)
         f = np.uint64(first[b])
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:
@@ -173,7 +176,7 @@ def take_slips(rec, order, starts, first, nown, given, up, slips):
         flat = rec.reshape(-1)
         nodes = local_nodes(rec)
         seen = local_weights(rec)
-        _load_nodes(nodes, given, up, b)
+        _load_nodes(nodes, given, up, b, EVERY)
         f = first[b]
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:

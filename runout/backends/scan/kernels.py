@@ -12,6 +12,7 @@ from runout.backends.scan import (
     forces,
     gradients,
     ground,
+    impulses,
     index,
     motion,
     observe,
@@ -24,7 +25,7 @@ from runout.backends.scan import (
 from runout.backends.scan.general import is_general
 from runout.model.scene import Scene
 
-COMMON = (stencil, arenas, ground, index, transfer, contact, order, observe, columns, rest, zones)  # know no law
+COMMON = (stencil, arenas, ground, index, transfer, contact, impulses, order, observe, columns, rest, zones)  # know no law
 LANES = (vectors, shuffles, memory)
 BY_GRADIENTS = (stencil, transfer, observe, contact, forces, gradients)  # of transfers other than the packed one, and of F-bar
 SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)

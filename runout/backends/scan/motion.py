@@ -297,8 +297,8 @@ def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, wh
 
 
 def grid_to_particles(
-    rec, state, cell, who, label, order, starts, first, moving, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates, averaged,
-    slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, thinned, changed, sums,
+    rec, state, cell, who, label, order, starts, first, moving, reached, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates,
+    averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, thinned, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
@@ -322,7 +322,7 @@ def grid_to_particles(
         states = state2[buffer]
         nodes = local_nodes(rec)
         t = local_tile(rec)
-        _load_nodes(nodes, grid, up, b)
+        _load_nodes(nodes, grid, up, b, reached[b])
         f = first[b]
         _gather_block(rec, state, who, cell, order, held, np.uint64(f), nodes, records, states, who2[buffer], cell2[buffer])
         speed = move = lost = refused = zeros(rec)

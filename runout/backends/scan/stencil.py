@@ -31,6 +31,7 @@ ROW = 24  # numbers per row of six nodes
 PLANE = 144
 ARENA = 880  # 864 and padding
 AHEAD = 30  # particles that memory is asked for before their turn: they are read in the order of their cells
+EVERY, UPPER = 0xFF, 0xAA  # parts of an arena, as bits
 ALL = 16  # numbers that a vector of weights takes
 
 
@@ -71,6 +72,7 @@ even_groups = permutation_of_two([0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18, 19, 24, 
 odd_groups = permutation_of_two([4, 5, 6, 7, 12, 13, 14, 15, 20, 21, 22, 23, 28, 29, 30, 31])
 first_group, second_group = permutation(range(4)), permutation(range(4, 8))
 offsets = permutation([0] * 4 + [4] * 4 + [8] * 4 + [12] * 4)  # record -> m, fx, fy, fz in the groups
+in_all_four = permutation(in_groups(range(4)))
 heads_and_tails = permutation_of_two([i if i % 4 == 0 else 16 + i for i in range(16)])  # heads of groups of a, rest of b
 tails = permutation([16 if i % 4 == 0 else i for i in range(16)])  # zero in the heads of groups
 local_nodes = local_array((ARENA,))
@@ -96,6 +98,13 @@ def _weigh(rec, r, ready, w):
     of weights by axis. A particle before its turn, so that the writes are done.
     """
     d = offsets(load16(rec, r))
+    d = d - all_centre(d)
+    store(ready, w, (all_scale(d) * d) * d + all_offset(d))
+
+
+def _weigh_four(contacts, r, ready, w):
+    """The same of a row of four numbers, the last three of them the offsets."""
+    d = in_all_four(load4(contacts, r))
     d = d - all_centre(d)
     store(ready, w, (all_scale(d) * d) * d + all_offset(d))
 
@@ -218,9 +227,14 @@ def _mean(rec, r, rows):
     return first_group(s) + second_group(s)
 
 
-def _clear(arena):
-    for o in range(0, ARENA, 16):
-        store(arena, o, zeros(arena))
+def _clear(arena, parts):
+    """Empty the ``parts`` of an arena, or some more."""
+    if parts & UPPER == 0:
+        for o in range(0, 6 * PLANE, ROW):
+            store(arena, o, zeros(arena))
+    else:
+        for o in range(0, ARENA, 16):
+            store(arena, o, zeros(arena))
 
 
 def _add_rows(arena, o, rows):
@@ -250,12 +264,17 @@ def _load_rows(arena, o):
     )  # fmt: skip
 
 
-def _load_nodes(nodes, grid, up, b):
-    """Nodes of the up to eight node blocks that the particles of block ``b`` reach."""
+def _load_nodes(nodes, grid, up, b, parts):
+    """Nodes of those of the up to eight node blocks that the ``parts`` of the arena of block ``b`` say (bits, see ``transfer``).
+
+    The upper two of each six along z stay as they are where none of the upper parts is among them.
+    """
+    above = parts & UPPER != 0
     for x in range(6):
         for y in range(6):
             q = ((x >> 2) << 2) | ((y >> 2) << 1)
             n = ((x & 3) * 4 + (y & 3)) * 16
             a = x * PLANE + y * ROW
             store(nodes, a, load16(grid, up[b, q] * 256 + n))
-            store(nodes, a + 16, load8(grid, up[b, q + 1] * 256 + n))
+            if above:
+                store(nodes, a + 16, load8(grid, up[b, q + 1] * 256 + n))

@@ -40,8 +40,8 @@ class Store:
         Slots of the block's particles by cell.
     listed : (slots,) int32
         Contact particles; later in the step, particles that leave the block.
-    contacts : (rows, 16)
-        Rows of contact particles during a step, a region for each thread (:mod:`runout.backends.scan.contact`).
+    contacts, measured, felt : (rows, 4), (rows / 16, 8, 16), (rows, 4)
+        Rows of contact particles during a step (:mod:`runout.backends.scan.contact`).
     radius : (n,) [m]
     label : (n, 2) int32
         Release and identity.
@@ -54,6 +54,8 @@ class Store:
     order: np.ndarray
     listed: np.ndarray
     contacts: np.ndarray
+    measured: np.ndarray
+    felt: np.ndarray
     radius: np.ndarray
     label: np.ndarray
 
@@ -61,10 +63,11 @@ class Store:
     def of(cls, slots: int, slot: np.ndarray, p: Particles, scene: Scene) -> "Store":
         """Particles in given slots (n,); the records hold no stress yet (time step 0)."""
         n = slots + PADDING
-        rec, state, contacts = (_zeros(k, width, scene.dtype) for k, width in ((n, 16), (n, 8), (PADDING, 16)))
+        rec, state = _zeros(n, 16, scene.dtype), _zeros(n, 8, scene.dtype)
+        rows = _rows_of_contacts(0, scene.dtype)
         who, order, listed = (np.zeros(n, np.int32) for _ in range(3))
         label = np.stack([p.release, p.identity], axis=1).astype(np.int32)
-        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, contacts, p.radius.astype(scene.dtype), label)
+        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, *rows, p.radius.astype(scene.dtype), label)
         store.who[slot] = np.arange(len(p), dtype=np.int32)
         store._fill(slot, p, scene)
         return store
@@ -86,9 +89,9 @@ class Store:
             setattr(self, name, np.zeros(n, before.dtype))
             getattr(self, name)[:old] = before[:old]
 
-    def make_contacts(self, rows: int) -> None:
+    def make_contacts(self, wanted: int) -> None:
         """Room for so many rows of contacts; the old ones are forgotten."""
-        self.contacts = _zeros(rows + PADDING, 16, self.rec.dtype)
+        self.contacts, self.measured, self.felt = _rows_of_contacts(wanted, self.rec.dtype)
 
     def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
         self.rec[slot, 0] = p.mass
@@ -102,6 +105,11 @@ class Store:
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
         return {f.name: int(getattr(self, f.name).nbytes) for f in fields(self)}
+
+
+def _rows_of_contacts(rows: int, dtype: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n = (rows + PADDING) & ~15
+    return _zeros(n, 4, dtype), _zeros(n // 16, 128, dtype).reshape(-1, 8, 16), _zeros(n, 4, dtype)
 
 
 def _zeros(n: int, width: int, dtype: Any) -> np.ndarray:

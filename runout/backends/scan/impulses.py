@@ -1,0 +1,133 @@
+"""Impulses of the ground on the particles that touch it, and by their weights on the nodes: see :mod:`runout.physics.contact`.
+
+The rows of contacts are those of :mod:`runout.backends.scan.contact`. Nodes ignore the work that lies before an impulse: it is
+added up where they had their mass, which nothing reads any more in this step.
+"""
+
+import numpy as np
+from numba import prange
+
+from runout.backends.lanes import in_double, load4, load16, local_array, prefetch, record_vectors, row_vectors, store
+from runout.backends.scan.contact import BEFORE, GAP, GRIP, NORMAL, STRIP
+from runout.backends.scan.stencil import (
+    ARENA,
+    EVERY,
+    PLANE,
+    ROW,
+    _clear,
+    _first_node,
+    _load_nodes,
+    _load_rows,
+    _place_of,
+    _weigh_four,
+    even_groups,
+    first_group,
+    local_nodes,
+    local_weights,
+    odd_groups,
+    repeated,
+    second_group,
+    weights_of_z,
+)
+from runout.backends.scan.transfer import four_zeros
+from runout.physics.contact import impulse, work
+from runout.physics.tensors import vec
+
+local_columns = local_array((4, 16))
+load_felt, store_felt = record_vectors(4)
+load_4_rows, store_4_rows = row_vectors(4, 16)
+
+
+def _weighted_mean(ready, w, rows):
+    """Weighted mean of the four nodal numbers at the contact whose weights are at place ``w``."""
+    g00, g01, g02, g10, g11, g12, g20, g21, g22 = rows
+    x0 = ready[w + np.uint64(4)]
+    x1 = ready[w + np.uint64(5)]
+    x2 = ready[w + np.uint64(6)]
+    c0 = x0 * g00 + x1 * g10 + x2 * g20
+    c1 = x0 * g01 + x1 * g11 + x2 * g21
+    c2 = x0 * g02 + x1 * g12 + x2 * g22
+    s = ready[w + np.uint64(8)] * c0 + ready[w + np.uint64(9)] * c1 + ready[w + np.uint64(10)] * c2
+    s = s * weights_of_z(load16(ready, w))
+    s = even_groups(s, s) + odd_groups(s, s)
+    return first_group(s) + second_group(s)
+
+
+def _add_weighted(arena, o, ready, w, numbers):
+    """Add four numbers of the contact whose weights are at place ``w`` to the arena from its first node on, weighted."""
+    q = repeated(numbers) * weights_of_z(load16(ready, w))
+    u0 = ready[w + np.uint64(8)] * q
+    u1 = ready[w + np.uint64(9)] * q
+    u2 = ready[w + np.uint64(10)] * q
+    for i in range(3):
+        x = ready[w + np.uint64(4 + i)]
+        a = o + i * PLANE
+        store(arena, a, load16(arena, a) + x * u0)
+        store(arena, a + ROW, load16(arena, a + ROW) + x * u1)
+        store(arena, a + 2 * ROW, load16(arena, a + 2 * ROW) + x * u2)
+
+
+def _meet_grid(contacts, ready, felt, nodes, row, n):
+    """Compliance and velocity that the grid would give to each contact of a block; ``ready`` are the weights of the first."""
+    for r in range(np.uint64(row), np.uint64(row + n)):
+        _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
+        rows = _load_rows(nodes, _first_node(np.int64(contacts[r, 0])))
+        store(felt, r * np.uint64(4), _weighted_mean(ready, _place_of(r), rows))
+
+
+def _push(t, measured, g, dt):
+    """Work and impulse of 16 contacts in place of what they feel."""
+    for q in range(np.uint64(16)):
+        compliance = t[0, q]
+        u = vec(t[1, q], t[2, q], t[3, q])
+        normal = vec(measured[g, NORMAL, q], measured[g, NORMAL + 1, q], measured[g, NORMAL + 2, q])
+        before = vec(measured[g, BEFORE, q], measured[g, BEFORE + 1, q], measured[g, BEFORE + 2, q])
+        push = impulse(u, normal, measured[g, GAP, q], compliance, measured[g, GRIP, q], dt)
+        t[0, q] = work(push, before, u, compliance)
+        t[1, q] = push[0]
+        t[2, q] = push[1]
+        t[3, q] = push[2]
+
+
+def _spread_block(contacts, ready, felt, row, n, arena, parts, ground, b):
+    """Fill the arena of a block with the impulses of its contacts, and sum them up; ``ready`` are the weights of the first."""
+    _clear(arena, parts)
+    total = four_zeros(ground)
+    for r in range(np.uint64(row), np.uint64(row + n)):
+        _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
+        push = load4(felt, r * np.uint64(4))
+        total = total + in_double(push)
+        _add_weighted(arena, _first_node(np.int64(contacts[r, 0])), ready, _place_of(r), push)
+    store(ground, 4 * b, total)
+
+
+def solve_contacts(contacts, measured, felt, place, touching, pressed, nown, grid, up, dt, number, arenas, ground):
+    """One impulse per contact, spread to the arena of its block; ``ground`` (nown, 4) is their work [J] and sum [N s]."""
+    for s in prange((nown + STRIP - 1) // STRIP):
+        low = s * STRIP
+        end = min(low + STRIP, nown)
+        total = 0
+        for b in range(low, end):
+            total += touching[b]
+        if total == 0:
+            continue
+        nodes = local_nodes(contacts)
+        _clear(nodes, EVERY)
+        row = place[low]
+        ready = local_weights(contacts)
+        _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
+        for b in range(low, end):
+            if touching[b] > 0:
+                for o in range(0, ARENA, 16):  # asks for what is filled below
+                    prefetch(arenas, ARENA * np.int64(number[b]) + o)
+                _load_nodes(nodes, grid, up, b, pressed[b])
+                _meet_grid(contacts, ready, felt, nodes, place[b], touching[b])
+        t = local_columns(contacts)
+        for g in range(row >> 4, (row + total + 15) >> 4):
+            store_4_rows(t, 0, load_felt(felt, 64 * g))
+            _push(t, measured, g, dt)
+            store_felt(felt, 64 * g, load_4_rows(t, 0))
+        _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
+        for b in range(low, end):
+            if touching[b] > 0:
+                _spread_block(contacts, ready, felt, place[b], touching[b], arenas[number[b]], pressed[b], ground, b)
