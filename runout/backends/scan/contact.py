@@ -53,24 +53,19 @@ _, store_16_rows = row_vectors(16, TILE)
 three_ones = constant([1.0, 1.0, 1.0, 0.0])
 
 
-def _list_candidates(slots, blocks, rec, cell, who, tiles, listed, first, candidates, b, k, n):
+def _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n):
     """Slots and blocks of the next ``n`` candidates from number ``k`` of block ``b`` on; returns what comes next.
 
-    The last one fills the last vector. What will be read of them is asked for.
+    The last one fills the last vector. Their records are asked for.
     """
     for q in range(n):
         while k == candidates[b]:
             b += 1
             k = 0
-        if k == 0:
-            for o in range(0, 36, 16):
-                prefetch(tiles, 36 * b + o)
         p = np.int64(listed[first[b] + k])
         k += 1
         slots[q] = p
         blocks[q] = b
-        prefetch(who, p)
-        prefetch(cell, p)
         prefetch(rec, 16 * p)
     for q in range(n, (n + 15) & ~15):
         slots[q] = slots[n - 1]
@@ -163,6 +158,16 @@ def _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured,
     return row
 
 
+def _call_up(tiles, planes, cell, b, f, held):
+    """Ask for what the contacts of a block need besides its records, while its arena is filled."""
+    for o in range(0, 36, 16):
+        prefetch(tiles, 36 * b + o)
+    for o in range(0, 48, 16):
+        prefetch(planes, 48 * b + o)
+    for p in range(f, f + held, 64):
+        prefetch(cell, p)
+
+
 def _expect(contacts, measured, shares, row, rows, share, blocks):
     """Ask for the memory that the rows of a strip and the shares of its blocks will be written to."""
     for r in range(row, row + rows, 16):
@@ -211,7 +216,7 @@ def _measure_strip(
     for done in range(0, total, TILE):
         n = min(TILE, total - done)
         groups = (n + 15) >> 4
-        b, k = _list_candidates(slots, blocks, rec, cell, who, tiles, listed, first, candidates, b, k, n)
+        b, k = _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n)
         _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, n)
         _load_candidates(t, rec, aside, slots, groups)
         _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, band)
@@ -241,6 +246,8 @@ def particles_to_arenas_and_contacts(
             if giving[b] > 0:
                 cut = reach / (bounds[b, 1] * h[2])
                 near = real(0.5) - bounds[b, 0] <= cut
+                if near:
+                    _call_up(tiles, planes, cell, b, first[b], giving[b])
                 reached[b] = _reached_parts(starts, b)
                 candidates[b] = _fill_arena(rec, order, starts, first, b, arenas[number[b]], near, planes, cut, listed)
                 total += candidates[b]
@@ -250,8 +257,8 @@ def particles_to_arenas_and_contacts(
         thread = get_thread_id()
         row = cursors[thread, 0]
         share = cursors[thread, 1]
-        cursors[thread, 0] += (total + 31) & ~15
-        cursors[thread, 1] += STRIP
+        cursors[thread, 0] += (total + 15) & ~15
+        cursors[thread, 1] += blocks
         if cursors[thread, 0] > rows or cursors[thread, 1] > room:
             continue
         row += thread * rows
