@@ -54,7 +54,7 @@ def test_a_restored_backend_takes_the_steps_of_the_one_that_went_on(backend, pre
     resumable(backend)
     advance(loaded(backend, a_scene, particles))
     state = {name: values.copy() for name, values in backend.checkpoint().items()}
-    other = type(backend)()
+    other = type(backend)(backend.device.alias, backend.deterministic) if hasattr(backend, "deterministic") else type(backend)()
     other.restore(a_scene, state)
     assert same_bits(other.particles(), backend.particles())
     assert other.counters.steps == STEPS

@@ -66,6 +66,7 @@ class ScanBackend:
         self.scene, self.n = scene, len(particles)
         self.cursors = np.zeros((self.allowed, 8), np.int64)
         self.holes, self.n_holes = np.zeros((LONGEST_LIST, 2), np.int64), 0
+        self.surge = 0  # fresh slots that a step needed of late, at most
         self.k = kernels_for(scene)
         self.no_rates = (np.zeros((0, 16), scene.dtype), scene.dtype(0), np.zeros((0, 16), scene.dtype), scene.dtype(0))
         self.general = General(scene) if is_general(scene) else None
@@ -131,8 +132,8 @@ class ScanBackend:
         self._fit_buffers()
         self.n_holes = 0
         packed = k.packed_end(i.held, i.nown)
-        if packed + 4 * reserve(self.n) > s.slots:
-            s.grow(capacity(packed))
+        if packed + max(4 * reserve(self.n), 2 * self.surge) > s.slots:
+            s.grow(capacity(packed + self.surge))
         used = np.flatnonzero(i.held)
         by_slot = used[np.argsort(i.first[used])]
         buffers = (buffer[0] for buffer in self.buffers[:3])
@@ -181,7 +182,7 @@ class ScanBackend:
         if self.index.travelled + 1 > MARGIN:
             self.counters.rebuilds += 1
             self._index_anew(self.index, self.room)
-        if self.end + reserve(self.n) > self.store.slots:
+        if self.end + max(reserve(self.n), self.surge) > self.store.slots:
             self._make_slots()
         clock("index")
         self._to_grid(dt)
@@ -292,8 +293,9 @@ class ScanBackend:
         if self.reaches_rim:
             self._book_escaped()
         needed = k.count_arrivals(i.around, i.first, i.nown, s.listed, a.leaving, a.changed, i.held, i.room, a.before, a.arrivals)
+        self.surge = max(needed, self.surge - self.surge // 8)
         if self.end + needed > s.slots:
-            s.grow(capacity(self.end + needed))
+            s.grow(self.end + needed)
         self.end, self.n_holes = k.make_room(i.nown, i.held, a.arrivals, i.first, i.room, self.end, self.holes, self.n_holes)
         k.settle(
             s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, s.listed, a.leaving,
