@@ -66,7 +66,7 @@ class ScanBackend:
         self.scene, self.n = scene, len(particles)
         self.cursors = np.zeros((self.allowed, 8), np.int64)
         self.holes, self.n_holes = np.zeros((LONGEST_LIST, 2), np.int64), 0
-        self.surge = 0  # fresh slots that a step needed of late, at most
+        self.surge = 0  # fresh slots that steps needed of late, at most
         self.k = kernels_for(scene)
         self.no_rates = (np.zeros((0, 16), scene.dtype), scene.dtype(0), np.zeros((0, 16), scene.dtype), scene.dtype(0))
         self.general = General(scene) if is_general(scene) else None
@@ -131,9 +131,9 @@ class ScanBackend:
         i, s, k = self.index, self.store, self.k
         self._fit_buffers()
         self.n_holes = 0
-        packed = k.packed_end(i.held, i.nown)
-        if packed + max(4 * reserve(self.n), 2 * self.surge) > s.slots:
-            s.grow(capacity(packed + self.surge))
+        packed, spare = k.packed_end(i.held, i.nown), max(4 * reserve(self.n), 2 * self.surge)
+        if packed + spare > s.slots:
+            s.grow(max(packed + spare, capacity(packed)))
         used = np.flatnonzero(i.held)
         by_slot = used[np.argsort(i.first[used])]
         buffers = (buffer[0] for buffer in self.buffers[:3])
