@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import SAND, box, loaded, plane, scene
+from scenes import SAND, box, engine_of, loaded, plane, scene
 
 import runout
 from runout.backends.protocol import ResumableBackend
@@ -49,12 +49,12 @@ def resumable(engine):
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_a_restored_backend_takes_the_steps_of_the_one_that_went_on(backend, precision):
+def test_a_restored_backend_takes_the_steps_of_the_one_that_went_on(backend, precision, request):
     a_scene, particles = sliding(precision)
     resumable(backend)
     advance(loaded(backend, a_scene, particles))
     state = {name: values.copy() for name, values in backend.checkpoint().items()}
-    other = type(backend)(backend.device.alias, backend.deterministic) if hasattr(backend, "deterministic") else type(backend)()
+    other = engine_of(request.node.callspec.params["backend"])
     other.restore(a_scene, state)
     assert same_bits(other.particles(), backend.particles())
     assert other.counters.steps == STEPS
