@@ -93,8 +93,8 @@ class Arenas:
     total: np.ndarray
 
     @classmethod
-    def of(cls, index: Index, real: Any, domain: np.ndarray, sleeps: bool) -> "Arenas":
-        """Arrays for the blocks of an index, which may sleep; ``domain`` (4,) [cells] is the box that particles leave."""
+    def of(cls, index: Index, real: Any, domain: np.ndarray, sleeps: bool, sharers: int = 0) -> "Arenas":
+        """Arrays for the blocks of an index, which may sleep, and room for some shares; particles leave ``domain`` (4,) [cells]."""
         n, edge = index.nown, 4 * index.bxyz[: index.nown, :2]
         beside = (edge - 2 < domain[::2]) | (edge + 8 > domain[1::2])
         count = partial(np.zeros, n, np.int64)
@@ -103,7 +103,7 @@ class Arenas:
             arenas=np.empty((_roomy(int(np.count_nonzero(index.held))), ARENA), real),
             reached=np.zeros(n, np.uint8),
             pressed=np.zeros(n, np.uint8),
-            shares=np.empty((0, SHARES), real),
+            shares=np.empty((sharers, SHARES), real),
             sharer=np.zeros(n, np.int32),
             grid=np.zeros((index.nall, 256), real),
             shared=np.zeros(index.nall, np.bool_),

@@ -122,7 +122,7 @@ class ScanBackend:
         self.k.hand_over_slots(numbers, old.starts, old.first, old.room, old.nown, i.starts, i.first, i.room, i.held)
         if any(self.period):
             i.join_ends(self.period)
-        self._allocate_blocks()
+        self._allocate_blocks(room)
         if room is not None and self.scene.sleep_speed:
             sleep.carry_over(self, room, old.held, numbers)
 
@@ -139,10 +139,10 @@ class ScanBackend:
         buffers = (buffer[0] for buffer in self.buffers[:3])
         self.end = k.pack_slots(s.rec, s.state, s.who, s.cell, s.order, i.starts, by_slot, i.first, i.room, i.held, *buffers)
 
-    def _allocate_blocks(self) -> None:
-        """Arrays by block, after a rebuild."""
+    def _allocate_blocks(self, former: Arenas | None = None) -> None:
+        """Arrays by block, after a rebuild; with room for as many shares as the ``former`` had, or the next step runs twice."""
         i, surface = self.index, self.scene.surface
-        self.room = a = Arenas.of(i, self.scene.dtype, self.domain, self.scene.sleep_speed > 0)
+        self.room = a = Arenas.of(i, self.scene.dtype, self.domain, self.scene.sleep_speed > 0, len(former.shares) if former else 0)
         self.reaches_rim = bool(a.rim.any())
         self._fit_buffers(anew=True)
         if surface is not None:
