@@ -25,6 +25,7 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.stencil import _cell_entry
 
 next_in: Any = None  # adds one to a count and tells what it was before; the binding puts it in its place
+sum_before: Any = None  # sums over the lanes before a lane, and over all; likewise
 
 
 def count_blocks(cstart: Table2, totals: Ints):
@@ -45,8 +46,8 @@ def _list_block(b: int, lane: int, totals: Ints, given: int, cstart: Table2, act
     mine = int(0)
     for q in range(each):
         mine += cstart[b, each * lane + q + 1]
-    before = wp.untile(wp.tile_scan_exclusive(wp.tile(mine)))
-    total = wp.tile_sum(wp.tile(mine))[0]
+    sums = sum_before(mine)
+    total = sums[1]
     start = int(0)
     if lane == 0:
         if total > 0:
@@ -60,7 +61,7 @@ def _list_block(b: int, lane: int, totals: Ints, given: int, cstart: Table2, act
                 active[int(before_all >> wp.int64(32))] = b
         cstart[b, 0] = start
     if total > 0:
-        place = wp.tile_sum(wp.tile(start))[0] + before
+        place = sums[0] + sum_before(start)[1]
         for q in range(each):
             n = int(cstart[b, each * lane + q + 1])
             cstart[b, each * lane + q + 1] = place

@@ -44,6 +44,8 @@ from runout.physics.tensors import dot, real, tens, vec
 
 HELD = 128  # contact particles of a block whose impulses or offsets are held at once
 STARTS = CELL_LANES + 1
+sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
+sum_lanes: Any = None  # sum over the lanes, likewise
 BELOW, FILLED = 2**20 - 1, 20  # a sum of particles lies in these bits, and one of cells from this bit on
 
 
@@ -100,9 +102,9 @@ def _number_listed(starts: Tile, cstart: Table2, b: int, lane: int, tiles: Rows,
         n = int(cstart[b, c + 1]) - int(cstart[b, c])
         if n > 0:
             n = wp.where(_is_near(_around(tiles, near, c), c & 3, h, reach), n, 0)
-        cells = wp.tile(n)
-        wp.tile_scatter_masked(starts, c, total + wp.untile(wp.tile_scan_exclusive(cells)), True)
-        total += wp.tile_sum(cells)[0]
+        sums = sum_before(n)
+        wp.tile_scatter_masked(starts, c, total + sums[0], True)
+        total += sums[1]
     wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
     return total
 
@@ -113,11 +115,11 @@ def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
     for q in range(CELL_LANES // wp.block_dim()):
         c = q * wp.block_dim() + lane
         n = int(counts[c])
-        cells = wp.tile(n + (wp.min(n, 1) << FILLED))
-        before = total + wp.untile(wp.tile_scan_exclusive(cells))
+        sums = sum_before(n + (wp.min(n, 1) << FILLED))
+        before = total + sums[0]
         wp.tile_scatter_masked(starts, c, before & BELOW, True)
         wp.tile_scatter_masked(filled, before >> FILLED, c, n > 0)
-        total += wp.tile_sum(cells)[0]
+        total += sums[1]
     wp.tile_scatter_masked(starts, CELL_LANES, total & BELOW, lane == 0)
     return total >> FILLED
 
@@ -147,9 +149,9 @@ def _keep_touching(
             approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
             if in_contact(gap, approach, dt, band):
                 hit = 1
-        hits = wp.tile(hit)
-        place = found + wp.untile(wp.tile_scan_exclusive(hits))
-        found += wp.tile_sum(hits)[0]
+        hits = sum_before(hit)
+        place = found + hits[0]
+        found += hits[1]
         if hit != 0:
             pressed[begin + place] = p
         wp.tile_scatter_masked(spots, place, f, hit != 0 and place < HELD)
@@ -271,11 +273,10 @@ def _push(
 
 
 def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: int, mine: bool):
-    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time; returns impulse and work of all.
+    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time.
 
-    ``pushes`` and ``spots`` hold impulse and work, and offset, of those from number ``base`` on. None if the cell is not ``mine``.
+    ``pushes`` and ``spots`` hold impulse and offset of those from number ``base`` on. None if the cell is not ``mine``.
     """
-    done = double4()
     begin = wp.max(int(starts[c]), base)
     end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
     first = _first_node(c)
@@ -291,13 +292,10 @@ def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: i
                 for k in range(3):
                     for d in range(3):
                         acc[j * 3 + k, d] += wx[i] * wy[j] * wz[k] * push[d]
-            if i == 0:
-                done += double4(wp.float64(push[3]), wp.float64(push[0]), wp.float64(push[1]), wp.float64(push[2]))
         for j in range(3):
             for k in range(3):
                 s = node4(real(0.0), acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2])
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
-    return done
 
 
 def solve_contacts(
@@ -344,15 +342,16 @@ def solve_contacts(
                         y = 4 * coordinates[b, 1] - shift[member[b]] + ((c >> 2) & 3)
                         mu = _friction_in_zone(mu, zones, lattice, member[b], x, y, f)
                     push = _push(rec, radius, tiles, velocities, near[b], c, p, f, h, mu, dt)
+                    done += double4(wp.float64(push[3]), wp.float64(push[0]), wp.float64(push[1]), wp.float64(push[2]))
                 wp.tile_scatter_masked(pushes, n - base, push, n < total)
                 wp.tile_scatter_masked(spots, n - base, f, n < total)
             for turn in range((many + wp.block_dim() - 1) // wp.block_dim()):
                 mine = turn * wp.block_dim() + lane
-                done += _spread(tile, pushes, spots, starts, filled[wp.min(mine, many - 1)], base, mine < many)
-        all_done = wp.tile_sum(wp.tile(done, preserve_type=True))
-        if lane == 0:
-            for d in range(4):
-                booked[b, d + 1] = booked[b, d + 1] + all_done[0][d]
+                _spread(tile, pushes, spots, starts, filled[wp.min(mine, many - 1)], base, mine < many)
+        for d in range(4):
+            all_done = sum_lanes(done[d])
+            if lane == 0:
+                booked[b, d + 1] = booked[b, d + 1] + all_done
         for t in range(lane, TILE, wp.block_dim()):
             s = tile[t]
             if ORDERED:

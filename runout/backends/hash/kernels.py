@@ -8,7 +8,7 @@ import warp as wp
 
 from runout.backends.compile import warp_binding, warp_kernels, warp_record
 from runout.backends.hash import cells as cell_lists
-from runout.backends.hash import contact, deform, forces, gradients, ground, index, motion, observe, stencil, transfer, zones
+from runout.backends.hash import contact, deform, forces, gradients, ground, index, motion, natives, observe, stencil, transfer, zones
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import LAWS
 
@@ -23,123 +23,6 @@ OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
 # blocks of threads that share a multiprocessor in single precision, which bounds the registers of each thread: 128 and 168
 FLOAT32_BLOCKS = {"grid_to_particles": 8, "particles_to_grid": 6}
 GENERAL_BLOCKS = {"grid_to_particles": 6, "add_forces": 6}
-
-# Neighbours in a warp mostly enter the same cell: one atomic serves them all.
-COUNT_IN = """
-#if defined(__CUDA_ARCH__)
-    unsigned same = __match_any_sync(__activemask(), cell);
-    if ((threadIdx.x & 31) == __ffs(same) - 1) atomicAdd(&count[cell], __popc(same));
-#else
-    wp::atomic_add(count, cell, 1);
-#endif
-"""
-NEXT_IN = """
-#if defined(__CUDA_ARCH__)
-    unsigned same = __match_any_sync(__activemask(), cell);
-    int lane = threadIdx.x & 31, first = __ffs(same) - 1, rank = 0;
-    if (lane == first) rank = atomicAdd(&count[cell], __popc(same));
-    return __shfl_sync(same, rank, first) + __popc(same & ((1u << lane) - 1u));
-#else
-    return wp::atomic_add(count, cell, 1);
-#endif
-"""
-# Neighbours mostly lie in the same block and reach the same blocks around it.
-ADD_MARKS = """
-#if defined(__CUDA_ARCH__)
-    unsigned same = __match_any_sync(__activemask(), b);
-    unsigned all = __reduce_or_sync(same, (unsigned)mark);
-    if ((threadIdx.x & 31) == __ffs(same) - 1 && (all & ~*(volatile unsigned*)(marks.data + b)))
-        atomicOr((unsigned*)(marks.data + b), all);
-#else
-    wp::atomic_or(marks, b, mark);
-#endif
-"""
-
-
-@wp.func_native(COUNT_IN)
-def count_in(count: wp.array(dtype=wp.int32), cell: int):  # type: ignore[valid-type, no-untyped-def]
-    """Add one to the count of a cell."""
-
-
-@wp.func_native(NEXT_IN)
-def next_in(count: wp.array(dtype=wp.int32), cell: int) -> int:  # type: ignore[valid-type, empty-body]
-    """Add one to the count of a cell; returns what it was before."""
-
-
-@wp.func_native(ADD_MARKS)
-def add_marks(marks: wp.array(dtype=wp.int32), b: int, mark: int):  # type: ignore[valid-type, no-untyped-def]
-    """Set bits of the marks of a block."""
-
-
-# Four sums at once: one reduction of 16 bytes, which chips before sm_90 lack.
-ADD_NODE = """
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
-    asm volatile("red.relaxed.gpu.global.add.v4.f32 [%0], {%1, %2, %3, %4};"
-                 :: "l"(&nodes.data[i]), "f"(g[0]), "f"(g[1]), "f"(g[2]), "f"(g[3]) : "memory");
-#else
-    wp::atomic_add(nodes, i, g);
-#endif
-"""
-
-
-@wp.func_native(ADD_NODE)
-def add_node32(nodes: wp.array(dtype=wp.vec4f), i: int, g: wp.vec4f):  # type: ignore[valid-type, no-untyped-def]
-    """Add four numbers to a node."""
-
-
-@wp.func
-def add_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: ignore[valid-type, no-untyped-def]
-    """Add four numbers to a node."""
-    wp.atomic_add(nodes, i, g)
-
-
-# The largest of a warp first; numbers that are not negative have the order of their bits.
-PEAK32 = """
-#if defined(__CUDA_ARCH__)
-    int bits = __reduce_max_sync(0xffffffffu, __float_as_int(value));
-    if ((threadIdx.x & 31) == 0 && bits > *(volatile int*)(peaks.data + i)) atomicMax((int*)(peaks.data + i), bits);
-#else
-    wp::atomic_max(peaks, i, value);
-#endif
-"""
-PEAK64 = """
-#if defined(__CUDA_ARCH__)
-    long long bits = __double_as_longlong(value);
-    for (int d = 16; d > 0; d >>= 1) {
-        long long other = __shfl_xor_sync(0xffffffffu, bits, d);
-        bits = other > bits ? other : bits;
-    }
-    if ((threadIdx.x & 31) == 0 && bits > *(volatile long long*)(peaks.data + i)) atomicMax((long long*)(peaks.data + i), bits);
-#else
-    wp::atomic_max(peaks, i, value);
-#endif
-"""
-CALL_UP = """
-#if defined(__CUDA_ARCH__)
-    const char* place = (const char*)rows.data + (size_t)row * rows.strides[0] + (size_t)p * sizeof(*rows.data);
-    asm volatile("prefetch.global.L2 [%0];" :: "l"(place));
-#endif
-"""
-
-
-@wp.func_native(PEAK32)
-def raise_peak32(peaks: wp.array(dtype=wp.float32), i: int, value: wp.float32):  # type: ignore[valid-type, no-untyped-def]
-    """Bring a largest value up to those of all lanes."""
-
-
-@wp.func_native(PEAK64)
-def raise_peak64(peaks: wp.array(dtype=wp.float64), i: int, value: wp.float64):  # type: ignore[valid-type, no-untyped-def]
-    """Bring a largest value up to those of all lanes."""
-
-
-@wp.func_native(CALL_UP)
-def call_up32(rows: wp.array2d(dtype=wp.float32), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
-    """Ask for the sector of memory that holds a number of a row."""
-
-
-@wp.func_native(CALL_UP)
-def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
-    """Ask for the sector of memory that holds a number of a row."""
 
 
 def _argument_types(real: Any, record: Any) -> dict[str, Any]:
@@ -168,10 +51,7 @@ def _bound(law: str, precision: str, sources: tuple[Any, ...], module_of: Any, *
     kernels = warp_kernels(
         physics, sources, module_of, **_argument_types(real, record), **flags,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
-        count_in=count_in, next_in=next_in, add_marks=add_marks,
-        add_node=add_node32 if precision == "float32" else add_node64,
-        raise_peak=raise_peak32 if precision == "float32" else raise_peak64,
-        call_up=call_up32 if precision == "float32" else call_up64,
+        **natives.of(precision),
         first_node64=wide.bspline.first_node, weights64=wide.bspline.weights, interpolate64=wide.heightfield.interpolate,
         quasi_interpolant64=wide.heightfield.quasi_interpolant, gradient_column64=wide.moments.gradient_column,
         kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
