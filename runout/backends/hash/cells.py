@@ -21,6 +21,7 @@ from runout.backends.hash.layout import (
     Shorts,
     Table2,
     node4,
+    put_node,
 )
 from runout.backends.hash.stencil import _cell_entry
 
@@ -84,9 +85,9 @@ def list_cells(
         if lane == 0:
             touching[b] = 0
         for c in range(lane, CELL_LANES, wp.block_dim()):
-            grid[b * CELL_LANES + c] = node4()
+            put_node(grid, b * CELL_LANES + c, node4())
             if grounded[b] >= 0:
-                contact[grounded[b] * CELL_LANES + c] = node4()
+                put_node(contact, grounded[b] * CELL_LANES + c, node4())
 
 
 def place_particles(flags: Ints, key: Ints, ends: Ints, order: Ints):

@@ -8,7 +8,20 @@ import warp as wp
 
 from runout.backends.compile import warp_binding, warp_kernels, warp_record
 from runout.backends.hash import cells as cell_lists
-from runout.backends.hash import contact, deform, forces, gradients, ground, index, motion, natives, observe, stencil, transfer, zones
+from runout.backends.hash import (
+    contact,
+    deform,
+    forces,
+    gradients,
+    ground,
+    index,
+    motion,
+    natives,
+    observe,
+    stencil,
+    transfer,
+    zones,
+)
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import LAWS
 

@@ -43,6 +43,8 @@ sums1: Any = None
 double4: Any = None
 double7: Any = None
 add_node: Any = None  # adds four numbers to a node
+node_at: Any = None  # the four numbers of a node, by one load
+put_node: Any = None  # puts four others in their place, by one store
 
 ORDERED = False  # sums in fixed order; the binding decides
 ZONED = False  # friction zones on the ground; the binding decides

@@ -73,6 +73,46 @@ def add_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: i
     wp.atomic_add(nodes, i, g)
 
 
+# Four numbers of a node by one load or store of 16 bytes, which needs an alignment that the compiler does not know of.
+NODE_AT = """
+#if defined(__CUDA_ARCH__)
+    float4 g = *(const float4*)(nodes.data + i);
+    return wp::vec4f(g.x, g.y, g.z, g.w);
+#else
+    return nodes.data[i];
+#endif
+"""
+PUT_NODE = """
+#if defined(__CUDA_ARCH__)
+    *(float4*)(nodes.data + i) = make_float4(g[0], g[1], g[2], g[3]);
+#else
+    nodes.data[i] = g;
+#endif
+"""
+
+
+@wp.func_native(NODE_AT)
+def node_at32(nodes: wp.array(dtype=wp.vec4f), i: int) -> wp.vec4f:  # type: ignore[valid-type, empty-body]
+    """Four numbers of a node."""
+
+
+@wp.func
+def node_at64(nodes: wp.array(dtype=wp.vec4d), i: int) -> wp.vec4d:  # type: ignore[valid-type]
+    """Four numbers of a node."""
+    return nodes[i]
+
+
+@wp.func_native(PUT_NODE)
+def put_node32(nodes: wp.array(dtype=wp.vec4f), i: int, g: wp.vec4f):  # type: ignore[valid-type, no-untyped-def]
+    """Put four numbers in the place of those of a node."""
+
+
+@wp.func
+def put_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: ignore[valid-type, no-untyped-def]
+    """Put four numbers in the place of those of a node."""
+    nodes[i] = g
+
+
 # Sums over the 32 lanes of a block of one warp: a tenth of the instructions of sums over any block, which meet in shared memory.
 SUM_BEFORE = """
 #if defined(__CUDA_ARCH__)
@@ -162,6 +202,6 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
-    by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in ("add_node", "raise_peak", "call_up")}
+    by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in ("add_node", "node_at", "put_node", "raise_peak", "call_up")}
     plain = (count_in, next_in, add_marks, sum_before, sum_lanes)
     return by_type | {function.key: function for function in plain}

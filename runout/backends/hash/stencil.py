@@ -24,6 +24,8 @@ from runout.backends.hash.layout import (
     Tile,
     Vector,
     node4,
+    node_at,
+    put_node,
 )
 from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
@@ -64,7 +66,7 @@ def _contact_node(grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: in
     u = node4()
     if t < TILE:
         o = _block(up, b, t)
-        g = grid[o * 64 + _local(t)]
+        g = node_at(grid, o * 64 + _local(t))
         share = contact[grounded[o] * 64 + _local(t)][0]
         if g[0] > real(0.0):
             v = node_velocity(vec(g[1], g[2], g[3]), g[0], dv)
@@ -99,7 +101,7 @@ def _wide_node(grid: Nodes, o: int, t: int):
     """
     g = node4()
     if o >= 0:
-        g = grid[o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3))]
+        g = node_at(grid, o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)))
     if GENERAL:
         return node4(g[1], g[2], g[3], g[0])
     return node4(g[1], g[2], g[3], real(0.0))
@@ -154,15 +156,15 @@ def update_nodes(
         return
     if COUNTED_AT_ONCE:
         ends[_cell_entry(t)] = 0
-    g = grid[t]
+    g = node_at(grid, t)
     if g[0] > real(0.0):
         s = member[b]
         v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
         if grounded[b] >= 0:
-            push = contact[grounded[b] * 64 + (t & 63)]
+            push = node_at(contact, grounded[b] * 64 + (t & 63))
             if push[0] > real(0.0):
                 v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
-        grid[t] = node4(g[0], v[0], v[1], v[2])
+        put_node(grid, t, node4(g[0], v[0], v[1], v[2]))
 
 
 def _sum_arenas(arenas: Nodes, held: Ints, down: Table2, t: int):
@@ -175,7 +177,7 @@ def _sum_arenas(arenas: Nodes, held: Ints, down: Table2, t: int):
         y = ((t >> 2) & 3) + ((q & 2) << 1)
         z = (t & 3) + ((q & 1) << 2)
         if o >= 0 and x < 6 and y < 6 and z < 6 and held[wp.max(o, 0)] > 0:
-            s += arenas[o * TILE + (x * 6 + y) * 6 + z]
+            s += node_at(arenas, o * TILE + (x * 6 + y) * 6 + z)
     return s
 
 
@@ -189,7 +191,7 @@ def sum_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes)
     """Mass and momentum of every node, in fixed order."""
     t = wp.tid()
     if flags[HALT] == 0:
-        grid[t] = _sum_arenas(arenas, held, down, t)
+        put_node(grid, t, _sum_arenas(arenas, held, down, t))
 
 
 def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, grounded: Ints, part: int, contact: Nodes):
@@ -199,9 +201,9 @@ def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, groun
     if flags[HALT] != 0 or slot < 0:
         return
     s = _sum_arenas(arenas, touching, down, t)
-    g = contact[slot * 64 + (t & 63)]
+    g = node_at(contact, slot * 64 + (t & 63))
     if part == 0:
         g = node4(s[0], g[1], g[2], g[3])
     else:
         g = node4(g[0], s[1], s[2], s[3])
-    contact[slot * 64 + (t & 63)] = g
+    put_node(contact, slot * 64 + (t & 63), g)

@@ -24,18 +24,21 @@ from runout.backends.hash.layout import (
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _arms, _first_node, _node
+from runout.backends.hash.stencil import _first_node, _node
 from runout.physics.bspline import weights
 from runout.physics.tensors import real, vec
 
 
-def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
-    """Mass and momentum that the particles at some places of the list hand to the 27 nodes of their cell."""
+def _sum_cell(rec: Rows, order: Ints, begin: int, last: int):
+    """Mass and momentum that the particles at some places of the list hand to the 27 nodes of their cell.
+
+    From node to node the momentum that a particle hands over grows by a column of its affine part.
+    """
     acc = sums4()
     ahead = int(0)
-    if first < last:
-        ahead = order[first]
-    for t in range(first, last):
+    if begin < last:
+        ahead = order[begin]
+    for t in range(begin, last):
         p = ahead & NOT_NEGATIVE
         if t + 1 < last:
             ahead = order[t + 1]
@@ -50,20 +53,21 @@ def _sum_cell(rec: Rows, order: Ints, first: int, last: int):
         ay = vec(rec[AFFINE + 3, p], rec[AFFINE + 4, p], rec[AFFINE + 5, p])
         az = vec(rec[AFFINE + 6, p], rec[AFFINE + 7, p], rec[AFFINE + 8, p])
         q = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p])
-        dx = _arms(fx)
-        dy = _arms(fy)
-        dz = _arms(fz)
+        x = q - fx * ax - fy * ay - fz * az
         for i in range(3):
+            y = x
             for j in range(3):
                 wij = wx[i] * wy[j]
-                r = q + dx[i] * ax + dy[j] * ay
+                z = y
                 for k in range(3):
                     w = wij * wz[k]
-                    s = r + dz[k] * az
                     acc[(i * 3 + j) * 3 + k, 0] += w * m
-                    acc[(i * 3 + j) * 3 + k, 1] += w * s[0]
-                    acc[(i * 3 + j) * 3 + k, 2] += w * s[1]
-                    acc[(i * 3 + j) * 3 + k, 3] += w * s[2]
+                    acc[(i * 3 + j) * 3 + k, 1] += w * z[0]
+                    acc[(i * 3 + j) * 3 + k, 2] += w * z[1]
+                    acc[(i * 3 + j) * 3 + k, 3] += w * z[2]
+                    z = z + az
+                y = y + ay
+            x = x + ax
     return acc
 
 
