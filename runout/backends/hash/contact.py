@@ -35,7 +35,7 @@ from runout.backends.hash.layout import (
     sums1,
     sums3,
 )
-from runout.backends.hash.stencil import _block, _first_node, _load, _local
+from runout.backends.hash.stencil import _first_node, _load, _node, _set_bases, _set_grounded_bases
 from runout.backends.hash.zones import _friction_in_zone
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, in_contact, work
@@ -94,16 +94,21 @@ def _cell_of(starts: Tile, n: int):
     return c
 
 
-def _number_listed(starts: Tile, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, reach: Any):
-    """Number of the first particle of each cell among those of a block that may touch the ground, and of all."""
+def _number_listed(starts: Tile, places: Tile, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, reach: Any):
+    """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
+
+    Add its number to that of ``places`` for its cell and get a particle's place in the list.
+    """
     total = int(0)
     for q in range(CELL_LANES // wp.block_dim()):
         c = q * wp.block_dim() + lane
-        n = int(cstart[b, c + 1]) - int(cstart[b, c])
+        first = int(cstart[b, c])
+        n = int(cstart[b, c + 1]) - first
         if n > 0:
             n = wp.where(_is_near(_around(tiles, near, c), c & 3, h, reach), n, 0)
         sums = sum_before(n)
         wp.tile_scatter_masked(starts, c, total + sums[0], True)
+        wp.tile_scatter_masked(places, c, first - total - sums[0], True)
         total += sums[1]
     wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
     return total
@@ -125,16 +130,15 @@ def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
 
 
 def _keep_touching(
-    starts: Tile, counts: Tile, spots: Tile, total: int, rec: Rows, radius: Reals, order: Ints, cstart: Table2, b: int, lane: int,
+    starts: Tile, places: Tile, counts: Tile, spots: Tile, total: int, rec: Rows, radius: Reals, order: Ints, begin: int, lane: int,
     tiles: Rows, near: int, h: Vector, dt: Any, band: Any, pressed: Ints,
 ):  # fmt: skip
     """List those of ``total`` particles of a block that touch the ground; returns how many.
 
-    The list begins where that of the block does, and may be the same memory: none gets a place beyond its own. ``counts`` are told
-    how many a cell has, ``spots`` the offsets of the first.
+    The list begins where that of the block does, at ``begin``, and may be the same memory: none gets a place beyond its own.
+    ``counts`` are told how many a cell has, ``spots`` the offsets of the first.
     """
     found = int(0)
-    begin = int(cstart[b, 0])
     for turn in range((total + wp.block_dim() - 1) // wp.block_dim()):
         n = turn * wp.block_dim() + lane
         c = int(0)
@@ -143,7 +147,7 @@ def _keep_touching(
         f = vec(real(0.0), real(0.0), real(0.0))
         if n < total:
             c = _cell_of(starts, n)
-            p = order[cstart[b, c] + n - starts[c]] & NOT_NEGATIVE
+            p = order[places[c] + n] & NOT_NEGATIVE
             f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
             normal, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
             approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
@@ -210,28 +214,31 @@ def find_contacts(
     They are listed by cell. ``shares`` is the first of the four numbers of each node.
     """
     begin, lane = wp.tid()
+    b = int(active[begin])
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[ACTIVE], launched):
-        b = active[a]
         s = member[b]
         if near[b] >= 0 and clock[s, 0] > real(0.0):
             starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
             counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
             spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
             filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-            total = _number_listed(starts, cstart, b, lane, tiles, near[b], h, clock[s, 4])
+            places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+            first = int(cstart[b, 0])
+            total = _number_listed(starts, places, cstart, b, lane, tiles, near[b], h, clock[s, 4])
             found = _keep_touching(
-                starts, counts, spots, total, rec, radius, order, cstart, b, lane, tiles, near[b], h, clock[s, 0], band, pressed
+                starts, places, counts, spots, total, rec, radius, order, first, lane, tiles, near[b], h, clock[s, 0], band, pressed
             )
             if found > 0:
                 many = _number(starts, filled, counts, lane)
-                first = int(cstart[b, 0])
                 _note_starts(starts, pressed_start, first, b, lane)
                 if lane == 0:
                     touching[b] = found
                     touched[wp.atomic_add(tally, TOUCHED, 1)] = b
                     wp.atomic_add(contacts, s, found)
+                bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+                _set_grounded_bases(bases, grounded, up, b, lane)
                 tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
                 for base in range(0, found, HELD):
                     if base > 0:
@@ -242,7 +249,8 @@ def find_contacts(
                     if ORDERED:
                         arenas[b * TILE + t] = node4(share, real(0.0), real(0.0), real(0.0))
                     elif share != real(0.0):
-                        wp.atomic_add(shares, 4 * (grounded[_block(up, b, t)] * 64 + _local(t)), share)
+                        wp.atomic_add(shares, 4 * _node(bases, t), share)
+        b = active[wp.min(a + launched, active.shape[0] - 1)]
 
 
 def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
@@ -308,13 +316,18 @@ def solve_contacts(
     A thread first owns a particle and finds its impulse, then a cell and adds up those of its particles.
     """
     begin, lane = wp.tid()
+    b = int(touched[begin])
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[TOUCHED], launched):
-        b = touched[a]
         dt = clock[member[b], 0]
         velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
-        _load(velocities, grid, contact, grounded, up, b, lane, vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3]))
+        bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+        near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+        _set_bases(bases, up, b, lane)
+        _set_grounded_bases(near_bases, grounded, up, b, lane)
+        dv = vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3])
+        _load(velocities, grid, contact, bases, near_bases, lane, dv)
         starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
         first = int(pressed_start[b, 0])
         counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
@@ -357,4 +370,5 @@ def solve_contacts(
             if ORDERED:
                 arenas[b * TILE + t] = s
             elif s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
-                add_node(contact, grounded[_block(up, b, t)] * 64 + _local(t), s)
+                add_node(contact, _node(near_bases, t), s)
+        b = touched[wp.min(a + launched, touched.shape[0] - 1)]

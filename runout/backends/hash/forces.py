@@ -29,7 +29,7 @@ from runout.backends.hash.layout import (
     node4,
     sums27,
 )
-from runout.backends.hash.stencil import _first_node, _node, _sum_arenas
+from runout.backends.hash.stencil import _first_node, _node, _set_bases, _sum_arenas
 from runout.physics.bspline import weight_slopes, weights
 from runout.physics.elastic import kirchhoff_stress, log_strain
 from runout.physics.moments import node_velocity, stress_columns
@@ -98,6 +98,8 @@ def add_forces(
         b = active[a]
         dt = clock[member[b], 0]
         if dt > real(0.0):
+            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+            _set_bases(bases, up, b, lane)
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
             for c in range(lane, CELL_LANES, wp.block_dim()):
                 acc = _sum_forces(rec, stress, order, cstart[b, c], cstart[b, c + 1], _cells(dt, h))
@@ -113,7 +115,7 @@ def add_forces(
                 if ORDERED:
                     arenas[b * TILE + t] = g
                 elif g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
-                    add_node(grid, _node(up, b, t), g)
+                    add_node(grid, _node(bases, t), g)
 
 
 def add_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes):

@@ -45,6 +45,7 @@ from runout.backends.hash.stencil import (
     _cell_entry,
     _first_node,
     _node,
+    _set_bases,
     _sum_arenas,
     _wide_block,
     _wide_node,
@@ -214,12 +215,14 @@ def spread_dilatation(
         s = member[b]
         if clock[s, 0] > real(0.0):
             cells = _cells(clock[s, 0], h)
+            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+            _set_bases(bases, up, b, lane)
             velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
             for q in range(PADDED // wp.block_dim()):
                 t = q * wp.block_dim() + lane
                 u = node4()
                 if t < TILE:
-                    g = grid[_node(up, b, t)]
+                    g = grid[_node(bases, t)]
                     u = node4(g[1], g[2], g[3], real(0.0))
                 wp.tile_scatter_masked(velocities, t, u, True)
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
@@ -237,7 +240,7 @@ def spread_dilatation(
                 if ORDERED:
                     arenas[b * TILE + t] = g
                 elif g[0] != real(0.0):
-                    add_node(dilated, _node(up, b, t), g)
+                    add_node(dilated, _node(bases, t), g)
 
 
 def average_dilatation(

@@ -205,10 +205,12 @@ def grid_to_particles(
     offset beyond it, until the index is made anew.
     """
     begin, lane = wp.tid()
+    home_ahead = int(homes[begin])
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[HOMES], launched):
-        b = homes[a] & NOT_NEGATIVE
+        b = home_ahead & NOT_NEGATIVE
+        home_ahead = homes[wp.min(a + launched, homes.shape[0] - 1)]
         first = int(home[b, 0]) // SECTOR * SECTOR
         last = int(home[b, 1])
         _call_up(rec, first + lane - (lane & 31), lane, last)

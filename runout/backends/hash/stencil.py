@@ -41,19 +41,26 @@ def _first_node(c: int):
     return (c >> 4) * 36 + ((c >> 2) & 3) * 6 + (c & 3)
 
 
-def _block(up: Table2, b: int, t: int):
-    """Block of node ``t`` of a block's tile."""
-    return up[b, ((t // 36) >> 2 << 2) | (((t // 6) % 6) >> 2 << 1) | ((t % 6) >> 2)]
+def _set_bases(bases: Tile, up: Table2, b: int, lane: int):
+    """Places in the grid of the first nodes of the eight blocks that the tile of a block meets."""
+    for q in range((8 + wp.block_dim() - 1) // wp.block_dim()):
+        k = q * wp.block_dim() + lane
+        wp.tile_scatter_masked(bases, k & 7, up[b, k & 7] * 64, k < 8)
 
 
-def _local(t: int):
-    """Place of node ``t`` of a tile in its block."""
-    return (((t // 36) & 3) << 4) | ((((t // 6) % 6) & 3) << 2) | ((t % 6) & 3)
+def _set_grounded_bases(bases: Tile, grounded: Ints, up: Table2, b: int, lane: int):
+    """The same among the nodes near the ground."""
+    for q in range((8 + wp.block_dim() - 1) // wp.block_dim()):
+        k = q * wp.block_dim() + lane
+        wp.tile_scatter_masked(bases, k & 7, grounded[up[b, k & 7]] * 64, k < 8)
 
 
-def _node(up: Table2, b: int, t: int):
-    """Place in the grid of node ``t`` of a block's tile."""
-    return _block(up, b, t) * 64 + _local(t)
+def _node(bases: Tile, t: int):
+    """Place of node ``t`` of a block's tile, by the ``bases`` of the blocks that it meets."""
+    x = t // 36
+    y = (t // 6) % 6
+    z = t % 6
+    return bases[((x >> 2 << 2) | (y >> 2 << 1) | (z >> 2)) & 7] + (((x & 3) << 4) | ((y & 3) << 2) | (z & 3))
 
 
 def _arms(f: Any):
@@ -61,32 +68,41 @@ def _arms(f: Any):
     return vec(-f, real(1.0) - f, real(2.0) - f)
 
 
-def _contact_node(grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, t: int, dv: Vector):
-    """Velocity [m/s] before the ground pushes, and compliance [1/kg], of node ``t`` of a block's tile; nothing beyond the last."""
+def _contact_node(g: Any, share: Any, dv: Vector):
+    """Velocity [m/s] before the ground pushes, and compliance [1/kg], of a node that has mass."""
     u = node4()
-    if t < TILE:
-        o = _block(up, b, t)
-        g = node_at(grid, o * 64 + _local(t))
-        share = contact[grounded[o] * 64 + _local(t)][0]
-        if g[0] > real(0.0):
-            v = node_velocity(vec(g[1], g[2], g[3]), g[0], dv)
-            u = node4(v[0], v[1], v[2], share / g[0])
+    if g[0] > real(0.0):
+        v = node_velocity(vec(g[1], g[2], g[3]), g[0], dv)
+        u = node4(v[0], v[1], v[2], share / g[0])
     return u
 
 
-def _load(tile: Tile, grid: Nodes, contact: Nodes, grounded: Ints, up: Table2, b: int, lane: int, dv: Vector):
-    """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach."""
+def _load(tile: Tile, grid: Nodes, contact: Nodes, bases: Tile, near: Tile, lane: int, dv: Vector):
+    """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach.
+
+    Four nodes a lane are under way at once; the tile is longer than they are many, and its last holds the rest.
+    """
     lanes = wp.block_dim()
     for q in range(PADDED // lanes // 4):
-        t = 4 * q * lanes + lane
-        v0 = _contact_node(grid, contact, grounded, up, b, t, dv)
-        v1 = _contact_node(grid, contact, grounded, up, b, t + lanes, dv)
-        v2 = _contact_node(grid, contact, grounded, up, b, t + 2 * lanes, dv)
-        v3 = _contact_node(grid, contact, grounded, up, b, t + 3 * lanes, dv)
-        wp.tile_scatter_masked(tile, t, v0, True)
-        wp.tile_scatter_masked(tile, t + lanes, v1, True)
-        wp.tile_scatter_masked(tile, t + 2 * lanes, v2, True)
-        wp.tile_scatter_masked(tile, t + 3 * lanes, v3, True)
+        t0 = 4 * q * lanes + lane
+        t1 = t0 + lanes
+        t2 = t1 + lanes
+        t3 = t2 + lanes
+        n1 = wp.min(t1, TILE - 1)
+        n2 = wp.min(t2, TILE - 1)
+        n3 = wp.min(t3, TILE - 1)
+        g0 = node_at(grid, _node(bases, t0))
+        g1 = node_at(grid, _node(bases, n1))
+        g2 = node_at(grid, _node(bases, n2))
+        g3 = node_at(grid, _node(bases, n3))
+        s0 = node_at(contact, _node(near, t0))
+        s1 = node_at(contact, _node(near, n1))
+        s2 = node_at(contact, _node(near, n2))
+        s3 = node_at(contact, _node(near, n3))
+        wp.tile_scatter_masked(tile, t0, _contact_node(g0, s0[0], dv), True)
+        wp.tile_scatter_masked(tile, t1, _contact_node(g1, s1[0], dv), True)
+        wp.tile_scatter_masked(tile, t2, _contact_node(g2, s2[0], dv), True)
+        wp.tile_scatter_masked(tile, t3, _contact_node(g3, s3[0], dv), True)
 
 
 def _wide_block(around: Table2, b: int, t: int):
@@ -99,9 +115,9 @@ def _wide_node(grid: Nodes, o: int, t: int):
 
     In a general scene the first number of the node comes last: its mean dilatation by then.
     """
-    g = node4()
-    if o >= 0:
-        g = node_at(grid, o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)))
+    g = node_at(grid, wp.max(o, 0) * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)))
+    if o < 0:
+        g = node4()
     if GENERAL:
         return node4(g[1], g[2], g[3], g[0])
     return node4(g[1], g[2], g[3], real(0.0))

@@ -24,7 +24,7 @@ from runout.backends.hash.layout import (
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _first_node, _node
+from runout.backends.hash.stencil import _first_node, _node, _set_bases
 from runout.physics.bspline import weights
 from runout.physics.tensors import real, vec
 
@@ -92,14 +92,16 @@ def particles_to_grid(
 ):  # fmt: skip
     """Mass and momentum of the particles to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
+    b = int(active[begin])  # under way before it is known whether there is anything to do
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[ACTIVE], launched):
-        b = active[a]
         if clock[member[b], 0] > real(0.0):
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
             cells = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+            _set_bases(bases, up, b, lane)
             _fullest_first(counts, cells, cstart, b, lane)
             for place in range(lane, CELL_LANES, wp.block_dim()):
                 c = cells[place]
@@ -116,4 +118,5 @@ def particles_to_grid(
                 if ORDERED:
                     arenas[b * TILE + t] = g
                 elif g[0] != real(0.0):
-                    add_node(grid, _node(up, b, t), g)
+                    add_node(grid, _node(bases, t), g)
+        b = active[wp.min(a + launched, active.shape[0] - 1)]
