@@ -9,21 +9,24 @@ import warp as wp
 from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
+    CLEARING,
     HALT,
     HOMES,
     LEFT,
     NEXT,
     NOT_NEGATIVE,
+    STARTS,
     Ints,
     Longs,
     Nodes,
     Reals,
     Shorts,
     Table2,
+    lane_count,
     node4,
     put_node,
 )
-from runout.backends.hash.stencil import _cell_entry
+from runout.backends.hash.stencil import _cell_entry, _cell_of
 
 next_in: Any = None  # adds one to a count and tells what it was before; the binding puts it in its place
 sum_before: Any = None  # sums over the lanes before a lane, and over all; likewise
@@ -43,7 +46,7 @@ def _list_block(b: int, lane: int, totals: Ints, given: int, cstart: Table2, act
 
     Each lane has some cells in a row. ``both`` counts places and blocks at once: all blocks wait for it.
     """
-    each = CELL_LANES // wp.block_dim()
+    each = CELL_LANES // lane_count()
     mine = int(0)
     for q in range(each):
         mine += cstart[b, each * lane + q + 1]
@@ -84,7 +87,7 @@ def list_cells(
         _list_block(b, lane, totals, given, cstart, active, both)
         if lane == 0:
             touching[b] = 0
-        for c in range(lane, CELL_LANES, wp.block_dim()):
+        for c in range(lane, CELL_LANES, lane_count()):
             put_node(grid, b * CELL_LANES + c, node4())
             if grounded[b] >= 0:
                 put_node(contact, grounded[b] * CELL_LANES + c, node4())
@@ -191,14 +194,17 @@ def renumber(
             homes[a] = b
             home[b, 0] = cstart[b, 0]
             home[b, 1] = cstart[b, CELL_LANES]
-        for c in range(lane, CELL_LANES, wp.block_dim()):
-            for t in range(cstart[b, c], cstart[b, c + 1]):
-                order[t] = t
-                key[t] = b * CELL_LANES + c
+        starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
+        for q in range((STARTS + lane_count() - 1) // lane_count()):
+            c = q * lane_count() + lane
+            wp.tile_scatter_masked(starts, c, cstart[b, wp.min(c, CELL_LANES)], c < STARTS)
+        for t in range(int(starts[0]) + lane, int(starts[CELL_LANES]), lane_count()):
+            order[t] = t
+            key[t] = b * CELL_LANES + _cell_of(starts, t)
 
 
 def clear_beyond(flags: Ints, totals: Ints, key: Ints):
-    """Places from the last of ``totals`` on hold no particle."""
-    t = wp.tid()
-    if flags[HALT] == 0 and t >= totals[totals.shape[0] - 1]:
-        key[t] = -1
+    """Places from the last of ``totals`` on hold no particle; some threads take turns, since they are few."""
+    if flags[HALT] == 0:
+        for t in range(totals[totals.shape[0] - 1] + wp.tid(), key.shape[0], CLEARING):
+            key[t] = -1

@@ -16,6 +16,7 @@ from runout.backends.hash.layout import (
     OFFSET,
     ORDERED,
     PADDED,
+    STARTS,
     TILE,
     TOUCHED,
     ZONED,
@@ -31,11 +32,12 @@ from runout.backends.hash.layout import (
     Vector,
     add_node,
     double4,
+    lane_count,
     node4,
     sums1,
     sums3,
 )
-from runout.backends.hash.stencil import _first_node, _load, _node, _set_bases, _set_grounded_bases
+from runout.backends.hash.stencil import _cell_of, _first_node, _load, _node, _set_bases, _set_grounded_bases
 from runout.backends.hash.zones import _friction_in_zone
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, in_contact, work
@@ -43,7 +45,6 @@ from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.tensors import dot, real, tens, vec
 
 HELD = 128  # contact particles of a block whose impulses or offsets are held at once
-STARTS = CELL_LANES + 1
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 sum_lanes: Any = None  # sum over the lanes, likewise
 BELOW, FILLED = 2**20 - 1, 20  # a sum of particles lies in these bits, and one of cells from this bit on
@@ -84,24 +85,14 @@ def _is_near(around: Any, z: int, h: Vector, reach: Any):
     return distance((real(z) + real(0.5) - top) * h[2], n[2]) <= reach
 
 
-def _cell_of(starts: Tile, n: int):
-    """Cell that holds number ``n`` of some particles of a block: the last whose start is not beyond it."""
-    c = int(0)
-    for q in range(6):
-        further = c + (32 >> q)
-        if starts[further] <= n:
-            c = further
-    return c
-
-
 def _number_listed(starts: Tile, places: Tile, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, reach: Any):
     """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
 
     Add its number to that of ``places`` for its cell and get a particle's place in the list.
     """
     total = int(0)
-    for q in range(CELL_LANES // wp.block_dim()):
-        c = q * wp.block_dim() + lane
+    for q in range(CELL_LANES // lane_count()):
+        c = q * lane_count() + lane
         first = int(cstart[b, c])
         n = int(cstart[b, c + 1]) - first
         if n > 0:
@@ -117,8 +108,8 @@ def _number_listed(starts: Tile, places: Tile, cstart: Table2, b: int, lane: int
 def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
     """Number of the first particle of each cell among ``counts``, and of all; ``filled`` lists cells with any; returns how many."""
     total = int(0)
-    for q in range(CELL_LANES // wp.block_dim()):
-        c = q * wp.block_dim() + lane
+    for q in range(CELL_LANES // lane_count()):
+        c = q * lane_count() + lane
         n = int(counts[c])
         sums = sum_before(n + (wp.min(n, 1) << FILLED))
         before = total + sums[0]
@@ -139,8 +130,8 @@ def _keep_touching(
     ``counts`` are told how many a cell has, ``spots`` the offsets of the first.
     """
     found = int(0)
-    for turn in range((total + wp.block_dim() - 1) // wp.block_dim()):
-        n = turn * wp.block_dim() + lane
+    for turn in range((total + lane_count() - 1) // lane_count()):
+        n = turn * lane_count() + lane
         c = int(0)
         p = int(0)
         hit = int(0)
@@ -165,7 +156,7 @@ def _keep_touching(
 
 def _note_starts(starts: Tile, pressed_start: Table2, begin: int, b: int, lane: int):
     """Where the particles of each cell that touch the ground start in their list."""
-    for c in range(lane, CELL_LANES, wp.block_dim()):
+    for c in range(lane, CELL_LANES, lane_count()):
         pressed_start[b, c + 1] = begin + starts[c + 1]
     if lane == 0:
         pressed_start[b, 0] = begin
@@ -173,8 +164,8 @@ def _note_starts(starts: Tile, pressed_start: Table2, begin: int, b: int, lane: 
 
 def _load_spots(spots: Tile, rec: Rows, pressed: Ints, begin: int, end: int, lane: int):
     """Offsets of the particles at some places of the list, at most so many as are held at once."""
-    for q in range((end - begin + wp.block_dim() - 1) // wp.block_dim()):
-        n = q * wp.block_dim() + lane
+    for q in range((end - begin + lane_count() - 1) // lane_count()):
+        n = q * lane_count() + lane
         p = pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
         wp.tile_scatter_masked(spots, n, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), begin + n < end)
 
@@ -184,8 +175,8 @@ def _add_shares(tile: Tile, spots: Tile, starts: Tile, filled: Tile, many: int, 
 
     A thread owns one of the ``many`` filled cells: no two add to a node at once.
     """
-    for turn in range((many + wp.block_dim() - 1) // wp.block_dim()):
-        mine = turn * wp.block_dim() + lane
+    for turn in range((many + lane_count() - 1) // lane_count()):
+        mine = turn * lane_count() + lane
         c = int(filled[wp.min(mine, many - 1)])
         acc = sums1()
         for n in range(wp.max(int(starts[c]), base), wp.min(int(starts[c + 1]), base + HELD)):
@@ -244,7 +235,7 @@ def find_contacts(
                     if base > 0:
                         _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
                     _add_shares(tile, spots, starts, filled, many, base, lane)
-                for t in range(lane, TILE, wp.block_dim()):
+                for t in range(lane, TILE, lane_count()):
                     share = tile[t]
                     if ORDERED:
                         arenas[b * TILE + t] = node4(share, real(0.0), real(0.0), real(0.0))
@@ -332,7 +323,7 @@ def solve_contacts(
         first = int(pressed_start[b, 0])
         counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
         filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-        for c in range(lane, CELL_LANES, wp.block_dim()):
+        for c in range(lane, CELL_LANES, lane_count()):
             wp.tile_scatter_masked(counts, c, pressed_start[b, c + 1] - pressed_start[b, c], True)
         many = _number(starts, filled, counts, lane)
         total = int(starts[CELL_LANES])
@@ -341,8 +332,8 @@ def solve_contacts(
         spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
         done = double4()
         for base in range(0, total, HELD):
-            for q in range((wp.min(total - base, HELD) + wp.block_dim() - 1) // wp.block_dim()):
-                n = base + q * wp.block_dim() + lane
+            for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
+                n = base + q * lane_count() + lane
                 push = node4()
                 f = vec(real(0.0), real(0.0), real(0.0))
                 if n < total:
@@ -358,14 +349,14 @@ def solve_contacts(
                     done += double4(wp.float64(push[3]), wp.float64(push[0]), wp.float64(push[1]), wp.float64(push[2]))
                 wp.tile_scatter_masked(pushes, n - base, push, n < total)
                 wp.tile_scatter_masked(spots, n - base, f, n < total)
-            for turn in range((many + wp.block_dim() - 1) // wp.block_dim()):
-                mine = turn * wp.block_dim() + lane
+            for turn in range((many + lane_count() - 1) // lane_count()):
+                mine = turn * lane_count() + lane
                 _spread(tile, pushes, spots, starts, filled[wp.min(mine, many - 1)], base, mine < many)
         for d in range(4):
             all_done = sum_lanes(done[d])
             if lane == 0:
                 booked[b, d + 1] = booked[b, d + 1] + all_done
-        for t in range(lane, TILE, wp.block_dim()):
+        for t in range(lane, TILE, lane_count()):
             s = tile[t]
             if ORDERED:
                 arenas[b * TILE + t] = s

@@ -26,6 +26,7 @@ from runout.backends.hash.layout import (
     Table2,
     Vector,
     add_node,
+    lane_count,
     node4,
     sums27,
 )
@@ -101,7 +102,7 @@ def add_forces(
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             _set_bases(bases, up, b, lane)
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
-            for c in range(lane, CELL_LANES, wp.block_dim()):
+            for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_forces(rec, stress, order, cstart[b, c], cstart[b, c + 1], _cells(dt, h))
                 first = _first_node(c)
                 for i in range(3):
@@ -110,7 +111,7 @@ def add_forces(
                             n = (i * 3 + j) * 3 + k
                             g = node4(real(0.0), acc[n, 0], acc[n, 1], acc[n, 2])
                             wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
-            for t in range(lane, TILE, wp.block_dim()):
+            for t in range(lane, TILE, lane_count()):
                 g = tile[t]
                 if ORDERED:
                     arenas[b * TILE + t] = g

@@ -38,6 +38,7 @@ from runout.backends.hash.layout import (
     Tile,
     Vector,
     add_node,
+    lane_count,
     node4,
     sums2,
 )
@@ -128,7 +129,7 @@ def _given_node(grid: Nodes, around: Table2, b: int, t: int):
 
 def _load_given(seen: Tile, grid: Nodes, around: Table2, b: int, lane: int, keeps: Any):
     """Velocities that particles gave to the nodes around a block, where they keep slips; four a lane under way at once."""
-    lanes = wp.block_dim()
+    lanes = lane_count()
     for q in range(wp.where(keeps > real(0.0), WIDE // lanes // 4, 0)):
         t = 4 * q * lanes + lane
         u0 = _given_node(grid, around, b, t)
@@ -218,15 +219,15 @@ def spread_dilatation(
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             _set_bases(bases, up, b, lane)
             velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
-            for q in range(PADDED // wp.block_dim()):
-                t = q * wp.block_dim() + lane
+            for q in range(PADDED // lane_count()):
+                t = q * lane_count() + lane
                 u = node4()
                 if t < TILE:
                     g = grid[_node(bases, t)]
                     u = node4(g[1], g[2], g[3], real(0.0))
                 wp.tile_scatter_masked(velocities, t, u, True)
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
-            for c in range(lane, CELL_LANES, wp.block_dim()):
+            for c in range(lane, CELL_LANES, lane_count()):
                 first = _first_node(c)
                 acc = _sum_dilatations(rec, order, velocities, first, cstart[b, c], cstart[b, c + 1], cells, clock[s, BY_SLOPES])
                 for i in range(3):
@@ -235,7 +236,7 @@ def spread_dilatation(
                             n = (i * 3 + j) * 3 + k
                             g = node4(acc[n, 0], acc[n, 1], real(0.0), real(0.0))
                             wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
-            for t in range(lane, TILE, wp.block_dim()):
+            for t in range(lane, TILE, lane_count()):
                 g = tile[t]
                 if ORDERED:
                     arenas[b * TILE + t] = g

@@ -73,9 +73,9 @@ def _bound(law: str, precision: str, sources: tuple[Any, ...], module_of: Any, *
     return kernels
 
 
-def _module(name: str) -> Any:
+def _module(name: str, lanes: int) -> Any:
     module = wp.get_module(name)
-    module.options.update(OPTIONS)
+    module.options.update(OPTIONS, block_dim=lanes)
     return module
 
 
@@ -98,7 +98,7 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
         plain, own = compiled_kernels(law, precision, ordered, zoned), _general_kernels(law, precision, ordered)
         return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
     name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
-    cells, warps, others = (_module(f"{name}{part}") for part in (".cells", ".warps", ""))
+    cells, warps, others = _module(f"{name}.cells", CELL_LANES), _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES)
     warps.options["fast_math"] = True  # divisions and roots of contact to the last bit but one: a fifth of its time
     kernels = _bound(
         law, precision, (stencil, index, cell_lists, zones, contact, transfer, deform, motion, ground, observe),
@@ -114,7 +114,7 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
 def _general_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace:
     """What a general scene takes in the place of kernels of the packed form or besides; the rest of these is not compiled again."""
     name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".general"
-    cells, others, unused = (_module(f"{name}{part}") for part in (".cells", "", ".unused"))
+    cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
     kernels = _bound(
         law, precision, (stencil, zones, contact, deform, gradients, forces, motion),
         lambda kernel: cells if kernel in GENERAL_CELL_KERNELS else others if kernel in GENERAL_KERNELS else unused,

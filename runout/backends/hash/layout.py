@@ -44,6 +44,7 @@ double4: Any = None
 double7: Any = None
 add_node: Any = None  # adds four numbers to a node
 node_at: Any = None  # the four numbers of a node, by one load
+lane_count: Any = None  # lanes of a block, known when a kernel is compiled: loops over them have a known length
 put_node: Any = None  # puts four others in their place, by one store
 
 ORDERED = False  # sums in fixed order; the binding decides
@@ -68,8 +69,10 @@ CURSOR, NEXT, BLOCKS, ACTIVE, TOUCHED, GONE, HOMES, TALLY = range(8)
 ENTERED, OWNERS, NEAR, GROUNDED, LEFT, COUNTS = range(6)
 LEFT_INDEX, UNSTABLE, GROW = 1, 2, 3  # why a batch halts; the last: a sort found too little room and changed no particle
 CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
+STARTS = CELL_LANES + 1  # where the cells of a block start and the last ends
 WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
 AT_ONCE = 4  # numbers that a thread of a sort has under way
+CLEARING = 2**12  # threads that clear what lies behind the particles
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
 

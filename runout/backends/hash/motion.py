@@ -42,6 +42,7 @@ from runout.backends.hash.layout import (
     Shorts,
     Table2,
     Vector,
+    lane_count,
     node4,
 )
 from runout.backends.hash.stencil import _cell_entry, _load_wide
@@ -205,12 +206,10 @@ def grid_to_particles(
     offset beyond it, until the index is made anew.
     """
     begin, lane = wp.tid()
-    home_ahead = int(homes[begin])
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[HOMES], launched):
-        b = home_ahead & NOT_NEGATIVE
-        home_ahead = homes[wp.min(a + launched, homes.shape[0] - 1)]
+        b = homes[a] & NOT_NEGATIVE
         first = int(home[b, 0]) // SECTOR * SECTOR
         last = int(home[b, 1])
         _call_up(rec, first + lane - (lane & 31), lane, last)
@@ -233,11 +232,11 @@ def grid_to_particles(
         fastest = real(0.0)
         lost = wp.float64(0.0)
         next_key = int(key[wp.min(first + lane, last - 1) & NOT_NEGATIVE])
-        for place in range(first + lane, last, wp.block_dim()):
+        for place in range(first + lane, last, lane_count()):
             p = place & NOT_NEGATIVE
             k = int(next_key)
-            next_key = key[wp.min(p + wp.block_dim(), last - 1) & NOT_NEGATIVE]
-            _call_up(rec, p + wp.block_dim() - (lane & 31), lane, last)
+            next_key = key[wp.min(p + lane_count(), last - 1) & NOT_NEGATIVE]
+            _call_up(rec, p + lane_count() - (lane & 31), lane, last)
             if p >= begins:
                 new = int(k)
                 if k >= 0 and dt > real(0.0):

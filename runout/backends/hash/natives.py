@@ -113,6 +113,11 @@ def put_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: i
     nodes[i] = g
 
 
+@wp.func_native("return WP_TILE_BLOCK_DIM;")
+def lane_count() -> int:  # type: ignore[empty-body]
+    """Lanes of a block; those of warp's own function are not known when a kernel is compiled for a GPU."""
+
+
 # Sums over the 32 lanes of a block of one warp: a tenth of the instructions of sums over any block, which meet in shared memory.
 SUM_BEFORE = """
 #if defined(__CUDA_ARCH__)
@@ -203,5 +208,5 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in ("add_node", "node_at", "put_node", "raise_peak", "call_up")}
-    plain = (count_in, next_in, add_marks, sum_before, sum_lanes)
+    plain = (count_in, next_in, add_marks, lane_count, sum_before, sum_lanes)
     return by_type | {function.key: function for function in plain}

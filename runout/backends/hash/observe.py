@@ -27,6 +27,7 @@ from runout.backends.hash.layout import (
     Table2,
     Vector,
     double7,
+    lane_count,
 )
 from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
 from runout.physics.moments import gradient_column as gradient_column64
@@ -139,7 +140,7 @@ def sum_blocks(
         b = active[a]
         s = member[b]
         acc = double7()
-        for t in range(cstart[b, 0] + lane, cstart[b, 64], wp.block_dim()):
+        for t in range(cstart[b, 0] + lane, cstart[b, 64], lane_count()):
             p = order[t]
             x = _position(rec, p, key[p], coordinates, shift[s], h)
             acc += _row(rec, release, p, mats, packed[s], h, gravity, x)
@@ -159,7 +160,7 @@ def sum_rows(rows: Doubles2, member: Ints, tally: Ints, width: int, parts: int, 
     scene = i // parts
     for d in range(width):
         acc = wp.float64(0.0)
-        for b in range((i % parts) * wp.block_dim() + lane, tally[BLOCKS], parts * wp.block_dim()):
+        for b in range((i % parts) * lane_count() + lane, tally[BLOCKS], parts * lane_count()):
             if member[b] == scene:
                 acc += rows[b, d]
         total = wp.tile_sum(wp.tile(acc))

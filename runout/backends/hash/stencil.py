@@ -23,6 +23,7 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     Vector,
+    lane_count,
     node4,
     node_at,
     put_node,
@@ -43,15 +44,15 @@ def _first_node(c: int):
 
 def _set_bases(bases: Tile, up: Table2, b: int, lane: int):
     """Places in the grid of the first nodes of the eight blocks that the tile of a block meets."""
-    for q in range((8 + wp.block_dim() - 1) // wp.block_dim()):
-        k = q * wp.block_dim() + lane
+    for q in range((8 + lane_count() - 1) // lane_count()):
+        k = q * lane_count() + lane
         wp.tile_scatter_masked(bases, k & 7, up[b, k & 7] * 64, k < 8)
 
 
 def _set_grounded_bases(bases: Tile, grounded: Ints, up: Table2, b: int, lane: int):
     """The same among the nodes near the ground."""
-    for q in range((8 + wp.block_dim() - 1) // wp.block_dim()):
-        k = q * wp.block_dim() + lane
+    for q in range((8 + lane_count() - 1) // lane_count()):
+        k = q * lane_count() + lane
         wp.tile_scatter_masked(bases, k & 7, grounded[up[b, k & 7]] * 64, k < 8)
 
 
@@ -61,6 +62,16 @@ def _node(bases: Tile, t: int):
     y = (t // 6) % 6
     z = t % 6
     return bases[((x >> 2 << 2) | (y >> 2 << 1) | (z >> 2)) & 7] + (((x & 3) << 4) | ((y & 3) << 2) | (z & 3))
+
+
+def _cell_of(starts: Tile, n: int):
+    """Cell that holds number ``n`` of some particles of a block: the last whose start is not beyond it."""
+    c = int(0)
+    for q in range(6):
+        further = c + (32 >> q)
+        if starts[further] <= n:
+            c = further
+    return c
 
 
 def _arms(f: Any):
@@ -82,7 +93,7 @@ def _load(tile: Tile, grid: Nodes, contact: Nodes, bases: Tile, near: Tile, lane
 
     Four nodes a lane are under way at once; the tile is longer than they are many, and its last holds the rest.
     """
-    lanes = wp.block_dim()
+    lanes = lane_count()
     for q in range(PADDED // lanes // 4):
         t0 = 4 * q * lanes + lane
         t1 = t0 + lanes
@@ -115,9 +126,9 @@ def _wide_node(grid: Nodes, o: int, t: int):
 
     In a general scene the first number of the node comes last: its mean dilatation by then.
     """
-    g = node_at(grid, wp.max(o, 0) * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)))
-    if o < 0:
-        g = node4()
+    g = node4()
+    if o >= 0:
+        g = node_at(grid, o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)))
     if GENERAL:
         return node4(g[1], g[2], g[3], g[0])
     return node4(g[1], g[2], g[3], real(0.0))
@@ -129,7 +140,10 @@ def _wide_place(t: int):
 
 
 def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
-    """Velocity of the nodes that particles reach which have come up to one cell out of a block; eight a lane under way at once."""
+    """Velocity of the nodes that particles reach which have come up to one cell out of a block; eight a lane under way at once.
+
+    In a loop whose length the compiler does not know: it would keep places of the tile in registers, and others out of them.
+    """
     lanes = wp.block_dim()
     for q in range(WIDE // lanes // 8):
         t = 8 * q * lanes + lane

@@ -14,6 +14,7 @@ from runout.backends.hash.layout import (
     AFFINE,
     AT_ONCE,
     CELL_LANES,
+    CLEARING,
     HISTORY,
     MASS,
     MOMENTUM,
@@ -94,7 +95,7 @@ class Store:
             k.renumber, index.shared, WARP, flags, index.tally, index.active, index.cstart, totals, index.board.counts, index.homes,
             index.home, self.order, self.key,
         )  # fmt: skip
-        run(k.clear_beyond, self.size, flags, totals, self.key)
+        run(k.clear_beyond, CLEARING, flags, totals, self.key)
 
     def _bring(self, gather: Any, bring_back: Any, flags: Any, array: Any, nodes: NodeArrays, totals: Any) -> None:
         """An array in the order of the list, by way of the memory of the grid."""

@@ -21,6 +21,7 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     add_node,
+    lane_count,
     node4,
     sums4,
 )
@@ -73,12 +74,12 @@ def _sum_cell(rec: Rows, order: Ints, begin: int, last: int):
 
 def _fullest_first(counts: Tile, cells: Tile, cstart: Table2, b: int, lane: int):
     """Cells of a block in the order of their particles, so that the threads of a warp have about as many each."""
-    for q in range(CELL_LANES // wp.block_dim()):
-        c = q * wp.block_dim() + lane
+    for q in range(CELL_LANES // lane_count()):
+        c = q * lane_count() + lane
         n = int(cstart[b, c + 1]) - int(cstart[b, c])
         wp.tile_scatter_masked(counts, c, CELL_LANES * n + CELL_LANES - 1 - c, True)
-    for q in range(CELL_LANES // wp.block_dim()):
-        c = q * wp.block_dim() + lane
+    for q in range(CELL_LANES // lane_count()):
+        c = q * lane_count() + lane
         mine = counts[c]
         rank = int(0)
         for k in range(CELL_LANES):
@@ -103,7 +104,7 @@ def particles_to_grid(
             cells = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
             _set_bases(bases, up, b, lane)
             _fullest_first(counts, cells, cstart, b, lane)
-            for place in range(lane, CELL_LANES, wp.block_dim()):
+            for place in range(lane, CELL_LANES, lane_count()):
                 c = cells[place]
                 acc = _sum_cell(rec, order, cstart[b, c], cstart[b, c + 1])
                 first = _first_node(c)
@@ -113,7 +114,7 @@ def particles_to_grid(
                             n = (i * 3 + j) * 3 + k
                             g = node4(acc[n, 0], acc[n, 1], acc[n, 2], acc[n, 3])
                             wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
-            for t in range(lane, TILE, wp.block_dim()):
+            for t in range(lane, TILE, lane_count()):
                 g = tile[t]
                 if ORDERED:
                     arenas[b * TILE + t] = g
