@@ -302,7 +302,7 @@ def solve_contacts(
     touched: Ints, member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2,
     shift: Ints, coordinates: Table2, grounded: Ints, grid: Nodes, contact: Nodes, arenas: Nodes, booked: Doubles2, launched: int,
 ):  # fmt: skip
-    """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 5) adds up work [J] and impulse [N s].
+    """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 6) adds up work [J] and impulse [N s].
 
     A thread first owns a particle and finds its impulse, then a cell and adds up those of its particles.
     """

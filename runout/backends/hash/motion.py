@@ -29,6 +29,7 @@ from runout.backends.hash.layout import (
     STRAIN,
     TOUCHED,
     UNSTABLE,
+    WARP,
     WIDE_TILE,
     WIDE_X,
     WIDE_Y,
@@ -53,6 +54,7 @@ from runout.physics.tensors import dot, real, vec
 SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
 count_in: Any = None  # adds one to a count; the binding puts it in its place
 raise_peak: Any = None  # brings a largest value up to those of all lanes
+sum_lanes: Any = None  # sum over the lanes of a warp
 call_up: Any = None  # asks for a place in memory before it is read
 
 
@@ -262,6 +264,6 @@ def grid_to_particles(
                     count_in(ends, _cell_entry(new))
         if dt > real(0.0):
             raise_peak(peaks, scene, fastest)
-            all_lost = wp.tile_sum(wp.tile(lost))
-            if lane == 0:
-                booked[b, 0] = booked[b, 0] + all_lost[0]
+            all_lost = sum_lanes(lost)
+            if lane % WARP == 0:  # no warp waits for the other
+                booked[b, 5 * (lane // WARP)] = booked[b, 5 * (lane // WARP)] + all_lost

@@ -141,7 +141,8 @@ SUM_LANES = """
 #else
     auto lanes = wp::tile<wp::float64>(value);
     auto sum = wp::tile_sum(lanes);
-    return wp::tile_extract(sum, 0);
+    auto total = wp::tile_extract(sum, 0);  // all lanes meet here
+    return WP_TILE_THREAD_IDX == 0 ? total : 0.0;
 #endif
 """
 
@@ -153,7 +154,7 @@ def sum_before(n: int) -> wp.vec2i:  # type: ignore[empty-body]
 
 @wp.func_native(SUM_LANES)
 def sum_lanes(value: wp.float64) -> wp.float64:  # type: ignore[valid-type, empty-body]
-    """Sum over the lanes of a block of one warp."""
+    """Sum over the 32 lanes of a warp, for the first of them; on a CPU all lanes of a block are one warp."""
 
 
 # The largest of a warp first; numbers that are not negative have the order of their bits.

@@ -34,8 +34,8 @@ class NodeArrays:
         take the place of the list of all, which no kernel needs any more.
     arenas, held : (216 room,) four numbers, (room,) int32
         Sums of each block and particles that it holds, for sums in fixed order; else empty.
-    booked : (room, 5) float64
-        Plastic dissipation and work of the ground [J], impulse of the ground [N s].
+    booked : (room, 6) float64
+        Plastic dissipation and work of the ground [J], impulse of the ground [N s], plastic dissipation that a second warp adds.
     """
 
     def __init__(self, room: int, particles: int, number: Any, ordered: bool, kept: bool = False, averaged: bool = False):
@@ -49,7 +49,7 @@ class NodeArrays:
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.grounded = wp.full(room, -1, dtype=wp.int32)
         self.near = wp.full(room, -1, dtype=wp.int32)
-        self.booked = wp.zeros((room, 5), dtype=wp.float64)
+        self.booked = wp.zeros((room, 6), dtype=wp.float64)
         self.make_room(0, 0)
 
     def scratch(self, shape: int | tuple[int, int], kind: Any) -> Any:

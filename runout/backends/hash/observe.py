@@ -36,7 +36,7 @@ from runout.physics.moments import potential_energy as potential_energy64
 from runout.physics.moments import stress_columns
 
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
-BOOKED = 5  # plastic dissipation, work and impulse of the ground
+BOOKED = 6  # plastic dissipation, work and impulse of the ground, plastic dissipation by the second warp of a block
 
 
 def change_step(rec: Rows, key: Ints, release: Shorts, member: Ints, mats: Materials, longer: Reals, h: Vector):
