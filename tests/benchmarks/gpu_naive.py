@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends.compile import warp_binding, warp_kernels, warp_record
-from runout.backends.hash import deform, motion, stencil
+from runout.backends.hash import deform, motion, natives, stencil
 from runout.backends.hash.deform import _slopes, _store, _strain_of
 from runout.backends.hash.kernels import OPTIONS, _argument_types
 from runout.backends.hash.layout import (
@@ -118,7 +118,7 @@ def _kernels(law: str) -> SimpleNamespace:
     update = getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update
     kernels = warp_kernels(
         physics, (stencil, deform, motion, modules[__name__]), lambda name: others if name in vars(motion) else own,
-        **_argument_types(wp.float32, record), law_update=update,
+        **_argument_types(wp.float32, record), **natives.of("float32"), law_update=update,
     )  # fmt: skip
     kernels.record = record
     return kernels

@@ -19,7 +19,6 @@ from runout.backends.hash.layout import (
     Nodes,
     Rows,
     Table2,
-    Tile,
     add_node,
     lane_count,
     node4,
@@ -72,21 +71,6 @@ def _sum_cell(rec: Rows, order: Ints, begin: int, last: int):
     return acc
 
 
-def _fullest_first(counts: Tile, cells: Tile, cstart: Table2, b: int, lane: int):
-    """Cells of a block in the order of their particles, so that the threads of a warp have about as many each."""
-    for q in range(CELL_LANES // lane_count()):
-        c = q * lane_count() + lane
-        n = int(cstart[b, c + 1]) - int(cstart[b, c])
-        wp.tile_scatter_masked(counts, c, CELL_LANES * n + CELL_LANES - 1 - c, True)
-    for q in range(CELL_LANES // lane_count()):
-        c = q * lane_count() + lane
-        mine = counts[c]
-        rank = int(0)
-        for k in range(CELL_LANES):
-            rank -= (mine - counts[k]) >> 31  # one more that comes before
-        wp.tile_scatter_masked(cells, rank, c, True)
-
-
 def particles_to_grid(
     rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
     grid: Nodes, arenas: Nodes, launched: int,
@@ -100,12 +84,8 @@ def particles_to_grid(
         if clock[member[b], 0] > real(0.0):
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-            cells = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
             _set_bases(bases, up, b, lane)
-            _fullest_first(counts, cells, cstart, b, lane)
-            for place in range(lane, CELL_LANES, lane_count()):
-                c = cells[place]
+            for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_cell(rec, order, cstart[b, c], cstart[b, c + 1])
                 first = _first_node(c)
                 for i in range(3):
