@@ -292,7 +292,7 @@ class ScanBackend:
         i, s, a, k = self.index, self.store, self.room, self.k
         if self.reaches_rim:
             self._book_escaped()
-        needed = k.count_arrivals(i.around, i.first, i.nown, s.listed, a.leaving, a.changed, i.held, i.room, a.before, a.arrivals)
+        needed = k.count_arrivals(i.around, i.first, i.nown, s.listed, a.leaving, i.held, i.room, a.before, a.arrivals)
         self.surge = max(needed, self.surge - self.surge // 8)
         if self.end + needed > s.slots:
             s.grow(self.end + needed)

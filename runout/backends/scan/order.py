@@ -9,7 +9,7 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import load8, load16, local_array, prefetch, store
-from runout.backends.scan.motion import HERE, LEFT
+from runout.backends.scan.motion import HERE, LEFT, OUTSIDE
 
 CELLS = 64
 AT_ONCE = 16  # slots that one instruction lists
@@ -22,18 +22,19 @@ def _spacious(n):
     return (n + (n >> 5) + 19) & ~15
 
 
-def count_arrivals(around, first, nown, movers, leaving, changed, held, room, before, arrivals):
-    """Number of particles that enter each block; returns how many fresh slots the blocks that overflow will need."""
+def count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals):
+    """Number of particles that enter each block; returns how many fresh slots the blocks that overflow will need.
+
+    One thread counts: few particles leave their blocks, fewer than blocks have neighbours.
+    """
     for b in prange(nown):
         before[b] = first[b]
-        n = 0
-        for q in range(27):
-            s = around[b, q]
-            if q == HERE or s < 0 or (changed[s] >> (26 - q)) & 1 == 0:
-                continue
-            for t in range(leaving[s]):
-                n += (movers[first[s] + t] >> 6) & 63 == 26 - q
-        arrivals[b] = n
+        arrivals[b] = 0
+    for b in range(nown):
+        for t in range(first[b], first[b] + leaving[b]):
+            q = (movers[t] >> 6) & 63
+            if q < OUTSIDE and around[b, q] >= 0:
+                arrivals[around[b, q]] += 1
     needed = 0
     for b in range(nown):
         if held[b] + arrivals[b] > room[b]:
