@@ -152,6 +152,25 @@ def _sum_shares(shares, place, i, j):
     return s
 
 
+def _sum_both(arenas, place, shares, sharing, i, j):
+    """Both sums, where the same blocks have an arena and shares: one test for each."""
+    s = zeros(arenas)
+    w = four_zeros(shares)
+    for q in range(8):
+        x = i + (q & 4)
+        y = j + ((q & 2) << 1)
+        if place[q] >= 0 and x < 6 and y < 6:
+            a = place[q] + x * PLANE + y * ROW
+            o = sharing[q] + x * PLANE_OF_SHARES + y * ROW_OF_SHARES
+            if q & 1:
+                s = s + widened(load8(arenas, a + 16))
+                w = w + lower_two(load4(shares, o + 4))
+            else:
+                s = s + load16(arenas, a)
+                w = w + load4(shares, o)
+    return s, w
+
+
 def _inverse(s):
     """One over each of four masses [1/kg], zero where there is none."""
     m = heads(s)
@@ -218,7 +237,7 @@ def apply_impulses(arenas, number, shares, sharer, pressed, shared, down, nall, 
             for j in range(4):
                 o = b * 256 + (i * 4 + j) * 16
                 node = load16(grid, o)
-                w = _sum_shares(shares, sharing, i, j)
+                push, w = _sum_both(arenas, place, shares, sharing, i, j)
                 felt = w > four_zeros(w)
                 inverse = select(felt, heads(node) / select(felt, w, four_ones(w)), four_zeros(w))
-                store(grid, o, velocity_after(node, _sum_row(arenas, place, i, j), in_all_four(inverse)))
+                store(grid, o, velocity_after(node, push, in_all_four(inverse)))
