@@ -296,6 +296,24 @@ def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, wh
         cell[f + t] = cell2[t]
 
 
+def _expect_next(rec, state, order, first, moving, b, nown, grid, up):
+    """Ask for the nodes and first particles of the next block that moves: the loop over its own asks only for later ones."""
+    later = np.int64(b) + 1
+    while later < nown and moving[later] == 0:
+        later += 1
+    if later == nown:
+        return
+    for t in range(first[later], first[later] + min(moving[later], AHEAD)):
+        prefetch(rec, 16 * np.int64(order[t]))
+        prefetch(state, 8 * np.int64(order[t]))
+    for x in range(6):
+        for y in range(6):
+            q = ((x >> 2) << 2) | ((y >> 2) << 1)
+            n = ((x & 3) * 4 + (y & 3)) * 16
+            prefetch(grid, np.int64(up[later, q]) * 256 + n)
+            prefetch(grid, np.int64(up[later, q + 1]) * 256 + n)
+
+
 def grid_to_particles(
     rec, state, cell, who, label, order, starts, first, moving, reached, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates,
     averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, thinned, changed, sums,
@@ -325,6 +343,7 @@ def grid_to_particles(
         _load_nodes(nodes, grid, up, b, reached[b])
         f = first[b]
         _gather_block(rec, state, who, cell, order, held, np.uint64(f), nodes, records, states, who2[buffer], cell2[buffer])
+        _expect_next(rec, state, order, first, moving, b, nown, grid, up)
         speed = move = lost = refused = zeros(rec)
         left = 0
         stirred = 0
