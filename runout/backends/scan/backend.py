@@ -12,7 +12,7 @@ from runout.backends.scan import checkpoint, columns, index, motion, observe, sl
 from runout.backends.scan.arenas import Arenas
 from runout.backends.scan.general import General, is_general
 from runout.backends.scan.kernels import kernels_for
-from runout.backends.scan.store import PADDING, Store, capacity, reserve
+from runout.backends.scan.store import PADDING, SELDOM, Store, capacity, reserve
 from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particles import Particles
@@ -66,7 +66,7 @@ class ScanBackend:
         self.scene, self.n = scene, len(particles)
         self.cursors = np.zeros((self.allowed, 8), np.int64)
         self.holes, self.n_holes = np.zeros((LONGEST_LIST, 2), np.int64), 0
-        self.surge = 0  # fresh slots that steps needed of late, at most
+        self.surge, self.closed_at, self.closed_end = 0, 0, self.n  # fresh slots of a step of late; step and end of closed gaps
         self.k = kernels_for(scene)
         self.no_rates = (np.zeros((0, 16), scene.dtype), scene.dtype(0), np.zeros((0, 16), scene.dtype), scene.dtype(0))
         self.general = General(scene) if is_general(scene) else None
@@ -130,14 +130,14 @@ class ScanBackend:
         """Close the gaps that blocks have left behind, once few slots remain; more slots if they do not gain much."""
         i, s, k = self.index, self.store, self.k
         self._fit_buffers()
-        self.n_holes = 0
-        packed, spare = k.packed_end(i.held, i.nown), max(4 * reserve(self.n), 2 * self.surge)
+        often = SELDOM * (self.end - self.closed_end) // max(self.counters.steps - self.closed_at, 1)
+        self.closed_at, self.n_holes = self.counters.steps, 0
+        packed, spare = k.packed_end(i.held, i.nown), max(4 * reserve(self.n), 2 * self.surge, min(often, self.n // 5))
         if packed + spare > s.slots:
             s.grow(max(packed + spare, capacity(packed)))
-        used = np.flatnonzero(i.held)
-        by_slot = used[np.argsort(i.first[used])]
-        buffers = (buffer[0] for buffer in self.buffers[:3])
-        self.end = k.pack_slots(s.rec, s.state, s.who, s.cell, s.order, i.starts, by_slot, i.first, i.room, i.held, *buffers)
+        by_slot = (used := np.flatnonzero(i.held))[np.argsort(i.first[used])]
+        slots = s.rec, s.state, s.who, s.cell, s.order, i.starts, by_slot, i.first, i.room, i.held
+        self.closed_end = self.end = k.pack_slots(*slots, *(buffer[0] for buffer in self.buffers[:3]))
 
     def _allocate_blocks(self, former: Arenas | None = None) -> None:
         """Arrays by block, after a rebuild; with room for as many shares as the ``former`` had, or the next step runs twice."""

@@ -10,6 +10,7 @@ from runout.model.scene import Scene
 from runout.physics.moments import momentum_at
 
 PADDING = 64  # slots that vectors may read and write behind the last
+SELDOM = 20  # steps: gaps are not closed more often, unless that takes a fifth more slots
 
 
 def reserve(slots: int) -> int:
