@@ -20,7 +20,7 @@ def reserve(slots: int) -> int:
 
 def capacity(slots: int) -> int:
     """Slots to allocate: some for blocks that grow, and for the gaps that they leave behind."""
-    return slots + slots // 10 + 1024
+    return slots + slots // 12 + 1024
 
 
 @dataclass
