@@ -26,6 +26,15 @@ ROW_EXTRAS = ("weight", "seed")  # columns of the table of members besides the p
 
 
 @dataclass(frozen=True)
+class SiteData:
+    """What the inputs of a site hold, the same for all its members: terrain, releases of unchanged volume, friction zones."""
+
+    terrain: "Terrain"
+    releases: "tuple[Release, ...]"
+    friction_zones: "FrictionZones | None"
+
+
+@dataclass(frozen=True)
 class Site:
     """One site folder.
 
@@ -92,9 +101,22 @@ class Site:
         ReleaseError
             If a release cannot be used.
         """
+        return self._scaled([self._release(stated, terrain) for stated in self.settings.release], sample)
+
+    def _scaled(self, releases: "Sequence[Release]", sample: Mapping[str, float] | None) -> "list[Release]":
         factor = self._known(sample).get("release_volume_factor", 1.0)
-        found = [self._release(stated, terrain) for stated in self.settings.release]
-        return [replace(r, thickness=r.thickness * factor) for r in found] if factor != 1.0 else found
+        return [replace(r, thickness=r.thickness * factor) for r in releases] if factor != 1.0 else list(releases)
+
+    def data(self) -> SiteData:
+        """All that the inputs hold, read once for many members.
+
+        Raises
+        ------
+        InputError
+            If an input cannot be used.
+        """
+        terrain = self.terrain()
+        return SiteData(terrain, tuple(self.releases(terrain)), self.friction_zones(terrain))
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material with the sampled parameters in the place of the stated ones."""
@@ -108,7 +130,7 @@ class Site:
             values["friction_angle"] = values.pop("friction_angle_deg")
         return law(**values)
 
-    def member_arguments(self, sample: Mapping[str, float] | None = None, terrain: "Terrain | None" = None) -> dict[str, Any]:
+    def member_arguments(self, sample: Mapping[str, float] | None = None, data: SiteData | None = None) -> dict[str, Any]:
         """Arguments of :func:`runout.simulate` for one member.
 
         Parameters
@@ -116,20 +138,20 @@ class Site:
         sample : mapping of str to float, optional
             Sampled parameters by the names and in the units of site.yaml. A whole row of the table of members is
             accepted: ``seed`` becomes the seed, ``weight`` is left out.
-        terrain : Terrain, optional
-            That of :meth:`terrain`, where it has been read already.
+        data : SiteData, optional
+            That of :meth:`data`, where it has been read already.
         """
         sampled = self._known(sample)
-        terrain = terrain or self.terrain()
+        data = data or self.data()
         stated = self.settings.simulation
         grid = self._grid
         angle = sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg)
         return {
-            "terrain": terrain,
-            "release": self.releases(terrain, sampled),
+            "terrain": data.terrain,
+            "release": self._scaled(data.releases, sampled),
             "material": self.material(sampled),
             "basal_friction_angle": float(angle),
-            "friction_zones": self.friction_zones(terrain),
+            "friction_zones": data.friction_zones,
             "cell_size": _fixed(grid["cell_size"]),
             "particles_per_cell": _fixed(grid["particles_per_cell"]),
             "end_time": stated.end_time,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger(__name__)
 MEMORY_SHARE = 0.9  # of the machine, for all workers together
-TICK_SECONDS = 0.5  # between two words of a member that runs
+TICK_SECONDS = 0.5  # between two words of a worker on the members that run
 TOPIC = "runout-progress"
 RESTART_SECONDS = 60  # to wait for a new worker in place of a dead one
 THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -30,6 +30,7 @@ CLUSTER_SETTINGS = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,  # a paused worker would wait for ever: a member frees nothing before its end
     "distributed.worker.memory.terminate": 0.95,
+    "distributed.worker.profile.enabled": False,  # a look at every frame a hundred times a second takes the steps' interpreter
     "distributed.nanny.pre-spawn-environ": {},  # dask's makes malloc give back every array, and the next one fault in anew
 }
 
@@ -147,7 +148,7 @@ def in_cluster(
         Client(cluster) as client,
     ):
         heard: dict[int, float] = {}
-        client.subscribe_topic(TOPIC, lambda event: heard.update([event[1]]))
+        client.subscribe_topic(TOPIC, lambda event: heard.update(event[1]))
         yield from _feed(client, partial(_silent, task, tuple(devices)), groups, workers, memory, lambda: _pass_on(heard, advance))
 
 
@@ -205,12 +206,15 @@ def _silent(task: Task, devices: Sequence[str], group: Group) -> Mapping[int, Ba
     """Run a task in a worker without its messages: the process that started it has said what the inputs have to say."""
     from distributed import get_worker
 
-    worker, last = get_worker(), dict.fromkeys((member.number for member in group), time.monotonic())
+    worker, fractions, told = get_worker(), dict[int, float](), time.monotonic()
 
     def tell(number: int, fraction: float) -> None:
-        if time.monotonic() - last[number] >= TICK_SECONDS:
-            last[number] = time.monotonic()
-            worker.log_event(TOPIC, (number, fraction))
+        nonlocal told
+        fractions[number] = fraction
+        if time.monotonic() - told >= TICK_SECONDS:  # one word for the whole group: members that share a launch are many
+            told = time.monotonic()
+            worker.log_event(TOPIC, list(fractions.items()))
+            fractions.clear()
 
     logging.getLogger("runout").addHandler(logging.NullHandler())
     device = devices[int(worker.name) % len(devices)] if devices else None  # a local cluster numbers its workers

@@ -186,10 +186,10 @@ def simulate_together(
 
     todo = [m for m in members if stored_key(m.file(results)) != m.key]
     errors: dict[int, BaseException] = {}
-    scenarios, terrain = [], site.terrain() if todo else None
+    scenarios, data = [], site.data() if todo else None
     for member in list(todo):
         try:
-            scenarios.append({**site.member_arguments(member.parameters, terrain), "seed": member.seed})
+            scenarios.append({**site.member_arguments(member.parameters, data), "seed": member.seed})
         except RunoutError as error:
             errors[member.number] = error
             todo.remove(member)

@@ -132,7 +132,7 @@ def measure_naive(device: str, scene: Scene, particles: Particles, steps: int) -
     with wp.ScopedDevice(device):
         k = _kernels(scene.law.name)
         store = Store(len(particles), wp.float32)
-        store.fill(particles.take(order), scene.spacing, np.float32)
+        store.fill([particles.take(order)], particles.release[order], scene.spacing, np.float32)
         node = wp.array(np.ascontiguousarray(particles.node[order] - low, np.int32), dtype=wp.int32)
         grid = wp.zeros(4 * nx * ny * nz, dtype=wp.float32)
         mats = wp.array(scene.law.table(scene.materials, np.dtype(np.float32)), dtype=k.record)

@@ -10,6 +10,7 @@ import pytest
 from netCDF4 import Dataset
 
 import runout
+from runout.config.site import SiteData
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import member_status
@@ -50,8 +51,11 @@ class SlopeSite:
     def terrain(self):
         return Terrain(np.tile(100.0 - SLOPE * 5.0 * np.arange(24), (16, 1)), (5.0, 5.0))
 
-    def member_arguments(self, sample, terrain=None):
-        terrain = terrain or self.terrain()
+    def data(self):
+        return SiteData(self.terrain(), (), None)
+
+    def member_arguments(self, sample, data=None):
+        terrain = (data or self.data()).terrain
         thickness = np.zeros(terrain.shape)
         thickness[6:10, 4:8] = 5.0
         return {

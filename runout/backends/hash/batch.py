@@ -139,18 +139,14 @@ class Batch:
         self.nodes = self.node_arrays()
         if not s.size:
             return
-        for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
-            p.node[:, 1] += np.int32(shift)
-            p.release[:] += np.int32(first)
-        p = given[0] if len(given) == 1 else Particles.concatenate(given)
-        s.fill(p, self.scene.spacing, self.scene.dtype)
-        works = sort.given(self, p.node, self._margin())
+        sizes, shifts, firsts = [len(p) for p in given], self.shifts.astype(np.int32), self.first_release[:-1]
+        s.fill(given, np.concatenate([p.release for p in given]) + np.repeat(firsts, sizes), self.scene.spacing, self.scene.dtype)
+        nodes = np.concatenate([p.node for p in given])
+        nodes[:, 1] += np.repeat(shifts, sizes)
+        works = sort.given(self, nodes, self._margin())
         sort.enqueue(self, *works)
         s.turn_over()
         sort.settle(self, lambda: works)
-        for p, shift, first in zip(given, self.shifts, self.first_release[:-1], strict=True):
-            p.node[:, 1] -= np.int32(shift)
-            p.release[:] -= np.int32(first)
 
     def _load_ground(self) -> None:
         """The surfaces, and how far from them particles of the largest radius may be to touch them."""

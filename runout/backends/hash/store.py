@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -64,13 +64,18 @@ class Store:
         self.stress = wp.zeros((6, size * stressed), dtype=number)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
 
-    def fill(self, p: Particles, spacing: tuple[float, float, float], dtype: Any) -> None:
-        """Bring particles to the device; the records hold no stress yet (time step 0)."""
-        self.release.assign(p.release.astype(np.int16))
-        self.differ = bool((p.release != p.release[:1]).any())
-        for row, values in self._rows(p, spacing):
-            self.rec[row].assign(values.astype(dtype))
-        self.radius.assign(p.radius.astype(dtype))
+    def fill(self, parts: Sequence[Particles], release: np.ndarray, spacing: tuple[float, float, float], dtype: Any) -> None:
+        """Bring particles with numbers of releases (size,) to the device; the records hold no stress yet (time step 0).
+
+        Row by row: together, the particles of many scenes are the largest thing on the host, and never lie there a second time.
+        """
+        self.release.assign(release.astype(np.int16))
+        self.differ = bool((release != release[:1]).any())
+        staged, ends = np.empty(self.size, dtype), np.cumsum([len(p) for p in parts])
+        for rows in zip(*(self._rows(p, spacing) for p in parts), strict=True):
+            for (_, values), end in zip(rows, ends, strict=True):
+                staged[end - len(values) : end] = values
+            self.memory[rows[0][0]].assign(staged)
 
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
@@ -130,7 +135,7 @@ class Store:
 
     @staticmethod
     def _rows(p: Particles, spacing: tuple[float, float, float]) -> Iterator[tuple[int, np.ndarray]]:
-        """Rows of the particle matrix and their values."""
+        """Places of the memory in turn 0, and their values."""
         yield MASS, p.mass
         for d in range(3):
             yield MOMENTUM + d, p.mass * p.velocity[:, d]
@@ -141,3 +146,4 @@ class Store:
             yield STRAIN + k, p.strain[:, k]
         yield HISTORY, p.history
         yield VOLUME, p.volume
+        yield ROWS, p.radius
