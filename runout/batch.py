@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, cast
 
 import numpy as np
@@ -64,12 +65,18 @@ def simulate_batch(
     DeviceError
         If the device is not there.
     """
-    place = find_device(device)
+    with ThreadPoolExecutor(AHEAD) as pool:
+        prepared = _prepared(pool, scenarios, progress)
+        yield from _in_launches(prepared, find_device(device))  # the device is made ready meanwhile
+
+
+def _in_launches(prepared: "Iterator[Future[_Job]]", place: str) -> Iterator[tuple[int, Result | RunoutError]]:
+    """Outcomes of jobs, as many in a launch as the memory of the device holds."""
     jobs: list[_Job] = []
     needed, free = 0.0, _free(place)  # asked once a launch: it takes 0.14 s on some machines
-    for number, prepared in enumerate(_prepared(scenarios, progress)):
+    for number, future in enumerate(prepared):
         try:
-            job = prepared.result()
+            job = future.result()
             MemoryForecast(0.0, job.bytes).require(free, f"the free memory of {place}")
         except RunoutError as error:
             yield number, error
@@ -111,16 +118,24 @@ class _Job:
         return cls(number, given["terrain"], scene, particles, course, tell, clock.perf_counter() - started, needed)
 
 
-def _prepared(scenarios: Sequence[Mapping[str, Any]], progress: Callable[[int, float], None] | None) -> "Iterator[Future[_Job]]":
+def _prepared(
+    pool: ThreadPoolExecutor, scenarios: Sequence[Mapping[str, Any]], progress: Callable[[int, float], None] | None
+) -> "Iterator[Future[_Job]]":
     """The jobs of scenarios in their order, some made ahead by threads: most of it is numpy, which lets go of the interpreter."""
-    waiting: deque[Future[_Job]] = deque()
-    with ThreadPoolExecutor(AHEAD) as pool:
-        for number, arguments in enumerate(scenarios):
-            waiting.append(pool.submit(_Job.of, number, arguments, progress))
-            if len(waiting) >= AHEAD:
-                yield waiting.popleft()
+    left = iter(enumerate(scenarios))
+
+    def submitted(most: int) -> "list[Future[_Job]]":
+        return [pool.submit(_Job.of, number, arguments, progress) for number, arguments in islice(left, most)]
+
+    waiting = deque(submitted(AHEAD))
+
+    def handed() -> "Iterator[Future[_Job]]":
         while waiting:
-            yield waiting.popleft()
+            first = waiting.popleft()
+            waiting.extend(submitted(1))
+            yield first
+
+    return handed()
 
 
 def _free(place: str) -> float:

@@ -161,11 +161,12 @@ def _work(
 def dealt(members: list[Member], crew: int) -> list[Group]:
     """Members in at most ``crew`` groups of about the same work, which grows with the volume that is released.
 
-    Each in turn, the largest first, comes to the group that has least; a group keeps the order of the numbers.
+    Each in turn, the largest first, comes to the group that has least; a group keeps the order of the numbers. Members that release
+    as much follow each other in the order of their other parameters, so that groups share those that run long too.
     """
     groups: list[list[Member]] = [[] for _ in range(min(crew, len(members)))]
     work = [0.0] * len(groups)
-    for member in sorted(members, key=_volume_factor, reverse=True):
+    for member in sorted(members, key=lambda m: (-_volume_factor(m), *(m.parameters[name] for name in sorted(m.parameters)))):
         least = work.index(min(work))
         groups[least].append(member)
         work[least] += _volume_factor(member)

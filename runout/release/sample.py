@@ -136,7 +136,7 @@ def sample_particles(
         particles.mass[:] = particles.volume * material.density
         particles.release[:] = number
         sets.append(particles)
-    return Particles.concatenate(sets)
+    return sets[0] if len(sets) == 1 else Particles.concatenate(sets)
 
 
 def particles_per_axis(particles_per_cell: int | tuple[int, int, int]) -> tuple[int, int, int]:

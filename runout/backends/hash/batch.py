@@ -6,6 +6,7 @@ north that no other reaches, so that one index serves all of them; and its own t
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -48,6 +49,13 @@ class Account:
     failure: str = ""
 
 
+def _account(scene: tuple[Scene, Particles]) -> Account:
+    """That of a scene whose particles a step can move."""
+    s, p = scene
+    require_finite(p, s)
+    return Account(len(p), float(p.mass.sum()), fastest(p))
+
+
 class Batch:
     """Scenes and their particles on one device.
 
@@ -74,9 +82,8 @@ class Batch:
         self.scenes, self.counters = [s for s, _ in scenes], Counters()
         self.scene = self.scenes[0]
         require_alike(self.scenes)
-        for scene, particles in scenes:
-            require_finite(particles, scene)
-        self.accounts = [Account(len(p), float(p.mass.sum()), fastest(p)) for _, p in scenes]
+        with ThreadPoolExecutor() as pool:
+            self.accounts = list(pool.map(_account, scenes))
         zoned = any(x.friction_zones for x in self.scenes)
         also = zoned, general.is_general(self.scene)
         self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic, *also)

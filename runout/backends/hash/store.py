@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,6 +30,8 @@ from runout.backends.hash.layout import (
 )
 from runout.backends.hash.nodes import NodeArrays
 from runout.model.particles import Particles
+
+STAGED = 4  # rows that are prepared at once for the device
 
 
 class Store:
@@ -67,15 +71,15 @@ class Store:
     def fill(self, parts: Sequence[Particles], release: np.ndarray, spacing: tuple[float, float, float], dtype: Any) -> None:
         """Bring particles with numbers of releases (size,) to the device; the records hold no stress yet (time step 0).
 
-        Row by row: together, the particles of many scenes are the largest thing on the host, and never lie there a second time.
+        A few rows at a time: together, the particles of many scenes are the largest thing on the host, and never lie there twice.
         """
         self.release.assign(release.astype(np.int16))
         self.differ = bool((release != release[:1]).any())
-        staged, ends = np.empty(self.size, dtype), np.cumsum([len(p) for p in parts])
-        for rows in zip(*(self._rows(p, spacing) for p in parts), strict=True):
-            for (_, values), end in zip(rows, ends, strict=True):
-                staged[end - len(values) : end] = values
-            self.memory[rows[0][0]].assign(staged)
+        with ThreadPoolExecutor(STAGED) as pool:
+            for first in range(0, ROWS + 1, STAGED):
+                places = range(first, min(first + STAGED, ROWS + 1))
+                for place, row in zip(places, pool.map(partial(_row_of, parts, spacing, dtype), places), strict=True):
+                    self.memory[place].assign(row)
 
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
@@ -133,17 +137,24 @@ class Store:
         )  # fmt: skip
         return p, self.number[where].numpy()
 
-    @staticmethod
-    def _rows(p: Particles, spacing: tuple[float, float, float]) -> Iterator[tuple[int, np.ndarray]]:
-        """Places of the memory in turn 0, and their values."""
-        yield MASS, p.mass
-        for d in range(3):
-            yield MOMENTUM + d, p.mass * p.velocity[:, d]
-            yield OFFSET + d, p.offset[:, d]
-            for j in range(3):
-                yield AFFINE + 3 * j + d, p.mass * p.affine[:, d, j] * spacing[j]
-        for k in range(6):
-            yield STRAIN + k, p.strain[:, k]
-        yield HISTORY, p.history
-        yield VOLUME, p.volume
-        yield ROWS, p.radius
+
+def _row_of(parts: Sequence[Particles], spacing: tuple[float, float, float], dtype: Any, place: int) -> np.ndarray:
+    """What lies at a place of the memory in turn 0, for the particles of all parts."""
+    row = np.empty(sum(len(p) for p in parts), dtype)
+    ends = np.cumsum([len(p) for p in parts])
+    for p, end in zip(parts, ends, strict=True):
+        row[end - len(p) : end] = _values(p, spacing, place)
+    return row
+
+
+def _values(p: Particles, spacing: tuple[float, float, float], place: int) -> np.ndarray:
+    if MOMENTUM <= place < MOMENTUM + 3:
+        return p.mass * p.velocity[:, place - MOMENTUM]
+    if OFFSET <= place < OFFSET + 3:
+        return p.offset[:, place - OFFSET]
+    if AFFINE <= place < AFFINE + 9:
+        j, d = divmod(place - AFFINE, 3)
+        return p.mass * p.affine[:, d, j] * spacing[j]
+    if STRAIN <= place < STRAIN + 6:
+        return p.strain[:, place - STRAIN]
+    return {MASS: p.mass, HISTORY: p.history, VOLUME: p.volume, ROWS: p.radius}[place]
