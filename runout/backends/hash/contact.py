@@ -69,14 +69,17 @@ def _ground(around: Any, z: int, f: Vector, radius: Any, h: Vector):
 def _is_near(around: Any, z: int, h: Vector, reach: Any):
     """Whether a particle above node ``z`` may be within ``reach`` [m] of the ground: a spline keeps to the hull of its values.
 
+    Within the cell that is the hull of the middle coefficient and its means with those beside it, along either axis (Bezier form).
     The particle is half a cell above that node at least, and no steeper slope is found than between two coefficients.
     """
-    top = around[0]
+    top = around[4]
     east = real(0.0)
     north = real(0.0)
     for i in range(3):
+        middle = real(0.5) * (around[3 * i + 1] + around[4])
         for j in range(3):
-            top = wp.max(top, around[3 * i + j])
+            side = real(0.5) * (around[3 * i + j] + around[3 + j])
+            top = wp.max(top, real(0.5) * (middle + side))
             if i > 0:
                 east = wp.max(east, wp.abs(around[3 * i + j] - around[3 * i + j - 3]))
             if j > 0:
