@@ -22,9 +22,11 @@ def particles_at(position: np.ndarray, spacing: float, density: float, radius: f
     return filled(position, spacing, density, (spacing / per_cell) ** 3, radius)
 
 
-def filled(position: np.ndarray, spacing: float, density: float, volume: float, radius: float = 0.0) -> Particles:
-    """Particles of one stress-free ``volume`` [m3] each at positions (n, 3) [m] of a cubic grid."""
-    p = Particles.at(position, np.full(3, spacing))
+def filled(
+    position: np.ndarray, spacing: float | tuple[float, float, float], density: float, volume: float, radius: float = 0.0
+) -> Particles:
+    """Particles of one stress-free ``volume`` [m3] each at positions (n, 3) [m] of a grid, cubic if ``spacing`` is one number."""
+    p = Particles.at(position, np.broadcast_to(np.asarray(spacing, float), 3))
     p.volume[:] = volume
     p.mass[:] = density * volume
     p.radius[:] = radius

@@ -62,14 +62,19 @@ def level_scene(
     friction: float,
     slope_deg: float = 0.0,
     precision: str = "float64",
+    height: float | None = None,
 ) -> Scene:
-    """A level floor under gravity that leans east by ``slope_deg``; ``size`` of the domain [m], zero across for a slice."""
+    """A level floor under gravity that leans east by ``slope_deg``; ``size`` of the domain [m], zero across for a slice.
+
+    Cells are ``spacing`` [m] wide, and as high unless ``height`` [m] is given.
+    """
+    height = spacing if height is None else height
     slope, columns = np.radians(slope_deg), round(size[0] / spacing)
     rows = max(1, round(size[1] / spacing))
     raster = Raster(rows, columns, (spacing, spacing if rows > 1 else (ACROSS + 1) * spacing))
-    surface = Surface.through(np.full((12, 12), BASE * spacing), (size[0] / 11, size[0] / 11))
+    surface = Surface.through(np.full((12, 12), BASE * height), (size[0] / 11, size[0] / 11))
     gravity = (GRAVITY * float(np.sin(slope)), 0.0, -GRAVITY * float(np.cos(slope)))
-    return Scene((spacing,) * 3, surface, raster, (material,), (friction,), gravity, precision=precision)
+    return Scene((spacing, spacing, height), surface, raster, (material,), (friction,), gravity, precision=precision)
 
 
 def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Particles:

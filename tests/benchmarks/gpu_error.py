@@ -1,10 +1,10 @@
 """Error against wall time on a device: the spreading cap (F3, three-dimensional) and the flow of jacksboro.
 
     python tests/benchmarks/gpu_error.py --backend hash --device cuda:0 --out gpu_error.json
-    python tests/benchmarks/gpu_error.py --backend scan --device cpu --out cpu_error.json --cells 56.6 40 28.3 20 14.1
+    python tests/benchmarks/gpu_error.py --backend scan --device cpu --out cpu_error.json --cells 28.3 20 20:1x8 --reference 7
 
 Every run is made twice and the second one counts, so that nothing is compiled in it. F3: relative L2 of thickness at 5 s from the
-closed form, seconds of the steps. Terrain: relative L1 of the map of flow thickness from that with cells of ``--reference`` [m],
+closed form, seconds of the steps. Terrain: relative L1 of the map of flow thickness from that with cells of ``--reference``,
 seconds of the whole simulation with observers but without its setup. Single precision.
 """
 
@@ -19,44 +19,44 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from pipelines.error_cases.choice import Variation
-from pipelines.error_cases.flows import distance, flowed
-from tests.benchmarks.spreading_cap import timed
+from pipelines.error_cases.flows import distance, flowed, runout_of
+from pipelines.verification_cases.spreading_cap import Cells
+from runout.result import Result
+from tests.benchmarks.spreading_cap import cells_of, timed
 
 CAPS = (
-    (4.0, 2),
-    (2.0, 2),
-    (1.0, 2),
-    (0.7, 2),
-    (0.5, 2),
-    (3.0, 3),
-    (2.0, 3),
-    (1.4, 3),
-    (1.0, 3),
-    (0.7, 3),
-    (2.0, 4),
-    (1.4, 4),
-    (1.0, 4),
-)
-CELLS = (56.6, 40.0, 28.3, 20.0, 14.1, 10.0)
+    *("4", "2", "1", "0.7", "0.5", "3:3", "2:3", "1.4:3", "1:3", "0.7:3", "2:4", "1.4:4", "1:4"),
+    *("8/1:2x4", "8/0.5:2x4", "4/1:1x4", "4/1:2x4", "4/0.5:2x4", "4/0.5:2x6"),
+)  # as spreading_cap.py takes them
+CELLS = ("56.6", "40", "28.3", "20", "14.1", "10", "28.3:1x4", "20:1x4", "20:1x8", "14.1:1x4")
 
 
-def cap(backend: str, device: str, spacing: float, per_axis: int) -> dict[str, Any]:
+def shaped(cells: Cells) -> dict[str, Any]:
+    """Sizes [m] and particles of cells, as a record names them."""
+    return {"cell": cells.size, "height": cells.height, "per_axis": cells.plan, "through_depth": cells.depth}
+
+
+def cap(backend: str, device: str, cells: Cells) -> dict[str, Any]:
     """A record of the spreading cap."""
-    timed(backend, device, spacing, per_axis)
-    error, particles, steps, seconds = timed(backend, device, spacing, per_axis)
-    found = {"cell": spacing, "per_axis": per_axis, "error": error, "particles": particles, "steps": steps, "seconds": seconds}
-    return {"problem": "F3", **found}
+    timed(backend, device, cells)
+    error, particles, steps, seconds = timed(backend, device, cells)
+    return {"problem": "F3", **shaped(cells), "error": error, "particles": particles, "steps": steps, "seconds": seconds}
 
 
-def terrain(backend: str, device: str, cells: list[float], reference: float) -> list[dict[str, Any]]:
+def terrain(backend: str, device: str, cells: list[Cells], reference: Cells) -> list[dict[str, Any]]:
     """Records of the flow on real terrain, the coarsest grid first."""
-    choice = Variation(device, arguments={"device": device}, backend=backend)
-    runs = {cell: [flowed(cell, choice) for _ in range(2)][1] for cell in (*cells, reference)}
+
+    def run(one: Cells) -> tuple[Result, float, float]:
+        shape = {"flat": one.size / one.height, "particles_per_cell": (one.plan, one.plan, one.depth)}
+        choice = Variation(device, arguments={"device": device, **shape}, backend=backend)
+        return [flowed(one.size, choice) for _ in range(2)][1]
+
+    runs = {one: run(one) for one in (*cells, reference)}
     finest, records = runs.pop(reference)[0], []
-    for cell, (result, _, wall) in runs.items():
-        seconds = wall - result.timing["setup"]
-        work = {"particles": result.n_particles, "steps": result.steps, "seconds": seconds}
-        records.append({"problem": "terrain", "cell": cell, "reference": reference, "error": distance(result, finest), **work})
+    for one, (result, _, wall) in runs.items():
+        work = {"particles": result.n_particles, "steps": result.steps, "seconds": wall - result.timing["setup"]}
+        found = {"error": distance(result, finest), "runout": runout_of(result), **work}
+        records.append({"problem": "terrain", **shaped(one), "reference": reference.size, **found})
     return records
 
 
@@ -65,16 +65,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--backend", default="hash")
     parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("--caps", nargs="*", default=CAPS, type=lambda text: (float(text.split(":")[0]), int(text.split(":")[1])))
-    parser.add_argument("--cells", nargs="*", default=CELLS, type=float)
-    parser.add_argument("--reference", type=float, default=5.0)
+    parser.add_argument("--caps", nargs="*", default=[cells_of(text) for text in CAPS], type=cells_of)
+    parser.add_argument("--cells", nargs="*", default=[cells_of(text) for text in CELLS], type=cells_of)
+    parser.add_argument("--reference", default=cells_of("5"), type=cells_of)
     parser.add_argument("--commit", default="unknown")
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
     name = wp.get_device(a.device).name if a.backend == "hash" else a.backend
     report = {"device": name, "commit": a.commit, "records": []}
-    for spacing, per_axis in a.caps:
-        report["records"].append(cap(a.backend, a.device, spacing, per_axis))
+    for cells in a.caps:
+        report["records"].append(cap(a.backend, a.device, cells))
         print(json.dumps(report["records"][-1]), flush=True)
     report["records"] += terrain(a.backend, a.device, list(a.cells), a.reference) if a.cells else []
     for record in report["records"][len(a.caps) :]:
