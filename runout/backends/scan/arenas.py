@@ -8,6 +8,7 @@ import numpy as np
 
 from runout.backends.scan.index import Index
 from runout.backends.scan.stencil import ARENA
+from runout.backends.scan.store import _zeros
 from runout.backends.scan.transfer import SHARES
 
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
@@ -100,12 +101,12 @@ class Arenas:
         count = partial(np.zeros, n, np.int64)
         return cls(
             number=np.zeros(n, np.int32),
-            arenas=np.empty((_roomy(int(np.count_nonzero(index.held))), ARENA), real),
+            arenas=_zeros(_roomy(int(np.count_nonzero(index.held))), ARENA, real),
             reached=np.zeros(n, np.uint8),
             pressed=np.zeros(n, np.uint8),
             shares=np.empty((sharers, SHARES), real),
             sharer=np.zeros(n, np.int32),
-            grid=np.zeros((index.nall, 256), real),
+            grid=_zeros(index.nall, 256, real),
             shared=np.zeros(index.nall, np.bool_),
             tiles=np.empty((n, 36), real),
             planes=np.empty((n, 48), real),
@@ -134,7 +135,7 @@ class Arenas:
     def make_arenas(self, wanted: int) -> None:
         """More arenas, if there are fewer than ``wanted``."""
         if wanted > len(self.arenas):
-            self.arenas = np.empty((_roomy(wanted), ARENA), self.arenas.dtype)
+            self.arenas = _zeros(_roomy(wanted), ARENA, self.arenas.dtype)
 
     def make_shares(self, wanted: int) -> None:
         """Shares of so many blocks."""
@@ -159,7 +160,7 @@ def number_arenas(held, nown, number):
     return n
 
 
-def total_held(held, nown):
+def _total_held(held, nown):
     """Number of particles, and of those in the fullest block."""
     n = 0
     most = 0
@@ -169,31 +170,9 @@ def total_held(held, nown):
     return n, most
 
 
-def total_touching(touching, nown):
-    """Number of particles that touch the ground."""
-    n = 0
-    for b in range(nown):
-        n += touching[b]
-    return n
-
-
-def total_motion(motion, changed, nown):
-    """Largest speed squared, longest move, dissipated energy, refused moves, and whether any particle changed its cell.
-
-    A move that is not a number counts as refused, so that the other numbers are sound if none is.
-    """
-    speed = 0.0
-    move = 0.0
-    lost = 0.0
-    refused = 0.0
-    moved = False
-    for b in range(nown):
-        speed = max(speed, motion[b, 0])
-        move = max(move, motion[b, 1])
-        lost += motion[b, 2]
-        refused += motion[b, 3]
-        moved = moved or changed[b] != 0
-    return speed, move, lost, refused, moved
+def total_held(held, nown):
+    """The same, of an index."""
+    return _total_held(held, nown)
 
 
 def total_rows(rows, chosen, nown, total):

@@ -129,7 +129,6 @@ class ScanBackend:
     def _make_slots(self) -> None:
         """Close the gaps that blocks have left behind, once few slots remain; more slots if they do not gain much."""
         i, s, k = self.index, self.store, self.k
-        self._fit_buffers()
         often = SELDOM * (self.end - self.closed_end) // max(self.counters.steps - self.closed_at, 1)
         self.closed_at, self.n_holes = self.counters.steps, 0
         packed, spare = k.packed_end(i.held, i.nown), max(4 * reserve(self.n), 2 * self.surge, min(often, self.n // 5))
@@ -141,21 +140,18 @@ class ScanBackend:
 
     def _allocate_blocks(self, former: Arenas | None = None) -> None:
         """Arrays by block, after a rebuild; with room for as many shares as the ``former`` had, or the next step runs twice."""
-        i, surface = self.index, self.scene.surface
+        i, k, surface = self.index, self.k, self.scene.surface
         self.room = a = Arenas.of(i, self.scene.dtype, self.domain, self.scene.sleep_speed > 0, len(former.shares) if former else 0)
         self.reaches_rim = bool(a.rim.any())
-        self._fit_buffers(anew=True)
+        self._fit_buffers(k.total_held(i.held, i.nown)[1])
         if surface is not None:
-            self.k.cut_tiles(
-                surface.coefficients, *surface.origin, *surface.spacing, i.bxyz, i.nown, self.corner, self.spacing, a.tiles,
-                a.planes, a.bounds,
+            k.cut_tiles(
+                surface.coefficients, *surface.origin, *surface.spacing, i.bxyz, i.around, i.nown, self.corner, self.spacing,
+                a.tiles, a.planes, a.bounds,
             )  # fmt: skip
 
-    def _fit_buffers(self, anew: bool = False) -> None:
-        """Buffers that hold the fullest block, for each thread; with some room where they are made."""
-        _, fullest = self.k.total_held(self.index.held, self.index.nown)
-        if not anew and fullest + PADDING <= self.buffers[0].shape[1]:
-            return
+    def _fit_buffers(self, fullest: int) -> None:
+        """Buffers for each thread that hold the fullest block, with some room where they are made."""
         shape, real = (self.threads, int(1.25 * fullest) + 2 * PADDING), self.scene.dtype
         self.buffers = (
             np.empty((*shape, 16), real),
@@ -233,14 +229,12 @@ class ScanBackend:
         reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
         radius = s.radius[:1] if self.of_one_size else s.radius
         while True:
-            self.cursors.fill(0)
             rows, room = len(s.felt) // threads & ~15, len(a.shares) // threads
-            self.k.particles_to_arenas_and_contacts(
+            needed, sharers, self.contact_particles = self.k.particles_to_arenas_and_contacts(
                 s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
                 self.friction, real(reach), self.dt, self.h, real(band), a.number, a.arenas, a.reached, s.listed, a.candidates,
                 a.touching, a.pressed, s.contacts, s.measured, rows, a.shares, room, a.place, a.sharer, self.cursors,
             )  # fmt: skip
-            needed, sharers = (max(int(self.cursors[t, k]) for t in range(threads)) for k in (0, 1))
             if needed <= rows and sharers <= room:
                 return
             if needed > rows:
@@ -250,7 +244,6 @@ class ScanBackend:
 
     def _contact(self) -> None:
         i, s, a, k = self.index, self.store, self.room, self.k
-        self.contact_particles = k.total_touching(a.touching, i.nown)
         if self.contact_particles == 0:
             return
         if self.zones:
@@ -258,24 +251,21 @@ class ScanBackend:
             k.take_zones(s.rec, s.measured, a.place, s.listed, s.cell, i.first, i.nown, a.touching, *where, *self.zones)
         k.solve_contacts(
             s.contacts, s.measured, s.felt, a.place, a.touching, a.pressed, i.nown, a.grid, i.up, self.dt, a.number, a.arenas,
-            a.ground,
+            a.asleep, a.ground, a.total,
         )  # fmt: skip
         k.apply_impulses(a.arenas, a.number, a.shares, a.sharer, a.pressed, a.shared, i.down, i.nall, a.grid)
-        k.total_rows(a.ground, np.where(a.asleep, 0, a.touching) if self.sleepers else a.touching, i.nown, a.total)
         self.basal_dissipation -= float(a.total[0])
         for d in range(3):
             self.basal_impulse[d] += a.total[1 + d]
 
     def _to_particles(self, dt: float) -> None:
         i, s, a = self.index, self.store, self.room
-        self._fit_buffers()
         more = self.general.take_rates(self) if self.general else self.no_rates
-        self.k.grid_to_particles(
+        speed2, step, lost, refused, self.moved = self.k.grid_to_particles(
             s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown, a.grid, i.up, i.bxyz,
             a.rim, self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
             a.changed, a.motion,
         )  # fmt: skip
-        speed2, step, lost, refused, self.moved = self.k.total_motion(a.motion, a.changed, i.nown)
         if refused > 0:
             raise StabilityError(
                 f"a particle moved {step:.3g} cells in step {self.counters.steps} of {dt:.3g} s at {math.sqrt(speed2):.3g} m/s; "
@@ -292,16 +282,19 @@ class ScanBackend:
         i, s, a, k = self.index, self.store, self.room, self.k
         if self.reaches_rim:
             self._book_escaped()
-        needed = k.count_arrivals(i.around, i.first, i.nown, s.listed, a.leaving, i.held, i.room, a.before, a.arrivals)
+        while True:
+            end, moves = self.end, (i.around, i.first, i.nown, s.listed, a.leaving, i.held, i.room, a.before, a.arrivals)
+            needed, self.end, self.n_holes = k.make_way(*moves, end, s.slots, self.holes, self.n_holes)
+            if end + needed <= s.slots:
+                break
+            s.grow(end + needed)
         self.surge = max(needed, self.surge - self.surge // 8)
-        if self.end + needed > s.slots:
-            s.grow(self.end + needed)
-        self.end, self.n_holes = k.make_room(i.nown, i.held, a.arrivals, i.first, i.room, self.end, self.holes, self.n_holes)
-        k.settle(
+        there, fullest = k.settle(
             s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, s.listed, a.leaving,
             a.shifted, a.thinned, a.changed, a.arrivals,
         )  # fmt: skip
-        there, _ = k.total_held(i.held, i.nown)
+        if fullest + PADDING > self.buffers[0].shape[1]:
+            self._fit_buffers(fullest)
         if there != self.n:
             raise StabilityError(f"{self.n - there} particles left the index in step {self.counters.steps}; please report this")
 

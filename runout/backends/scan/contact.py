@@ -28,6 +28,7 @@ from runout.backends.scan.transfer import (
     PLANE_OF_SHARES,
     ROW_OF_SHARES,
     SHARES,
+    STRIP,
     _fill_arena,
     _octant,
     _parts_of,
@@ -37,7 +38,6 @@ from runout.physics.contact import in_contact
 from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
-STRIP = 16  # owners, one after the other
 TILE = 64
 ASIDE = 16  # first row of a tile of candidates behind their records
 FLOOR, RADIUS, FRICTION = 19, 23, 24
@@ -223,6 +223,18 @@ def _measure_strip(
         row = _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured, row, touching)
 
 
+def _most_needed(cursors):
+    """Most rows and shares that a thread needs; number of contacts of all."""
+    rows = 0
+    shares = 0
+    touching = 0
+    for t in range(len(cursors)):
+        rows = max(rows, cursors[t, 0])
+        shares = max(shares, cursors[t, 1])
+        touching += cursors[t, 2]
+    return rows, shares, touching
+
+
 def particles_to_arenas_and_contacts(
     rec, who, radius, label, cell, order, starts, first, giving, nown, tiles, planes, bounds, friction, reach, dt, h, band, number,
     arenas, reached, listed, candidates, touching, pressed, contacts, measured, rows, shares, room, place, sharer, cursors,
@@ -232,9 +244,11 @@ def particles_to_arenas_and_contacts(
     ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch; ``radius`` has one number where
     all are the same. Gives the numbers (nown,) of particles that are ``touching``, which are ``listed`` then, the sums of their
     weights over the nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``rows`` of
-    contacts and ``room`` for shares, and counts in ``cursors`` (threads, 2) those that it needs; where one needs more, they are
-    missing.
+    contacts and ``room`` for shares, and counts in ``cursors`` (threads, 3) those that it needs, and what touches; where one needs
+    more, they are missing. Returns the most rows and shares that a thread needs, and the number of those that touch.
     """
+    for t in range(len(cursors)):
+        cursors[t, 0] = cursors[t, 1] = cursors[t, 2] = 0
     for s in prange((nown + STRIP - 1) // STRIP):
         low = s * STRIP
         end = min(low + STRIP, nown)
@@ -273,9 +287,11 @@ def particles_to_arenas_and_contacts(
         for b in range(low, end):
             place[b] = row
             if touching[b] > 0:
+                cursors[thread, 2] += touching[b]
                 sharer[b] = share
                 pressed[b] = _share_block(shares, SHARES * share, contacts, ready, row, touching[b])
                 row += touching[b]
                 share += 1
         cursors[thread, 0] = ((row + 15) & ~15) - thread * rows
         cursors[thread, 1] = share - thread * room
+    return _most_needed(cursors)

@@ -51,7 +51,6 @@ class General:
             if self.given.shape != a.grid.shape:
                 self.given = np.zeros_like(a.grid)
             k.update_nodes(a.arenas, a.number, a.reached, i.down, i.nall, self.given, self.still)
-        engine._fit_buffers()
         k.add_forces(
             s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, engine.mats, self._cells(engine), a.number,
             a.arenas, engine.buffers[0],

@@ -1,10 +1,15 @@
 """The ground under each block: surface coefficients on its nodes, cut once when the index is made."""
 
+import numpy as np
 from numba import prange
 
+from runout.backends.lanes import local_array
 from runout.physics.bspline import first_node, weights
 from runout.physics.heightfield import distance, interpolate, normal_z, quasi_interpolant, surface_at, upward_normal
 from runout.physics.tensors import real
+
+BELOW, ABOVE = 12, 14  # places of the blocks below and above among the neighbours
+local_elevations = local_array((36,))
 
 
 def _surface_value(coefficients, qx, qy):
@@ -71,25 +76,44 @@ def _least_normal_z(tile, h):
     return normal_z(real(sx * h[2] / h[0]), real(sy * h[2] / h[1]))
 
 
-def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, nown, corner, h, tiles, planes, bounds):
+def _joined(around, bxyz, b, q):
+    """The block above or below, q, on the same column of the ground; -1 where none is, or the far end of a period."""
+    n = around[b, q]
+    return n if n >= 0 and bxyz[n, 2] == bxyz[b, 2] + q - 13 else -1
+
+
+def _cut_tile(elevation, floor, h, tile, plane, bound):
+    """Tile, planes and bounds of a block from the elevations [m] at its nodes; ``floor`` is the level of the lowest [cells]."""
+    for k in range(36):
+        tile[k] = real(elevation[k] / h[2] - floor)
+    top = real(-1.0e30)
+    for c in range(16):
+        top = max(top, _bound_column(tile, (c >> 2) * 6 + (c & 3), plane, 3 * c))
+    bound[0] = top
+    bound[1] = _least_normal_z(tile, h)
+
+
+def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, around, nown, corner, h, tiles, planes, bounds):
     """Surface coefficients (nown, 36) on the nodes of each block, relative to its lowest node [cells].
 
     The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. ``corner`` is
     the node at which blocks are counted from. ``planes`` (nown, 16, 3) bound the surface in each column of cells from
-    above; ``bounds`` (nown, 2) are the highest of them and the least vertical component of the normal.
+    above; ``bounds`` (nown, 2) are the highest of them and the least vertical component of the normal. Blocks one above the
+    other take the same elevations.
     """
     for b in prange(nown):
+        if _joined(around, bxyz, b, BELOW) >= 0:
+            continue
+        elevation = local_elevations(h)
         for i in range(6):
             for j in range(6):
                 x = (corner[0] + 4 * bxyz[b, 0] + i) * h[0]
                 y = (corner[1] + 4 * bxyz[b, 1] + j) * h[1]
-                e = _node_coefficient(coefficients, ox, oy, sx, sy, x, y, h[0], h[1])
-                tiles[b, i * 6 + j] = real(e / h[2] - (corner[2] + 4 * bxyz[b, 2]))
-        top = real(-1.0e30)
-        for c in range(16):
-            top = max(top, _bound_column(tiles[b], (c >> 2) * 6 + (c & 3), planes[b], 3 * c))
-        bounds[b, 0] = top
-        bounds[b, 1] = _least_normal_z(tiles[b], h)
+                elevation[i * 6 + j] = _node_coefficient(coefficients, ox, oy, sx, sy, x, y, h[0], h[1])
+        n = np.int64(b)
+        while n >= 0:
+            _cut_tile(elevation, corner[2] + 4 * bxyz[n, 2], h, tiles[n], planes[n], bounds[n])
+            n = _joined(around, bxyz, n, ABOVE)
 
 
 def _ground(a, fx, fy, z, radius, east, north, dz):

@@ -8,7 +8,7 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import in_double, load4, load16, local_array, prefetch, record_vectors, row_vectors, store
-from runout.backends.scan.contact import BEFORE, GAP, GRIP, NORMAL, STRIP
+from runout.backends.scan.contact import BEFORE, GAP, GRIP, NORMAL
 from runout.backends.scan.stencil import (
     ARENA,
     EVERY,
@@ -29,7 +29,7 @@ from runout.backends.scan.stencil import (
     second_group,
     weights_of_z,
 )
-from runout.backends.scan.transfer import four_zeros
+from runout.backends.scan.transfer import STRIP, four_zeros
 from runout.physics.contact import impulse, work
 from runout.physics.tensors import vec
 
@@ -101,8 +101,21 @@ def _spread_block(contacts, ready, felt, row, n, arena, parts, ground, b):
     store(ground, 4 * b, total)
 
 
-def solve_contacts(contacts, measured, felt, place, touching, pressed, nown, grid, up, dt, number, arenas, ground):
-    """One impulse per contact, spread to the arena of its block; ``ground`` (nown, 4) is their work [J] and sum [N s]."""
+def _total_ground(ground, touching, asleep, nown, total):
+    """Sums of the rows of the blocks with contacts, those that sleep left out."""
+    for k in range(4):
+        total[k] = 0.0
+    for b in range(nown):
+        if touching[b] > 0 and not asleep[b]:
+            for k in range(4):
+                total[k] += ground[b, k]
+
+
+def solve_contacts(contacts, measured, felt, place, touching, pressed, nown, grid, up, dt, number, arenas, asleep, ground, sums):
+    """One impulse per contact, spread to the arena of its block; ``ground`` (nown, 4) is their work [J] and sum [N s].
+
+    ``sums`` are over all blocks but those that are ``asleep``.
+    """
     for s in prange((nown + STRIP - 1) // STRIP):
         low = s * STRIP
         end = min(low + STRIP, nown)
@@ -131,3 +144,4 @@ def solve_contacts(contacts, measured, felt, place, touching, pressed, nown, gri
         for b in range(low, end):
             if touching[b] > 0:
                 _spread_block(contacts, ready, felt, place[b], touching[b], arenas[number[b]], pressed[b], ground, b)
+    _total_ground(ground, touching, asleep, nown, sums)

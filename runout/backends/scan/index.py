@@ -19,6 +19,7 @@ PAGE = 512  # blocks of a superblock
 DEALT, HANDS = 16, 4  # blocks that stay together; parts into which their groups are dealt
 LARGEST_TABLE = 2**24  # superblocks: 64 MB
 UP = np.array([(q >> 2, (q >> 1) & 1, q & 1) for q in range(8)])  # steps to the blocks of Index.up
+IN_PLANE, IN_ROWS, IN_COLUMNS = 0o777, 0o007007007, 0o111111111  # bits of the neighbours below the middle along x, y and z
 AROUND = np.array([(q // 9 - 1, (q // 3) % 3 - 1, q % 3 - 1) for q in range(27)])
 
 
@@ -190,19 +191,32 @@ def _at(values, corner, table, i, j, k, nothing):
     return values[page, _place(i, j, k)] if page >= 0 else nothing
 
 
+def _entered(cell, margin, neighbours, distance):
+    """Bits of the neighbours that a particle may enter along an axis from one of four cells; a step is a ``distance`` of bits."""
+    entered = 0
+    for step in range(block_of(cell - margin), block_of(cell + margin) + 1):
+        entered |= neighbours << (distance * (step + 1))
+    return entered
+
+
 def mark_owners(bxyz, starts, nown, corner, table, margin, mask):
-    """Mark every block that a particle may enter while it moves up to ``margin`` cells."""
+    """Mark every block that a particle may enter while it moves up to ``margin`` cells, at most 4."""
     for b in prange(nown):
-        for c in range(64):
-            if starts[b, c] == starts[b, c + 1]:
-                continue
-            x = bxyz[b, 0] * 4 + (c >> 4)
-            y = bxyz[b, 1] * 4 + ((c >> 2) & 3)
-            z = bxyz[b, 2] * 4 + (c & 3)
-            for i in range(block_of(x - margin), block_of(x + margin) + 1):
-                for j in range(block_of(y - margin), block_of(y + margin) + 1):
-                    for k in range(block_of(z - margin), block_of(z + margin) + 1):
-                        mask[_page_of(corner, table, i, j, k), _place(i, j, k)] = OWNER
+        entered = 0
+        for i in range(4):
+            x = _entered(i, margin, IN_PLANE, 9)
+            for j in range(4):
+                xy = x & _entered(j, margin, IN_ROWS, 3)
+                for k in range(4):
+                    c = (i << 4) | (j << 2) | k
+                    if starts[b, c] != starts[b, c + 1]:
+                        entered |= xy & _entered(k, margin, IN_COLUMNS, 1)
+        for q in range(27):
+            if (entered >> q) & 1:
+                i = bxyz[b, 0] + q // 9 - 1
+                j = bxyz[b, 1] + (q // 3) % 3 - 1
+                k = bxyz[b, 2] + q % 3 - 1
+                mask[_page_of(corner, table, i, j, k), _place(i, j, k)] = OWNER
 
 
 def mark_box(low, high, places, mask):

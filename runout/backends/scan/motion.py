@@ -314,6 +314,25 @@ def _expect_next(rec, state, order, first, moving, b, nown, grid, up):
             prefetch(grid, np.int64(up[later, q + 1]) * 256 + n)
 
 
+def _total_motion(motion, changed, nown):
+    """Largest speed squared, longest move, dissipated energy, refused moves, and whether any particle changed its cell.
+
+    A move that is not a number counts as refused, so that the other numbers are sound if none is.
+    """
+    speed = 0.0
+    move = 0.0
+    lost = 0.0
+    refused = 0.0
+    moved = False
+    for b in range(nown):
+        speed = max(speed, motion[b, 0])
+        move = max(move, motion[b, 1])
+        lost += motion[b, 2]
+        refused += motion[b, 3]
+        moved = moved or changed[b] != 0
+    return speed, move, lost, refused, moved
+
+
 def grid_to_particles(
     rec, state, cell, who, label, order, starts, first, moving, reached, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates,
     averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, thinned, changed, sums,
@@ -376,3 +395,4 @@ def grid_to_particles(
         sums[b, 1] = lane_largest(move)
         sums[b, 2] = lane_sum(lost)
         sums[b, 3] = lane_sum(refused)
+    return _total_motion(sums, changed, nown)

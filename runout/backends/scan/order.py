@@ -9,6 +9,7 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import load8, load16, local_array, prefetch, store
+from runout.backends.scan.arenas import _total_held
 from runout.backends.scan.motion import HERE, LEFT, OUTSIDE
 
 CELLS = 64
@@ -22,12 +23,12 @@ def _spacious(n):
     return (n + (n >> 5) + 19) & ~15
 
 
-def count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals):
+def _count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals):
     """Number of particles that enter each block; returns how many fresh slots the blocks that overflow will need.
 
     One thread counts: few particles leave their blocks, fewer than blocks have neighbours.
     """
-    for b in prange(nown):
+    for b in range(nown):
         before[b] = first[b]
         arrivals[b] = 0
     for b in range(nown):
@@ -80,7 +81,7 @@ def _drop_filled(holes, n):
     return kept
 
 
-def make_room(nown, held, arrivals, first, room, end, holes, n):
+def _make_room(nown, held, arrivals, first, room, end, holes, n):
     """Fresh slots for the blocks that overflow: in one of ``n`` holes, else from ``end`` on; returns the new end and ``n``.
 
     What they leave becomes a hole for later steps: neighbours read there in this one.
@@ -102,6 +103,14 @@ def make_room(nown, held, arrivals, first, room, end, holes, n):
             first[b] = start
             room[b] = size
     return end, _drop_filled(holes, n)
+
+
+def make_way(around, first, nown, movers, leaving, held, room, before, arrivals, end, slots, holes, n):
+    """Count arrivals and find room for them, unless ``slots`` are too few; returns the fresh slots needed, ``end`` and ``n``."""
+    needed = _count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals)
+    if end + needed <= slots:
+        end, n = _make_room(nown, held, arrivals, first, room, end, holes, n)
+    return needed, end, n
 
 
 def _copy_slot(rec, state, who, cell, p, d, c):
@@ -243,7 +252,10 @@ def _list_anew(cell, order, starts, b, first, end, movers, shifted, thinned):
 def settle(
     rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, shifted, thinned, changed, arrivals
 ):
-    """Let particles enter their new blocks, and list the blocks in which anything changed by cell."""
+    """Let particles enter their new blocks, and list the blocks in which anything changed by cell.
+
+    Returns the number of particles, and that in the fullest block.
+    """
     for b in prange(nown):
         if b + 1 < nown and arrivals[b + 1] > 0:
             _expect(rec, state, who, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1])
@@ -260,6 +272,7 @@ def settle(
             held[b] = _list_by_cell(cell, order, starts, b, f, end)
         else:
             held[b] = _list_anew(cell, order, starts, b, f, end, movers, shifted[b], thinned[b])
+    return _total_held(held, nown)
 
 
 def give_slots(held, first, room, nown):
@@ -284,55 +297,48 @@ def hand_over_slots(numbers, old_starts, old_first, old_room, old_nown, starts, 
                 starts[d, c] = old_starts[b, c]
 
 
-def _take_block(rec, state, who, order, starts, b, first, rec2, state2, who2):
-    """Copy the particles of a block by cell into a buffer."""
+def _move_block(rec, state, who, cell, order, starts, b, first, to, rec2, state2, who2):
+    """Move the particles of a block, by cell, to the slots from ``to`` on, which may be some of its own; by a buffer."""
     for t in range(starts[b, CELLS]):
-        p = order[first + t]
-        for k in range(16):
-            rec2[t, k] = rec[p, k]
-        for k in range(8):
-            state2[t, k] = state[p, k]
+        p = np.int64(order[first + t])
+        store(rec2, 16 * t, load16(rec, 16 * p))
+        store(state2, 8 * t, load8(state, 8 * p))
         who2[t] = who[p]
-
-
-def _put_block(rec, state, who, cell, order, starts, b, first, rec2, state2, who2):
-    """Copy the particles of a block from a buffer to the slots from ``first`` on."""
     for c in range(CELLS):
         for t in range(starts[b, c], starts[b, c + 1]):
-            for k in range(16):
-                rec[first + t, k] = rec2[t, k]
-            for k in range(8):
-                state[first + t, k] = state2[t, k]
-            who[first + t] = who2[t]
-            cell[first + t] = c
-            order[first + t] = first + t
+            store(rec, 16 * (to + t), load16(rec2, 16 * t))
+            store(state, 8 * (to + t), load8(state2, 8 * t))
+            who[to + t] = who2[t]
+            cell[to + t] = c
+            order[to + t] = to + t
 
 
 def pack_slots(rec, state, who, cell, order, starts, by_slot, first, room, held, rec2, state2, who2):
     """Close the gaps between the slots of the blocks ``by_slot`` that hold any, in place; returns the end of the slots.
 
-    All particles move down as far as they can, and then up into rooms of the usual size. ``rec2``, ``state2`` and ``who2``
-    have room for one block.
+    Each gets a room of the usual size. Who moves down goes in this order, and who moves up in the reverse one: so each finds its
+    room left, and moves once. Who moves up has to lie below the next room first. ``rec2``, ``state2`` and ``who2`` have room for
+    one block.
     """
     for b in range(len(held)):
         if held[b] == 0:
             room[b] = 0
-    to = 0
     end = 0
     for b in by_slot:
-        _take_block(rec, state, who, order, starts, b, first[b], rec2, state2, who2)
-        _put_block(rec, state, who, cell, order, starts, b, to, rec2, state2, who2)
-        first[b] = to
-        to += held[b]
+        start = first[b]
+        used = start + room[b]
         room[b] = _spacious(held[b])
+        if end < start or end + room[b] < used:
+            first[b] = min(end, start)
+            _move_block(rec, state, who, cell, order, starts, b, start, first[b], rec2, state2, who2)
         end += room[b]
     to = end
     for k in range(len(by_slot) - 1, -1, -1):
         b = by_slot[k]
         to -= room[b]
-        _take_block(rec, state, who, order, starts, b, first[b], rec2, state2, who2)
-        _put_block(rec, state, who, cell, order, starts, b, to, rec2, state2, who2)
-        first[b] = to
+        if first[b] < to:
+            _move_block(rec, state, who, cell, order, starts, b, first[b], to, rec2, state2, who2)
+            first[b] = to
     return end
 
 

@@ -34,6 +34,7 @@ from runout.physics.tensors import real
 LEAST_MASS = 1e-37  # [kg] of a node that moves: one over less is no number in float32, and its weight to any particle is as small
 ROW_OF_SHARES, PLANE_OF_SHARES = 6, 36  # numbers of a row of six nodes, and of six rows, where a node has one
 SHARES = 232  # six planes and padding
+STRIP = 16  # owners, one after the other
 masses = permutation(in_groups((0, 4, 8, 12)))
 heads = permutation((0, 4, 8, 12))
 least_masses, four_least_masses = constant([LEAST_MASS] * 16), constant([LEAST_MASS] * 4)
@@ -122,6 +123,33 @@ def _find_arenas(place, number, size, reached, down, block):
     return found
 
 
+def _strip_of_nodes(s, strips, nown, nall):
+    """Blocks of nodes of strip ``s``: first owner, number of owners, first of the others, number of all.
+
+    Those that are no owners are few and sum little: each strip gets as many, so that threads get as much to do.
+    """
+    low = s * STRIP
+    more = (nall - nown) * s // strips
+    own = min(STRIP, nown - low)
+    return low, own, nown + more, own + (nall - nown) * (s + 1) // strips - more
+
+
+def _row_of_arena(arenas, a, upper, x, y):
+    """Four nodes of row (x, y) of the arena at place ``a``; the ``upper`` two of six come first, and then nothing."""
+    row = a + x * PLANE + y * ROW
+    if upper:
+        return widened(load8(arenas, row + 16))
+    return load16(arenas, row)
+
+
+def _row_of_shares(shares, a, upper, x, y):
+    """The same of an arena with one number a node."""
+    row = a + x * PLANE_OF_SHARES + y * ROW_OF_SHARES
+    if upper:
+        return lower_two(load4(shares, row + 4))
+    return load4(shares, row)
+
+
 def _sum_row(arenas, place, i, j):
     """Sum of the arenas over four nodes in the order of their blocks."""
     s = zeros(arenas)
@@ -129,11 +157,7 @@ def _sum_row(arenas, place, i, j):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
         if place[q] >= 0 and x < 6 and y < 6:
-            a = place[q] + x * PLANE + y * ROW
-            if q & 1:
-                s = s + widened(load8(arenas, a + 16))
-            else:
-                s = s + load16(arenas, a)
+            s = s + _row_of_arena(arenas, place[q], q & 1, x, y)
     return s
 
 
@@ -144,11 +168,7 @@ def _sum_shares(shares, place, i, j):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
         if place[q] >= 0 and x < 6 and y < 6:
-            a = place[q] + x * PLANE_OF_SHARES + y * ROW_OF_SHARES
-            if q & 1:
-                s = s + lower_two(load4(shares, a + 4))
-            else:
-                s = s + load4(shares, a)
+            s = s + _row_of_shares(shares, place[q], q & 1, x, y)
     return s
 
 
@@ -160,14 +180,8 @@ def _sum_both(arenas, place, shares, sharing, i, j):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
         if place[q] >= 0 and x < 6 and y < 6:
-            a = place[q] + x * PLANE + y * ROW
-            o = sharing[q] + x * PLANE_OF_SHARES + y * ROW_OF_SHARES
-            if q & 1:
-                s = s + widened(load8(arenas, a + 16))
-                w = w + lower_two(load4(shares, o + 4))
-            else:
-                s = s + load16(arenas, a)
-                w = w + load4(shares, o)
+            s = s + _row_of_arena(arenas, place[q], q & 1, x, y)
+            w = w + _row_of_shares(shares, sharing[q], q & 1, x, y)
     return s, w
 
 
@@ -186,15 +200,19 @@ def _node_velocities(s, inverse, dv):
 
 def update_nodes(arenas, number, reached, down, nall, grid, dv):
     """Mass and velocity of every node that particles reach, after internal forces and gravity; without mass it rests."""
-    for b in prange(nall):
-        place = local_places(down)
-        if not _find_arenas(place, number, ARENA, reached, down, b):
-            continue
-        for i in range(4):
-            for j in range(4):
-                s = _sum_row(arenas, place, i, j)
-                v = _node_velocities(s, _inverse(s), dv)
-                store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
+    strips = (len(number) + STRIP - 1) // STRIP
+    for strip in prange(strips):
+        low, own, other, n = _strip_of_nodes(strip, strips, len(number), nall)
+        for k in range(n):
+            b = low + k if k < own else other + k - own
+            place = local_places(down)
+            if not _find_arenas(place, number, ARENA, reached, down, b):
+                continue
+            for i in range(4):
+                for j in range(4):
+                    s = _sum_row(arenas, place, i, j)
+                    v = _node_velocities(s, _inverse(s), dv)
+                    store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
 def update_nodes_over_ground(arenas, number, reached, shares, sharer, pressed, down, nall, grid, shared, dv):
@@ -203,21 +221,25 @@ def update_nodes_over_ground(arenas, number, reached, shares, sharer, pressed, d
     ``shares`` are arenas with these weights, ``pressed`` their parts that are reached; ``shared`` (nall,) tells which blocks of
     nodes any does.
     """
-    for b in prange(nall):
-        shared[b] = False
-        place = local_places(down)
-        if not _find_arenas(place, number, ARENA, reached, down, b):
-            continue
-        sharing = local_places(down)
-        shared[b] = _find_arenas(sharing, sharer, SHARES, pressed, down, b)
-        for i in range(4):
-            for j in range(4):
-                s = _sum_row(arenas, place, i, j)
-                inverse = _inverse(s)
-                v = _node_velocities(s, inverse, dv)
-                if shared[b]:
-                    s = in_all_four(_sum_shares(shares, sharing, i, j) * inverse)
-                store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
+    strips = (len(number) + STRIP - 1) // STRIP
+    for strip in prange(strips):
+        low, own, other, n = _strip_of_nodes(strip, strips, len(number), nall)
+        for k in range(n):
+            b = low + k if k < own else other + k - own
+            shared[b] = False
+            place = local_places(down)
+            if not _find_arenas(place, number, ARENA, reached, down, b):
+                continue
+            sharing = local_places(down)
+            shared[b] = _find_arenas(sharing, sharer, SHARES, pressed, down, b)
+            for i in range(4):
+                for j in range(4):
+                    s = _sum_row(arenas, place, i, j)
+                    inverse = _inverse(s)
+                    v = _node_velocities(s, inverse, dv)
+                    if shared[b]:
+                        s = in_all_four(_sum_shares(shares, sharing, i, j) * inverse)
+                    store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
 def apply_impulses(arenas, number, shares, sharer, pressed, shared, down, nall, grid):
@@ -226,18 +248,22 @@ def apply_impulses(arenas, number, shares, sharer, pressed, shared, down, nall, 
     One over the mass is what :func:`update_nodes_over_ground` has left, over the sum of weights: to add that again takes no longer
     than to keep it.
     """
-    for b in prange(nall):
-        if not shared[b]:
-            continue
-        place = local_places(down)
-        sharing = local_places(down)
-        _find_arenas(place, number, ARENA, pressed, down, b)
-        _find_arenas(sharing, sharer, SHARES, pressed, down, b)
-        for i in range(4):
-            for j in range(4):
-                o = b * 256 + (i * 4 + j) * 16
-                node = load16(grid, o)
-                push, w = _sum_both(arenas, place, shares, sharing, i, j)
-                felt = w > four_zeros(w)
-                inverse = select(felt, heads(node) / select(felt, w, four_ones(w)), four_zeros(w))
-                store(grid, o, velocity_after(node, push, in_all_four(inverse)))
+    strips = (len(number) + STRIP - 1) // STRIP
+    for strip in prange(strips):
+        low, own, other, n = _strip_of_nodes(strip, strips, len(number), nall)
+        for k in range(n):
+            b = low + k if k < own else other + k - own
+            if not shared[b]:
+                continue
+            place = local_places(down)
+            sharing = local_places(down)
+            _find_arenas(place, number, ARENA, pressed, down, b)
+            _find_arenas(sharing, sharer, SHARES, pressed, down, b)
+            for i in range(4):
+                for j in range(4):
+                    o = b * 256 + (i * 4 + j) * 16
+                    node = load16(grid, o)
+                    push, w = _sum_both(arenas, place, shares, sharing, i, j)
+                    felt = w > four_zeros(w)
+                    inverse = select(felt, heads(node) / select(felt, w, four_ones(w)), four_zeros(w))
+                    store(grid, o, velocity_after(node, push, in_all_four(inverse)))
