@@ -23,11 +23,11 @@ class Arenas:
     number : (nown,) int32
         Place of each owner that holds particles among the arenas.
     arenas : (some, ARENA)
-        What the particles of such an owner give to the nodes that they reach.
+        What the particles of such an owner give to the nodes that they reach; the last is empty.
     reached, pressed : (nown,) uint8
         Parts of such an arena that its particles reach, and its contacts (:mod:`runout.backends.scan.transfer`).
     shares, sharer : (some, SHARES), (nown,) int32
-        Weights of the contacts of an owner at the nodes that they reach, and the place of the owner among these.
+        Weights of the contacts of an owner at the nodes that they reach, the last without any; the place of the owner among these.
     grid : (nall, 256)
         Mass, or contact compliance where contacts reach, and velocity of the 64 nodes of each block.
     shared : (nall,) bool
@@ -42,8 +42,6 @@ class Arenas:
         Particles that leave and enter; first slot before they do.
     shifted : (nown,) int64
         Particles that change their cell and stay in the block.
-    thinned : (nown,) int64
-        Bit c is set if a particle leaves cell c of the block.
     changed : (nown,) int64
         Bit q is set if a particle moves to destination q: to a neighbour, or, 13, to another cell of the block.
     rim : (nown,) bool
@@ -80,7 +78,6 @@ class Arenas:
     arrivals: np.ndarray
     before: np.ndarray
     shifted: np.ndarray
-    thinned: np.ndarray
     changed: np.ndarray
     rim: np.ndarray
     motion: np.ndarray
@@ -104,7 +101,7 @@ class Arenas:
             arenas=_zeros(_roomy(int(np.count_nonzero(index.held))), ARENA, real),
             reached=np.zeros(n, np.uint8),
             pressed=np.zeros(n, np.uint8),
-            shares=np.empty((sharers, SHARES), real),
+            shares=np.zeros((sharers, SHARES), real),
             sharer=np.zeros(n, np.int32),
             grid=_zeros(index.nall, 256, real),
             shared=np.zeros(index.nall, np.bool_),
@@ -118,7 +115,6 @@ class Arenas:
             arrivals=count(),
             before=count(),
             shifted=count(),
-            thinned=count(),
             changed=count(),
             rim=beside[:, 0] | beside[:, 1],
             motion=np.zeros((n, 4)),
@@ -134,12 +130,12 @@ class Arenas:
 
     def make_arenas(self, wanted: int) -> None:
         """More arenas, if there are fewer than ``wanted``."""
-        if wanted > len(self.arenas):
+        if wanted >= len(self.arenas):
             self.arenas = _zeros(_roomy(wanted), ARENA, self.arenas.dtype)
 
     def make_shares(self, wanted: int) -> None:
-        """Shares of so many blocks."""
-        self.shares = np.empty((wanted, SHARES), self.shares.dtype)
+        """Shares of so many blocks, and empty ones."""
+        self.shares = np.zeros((wanted + 1, SHARES), self.shares.dtype)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array; those of the index do not count."""

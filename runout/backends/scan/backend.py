@@ -229,7 +229,7 @@ class ScanBackend:
         reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
         radius = s.radius[:1] if self.of_one_size else s.radius
         while True:
-            rows, room = len(s.felt) // threads & ~15, len(a.shares) // threads
+            rows, room = len(s.felt) // threads & ~15, max(len(a.shares) - 1, 0) // threads
             needed, sharers, self.contact_particles = self.k.particles_to_arenas_and_contacts(
                 s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
                 self.friction, real(reach), self.dt, self.h, real(band), a.number, a.arenas, a.reached, s.listed, a.candidates,
@@ -255,16 +255,15 @@ class ScanBackend:
         )  # fmt: skip
         k.apply_impulses(a.arenas, a.number, a.shares, a.sharer, a.pressed, a.shared, i.down, i.nall, a.grid)
         self.basal_dissipation -= float(a.total[0])
-        for d in range(3):
-            self.basal_impulse[d] += a.total[1 + d]
+        self.basal_impulse += a.total[1:4]
 
     def _to_particles(self, dt: float) -> None:
         i, s, a = self.index, self.store, self.room
         more = self.general.take_rates(self) if self.general else self.no_rates
         speed2, step, lost, refused, self.moved = self.k.grid_to_particles(
             s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown, a.grid, i.up, i.bxyz,
-            a.rim, self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.thinned,
-            a.changed, a.motion,
+            a.rim, self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.changed,
+            a.motion,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(
@@ -291,7 +290,7 @@ class ScanBackend:
         self.surge = max(needed, self.surge - self.surge // 8)
         there, fullest = k.settle(
             s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, s.listed, a.leaving,
-            a.shifted, a.thinned, a.changed, a.arrivals,
+            a.shifted, a.changed, a.arrivals,
         )  # fmt: skip
         if fullest + PADDING > self.buffers[0].shape[1]:
             self._fit_buffers(fullest)

@@ -28,7 +28,6 @@ WITHIN_A_STEP = (
         "arrivals",
         "before",
         "shifted",
-        "thinned",
         "changed",
         "motion",
         "ground",

@@ -14,7 +14,6 @@ from numba import prange
 from runout.backends.lanes import constant, load16, permutation, select, splat, store
 from runout.backends.scan.forces import _z_slopes
 from runout.backends.scan.stencil import (
-    ARENA,
     EVERY,
     _add_rows,
     _clear,
@@ -138,7 +137,7 @@ def average_dilatation(arenas, number, reached, down, nall, grid):
     """Put the mean dilatation of each node in the place of its mass, which nothing reads any more in this step."""
     for b in prange(nall):
         place = local_places(down)
-        if not _find_arenas(place, number, ARENA, reached, down, b):
+        if not _find_arenas(place, arenas, number, reached, down, b):
             continue
         for i in range(4):
             for j in range(4):

@@ -46,7 +46,7 @@ from runout.physics.tensors import real, sym, vec
 from runout.physics.transfers import kept_velocity, with_dilatation
 
 TILE = 32
-LEFT = 64  # mark of a slot whose particle leaves the block
+LEFT = 64  # added to the cell of a slot whose particle leaves the block
 STAYS = 13  # move code of a particle that stays in its cell
 HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
@@ -238,12 +238,12 @@ def _destination(rec, cell, slot, code, b, bxyz, rim, domain):
     return q, ((x & 3) << 4) | ((y & 3) << 2) | (z & 3)
 
 
-def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, last, leaving, shifted, thinned, changed):
+def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, last, leaving, shifted, changed):
     """New cells of the particles of a group of lanes; those that change theirs are listed.
 
     An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell for those that leave the block, from ``first`` on,
     and slot - first << 12 | old cell << 6 | cell for the others, from ``last`` down. Bit q of ``changed`` tells of a move to
-    destination q, bit c of ``thinned`` of one out of cell c.
+    destination q.
     """
     bits = lane_bits(load16(t, CODE * TILE + 16 * g) != stays(t))
     if rim[b]:
@@ -258,17 +258,15 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, last, l
         c = np.int64(cell[slot])
         if q != HERE:
             changed = changed | (np.int64(1) << q)
-            cell[slot] = LEFT
+            cell[slot] = LEFT + c
             movers[first + leaving] = ((slot - first) << 12) | (q << 6) | to
             leaving += 1
-            thinned = thinned | (np.int64(1) << c)
         elif to != c:
             changed = changed | (np.int64(1) << HERE)
             cell[slot] = to
             movers[last - shifted] = ((slot - first) << 12) | (c << 6) | to
             shifted += 1
-            thinned = thinned | (np.int64(1) << c)
-    return leaving, shifted, thinned, changed
+    return leaving, shifted, changed
 
 
 def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, who2, cell2):
@@ -335,7 +333,7 @@ def _total_motion(motion, changed, nown):
 
 def grid_to_particles(
     rec, state, cell, who, label, order, starts, first, moving, reached, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates,
-    averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, thinned, changed, sums,
+    averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
@@ -347,7 +345,6 @@ def grid_to_particles(
     for b in prange(nown):
         leaving[b] = 0
         shifted[b] = 0
-        thinned[b] = 0
         changed[b] = 0
         for k in range(4):
             sums[b, k] = 0.0
@@ -366,7 +363,6 @@ def grid_to_particles(
         speed = move = lost = refused = zeros(rec)
         left = 0
         stirred = 0
-        out_of = np.int64(0)
         new = np.int64(0)
         for k in range(0, held, TILE):
             count = min(TILE, held - k)
@@ -384,12 +380,11 @@ def grid_to_particles(
                 move = largest(move, load16(t, MOVE * TILE + 16 * g))
                 lost = lost + load16(t, LOST * TILE + 16 * g)
                 refused = refused + load16(t, REFUSED * TILE + 16 * g)
-                left, stirred, out_of, new = _note_moves(
-                    t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, f + held - 1, left, stirred, out_of, new
+                left, stirred, new = _note_moves(
+                    t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, f + held - 1, left, stirred, new
                 )
         leaving[b] = left
         shifted[b] = stirred
-        thinned[b] = out_of
         changed[b] = new
         sums[b, 0] = lane_largest(speed)
         sums[b, 1] = lane_largest(move)

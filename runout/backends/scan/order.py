@@ -13,9 +13,10 @@ from runout.backends.scan.arenas import _total_held
 from runout.backends.scan.motion import HERE, LEFT, OUTSIDE
 
 CELLS = 64
-AT_ONCE = 16  # slots that one instruction lists
+LONGEST = 1023  # list of a block that is made anew from what changed, not by a sort
 local_counts = local_array((CELLS + 1,))  # of cells and of those that leave
-local_newcomers = local_array((2, CELLS))  # of cells, from lower slots and from higher ones
+local_places = local_array((3, CELLS))
+local_steps = local_array((LONGEST + 1,))
 
 
 def _spacious(n):
@@ -151,6 +152,17 @@ def _expect(rec, state, who, cell, around, before, movers, leaving, changed, b, 
                 end += 1
 
 
+def _expect_lists(order, starts, movers, first, held, b):
+    """Ask for the lists of a block."""
+    for c in range(0, CELLS + 1, 16):
+        prefetch(starts, (CELLS + 1) * b + c)
+    f = first[b]
+    for t in range(f, f + held[b], 16):
+        prefetch(order, t)
+    prefetch(movers, f)
+    prefetch(movers, f + held[b] - 1)
+
+
 def _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end):
     """Copy the arrivals of a block to the slots from ``end`` on: the neighbours still read those that were left."""
     for q in range(27):
@@ -171,7 +183,7 @@ def _list_by_cell(cell, order, starts, b, first, end):
     for c in range(CELLS + 1):
         place[c] = 0
     for p in range(first, end):
-        place[cell[p]] += 1
+        place[min(cell[p], CELLS)] += 1
     total = first
     for c in range(CELLS + 1):
         starts[b, c] = total - first
@@ -179,84 +191,93 @@ def _list_by_cell(cell, order, starts, b, first, end):
         place[c] = total
         total += n
     for p in range(first, end):
-        order[place[cell[p]]] = p
-        place[cell[p]] += 1
+        c = min(cell[p], CELLS)
+        order[place[c]] = p
+        place[c] += 1
     return starts[b, CELLS]
 
 
-def _count_newcomers(place, cell, first, held, end, movers, shifted):
-    """Particles that are new in each cell: row 0 from lower slots than those that stay there, row 1 from higher ones."""
+def _note_changes(steps, place, cell, starts, b, first, end, movers, leaving, shifted):
+    """How far the list goes on behind each slot of a block, ``steps``; and in three rows of ``place``, by cell, what it gains,
+    0, and less those that come from higher slots than what stays there.
+    """
+    held = starts[b, CELLS]
     for c in range(CELLS):
         place[0, c] = 0
         place[1, c] = 0
+        place[2, c] = 0
+    steps[0] = 0
+    for t in range(np.uint64(held)):
+        steps[t + np.uint64(1)] = 1
+    for t in range(leaving):
+        slot = movers[first + t] >> 12
+        steps[slot + 1] -= 1
+        place[0, cell[first + slot] - LEFT] -= 1
     for t in range(shifted):
         entry = movers[first + held - 1 - t]
-        place[np.int64((entry >> 6) & 63 > entry & 63), entry & 63] += 1
+        old = (entry >> 6) & 63
+        c = entry & 63
+        from_above = np.int64(old > c)
+        steps[(entry >> 12) + 1] -= 1
+        steps[starts[b, c + from_above]] += 1
+        place[0, old] -= 1
+        place[0, c] += 1
+        place[2, c] -= from_above
     for p in range(first + held, end):
-        place[1, cell[p]] += 1
+        steps[starts[b, cell[p] + 1]] += 1
+        place[0, cell[p]] += 1
+        place[2, cell[p]] -= 1
 
 
-def _list_newcomers(place, cell, order, first, held, end, movers, shifted):
-    """Write them to where their cells have left room, by slot."""
+def _list_newcomers(place, cell, order, starts, b, first, held, end, movers, shifted):
+    """Write those that are new in their cells to where the list has left room for them, by slot."""
     for t in range(shifted):
         entry = movers[first + held - 1 - t]
-        side = np.int64((entry >> 6) & 63 > entry & 63)
-        order[place[side, entry & 63]] = first + (entry >> 12)
-        place[side, entry & 63] += 1
+        c = entry & 63
+        from_above = np.int64((entry >> 6) & 63 > c)
+        order[first + starts[b, c + from_above] + place[1 + from_above, c]] = first + (entry >> 12)
+        place[1 + from_above, c] += 1
     for p in range(first + held, end):
-        order[place[1, cell[p]]] = p
-        place[1, cell[p]] += 1
+        c = np.int64(cell[p])
+        order[first + starts[b, c + 1] + place[2, c]] = p
+        place[2, c] += 1
 
 
-def _list_stayers(cell, order, c, p, after, to, whole):
-    """List what stayed in a cell, of the slots from ``p`` to ``after``; returns the place behind it. All did in a ``whole`` one."""
-    if whole:
-        for t in range(np.uint64(AT_ONCE)):
-            order[np.uint64(to) + t] = np.uint64(p) + t
-        return to + after - p
-    for s in range(p, after):
-        if cell[s] == c:
-            order[to] = s
-            to += 1
-    return to
-
-
-def _list_anew(cell, order, starts, b, first, end, movers, shifted, thinned):
+def _list_anew(cell, order, starts, b, first, end, movers, leaving, shifted):
     """The same for a block whose particles lay in the order of their cells before this step, from those that changed theirs.
 
     Newcomers come from lower slots if they left a lower cell, else, as arrivals from other blocks do, from higher ones than
-    what stayed: the list is that of a sort, without looking at its keys. Bit c of ``thinned`` is set if any left cell c.
+    what stayed: the list is that of a sort, without looking at its keys. Each slot is written to where the list has come to, and
+    the next one over it if it was left: no processor could guess which were.
     """
-    held = starts[b, CELLS]
-    place = local_newcomers(starts)
-    _count_newcomers(place, cell, first, held, end, movers, shifted)
-    to = first
-    p = first
+    held = np.int64(starts[b, CELLS])
+    steps = local_steps(starts)
+    place = local_places(starts)
+    _note_changes(steps, place, cell, starts, b, first, end, movers, leaving, shifted)
+    n = held
+    while n > 0 and steps[n] == 0:
+        n -= 1
+    to = np.int64(first + steps[0])
+    for t in range(np.uint64(n)):
+        order[np.uint64(to)] = np.uint64(first) + t
+        to += steps[t + np.uint64(1)]
+    gained = 0
     for c in range(CELLS):
-        after = first + starts[b, c + 1]
-        starts[b, c] = to - first
-        n = place[0, c]
-        place[0, c] = to
-        to += n
-        whole = (thinned >> c) & 1 == 0 and after - p <= AT_ONCE and to + AT_ONCE <= first + held
-        to = _list_stayers(cell, order, c, p, after, to, whole)
-        p = after
-        n = place[1, c]
-        place[1, c] = to
-        to += n
-    starts[b, CELLS] = to - first
-    _list_newcomers(place, cell, order, first, held, end, movers, shifted)
+        starts[b, c] += gained
+        gained += place[0, c]
+    starts[b, CELLS] += gained
+    _list_newcomers(place, cell, order, starts, b, first, held, end, movers, shifted)
     return starts[b, CELLS]
 
 
-def settle(
-    rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, shifted, thinned, changed, arrivals
-):
+def settle(rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, shifted, changed, arrivals):
     """Let particles enter their new blocks, and list the blocks in which anything changed by cell.
 
     Returns the number of particles, and that in the fullest block.
     """
     for b in prange(nown):
+        if b + 2 < nown and (arrivals[b + 2] > 0 or changed[b + 2] != 0):
+            _expect_lists(order, starts, movers, first, held, np.int64(b) + 2)
         if b + 1 < nown and arrivals[b + 1] > 0:
             _expect(rec, state, who, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1])
         if arrivals[b] == 0 and changed[b] == 0:
@@ -268,10 +289,10 @@ def settle(
             end = f + _relocate(rec, state, who, cell, before[b], f, held[b])
         if arrivals[b] > 0:
             end = _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end)
-        if moved:
+        if moved or starts[b, CELLS] > LONGEST:
             held[b] = _list_by_cell(cell, order, starts, b, f, end)
         else:
-            held[b] = _list_anew(cell, order, starts, b, f, end, movers, shifted[b], thinned[b])
+            held[b] = _list_anew(cell, order, starts, b, f, end, movers, leaving[b], shifted[b])
     return _total_held(held, nown)
 
 

@@ -36,7 +36,7 @@ class Store:
     who : (slots,) int32
         Row of the particle in ``radius`` and ``label``.
     cell : (slots,) uint8
-        Cell in the block, or the mark that the particle leaves it.
+        Cell in the block, 64 more if the particle leaves it.
     order : (slots,) int32
         Slots of the block's particles by cell.
     listed : (slots,) int32

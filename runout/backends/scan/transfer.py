@@ -11,7 +11,6 @@ from numba import prange
 from runout.backends.lanes import constant, load4, load8, load16, local_array, permutation, prefetch, select, store
 from runout.backends.scan.stencil import (
     AHEAD,
-    ARENA,
     EVERY,
     PLANE,
     ROW,
@@ -112,13 +111,16 @@ def particles_to_arenas(rec, order, starts, first, giving, nown, number, arenas,
             _fill_arena(rec, order, starts, first, b, arenas[number[b]], False, rec, real(0.0), order)
 
 
-def _find_arenas(place, number, size, reached, down, block):
-    """Where the up to eight arenas of a ``size`` begin that reach a node block, -1 for the others; whether any does."""
+def _find_arenas(place, arenas, number, reached, down, block):
+    """Where the up to eight arenas begin that reach a node block; whether any does.
+
+    For the others stands the last arena, which is empty: where most are there, to add it takes less than to ask.
+    """
     found = False
     for q in range(8):
         b = down[block, q]
         here = b >= 0 and (reached[b] >> q) & 1 != 0
-        place[q] = number[b] * size if here else -1
+        place[q] = arenas.shape[1] * (np.int64(number[b]) if here else len(arenas) - 1)
         found = found or here
     return found
 
@@ -156,18 +158,19 @@ def _sum_row(arenas, place, i, j):
     for q in range(8):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
-        if place[q] >= 0 and x < 6 and y < 6:
+        if x < 6 and y < 6:
             s = s + _row_of_arena(arenas, place[q], q & 1, x, y)
     return s
 
 
 def _sum_shares(shares, place, i, j):
-    """The same of the contacts' weights, one number a node."""
+    """The same of the contacts' weights, one number a node; of the eight most are not there, and are asked for."""
     s = four_zeros(shares)
+    empty = shares.shape[1] * (len(shares) - 1)
     for q in range(8):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
-        if place[q] >= 0 and x < 6 and y < 6:
+        if place[q] != empty and x < 6 and y < 6:
             s = s + _row_of_shares(shares, place[q], q & 1, x, y)
     return s
 
@@ -176,10 +179,11 @@ def _sum_both(arenas, place, shares, sharing, i, j):
     """Both sums, where the same blocks have an arena and shares: one test for each."""
     s = zeros(arenas)
     w = four_zeros(shares)
+    empty = shares.shape[1] * (len(shares) - 1)
     for q in range(8):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
-        if place[q] >= 0 and x < 6 and y < 6:
+        if sharing[q] != empty and x < 6 and y < 6:
             s = s + _row_of_arena(arenas, place[q], q & 1, x, y)
             w = w + _row_of_shares(shares, sharing[q], q & 1, x, y)
     return s, w
@@ -206,7 +210,7 @@ def update_nodes(arenas, number, reached, down, nall, grid, dv):
         for k in range(n):
             b = low + k if k < own else other + k - own
             place = local_places(down)
-            if not _find_arenas(place, number, ARENA, reached, down, b):
+            if not _find_arenas(place, arenas, number, reached, down, b):
                 continue
             for i in range(4):
                 for j in range(4):
@@ -228,10 +232,10 @@ def update_nodes_over_ground(arenas, number, reached, shares, sharer, pressed, d
             b = low + k if k < own else other + k - own
             shared[b] = False
             place = local_places(down)
-            if not _find_arenas(place, number, ARENA, reached, down, b):
+            if not _find_arenas(place, arenas, number, reached, down, b):
                 continue
             sharing = local_places(down)
-            shared[b] = _find_arenas(sharing, sharer, SHARES, pressed, down, b)
+            shared[b] = _find_arenas(sharing, shares, sharer, pressed, down, b)
             for i in range(4):
                 for j in range(4):
                     s = _sum_row(arenas, place, i, j)
@@ -257,8 +261,8 @@ def apply_impulses(arenas, number, shares, sharer, pressed, shared, down, nall, 
                 continue
             place = local_places(down)
             sharing = local_places(down)
-            _find_arenas(place, number, ARENA, pressed, down, b)
-            _find_arenas(sharing, sharer, SHARES, pressed, down, b)
+            _find_arenas(place, arenas, number, pressed, down, b)
+            _find_arenas(sharing, shares, sharer, pressed, down, b)
             for i in range(4):
                 for j in range(4):
                     o = b * 256 + (i * 4 + j) * 16
