@@ -15,6 +15,7 @@ from runout.backends.scan.stencil import (
     PLANE,
     ROW,
     _clear,
+    _expect_nodes,
     _first_node,
     _load_nodes,
     _load_rows,
@@ -133,6 +134,11 @@ def solve_contacts(contacts, measured, felt, place, touching, pressed, nown, gri
             if touching[b] > 0:
                 for o in range(0, ARENA, 16):  # asks for what is filled below
                     prefetch(arenas, ARENA * np.int64(number[b]) + o)
+                later = b + 1
+                while later < end and touching[later] == 0:
+                    later += 1
+                if later < end:
+                    _expect_nodes(grid, up, later, pressed[later])
                 _load_nodes(nodes, grid, up, b, pressed[b])
                 _meet_grid(contacts, ready, felt, nodes, place[b], touching[b])
         t = local_columns(contacts)

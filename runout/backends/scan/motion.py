@@ -28,6 +28,8 @@ from runout.backends.lanes import (
 )
 from runout.backends.scan.stencil import (
     AHEAD,
+    EVERY,
+    _expect_nodes,
     _first_node,
     _gather,
     _load_nodes,
@@ -304,12 +306,7 @@ def _expect_next(rec, state, order, first, moving, b, nown, grid, up):
     for t in range(first[later], first[later] + min(moving[later], AHEAD)):
         prefetch(rec, 16 * np.int64(order[t]))
         prefetch(state, 8 * np.int64(order[t]))
-    for x in range(6):
-        for y in range(6):
-            q = ((x >> 2) << 2) | ((y >> 2) << 1)
-            n = ((x & 3) * 4 + (y & 3)) * 16
-            prefetch(grid, np.int64(up[later, q]) * 256 + n)
-            prefetch(grid, np.int64(up[later, q + 1]) * 256 + n)
+    _expect_nodes(grid, up, later, EVERY)
 
 
 def _total_motion(motion, changed, nown):

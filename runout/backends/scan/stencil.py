@@ -22,6 +22,7 @@ from runout.backends.lanes import (
     local_array,
     permutation,
     permutation_of_two,
+    prefetch,
     splat,
     store,
 )
@@ -262,6 +263,18 @@ def _load_rows(arena, o):
         load16(arena, p), load16(arena, p + ROW), load16(arena, p + 2 * ROW),
         load16(arena, q), load16(arena, q + ROW), load16(arena, q + 2 * ROW),
     )  # fmt: skip
+
+
+def _expect_nodes(grid, up, b, parts):
+    """Ask for what :func:`_load_nodes` will load."""
+    above = parts & UPPER != 0
+    for x in range(6):
+        for y in range(6):
+            q = ((x >> 2) << 2) | ((y >> 2) << 1)
+            n = ((x & 3) * 4 + (y & 3)) * 16
+            prefetch(grid, np.int64(up[b, q]) * 256 + n)
+            if above:
+                prefetch(grid, np.int64(up[b, q + 1]) * 256 + n)
 
 
 def _load_nodes(nodes, grid, up, b, parts):
