@@ -113,7 +113,7 @@ class _Job:
         course = Course(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
         found: list[Extent] = []
         scene, particles = build_scene(**{"basal_friction_angle": 20.0, **given}, accept=found.append)
-        needed = bytes_on_device(found[0].particles, found[0].nodes, scene.precision, scene.transfer, scene.f_bar)
+        needed = bytes_on_device(found[0].particles, found[0].nodes_on_device, scene.precision, scene.transfer, scene.f_bar)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         return cls(number, given["terrain"], scene, particles, course, tell, clock.perf_counter() - started, needed)
 

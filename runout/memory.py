@@ -14,7 +14,9 @@ from runout.model.release import Release
 from runout.model.surface import Surface
 
 GIGABYTE = 1e9
-REACH = 3  # cells around particles that the index holds
+# cells around the first node of a square of two cells by two, west and south, there, and east and north; and above and below:
+# what the index of backend scan holds, and that of hash, whose particles move one cell between two sorts
+REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
 EXCHANGED = 224  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
 PER_MAP_CELL = 150  # of a cell of the raster: sums, peaks and what computing them takes
 PROGRAM = 0.35e9  # libraries and compiled code
@@ -22,12 +24,13 @@ PROGRAM = 0.35e9  # libraries and compiled code
 
 @dataclass(frozen=True)
 class Extent:
-    """What is to be held: particles, blocks with particles, blocks that they may enter, and blocks of nodes."""
+    """What is to be held: particles, blocks with particles, blocks that they may enter, and blocks of nodes; these on a GPU."""
 
     particles: int
     held: int
     owners: int
     nodes: int
+    nodes_on_device: int
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ def expected_memory(
     host = PROGRAM + 2 * EXCHANGED * extent.particles + PER_MAP_CELL * map_cells
     device: Any = getattr(engine, "device", None)
     if device is not None and device.is_cuda:
-        return MemoryForecast(bytes_on_device(extent.particles, extent.nodes, precision, transfer, f_bar), host, True)
+        return MemoryForecast(bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar), host, True)
     backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
     return MemoryForecast(backend, host)
 
@@ -119,10 +122,9 @@ def expected_extent(
     columns = [_columns(release, surface, spacing) for release in releases]
     low, high = (np.concatenate([c[k] for c in columns]) for k in (0, 1))
     held = _blocks(low, high, (0,), 0)
-    owners = _blocks(low, high, (-REACH - 1, 0, REACH), REACH)
-    up = np.concatenate([owners[:, :2] + (i, j) for i in (0, 1) for j in (0, 1)])
-    nodes = _hull(up, np.tile(owners[:, 2:] + (0, 1), (4, 1)))
-    return Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in (held, owners, nodes)))
+    owners = _blocks(low, high, *REACH)
+    kinds = held, owners, _with_nodes(owners), _with_nodes(_blocks(low, high, *REACH_ON_DEVICE))
+    return Extent(number, *(int((b[:, 3] - b[:, 2] + 1).sum()) for b in kinds))
 
 
 def _particles(release: Release, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]) -> int:
@@ -159,6 +161,12 @@ def _blocks(low: np.ndarray, high: np.ndarray, shifts: tuple[int, ...], margin: 
     plan = np.concatenate([(low[:, :2] + np.array((i, j))) >> 2 for i in shifts for j in shifts])
     heights = np.column_stack([(low[:, 2] - margin) >> 2, (high[:, 2] + margin) >> 2])
     return _hull(plan, np.tile(heights, (len(shifts) ** 2, 1)))
+
+
+def _with_nodes(owners: np.ndarray) -> np.ndarray:
+    """Columns (m, 4) of the blocks that hold the nodes of others."""
+    up = np.concatenate([owners[:, :2] + (i, j) for i in (0, 1) for j in (0, 1)])
+    return _hull(up, np.tile(owners[:, 2:] + (0, 1), (4, 1)))
 
 
 def _hull(plan: np.ndarray, heights: np.ndarray) -> np.ndarray:

@@ -34,7 +34,6 @@ STEPS_PER_SORT = 64  # the particles come back into the order of their cells in 
 SORTS_BEFORE = 2  # for either place of the rows, before a sort is recorded as a graph
 FEWEST = 4  # but not before so many, unless a particle leaves the index
 FARTHEST = 1.75  # cells that a particle moves in a step at most, in any direction, before the run is called unstable
-SURE_MARGIN = 0.5  # cells that a particle may move between two sorts for blocks one cell around it to do
 
 
 @dataclass
@@ -150,7 +149,7 @@ class Batch:
         s.fill(given, np.concatenate([p.release for p in given]) + np.repeat(firsts, sizes), self.scene.spacing, self.scene.dtype)
         nodes = np.concatenate([p.node for p in given])
         nodes[:, 1] += np.repeat(shifts, sizes)
-        works = sort.given(self, nodes, self._margin())
+        works = sort.given(self, nodes)
         sort.enqueue(self, *works)
         s.turn_over()
         sort.settle(self, lambda: works)
@@ -166,24 +165,19 @@ class Batch:
         kept, averaged = any(s.keeps for s in self.scenes), self.scene.f_bar
         return NodeArrays(self.index.room, self.store.size, self.real, self.deterministic, kept, averaged)
 
-    def _margin(self) -> int:
-        """Cells around a particle whose blocks are there: more where it may move far before the next sort."""
-        moves = max(self.stable_step(s) * a.max_speed for s, a in enumerate(self.accounts)) / min(self.scene.spacing)
-        return 1 if 0 < moves * STEPS_PER_SORT <= SURE_MARGIN else 2
-
     def _rebuild(self) -> None:
         """Find the blocks anew and bring the particles back into the order of their cells in memory; the host does not wait."""
         if self.sorting:
             self._settle()
         self.counters.rebuilds += 1
-        self.since_sort, self.sorting, margin = 0, True, self._margin()
-        self._launch((self.store.turn, -margin), lambda: sort.enqueue_again(self, margin), SORTS_BEFORE)
+        self.since_sort, self.sorting = 0, True
+        self._launch((self.store.turn, -1), lambda: sort.enqueue_again(self), SORTS_BEFORE)
         self.store.turn_over()
 
     def _settle(self) -> dict[str, np.ndarray]:
         """What the host knows of the device once a sort is done."""
-        self.sorting, margin = False, self._margin()
-        return sort.settle(self, lambda: sort.present(self, margin))
+        self.sorting = False
+        return sort.settle(self, lambda: sort.present(self))
 
     def bytes_used(self) -> int:
         """Memory of the device arrays of the run [byte]."""
@@ -304,7 +298,7 @@ class Batch:
         """The particles of each cell, after they have moved."""
         i, k, s = self.index, self.k, self.store
         i.list_cells(self.flags, self.nodes)
-        run(k.place_particles, s.size, self.flags, s.key, i.ends, s.order)
+        s.place(k, i)
         if self.deterministic:
             run(k.sort_cells, i.room * CELL_LANES, self.flags, i.tally, i.active, s.number, i.cstart, s.order)
 

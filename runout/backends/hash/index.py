@@ -16,6 +16,7 @@ import warp as wp
 
 from runout.backends.hash.board import Board
 from runout.backends.hash.layout import (
+    AT_ONCE,
     BLOCKS,
     ENTERED,
     GROW,
@@ -45,8 +46,9 @@ count_in: Any = None  # adds one to a count; the binding puts it in its place
 add_marks: Any = None  # sets bits of a block, likewise
 
 SMALLEST_TABLE = 1024  # entries
-PARTICLES_PER_ENTRY = 64  # of the first table; it grows when it is half full
+PARTICLES_PER_ENTRY = 128  # of the first table; it grows when it is half full
 NO_KEY = 2**63 - 1  # comes after every key
+MARGIN = 1  # cells that a particle moves from one sort to the next at most
 GAP = 8  # blocks between the domains of two members, north to south
 
 
@@ -86,11 +88,11 @@ def _enter(table: Table, members: Keys, count: Ints, key: Any):
         place = (place + 1) & mask
 
 
-def _enter_around(x: int, y: int, z: int, margin: int, table: Table, members: Keys, count: Ints):
-    """Enter the blocks that a particle may reach by moving up to ``margin`` cells."""
-    for i in range(block_of(x - margin), block_of(x + margin) + 1):
-        for j in range(block_of(y - margin), block_of(y + margin) + 1):
-            for k in range(block_of(z - margin), block_of(z + margin) + 1):
+def _enter_around(x: int, y: int, z: int, table: Table, members: Keys, count: Ints):
+    """Enter the blocks that a particle may reach before the next sort."""
+    for i in range(block_of(x - MARGIN), block_of(x + MARGIN) + 1):
+        for j in range(block_of(y - MARGIN), block_of(y + MARGIN) + 1):
+            for k in range(block_of(z - MARGIN), block_of(z + MARGIN) + 1):
                 _enter(table, members, count, block_key(i, j, k))
 
 
@@ -100,16 +102,14 @@ def _present(rec: Rows, key: Ints, coordinates: Table2, p: int, d: int):
     return 4 * coordinates[k >> 6, d] + ((k >> (4 - 2 * d)) & 3) + first_node(rec[OFFSET + d, p])
 
 
-def enter_given(node: Table2, margin: int, table: Table, members: Keys, count: Ints):
+def enter_given(node: Table2, table: Table, members: Keys, count: Ints):
     """Enter the blocks around given first nodes (n, 3)."""
     p = wp.tid()
-    _enter_around(node[p, 0], node[p, 1], node[p, 2], margin, table, members, count)
+    _enter_around(node[p, 0], node[p, 1], node[p, 2], table, members, count)
 
 
-def mark_around(
-    rec: Rows, key: Ints, coordinates: Table2, margin: int, marks: Ints, table: Table, members: Keys, count: Ints
-):  # fmt: skip
-    """Note which of the 27 blocks around its own each particle may reach by moving up to ``margin`` cells: a bit each.
+def mark_around(rec: Rows, key: Ints, coordinates: Table2, marks: Ints, table: Table, members: Keys, count: Ints):
+    """Note which of the 27 blocks around its own each particle may reach before the next sort: a bit each.
 
     One that has come further than all of these enters its blocks at once.
     """
@@ -122,8 +122,8 @@ def mark_around(
     mark = int(1)
     for d in range(3):
         x = ((k >> (4 - 2 * d)) & 3) + first_node(rec[OFFSET + d, p])
-        low = block_of(x - margin) + 1
-        high = block_of(x + margin) + 1
+        low = block_of(x - MARGIN) + 1
+        high = block_of(x + MARGIN) + 1
         if low < 0 or high > 2:
             far = int(1)
         else:
@@ -134,7 +134,7 @@ def mark_around(
     if far != 0:
         x = _present(rec, key, coordinates, p, 0)
         y = _present(rec, key, coordinates, p, 1)
-        _enter_around(x, y, _present(rec, key, coordinates, p, 2), margin, table, members, count)
+        _enter_around(x, y, _present(rec, key, coordinates, p, 2), table, members, count)
     else:
         add_marks(marks, b, mark)
 
@@ -351,21 +351,21 @@ class Index:
         run(k.link_blocks, self.room, self.tally, *links)
 
     def grow(self, counts: np.ndarray) -> None:
-        """Make room for what the last try counted: a table that got half full becomes four times as large."""
+        """Make room for what the last try counted: a table that got half full becomes twice as large."""
         self.nown, self.nall = int(counts[OWNERS]), int(counts[ENTERED])
         if 2 * self.nall > self.table.shape[0]:
-            self.make_table(4 * self.table.shape[0])
+            self.make_table(2 * self.table.shape[0])
         elif self.nall > self.room:
             self.make_room(more_room_for(self.nall) if self.room else room_for(self.nall))
 
     def list_cells(self, flags: Any, nodes: Any, totals: Any = None) -> None:
         """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before.
 
-        A block of threads for each: then blocks are listed nearly in their order, and neighbours are read while they are at hand.
+        A warp for four in a row: then blocks are listed nearly in their order, and neighbours are read while they are at hand.
         """
         given = self.ends if totals is None else totals
         run_blocks(
-            self.k.list_cells, self.room, WARP, flags, given, int(totals is not None), self.cstart, self.active,
+            self.k.list_cells, -(-self.room // AT_ONCE), WARP, flags, given, int(totals is not None), self.cstart, self.active,
             self.board.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
         )  # fmt: skip
 

@@ -13,15 +13,21 @@ COUNT_IN = """
     wp::atomic_add(count, cell, 1);
 #endif
 """
-NEXT_IN = """
+# Four at once: each waits for memory, and they wait together.
+NEXT_FOUR = """
+    wp::vec4i found;
 #if defined(__CUDA_ARCH__)
-    unsigned same = __match_any_sync(__activemask(), cell);
-    int lane = threadIdx.x & 31, first = __ffs(same) - 1, rank = 0;
-    if (lane == first) rank = atomicAdd(&count[cell], __popc(same));
-    return __shfl_sync(same, rank, first) + __popc(same & ((1u << lane) - 1u));
+    unsigned lane = threadIdx.x & 31, all = __activemask(), same[4];
+    for (int q = 0; q < 4; ++q) same[q] = __match_any_sync(all, cells[q]);
+    for (int q = 0; q < 4; ++q)
+        if (cells[q] >= 0 && lane == __ffs(same[q]) - 1) found[q] = atomicAdd(&count[cells[q]], __popc(same[q]));
+    for (int q = 0; q < 4; ++q)
+        found[q] = __shfl_sync(all, found[q], __ffs(same[q]) - 1) + __popc(same[q] & ((1u << lane) - 1u));
 #else
-    return wp::atomic_add(count, cell, 1);
+    for (int q = 0; q < 4; ++q)
+        if (cells[q] >= 0) found[q] = wp::atomic_add(count, cells[q], 1);
 #endif
+    return found;
 """
 # Neighbours mostly lie in the same block and reach the same blocks around it.
 ADD_MARKS = """
@@ -41,9 +47,9 @@ def count_in(count: wp.array(dtype=wp.int32), cell: int):  # type: ignore[valid-
     """Add one to the count of a cell."""
 
 
-@wp.func_native(NEXT_IN)
-def next_in(count: wp.array(dtype=wp.int32), cell: int) -> int:  # type: ignore[valid-type, empty-body]
-    """Add one to the count of a cell; returns what it was before."""
+@wp.func_native(NEXT_FOUR)
+def next_four(count: wp.array(dtype=wp.int32), cells: wp.vec4i) -> wp.vec4i:  # type: ignore[valid-type, empty-body]
+    """Add one to the count of each of four cells, one after the other, unless it is negative; returns what they were before."""
 
 
 @wp.func_native(ADD_MARKS)
@@ -116,6 +122,20 @@ def put_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: i
 @wp.func_native("return WP_TILE_BLOCK_DIM;")
 def lane_count() -> int:  # type: ignore[empty-body]
     """Lanes of a block; those of warp's own function are not known when a kernel is compiled for a GPU."""
+
+
+WARP_LANES = """
+#if defined(__CUDA_ARCH__)
+    return 32;
+#else
+    return 1;
+#endif
+"""
+
+
+@wp.func_native(WARP_LANES)
+def warp_lanes() -> int:  # type: ignore[empty-body]
+    """Threads that go together: a warp of a GPU; on a CPU each goes alone."""
 
 
 # Sums over the 32 lanes of a block of one warp: a tenth of the instructions of sums over any block, which meet in shared memory.
@@ -209,5 +229,5 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in ("add_node", "node_at", "put_node", "raise_peak", "call_up")}
-    plain = (count_in, next_in, add_marks, lane_count, sum_before, sum_lanes)
+    plain = (count_in, next_four, add_marks, lane_count, warp_lanes, sum_before, sum_lanes)
     return by_type | {function.key: function for function in plain}

@@ -19,24 +19,24 @@ if TYPE_CHECKING:
     from runout.backends.hash.batch import Batch
 
 
-def given(batch: Batch, nodes: np.ndarray, margin: int) -> tuple[Callable[[], None], Callable[[], None]]:
+def given(batch: Batch, nodes: np.ndarray) -> tuple[Callable[[], None], Callable[[], None]]:
     """How to enter the blocks of particles whose first nodes (n, 3) are given, and to number their cells."""
     i, s, k = batch.index, batch.store, batch.k
     node = wp.array(np.ascontiguousarray(nodes, np.int32), dtype=wp.int32)
     return (
-        lambda: run(k.enter_given, s.size, node, margin, i.table, i.members, i.entered),
+        lambda: run(k.enter_given, s.size, node, i.table, i.members, i.entered),
         lambda: run(k.number_given, s.size, batch.flags, node, i.table, i.slots, s.key, i.ends),
     )
 
 
-def present(batch: Batch, margin: int) -> tuple[Callable[[], None], Callable[[], None]]:
+def present(batch: Batch) -> tuple[Callable[[], None], Callable[[], None]]:
     """The same for particles where they are; they name the blocks of the former index."""
     i, s, k = batch.index, batch.store, batch.k
 
     def enter() -> None:
         marks = i.touching  # holds nothing that is needed between two steps
         marks.zero_()
-        run(k.mark_around, s.size, s.rec, s.key, i.former, margin, marks, i.table, i.members, i.entered)
+        run(k.mark_around, s.size, s.rec, s.key, i.former, marks, i.table, i.members, i.entered)
         run(k.enter_marked, (i.room, 27), i.former, marks, i.table, i.members, i.entered)
 
     return (
@@ -55,11 +55,11 @@ def enqueue(batch: Batch, enter: Callable[[], None], number: Callable[[], None])
     batch.store.sort(batch.k, batch.index, batch.nodes, batch.deterministic)
 
 
-def enqueue_again(batch: Batch, margin: int) -> None:
+def enqueue_again(batch: Batch) -> None:
     """Launches of a sort of the particles where they are; what has been booked by block is kept by scene."""
     looks.keep(batch)
     batch.index.keep_former()
-    enqueue(batch, *present(batch, margin))
+    enqueue(batch, *present(batch))
 
 
 def settle(batch: Batch, again: Callable[[], tuple[Callable[[], None], Callable[[], None]]]) -> dict[str, np.ndarray]:

@@ -182,16 +182,17 @@ def update_nodes(
     """
     t = wp.tid()
     b = t >> 6
+    g = node_at(grid, t)  # all under way at once, before it is known whether there is anything to do
+    s = member[b]
+    slot = grounded[b]
     if flags[HALT] != 0 or b >= tally[BLOCKS]:
         return
     if COUNTED_AT_ONCE:
         ends[_cell_entry(t)] = 0
-    g = node_at(grid, t)
     if g[0] > real(0.0):
-        s = member[b]
         v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
-        if grounded[b] >= 0:
-            push = node_at(contact, grounded[b] * 64 + (t & 63))
+        if slot >= 0:
+            push = node_at(contact, slot * 64 + (t & 63))
             if push[0] > real(0.0):
                 v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
         put_node(grid, t, node4(g[0], v[0], v[1], v[2]))

@@ -92,7 +92,7 @@ class Store:
         """
         flags, totals = index.board.flags, index.count_blocks()
         index.list_cells(flags, nodes, totals)
-        run(k.place_particles, self.size, flags, self.key, index.ends, self.order)
+        self.place(k, index)
         if ordered:
             run(k.sort_cells, index.room * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
         self._sort_rows(k, flags, nodes.scratch(self.size, self.memory.dtype), totals)
@@ -105,6 +105,11 @@ class Store:
             index.home, self.order, self.key,
         )  # fmt: skip
         run(k.clear_beyond, CLEARING, flags, totals, self.key)
+
+    def place(self, k: SimpleNamespace, index: Index) -> None:
+        """List the particles of each cell, once it is known where the cells start."""
+        threads = -(-self.size // (AT_ONCE * WARP)) * WARP
+        run(k.place_particles, threads, index.board.flags, self.key, index.ends, self.order)
 
     def _bring(self, gather: Any, bring_back: Any, flags: Any, array: Any, nodes: NodeArrays, totals: Any) -> None:
         """An array in the order of the list, by way of the memory of the grid."""
