@@ -43,48 +43,35 @@ def count_blocks(cstart: Table2, totals: Ints):
     totals[b] = total
 
 
-def _count_block(b: int, blocks: int, lane: int, cstart: Table2):
-    """Particles of a lane's cells of a block, some in a row."""
+def _list_block(b: int, lane: int, totals: Ints, given: int, cstart: Table2, active: Ints, both: Longs):
+    """Places of the first particles of a block's cells, each in the place of the next cell, where these were counted.
+
+    Each lane has some cells in a row. ``both`` counts places and blocks at once: all blocks wait for it.
+    """
     each = CELL_LANES // lane_count()
     mine = int(0)
-    if b < blocks:
-        for q in range(each):
-            mine += cstart[b, each * lane + q + 1]
-    return mine
-
-
-def _next_stretch(counts: wp.vec4i, both: Longs):
-    """Where the next blocks begin in the list of particles and in that of blocks; all blocks wait for both, which is one number."""
-    some = wp.int64(0)
-    for g in range(AT_ONCE):
-        some += wp.where(counts[g] > 0, (wp.int64(1) << wp.int64(32)) + wp.int64(counts[g]), wp.int64(0))
-    before = wp.int64(0)
-    if some > wp.int64(0):
-        before = wp.atomic_add(both, 0, some)
-    return wp.vec2i(int(before & wp.int64(NOT_NEGATIVE)), int(before >> wp.int64(32)))
-
-
-def _start_cells(b: int, lane: int, start: int, before: int, cstart: Table2):
-    """Places of the first particles of a block's cells, each in the place of the next cell, where these were counted."""
-    each = CELL_LANES // lane_count()
-    place = start + before
     for q in range(each):
-        n = int(cstart[b, each * lane + q + 1])
-        cstart[b, each * lane + q + 1] = place
-        place += n
+        mine += cstart[b, each * lane + q + 1]
+    sums = sum_before(mine)
+    total = sums[1]
+    start = int(0)
     if lane == 0:
+        if total > 0:
+            one = wp.int64(1) << wp.int64(32)
+            if given != 0:
+                start = int(totals[b])
+                active[int(wp.atomic_add(both, 0, one) >> wp.int64(32))] = b
+            else:
+                before_all = wp.atomic_add(both, 0, one + wp.int64(total))
+                start = int(before_all & wp.int64(NOT_NEGATIVE))
+                active[int(before_all >> wp.int64(32))] = b
         cstart[b, 0] = start
-
-
-def _clear_nodes(b: int, lane: int, grounded: Ints, touching: Ints, grid: Nodes, contact: Nodes):
-    """A block whose nodes have no mass and no impulse."""
-    slot = grounded[b]
-    if lane == 0:
-        touching[b] = 0
-    for c in range(lane, CELL_LANES, lane_count()):
-        put_node(grid, b * CELL_LANES + c, node4())
-        if slot >= 0:
-            put_node(contact, slot * CELL_LANES + c, node4())
+    if total > 0:
+        place = sums[0] + sum_before(start)[1]
+        for q in range(each):
+            n = int(cstart[b, each * lane + q + 1])
+            cstart[b, each * lane + q + 1] = place
+            place += n
 
 
 def list_cells(
@@ -94,42 +81,18 @@ def list_cells(
     """Where the cells start in the list of particles, which blocks hold any; and nodes without mass for the next step.
 
     With ``given``, ``totals`` are the sums over the blocks before; else each block takes the next free stretch, in no fixed order.
-    A warp takes four blocks, for which it waits once.
     """
-    begin, lane = wp.tid()
+    first, lane = wp.tid()
     if flags[HALT] != 0:
         return
-    blocks = tally[BLOCKS]
-    for first in range(AT_ONCE * begin, blocks, AT_ONCE * launched):
-        mine = wp.vec4i()
-        for g in range(AT_ONCE):
-            mine[g] = _count_block(first + g, blocks, lane, cstart)
-        for g in range(AT_ONCE):
-            if first + g < blocks:
-                _clear_nodes(first + g, lane, grounded, touching, grid, contact)
-        before = wp.vec4i()
-        counts = wp.vec4i()
-        for g in range(AT_ONCE):
-            sums = sum_before(mine[g])
-            before[g] = sums[0]
-            counts[g] = sums[1]
-        stretch = wp.vec2i()
+    for b in range(first, tally[BLOCKS], launched):
+        _list_block(b, lane, totals, given, cstart, active, both)
         if lane == 0:
-            stretch = _next_stretch(counts, both)
-        start = sum_before(stretch[0])[1]
-        block = stretch[1]
-        for g in range(AT_ONCE):
-            b = first + g
-            if counts[g] > 0:
-                if given != 0:
-                    start = totals[b]
-                if lane == 0:
-                    active[block] = b
-                    block += 1
-                _start_cells(b, lane, start, before[g], cstart)
-                start += counts[g]
-            elif b < blocks and lane == 0:
-                cstart[b, 0] = 0
+            touching[b] = 0
+        for c in range(lane, CELL_LANES, lane_count()):
+            put_node(grid, b * CELL_LANES + c, node4())
+            if grounded[b] >= 0:
+                put_node(contact, grounded[b] * CELL_LANES + c, node4())
 
 
 def _entry_of(key: Ints, p: int):

@@ -16,7 +16,6 @@ import warp as wp
 
 from runout.backends.hash.board import Board
 from runout.backends.hash.layout import (
-    AT_ONCE,
     BLOCKS,
     ENTERED,
     GROW,
@@ -361,11 +360,11 @@ class Index:
     def list_cells(self, flags: Any, nodes: Any, totals: Any = None) -> None:
         """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before.
 
-        A warp for four in a row: then blocks are listed nearly in their order, and neighbours are read while they are at hand.
+        A block of threads for each: then blocks are listed nearly in their order, and neighbours are read while they are at hand.
         """
         given = self.ends if totals is None else totals
         run_blocks(
-            self.k.list_cells, -(-self.room // AT_ONCE), WARP, flags, given, int(totals is not None), self.cstart, self.active,
+            self.k.list_cells, self.room, WARP, flags, given, int(totals is not None), self.cstart, self.active,
             self.board.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
         )  # fmt: skip
 
