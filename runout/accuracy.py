@@ -20,6 +20,7 @@ FEWEST_ACROSS = 4.0  # cells across a release of its area
 CHOICES = ("cell_size", "particles_per_cell", "cfl")  # what a preset sets
 
 CellSize = float | tuple[float, float, float]
+ParticlesPerCell = int | tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Preset:
     ----------
     cells : float
         Through the mean thickness of the release.
-    particles_per_cell : int
+    particles_per_cell : int or (nx, ny, nz)
     cfl : float
     map_error, runout_error : float
         Expected numerical error of the map of flow thickness (relative L1) and of the run-out of 99 % of the mass (relative),
@@ -40,7 +41,7 @@ class Preset:
     """
 
     cells: float
-    particles_per_cell: int
+    particles_per_cell: ParticlesPerCell
     cfl: float
     map_error: float
     runout_error: float
@@ -54,9 +55,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, 8, 0.5, 0.26, 0.12, 0.059),
-    "standard": Preset(2.0, 8, 0.5, 0.1, 0.037, 1),
-    "high": Preset(4.0, 8, 0.5, 0.043, 0.013, 15),
+    "screening": Preset(1.0, (2, 2, 4), 0.5, 0.26, 0.12, 0.059),
+    "standard": Preset(1.5, (2, 2, 4), 0.5, 0.1, 0.037, 1),
+    "high": Preset(3.0, (2, 2, 4), 0.5, 0.043, 0.013, 15),
 }
 
 

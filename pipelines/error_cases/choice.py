@@ -30,6 +30,8 @@ class Variation:
     name : str
     per_axis : int
         Particles along each axis of a cell.
+    upwards : int
+        Particles above each other in a cell, where that is another number; else 0.
     scene : mapping
         Fields of :class:`runout.model.scene.Scene` that change: ``cfl``, ``precision``.
     arguments : mapping
@@ -44,26 +46,35 @@ class Variation:
 
     name: str
     per_axis: int = PER_AXIS
+    upwards: int = 0
     scene: Mapping[str, Any] = field(default_factory=dict)
     arguments: Mapping[str, Any] = field(default_factory=dict)
     backend: str = "scan"
     slow: bool = False
     only_on: tuple[str, ...] = ()
 
+    @property
+    def particles(self) -> tuple[int, int, int]:
+        """Of a full cell: east, north and up."""
+        return self.per_axis, self.per_axis, self.upwards or self.per_axis
+
 
 DEFAULT = Variation("default")
 ELASTIC = ("U9", "T1", "T5")  # U7 is a matter of the reference backend alone
+FLOWS = ("F3", "F5", "terrain")
 VARIATIONS = (
     DEFAULT,
     Variation("1 particle per axis", per_axis=1),
     Variation("3 particles per axis", per_axis=3),
+    Variation("2 x 2 x 4 particles", upwards=4, only_on=FLOWS),
+    Variation("1 x 1 x 8 particles", per_axis=1, upwards=8, only_on=FLOWS),
     Variation("CFL 0.2", scene={"cfl": 0.2}),
     Variation("CFL 0.4", scene={"cfl": 0.4}),
     Variation("CFL 0.6", scene={"cfl": 0.6}),
     Variation("transfer apic", scene={"transfer": "apic"}),
     Variation("transfer aflip", scene={"transfer": "aflip"}),
     Variation("F-bar", scene={"f_bar": True}),
-    Variation("float64", scene={"precision": "float64"}, only_on=(*ELASTIC, "F3", "F5", "terrain")),
+    Variation("float64", scene={"precision": "float64"}, only_on=(*ELASTIC, *FLOWS)),
     Variation("cells half as high", arguments={"flat": 2.0}, only_on=("terrain",)),
     Variation("cells a quarter as high", arguments={"flat": 4.0}, only_on=("terrain",), slow=True),
     Variation("hash on the CPU", backend="hash", slow=True, only_on=("T1", "T5", "terrain")),

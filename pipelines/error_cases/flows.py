@@ -16,6 +16,7 @@ from pipelines.verification_cases.dam_breaks import as_one, columns, relative
 from runout import log
 from runout.accuracy import choices
 from runout.config.site import read_site
+from runout.release.sample import particles_per_axis
 from runout.result import Result
 from runout.simulation import simulate
 
@@ -28,7 +29,7 @@ SLICE = (0, flow.ACROSS, 0)  # [cells] after which the grid of a slice repeats
 
 def strip(cells: int, v: Variation) -> Outcome:
     """Relative L2 of thickness of the spreading strip after 5 s (earth pressure of one); value: its front [m]."""
-    scene, p, cap = spreading_cap.strip(spreading_cap.HEIGHT / cells, as_one(spreading_cap.BED), 1.0, v.per_axis)
+    scene, p, cap = spreading_cap.strip(spreading_cap.HEIGHT / cells, as_one(spreading_cap.BED), 1.0, v.per_axis, v.particles[2])
     march = March(scene, p, v, SLICE)
     march.until(spreading_cap.END)
     x = columns(scene) - spreading_cap.START
@@ -43,12 +44,12 @@ def rods(cells: int, v: Variation) -> Outcome:
     experiment = column_collapse.measured_surface()
     if experiment is None:
         raise FileNotFoundError("the digitised experiment is in no folder that RUNOUT_DATA names")
-    wide, n = 1.2, v.per_axis
+    wide, (along, _, up) = 1.2, v.particles
     h = column_collapse.HEIGHT / cells
     scene = flow.level_scene(h, (wide, 0.0), column_collapse.RODS, column_collapse.NO_SLIP)
-    plane = flow.rectangle(2 * column_collapse.LENGTH, column_collapse.HEIGHT, h, wide / 2 - column_collapse.LENGTH, n)
-    p = flow.slice_of(plane, h**3 / n**2, scene)
-    p.radius[:] = h / (2 * n)
+    plane = flow.rectangle(2 * column_collapse.LENGTH, column_collapse.HEIGHT, h, wide / 2 - column_collapse.LENGTH, along, up)
+    p = flow.slice_of(plane, h**3 / (along * up), scene)
+    p.radius[:] = h / (2 * up)
     flow.press(p, np.tile(column_collapse.HEIGHT - plane[:, 1], flow.ACROSS), scene, column_collapse.AT_REST)
     march = March(scene, p, v, SLICE)
     march.until(RODS_TIME)
@@ -71,7 +72,7 @@ def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
     """Run of the site with cells of ``cell`` [m], its processor time without setup [s], and its wall time in all [s]."""
     changed = {name: value for name, value in v.arguments.items() if name != "flat"}
     high = cell / v.arguments.get("flat", 1.0)
-    given = {"particles_per_cell": (v.per_axis,) * 3, "backend": v.backend, "device": "cpu", **v.scene, **changed}
+    given = {"particles_per_cell": v.particles, "backend": v.backend, "device": "cpu", **v.scene, **changed}
     arguments = {**site_arguments(), "cell_size": (cell, cell, high), **given}
     started, processor = time.perf_counter(), time.process_time()
     result = simulate(**arguments)
@@ -83,8 +84,8 @@ def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
 def at_preset(name: str, coarser: float = 1.0) -> tuple[Result, float, float]:
     """:func:`flowed` with the choices of a preset of accuracy, its cells ``coarser`` times as large."""
     grid = choices(name, site_arguments()["release"], {})
-    per_axis = round(grid["particles_per_cell"] ** (1 / 3))
-    return flowed(coarser * grid["cell_size"], Variation(name, per_axis, {"cfl": grid["cfl"]}))
+    plan, _, up = particles_per_axis(grid["particles_per_cell"])
+    return flowed(coarser * grid["cell_size"], Variation(name, plan, up, {"cfl": grid["cfl"]}))
 
 
 def distance(one: Result, other: Result) -> float:

@@ -89,10 +89,13 @@ def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Par
     return p
 
 
-def rectangle(length: float, height: float, spacing: float, start: float = 0.0, per_axis: int = 2) -> np.ndarray:
-    """Places (n, 2) [m] of ``per_axis`` squared particles a cell in a rectangle that begins at ``start`` [m]."""
-    d = spacing / per_axis
-    x, z = (np.arange(round(s / d)) * d + d / 2 for s in (length, height))
+def rectangle(length: float, height: float, spacing: float, start: float = 0.0, per_axis: int = 2, upwards: int = 0) -> np.ndarray:
+    """Places (n, 2) [m] of particles in a rectangle that begins at ``start`` [m].
+
+    A cell has ``per_axis`` of them along each axis, or ``upwards`` above each other if that is not zero.
+    """
+    sides = (length, spacing / per_axis), (height, spacing / (upwards or per_axis))
+    x, z = (np.arange(round(s / d)) * d + d / 2 for s, d in sides)
     return np.stack(np.meshgrid(start + x, z, indexing="ij"), axis=-1).reshape(-1, 2)
 
 

@@ -72,14 +72,19 @@ FLAT = Cells(8.0, 1.0, 2, 4)
 FULL = ((Cells(4.0, 0.5, 2, 4), 0.04), (Cells.cubes(2.0), 0.12), (Cells.cubes(1.0), 0.085))
 
 
-def strip(spacing: float, internal_deg: float, pressure: float, per_axis: int = 2) -> tuple[Scene, Particles, SpreadingCap]:
-    """A strip of endless width, and its solution with an earth pressure coefficient."""
+def strip(
+    spacing: float, internal_deg: float, pressure: float, per_axis: int = 2, upwards: int = 0
+) -> tuple[Scene, Particles, SpreadingCap]:
+    """A strip of endless width, and its solution with an earth pressure coefficient.
+
+    A cell has ``per_axis`` particles along the strip and above each other, or there ``upwards`` if that is not zero.
+    """
     cap = SpreadingCap(across=0.0, pressure=pressure)
     scene = flow.level_scene(spacing, (EXTENT[0], 0.0), stiff(cap.height, internal_deg), float(np.tan(np.radians(BED))), SLOPE)
     width = spacing / per_axis
     along = np.arange(-cap.along + width / 2, cap.along, width)
     top = cap.thickness(along, np.zeros(1), 0.0)
-    column, above, share = layers(spacing, top, per_axis)
+    column, above, share = layers(spacing, top, upwards or per_axis)
     p = flow.slice_of(np.column_stack([START + along[column], above]), spacing * width * top[column] * share, scene)
     p.radius[:] = np.tile(0.5 * top[column] * share, flow.ACROSS)
     flow.press(p, np.tile(top[column] - above, flow.ACROSS), scene)

@@ -310,7 +310,10 @@ class SimulationSettings(Settings):
             return stated
         _raise_first(accuracy_conflicts(stated))
         chosen = PRESETS.get(stated["accuracy"]) if isinstance(stated.get("accuracy"), str) else None
-        return {"particles_per_cell": chosen.particles_per_cell, "cfl": chosen.cfl, **stated} if chosen else stated
+        if chosen is None:
+            return stated
+        count = chosen.particles_per_cell
+        return {"particles_per_cell": count if isinstance(count, int) else list(count), "cfl": chosen.cfl, **stated}
 
     @model_validator(mode="after")
     def _device_fits(self) -> "SimulationSettings":
