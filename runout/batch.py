@@ -33,6 +33,7 @@ from runout.result import Result
 from runout.simulation import BATCH, Course, Run, build_scene
 
 MOST = 64  # scenarios in a launch
+ENOUGH = 10_000_000  # particles that keep a device busy: more scenarios would only wait for each other's preparation
 MEMORY_SHARE = 0.8  # of what is free at the start; flows that spread take more
 AHEAD = min(8, os.cpu_count() or 1)  # scenarios that are prepared at once
 LOOK_SECONDS = 5e-4  # of the host between two stretches of steps, on the machines that were measured
@@ -41,11 +42,16 @@ ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "
 
 
 def simulate_batch(
-    scenarios: Sequence[Mapping[str, Any]], *, device: str = "auto", progress: Callable[[int, float], None] | None = None
+    scenarios: Sequence[Mapping[str, Any]],
+    *,
+    device: str = "auto",
+    progress: Callable[[int, float], None] | None = None,
+    particles: bool = True,
 ) -> Iterator[tuple[int, Result | RunoutError]]:
     """Number and result of every scenario, as they come to their ends; its error in place of the result of one that failed.
 
-    Scenarios share the launches of one device, as many at a time as its memory holds, at most :data:`MOST`. Each gives what
+    Scenarios share the launches of one device: as many at a time as its memory holds, until they have :data:`ENOUGH` particles or
+    are :data:`MOST`; the next are prepared meanwhile. Each gives what
     :func:`runout.simulate` gives with backend "hash": the same particles in the same order of operations.
 
     Parameters
@@ -57,6 +63,8 @@ def simulate_batch(
         "cuda:0" and so on, "cpu" (slow), or "auto".
     progress : callable, optional
         Called with the number of a scenario and the fraction of its time that is done, 0 to 1.
+    particles : bool
+        Whether results hold the particles at the end, in ``state``; else that is empty. To bring them keeps the device waiting.
 
     Raises
     ------
@@ -66,27 +74,29 @@ def simulate_batch(
         If the device is not there.
     """
     with ThreadPoolExecutor(AHEAD) as pool:
-        prepared = _prepared(pool, scenarios, progress)
-        yield from _in_launches(prepared, find_device(device))  # the device is made ready meanwhile
+        ahead = _Ahead(pool, scenarios, progress)
+        yield from _in_launches(ahead, find_device(device), particles)  # the device is made ready meanwhile
 
 
-def _in_launches(prepared: "Iterator[Future[_Job]]", place: str) -> Iterator[tuple[int, Result | RunoutError]]:
-    """Outcomes of jobs, as many in a launch as the memory of the device holds."""
+def _in_launches(ahead: "_Ahead", place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
+    """Outcomes of jobs, as many in a launch as keep the device busy, or as its memory holds."""
     jobs: list[_Job] = []
     needed, free = 0.0, _free(place)  # asked once a launch: it takes 0.14 s on some machines
-    for number, future in enumerate(prepared):
+    for number, future in enumerate(ahead):
         try:
             job = future.result()
             MemoryForecast(0.0, job.bytes).require(free, f"the free memory of {place}")
         except RunoutError as error:
             yield number, error
             continue
-        if jobs and (len(jobs) == MOST or needed + job.bytes > MEMORY_SHARE * free):
-            yield from _launched(jobs, place)
+        enough = len(jobs) == MOST or sum(len(j.particles) for j in jobs) >= ENOUGH
+        if jobs and (enough or needed + job.bytes > MEMORY_SHARE * free):
+            ahead.make(len(jobs))
+            yield from _launched(jobs, place, brought)
             jobs, needed, free = [], 0.0, _free(place)
         jobs.append(job)
         needed += job.bytes
-    yield from _launched(jobs, place)
+    yield from _launched(jobs, place, brought)
 
 
 @dataclass
@@ -118,24 +128,33 @@ class _Job:
         return cls(number, given["terrain"], scene, particles, course, tell, clock.perf_counter() - started, needed)
 
 
-def _prepared(
-    pool: ThreadPoolExecutor, scenarios: Sequence[Mapping[str, Any]], progress: Callable[[int, float], None] | None
-) -> "Iterator[Future[_Job]]":
-    """The jobs of scenarios in their order, some made ahead by threads: most of it is numpy, which lets go of the interpreter."""
-    left = iter(enumerate(scenarios))
+class _Ahead:
+    """The jobs of scenarios in their order, made by threads ahead of their turn: most of it is numpy, which frees the interpreter.
 
-    def submitted(most: int) -> "list[Future[_Job]]":
-        return [pool.submit(_Job.of, number, arguments, progress) for number, arguments in islice(left, most)]
+    Parameters
+    ----------
+    pool : ThreadPoolExecutor
+    scenarios, progress
+        As for :func:`simulate_batch`.
+    """
 
-    waiting = deque(submitted(AHEAD))
+    def __init__(
+        self, pool: ThreadPoolExecutor, scenarios: Sequence[Mapping[str, Any]], progress: Callable[[int, float], None] | None
+    ):
+        self.pool, self.left, self.progress = pool, iter(enumerate(scenarios)), progress
+        self.waiting: deque[Future[_Job]] = deque()
+        self.make(AHEAD)
 
-    def handed() -> "Iterator[Future[_Job]]":
-        while waiting:
-            first = waiting.popleft()
-            waiting.extend(submitted(1))
+    def make(self, count: int) -> None:
+        """See to it that so many jobs are made or being made, as far as there are scenarios."""
+        for number, arguments in islice(self.left, max(0, count - len(self.waiting))):
+            self.waiting.append(self.pool.submit(_Job.of, number, arguments, self.progress))
+
+    def __iter__(self) -> "Iterator[Future[_Job]]":
+        while self.waiting:
+            first = self.waiting.popleft()
+            self.make(AHEAD)
             yield first
-
-    return handed()
 
 
 def _free(place: str) -> float:
@@ -144,11 +163,11 @@ def _free(place: str) -> float:
     return float("inf") if free is None else free
 
 
-def _launched(jobs: list[_Job], place: str) -> Iterator[tuple[int, Result | RunoutError]]:
+def _launched(jobs: list[_Job], place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
     """Outcomes of jobs in one launch; if the memory does not last, of those that are left in two."""
     left = {job.number: job for job in jobs}
     try:
-        for number, outcome in _Together(jobs, place).outcomes() if jobs else ():
+        for number, outcome in _Together(jobs, place, brought).outcomes() if jobs else ():
             del left[number]
             yield number, outcome
     except CapacityError as error:
@@ -156,8 +175,8 @@ def _launched(jobs: list[_Job], place: str) -> Iterator[tuple[int, Result | Runo
         if len(remaining) == 1:
             yield remaining[0].number, error
             return
-        yield from _launched(remaining[: len(remaining) // 2], place)
-        yield from _launched(remaining[len(remaining) // 2 :], place)
+        yield from _launched(remaining[: len(remaining) // 2], place, brought)
+        yield from _launched(remaining[len(remaining) // 2 :], place, brought)
 
 
 @dataclass
@@ -186,10 +205,10 @@ class _View:
 
 
 class _Together:
-    """Runs that share the steps of a batch."""
+    """Runs that share the steps of a batch; their results hold the particles if these are ``brought``."""
 
-    def __init__(self, jobs: list[_Job], place: str):
-        self.jobs = jobs
+    def __init__(self, jobs: list[_Job], place: str, brought: bool):
+        self.jobs, self.brought = jobs, brought
         self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.rows: list[LedgerRow] = []  # of the present state, once somebody has asked
         views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
@@ -253,4 +272,4 @@ class _Together:
         if not run.reason:
             return None
         run.seconds = clock.perf_counter() - self.started
-        return run.result(job.terrain, len(job.particles), job.seconds)
+        return run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)

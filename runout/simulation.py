@@ -307,13 +307,13 @@ class Run:
         own = {"observers": self.observing, "checkpoints": self.keep.seconds} if self.keep else {"observers": self.observing}
         return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
 
-    def result(self, terrain: Terrain, n_particles: int, setup: float) -> Result:
-        """What has been found, after ``setup`` [s] of preparation for so many particles."""
+    def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
+        """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
         return Result(
             terrain=terrain,
             fields=self.peaks.maps(),
             series={"time": np.array(self.ledger.time), **self.ledger.series()},
-            state=self.engine.particles(),
+            state=self.engine.particles() if brought else Particles.zeros(0),
             spacing=self.scene.spacing,
             steps=self.engine.counters.steps,
             n_particles=n_particles,

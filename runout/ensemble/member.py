@@ -194,9 +194,13 @@ def simulate_together(
             errors[member.number] = error
             todo.remove(member)
     place = device or site.settings.simulation.device
+
+    def tell(k: int, fraction: float) -> None:
+        progress(todo[k].number, fraction)
+
     with ThreadPoolExecutor(1) as writer:  # the device goes on meanwhile
         files = []
-        for k, outcome in simulate_batch(scenarios, device=place, progress=lambda k, f: progress(todo[k].number, f)):
+        for k, outcome in simulate_batch(scenarios, device=place, progress=tell, particles=False):
             if isinstance(outcome, RunoutError):
                 errors[todo[k].number] = outcome
             else:

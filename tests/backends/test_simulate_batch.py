@@ -89,6 +89,33 @@ def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
     assert sizes == []
 
 
+def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_prepared_meanwhile(monkeypatch):
+    sizes, prepared = [], []
+    module = __import__("runout.batch", fromlist=["get_batch"])
+    build, make = module.get_batch, module._Ahead.make
+
+    def counted(scenes, device):
+        sizes.append(len(scenes))
+        return build(scenes, device)
+
+    def noted(ahead, count):
+        make(ahead, count)
+        prepared.append((count, len(ahead.waiting)))
+
+    short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0, 25.0)]
+    alone = simulate(**short[4], backend="hash", device=HASH_DEVICE)
+    monkeypatch.setattr(module, "get_batch", counted)
+    monkeypatch.setattr(module._Ahead, "make", noted)
+    monkeypatch.setattr(module, "AHEAD", 1)
+    monkeypatch.setattr(module, "ENOUGH", 2 * alone.n_particles)
+    found = dict(simulate_batch(short, device=HASH_DEVICE, particles=False))
+    assert sizes == [2, 2, 1]
+    assert (2, 2) in prepared  # while the first launch of two runs
+    assert sorted(found) == [0, 1, 2, 3, 4]
+    assert len(found[4].state) == 0
+    np.testing.assert_array_equal(found[4].fields["max_speed"], alone.fields["max_speed"])
+
+
 def test_scenarios_that_differ_in_what_they_must_share_are_refused():
     with pytest.raises(ConfigError, match="spacing"):
         list(simulate_batch([scenario(), scenario(cell_size=4.0)], device=HASH_DEVICE))
