@@ -125,8 +125,8 @@ def _presets(presets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     if not presets:
         return
     yield "## Presets of accuracy\n"
-    yield "Site jacksboro, 60 s, with `accuracy=...` alone. Errors: distance from the finest of the three plus what that has left"
-    yield "by the order of the three (safety factor 1.25), or by the last distance where none between 0.5 and 3 is seen. Other"
+    yield "Site jacksboro, 60 s, with `accuracy=...` alone. Errors: distance from `high` with half its cells plus what that has"
+    yield "left by the order of the three (safety factor 1.25), or by the last distance where none between 0.5 and 3 is seen. Other"
     yield "sites have other errors, `runout verify SITE --convergence` tells.\n"
     heads = ("preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]", "error of the thickness map")
     yield "| " + " | ".join((*heads, "order", "error of the run-out", "order")) + " |"

@@ -8,7 +8,7 @@ from pipelines.error_cases import flows, solids
 from pipelines.error_cases.choice import VARIATIONS, Outcome, Variation, selectable
 
 Measure = Callable[[Any, Variation], Outcome]
-FINEST, FINEST_SMALL = ("high", 0.75), ("screening", 1.5)  # preset that is the reference on real terrain, and how much coarser
+FINEST, FINEST_SMALL = ("high", 0.5), ("screening", 1.5)  # preset that is the reference on real terrain, and how much coarser
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ PROBLEMS: dict[str, Problem] = {
             small=(80.0, 56.6),
             full=(56.6, 40.0, 28.3, 20.0),
             measure=on_terrain(FINEST),
-            remark="Against the preset high with cells of three quarters: what is common to that run and another one does not "
+            remark="Against the preset high with cells half as wide: what is common to that run and another one does not "
             "show. Whole simulations with observers; the DEM has cells of 83 m.",
         ),
     )
