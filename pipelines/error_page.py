@@ -125,16 +125,25 @@ def _presets(presets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     if not presets:
         return
     yield "## Presets of accuracy\n"
-    yield "Site jacksboro, 60 s, with `accuracy=...` alone. Errors: distance from `high` with half its cells plus what that has"
-    yield "left by the order of the three (safety factor 1.25), or by the last distance where none between 0.5 and 3 is seen. Other"
-    yield "sites have other errors, `runout verify SITE --convergence` tells.\n"
-    heads = ("preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]", "error of the thickness map")
+    yield "Two sites, 60 s, with `accuracy=...` alone. Errors: distance from `high` with half its cells plus what that has left by"
+    yield "the order that these two and `standard` show (safety factor 1.25), or by the last distance where none between 0.5 and 3 is"
+    yield "seen. Other sites have other errors, `runout verify SITE --convergence` tells.\n"
+    heads = (
+        "site",
+        "preset",
+        "cells [m]",
+        "particles",
+        "steps",
+        "work over standard",
+        "processor [s]",
+        "error of the thickness map",
+    )
     yield "| " + " | ".join((*heads, "order", "error of the run-out", "order")) + " |"
-    yield "|---" * 10 + "|"
+    yield "|---" * 11 + "|"
     for p in presets:
         orders = ["none" if p[key] is None else f"{p[key]:.2f}" for key in ("map_order", "runout_order")]
         yield (
-            f"| {p['name']} | {' x '.join(f'{x:g}' for x in p['cell_size'])} | {p['particles']} | {p['steps']} | "
+            f"| {p['site']} | {p['name']} | {' x '.join(f'{x:g}' for x in p['cell_size'])} | {p['particles']} | {p['steps']} | "
             f"{p['particle_steps']:.2g} | {p['seconds']:.3g} | {100 * p['map_error']:.2g} % | {orders[0]} | "
             f"{100 * p['runout_error']:.2g} % | {orders[1]} |"
         )

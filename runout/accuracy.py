@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from runout.model.release import Release
 
 SOURCE = "docs/benchmarks/work_precision.json"
-EXAMPLE = "jacksboro, 35 m thick, 60 s"  # the flow that the errors were measured on
+EXAMPLE = "two sites, flows 35 and 55 m thick, 60 s"  # what the errors were measured on, of which the larger counts
 PARTICLES_PER_CELL, CFL = 8, 0.5  # where neither a preset nor the caller says otherwise
 FEWEST_ACROSS = 4.0  # cells across a release of its area
 CHOICES = ("cell_size", "particles_per_cell", "cfl")  # what a preset sets
@@ -35,9 +35,9 @@ class Preset:
     cfl : float
     map_error, runout_error : float
         Expected numerical error of the map of flow thickness (relative L1) and of the run-out of 99 % of the mass (relative),
-        as measured on :data:`EXAMPLE`; another site has others.
+        as measured on :data:`EXAMPLE`, the larger of the two; another site has others.
     particle_steps : float
-        Work on that flow over that of the preset "standard".
+        Work on the first of them over that of the preset "standard".
     """
 
     cells: float

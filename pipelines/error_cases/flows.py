@@ -20,7 +20,8 @@ from runout.release.sample import particles_per_axis
 from runout.result import Result
 from runout.simulation import simulate
 
-SITE = Path(__file__).parents[2] / "sites" / "jacksboro"
+SITES = Path(__file__).parents[2] / "sites"
+SITE = "jacksboro"
 FLOW_TIME, BASAL_ANGLE = 60.0, 15.0  # [s], [deg] of the flow on real terrain
 MAP = "max_flow_thickness"
 RODS_TIME = 0.7  # [s], when the rods are at rest
@@ -61,19 +62,19 @@ def rods(cells: int, v: Variation) -> Outcome:
 
 
 @cache
-def site_arguments() -> Mapping[str, Any]:
-    """Arguments of ``runout.simulate`` for the example site jacksboro, up to 60 s."""
+def site_arguments(site: str = SITE) -> Mapping[str, Any]:
+    """Arguments of ``runout.simulate`` for an example site, up to 60 s."""
     with log.muted():
-        arguments = read_site(SITE).member_arguments()
+        arguments = read_site(SITES / site).member_arguments()
     return {**arguments, "basal_friction_angle": BASAL_ANGLE, "end_time": FLOW_TIME, "stop": False, "threads": 1}
 
 
-def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
-    """Run of the site with cells of ``cell`` [m], its processor time without setup [s], and its wall time in all [s]."""
+def flowed(cell: float, v: Variation, site: str = SITE) -> tuple[Result, float, float]:
+    """Run of a site with cells of ``cell`` [m], its processor time without setup [s], and its wall time in all [s]."""
     changed = {name: value for name, value in v.arguments.items() if name != "flat"}
     high = cell / v.arguments.get("flat", 1.0)
     given = {"particles_per_cell": v.particles, "backend": v.backend, "device": "cpu", **v.scene, **changed}
-    arguments = {**site_arguments(), "cell_size": (cell, cell, high), **given}
+    arguments = {**site_arguments(site), "cell_size": (cell, cell, high), **given}
     started, processor = time.perf_counter(), time.process_time()
     result = simulate(**arguments)
     wall, processor = time.perf_counter() - started, time.process_time() - processor
@@ -81,11 +82,11 @@ def flowed(cell: float, v: Variation) -> tuple[Result, float, float]:
 
 
 @cache
-def at_preset(name: str, coarser: float = 1.0) -> tuple[Result, float, float]:
+def at_preset(name: str, coarser: float = 1.0, site: str = SITE) -> tuple[Result, float, float]:
     """:func:`flowed` with the choices of a preset of accuracy, its cells ``coarser`` times as large."""
-    grid = choices(name, site_arguments()["release"], {})
+    grid = choices(name, site_arguments(site)["release"], {})
     plan, _, up = particles_per_axis(grid["particles_per_cell"])
-    return flowed(coarser * grid["cell_size"], Variation(name, plan, up, {"cfl": grid["cfl"]}))
+    return flowed(coarser * grid["cell_size"], Variation(name, plan, up, {"cfl": grid["cfl"]}), site)
 
 
 def distance(one: Result, other: Result) -> float:
@@ -93,9 +94,9 @@ def distance(one: Result, other: Result) -> float:
     return float(compared(one.fields[MAP], other.fields[MAP], 1, (1.0,))["relative_l1"])
 
 
-def runout_of(result: Result) -> float:
+def runout_of(result: Result, site: str = SITE) -> float:
     """Run-out of 99 % of the mass [m]."""
-    return quantities(result, site_arguments()["release"], ())["f99"]
+    return quantities(result, site_arguments(site)["release"], ())["f99"]
 
 
 def terrain(cell: float, v: Variation, reference: tuple[str, float]) -> Outcome:

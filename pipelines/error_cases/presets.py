@@ -1,13 +1,19 @@
 """What each preset of accuracy gives on real terrain: distances from a finer run, and the error that this has left."""
 
+import logging
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.flows import at_preset, distance, runout_of
+from pipelines.error_cases.flows import SITE, at_preset, distance, runout_of
 from pipelines.grid_index import HIGHEST_ORDER, LOWEST_ORDER, SAFETY
 from runout.accuracy import PRESETS
+from runout.config.fetch import DATA_FOLDER
 
+LOGGER = logging.getLogger("runout.work_precision")
+SECOND, RASTERS = "frank_slide", "frank_slide_1903"  # another site, and where below RUNOUT_DATA its rasters lie
 HALF = 0.5  # cells of the run that errors are measured from over those of the finest preset; the two before differ as much
 
 
@@ -24,20 +30,29 @@ def left_after(coarse: float, fine: float, ratio: float) -> tuple[float, float |
 
 
 def measured_presets(coarser: float = 1.0) -> list[dict[str, Any]]:
-    """Each preset with its work, its time and its errors: distance from the finest with half its cells plus what that has left.
+    """Each preset on each site with its work, its time and its errors.
 
-    ``coarser`` makes the cells of all larger, for a small study.
+    Errors: distance from the finest with half its cells plus what that has left. ``coarser`` makes the cells of all larger, for a
+    small study.
     """
-    runs = {name: at_preset(name, coarser) for name in PRESETS}
-    finest = at_preset(list(PRESETS)[-1], HALF * coarser)[0]
+    if (Path(os.environ.get(DATA_FOLDER) or os.devnull) / RASTERS).is_dir():
+        return [*_on_site(SITE, coarser), *_on_site(SECOND, coarser)]
+    LOGGER.warning("presets on %s are left out: %s names no folder with its rasters", SECOND, DATA_FOLDER)
+    return _on_site(SITE, coarser)
+
+
+def _on_site(site: str, coarser: float) -> list[dict[str, Any]]:
+    runs = {name: at_preset(name, coarser, site) for name in PRESETS}
+    finest = at_preset(list(PRESETS)[-1], HALF * coarser, site)[0]
     results = [run[0] for run in runs.values()]
     ratio = results[2].spacing[2] / finest.spacing[2]
-    fronts, front_there = [runout_of(result) for result in results], runout_of(finest)
+    fronts, front_there = [runout_of(result, site) for result in results], runout_of(finest, site)
     map_left, map_order = left_after(distance(results[1], results[2]), distance(results[2], finest), ratio)
     front_left, front_order = left_after(abs(fronts[1] - fronts[2]), abs(fronts[2] - front_there), ratio)
     middle = results[1].n_particles * results[1].steps
     return [
         {
+            "site": site,
             "name": name,
             "cell_size": list(result.spacing),
             "particles": result.n_particles,

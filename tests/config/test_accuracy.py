@@ -32,11 +32,12 @@ def test_presets_are_finer_and_dearer_one_after_the_other_and_promise_less_error
 
 
 def test_numbers_of_the_presets_are_those_of_the_published_study():
-    measured = {one["name"]: one for one in json.loads((Path(__file__).parents[2] / SOURCE).read_text())["presets"]}
-    assert list(measured) == list(PRESETS)
+    measured = json.loads((Path(__file__).parents[2] / SOURCE).read_text())["presets"]
     for name, preset in PRESETS.items():
-        for number in ("map_error", "runout_error", "particle_steps"):
-            assert getattr(preset, number) == float(f"{measured[name][number]:.2g}"), (name, number)
+        first, second = (one for one in measured if one["name"] == name)
+        assert preset.particle_steps == float(f"{first['particle_steps']:.2g}"), name
+        for number in ("map_error", "runout_error"):
+            assert getattr(preset, number) == float(f"{max(first[number], second[number]):.2g}"), (name, number)
 
 
 def test_no_cell_is_wider_than_a_quarter_of_the_smallest_release():
