@@ -126,18 +126,9 @@ def _presets(presets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         return
     yield "## Presets of accuracy\n"
     yield "Two sites, 60 s, with `accuracy=...` alone. Errors: distance from `high` with half its cells plus what that has left by"
-    yield "the order that these two and `standard` show (safety factor 1.25), or by the last distance where none between 0.5 and 3 is"
-    yield "seen. Other sites have other errors, `runout verify SITE --convergence` tells.\n"
-    heads = (
-        "site",
-        "preset",
-        "cells [m]",
-        "particles",
-        "steps",
-        "work over standard",
-        "processor [s]",
-        "error of the thickness map",
-    )
+    yield "the order that these two and `standard` show (safety factor 1.25), or by the last distance where none between 0.5 and 3"
+    yield "is seen. Other sites have other errors, `runout verify SITE --convergence` tells.\n"
+    heads = ("site", "preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]", "error of the map")
     yield "| " + " | ".join((*heads, "order", "error of the run-out", "order")) + " |"
     yield "|---" * 11 + "|"
     for p in presets:
