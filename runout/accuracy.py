@@ -111,15 +111,20 @@ def lines(accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str
     size = grid["cell_size"]
     high = size[2] if isinstance(size, Sequence) else size
     name = f"accuracy {accuracy}: " if accuracy else ""
-    said = [f"grid      {name}cells of {_sizes(size)}, {depth / high:.1f} through the mean thickness of {depth:.3g} m"]
+    cells = f"cells of {_sizes(size)} with {_count(grid['particles_per_cell'])} particles"
+    said = [f"grid      {name}{cells}, {depth / high:.1f} through the mean thickness of {depth:.3g} m"]
     for other, one in PRESETS.items():
         given = choices(other, releases, {})
         ratio = work(given) / work(grid)
         said.append(
-            f"          {other}: {_sizes(given['cell_size'])}, {ratio:.3g} times this work; numerical error about "
-            f"{100 * one.map_error:.2g} % of the thickness map, {100 * one.runout_error:.2g} % of the run-out"
+            f"          {other}: {_sizes(given['cell_size'])} with {_count(one.particles_per_cell)}, {ratio:.3g} times this work; "
+            f"numerical error about {100 * one.map_error:.2g} % of the thickness map, {100 * one.runout_error:.2g} % of the run-out"
         )
     return [*said, f"          (errors measured on {EXAMPLE}; those of this site: `runout verify SITE --convergence`)"]
+
+
+def _count(particles: "ParticlesPerCell | Sequence[int]") -> str:
+    return " x ".join(map(str, particles)) if isinstance(particles, Sequence) else str(particles)
 
 
 def _sizes(size: "CellSize") -> str:
