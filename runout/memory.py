@@ -171,7 +171,9 @@ def _with_nodes(owners: np.ndarray) -> np.ndarray:
 
 def _hull(plan: np.ndarray, heights: np.ndarray) -> np.ndarray:
     """Lowest and highest of the heights (n, 2) over each place (n, 2): (m, 4)."""
-    places, which = np.unique(plan, axis=0, return_inverse=True)
+    corner, rows = plan.min(axis=0), int(np.ptp(plan[:, 1])) + 1
+    keys, which = np.unique((plan - corner) @ (rows, 1), return_inverse=True)  # several times as fast as by rows
+    places = corner + np.column_stack(np.divmod(keys, rows))
     low, high = np.full(len(places), np.iinfo(np.int64).max), np.full(len(places), np.iinfo(np.int64).min)
     np.minimum.at(low, which.ravel(), heights[:, 0])
     np.maximum.at(high, which.ravel(), heights[:, 1])
