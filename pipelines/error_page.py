@@ -86,7 +86,7 @@ def figure(problem: Mapping[str, Any]) -> bytes:
     """PNG of error against processor time, particle-steps and size of cells of one problem."""
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(13.0, 4.2), layout="constrained")
+    canvas = Figure(figsize=(15.0, 4.2), layout="constrained")
     panels = canvas.subplots(1, 3, sharey=True)
     for axes, key, label in zip(
         panels, ("seconds", "particle_steps", "cell"), ("processor time [s]", "particle-steps", "size of cells [m]"), strict=True
@@ -94,15 +94,29 @@ def figure(problem: Mapping[str, Any]) -> bytes:
         _panel(axes, problem, key)
         axes.set_xlabel(label)
         axes.grid(color="0.9", which="both")
+        _label_decades(axes.xaxis)
+    _label_decades(panels[0].yaxis)
     sizes = sorted({p["cell"] for curve in problem["curves"] for p in curve["points"]})
     panels[2].set_xticks(sizes, [f"{size:.3g}" for size in sizes], fontsize=8)
     panels[2].set_xticks([], minor=True)
     panels[0].set_ylabel("relative error")
-    panels[2].legend(fontsize=7, frameon=False, loc="best")
+    canvas.legend(*panels[2].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside right upper")
     canvas.suptitle(f"{problem['name']}: {problem['title']}; {problem['error']}", fontsize=10)
     picture = BytesIO()
     canvas.savefig(picture, format="png", dpi=80)
     return picture.getvalue()
+
+
+def _label_decades(axis: Any) -> None:
+    """Numbers at the decades of a logarithmic axis; at 2 and 5 besides where it spans few."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    few = high < 300 * low
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_minor_formatter(NullFormatter())
+    if few and low > 1e-4 and high < 1e4:
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
 
 
 def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
