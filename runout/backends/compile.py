@@ -96,10 +96,11 @@ class NumbaBinding:
         self.options: dict[str, Any] = {"error_model": "numpy", "boundscheck": False}
         if contract:
             self.options["fastmath"] = {"contract"}
+        self.inlined: dict[str, Any] = {**self.options, "forceinline": True, "_nrt": False}  # they make no array: none is counted
         names = {"real": real, "i64": numba.int64}
         for name in CONSTRUCTORS:
             names[name] = numba.njit(forceinline=True, **self.options)(getattr(tensors, name))
-        inline = numba.njit(forceinline=True, **self.options)
+        inline = numba.njit(**self.inlined)
         spaces, self._compiled = _bind(PHYSICS, names, inline)
         self.names = names
         self.__dict__.update(vars(spaces))
@@ -115,7 +116,7 @@ class NumbaBinding:
 
         labels = (f"contract={self.contract}", *(f"{k}={_label(v)}" for k, v in sorted(names.items())))
         key = source_key((*PHYSICS, *modules, *sources), self.real.__name__, *labels)
-        inline = numba.njit(forceinline=True, **self.options)
+        inline = numba.njit(**self.inlined)
         compiled = dict(self._compiled)
         space = SimpleNamespace()
         with cache_folder(key):

@@ -38,7 +38,7 @@ def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index, tra
     compiled_here = [name for name, kernel in kernels.items() if sum(kernel.stats.cache_misses.values())]
     loaded = [name for name, kernel in kernels.items() if sum(kernel.stats.cache_hits.values())]
     assert compiled_here == []
-    assert {"grid_to_particles", "particles_to_arenas_and_contacts", "solve_contacts", "update_nodes_over_ground"} <= set(loaded)
+    assert {"grid_to_particles", "particles_to_nodes_over_ground", "solve_contacts"} <= set(loaded)
     assert ("take_gradients" in loaded) == bool(transfer)
 
 

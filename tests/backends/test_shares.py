@@ -1,11 +1,13 @@
-"""Threads get equal shares: each stretch of the blocks' numbers holds its part of what is full and of what is empty."""
+"""Threads get equal shares, and every node is summed once, when nothing that it needs is missing."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scenes import SAND, box, plane, scene
 
-from runout.backends.scan import index
 from runout.backends.scan.backend import ScanBackend
+from runout.backends.scan.schedule import STRIP, Schedule
 
 
 def wedge():
@@ -17,30 +19,95 @@ def wedge():
     return scene(ground, materials=(SAND,), precision="float32"), p.take(np.flatnonzero(above < 9.0 - 0.12 * x[:, 0]))
 
 
+@pytest.fixture(scope="module")
+def loaded():
+    engine = ScanBackend()
+    engine.load(*wedge())
+    return engine.index
+
+
 @pytest.mark.parametrize("threads", [2, 4])
-def test_every_thread_gets_its_part_of_the_particles(threads, monkeypatch):
-    a_scene, p = wedge()
-    shares = []
-    for hands in (index.HANDS, 1):
-        monkeypatch.setattr(index, "HANDS", hands)
-        engine = ScanBackend()
-        engine.load(a_scene, p)
-        held = engine.index.held[: engine.index.nown]
-        shares.append(max(part.sum() for part in np.array_split(held, threads)) * threads / held.sum())
-    assert shares[0] < 1.12
-    assert shares[0] < shares[1]
+def test_every_thread_gets_its_part_of_the_particles(loaded, threads):
+    cuts = Schedule.of(loaded, threads).cuts
+    shares = [loaded.held[a:b].sum() for a, b in pairwise(cuts)]
+    halves = [part.sum() for part in np.array_split(loaded.held[: loaded.nown], threads)]
+    assert max(shares) * threads / loaded.held.sum() < 1.15
+    assert max(shares) < max(halves)
 
 
-def test_dealing_the_blocks_changes_no_bit_of_any_particle(monkeypatch):
-    a_scene, p = wedge()
+def strips_and_threads(index, schedule):
+    """Strip and thread of each owner."""
+    owner = np.arange(index.nown)
+    return owner // STRIP, np.searchsorted(schedule.cuts, owner, side="right") - 1
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 4])
+def test_nodes_are_due_behind_all_that_reach_them_and_wait_where_threads_share_them(loaded, threads):
+    schedule = Schedule.of(loaded, threads)
+    strip, thread = strips_and_threads(loaded, schedule)
+    assert sorted(schedule.nodes) == list(range(loaded.nall))
+    behind = np.searchsorted(schedule.due, np.arange(loaded.nall), side="right") - 1
+    for n, s in zip(schedule.nodes, behind, strict=True):
+        reaching = loaded.down[n][loaded.down[n] >= 0]
+        if s < len(schedule.due) - 1:
+            assert s == strip[reaching].max()
+            assert len(set(thread[reaching])) == 1
+        else:
+            assert len(set(thread[reaching])) > 1
+    assert schedule.waits == (threads > 1)
+    assert schedule.late_due[0] == schedule.due[-1]
+    assert schedule.late_due[-1] == loaded.nall
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_an_arena_is_free_when_all_nodes_are_summed_that_it_reaches(loaded, threads):
+    schedule = Schedule.of(loaded, threads)
+    due = np.empty(loaded.nall, int)
+    due[schedule.nodes] = np.searchsorted(schedule.due, np.arange(loaded.nall), side="right") - 1
+    freed = np.searchsorted(schedule.over, np.arange(loaded.nown), side="right") - 1
+    assert sorted(schedule.owners) == list(range(loaded.nown))
+    assert (due[loaded.up[schedule.owners]].max(axis=1) == freed).all()
+
+
+def test_no_node_is_due_early_where_something_is_added_to_all_arenas_first(loaded):
+    schedule = Schedule.of(loaded, 1, at_once=False)
+    assert schedule.due[-1] == 0
+    assert schedule.over[-1] == 0
+    assert schedule.most_arenas(loaded.held) == np.count_nonzero(loaded.held)
+
+
+def test_fewer_arenas_are_needed_than_blocks_that_fill_one(loaded):
+    assert Schedule.of(loaded, 1).most_arenas(loaded.held) < 0.7 * np.count_nonzero(loaded.held)
+
+
+@pytest.mark.parametrize("room", [1, 3])
+def test_a_step_that_lacks_arenas_makes_them_and_changes_no_bit(room):
     found = []
-    for hands in (index.HANDS, 1):
-        monkeypatch.setattr(index, "HANDS", hands)
-        engine = ScanBackend()
-        engine.load(a_scene, p)
-        for _ in range(40):
+    for short in (False, True):
+        engine = ScanBackend(threads=1)
+        engine.load(*wedge())
+        for _ in range(5):
+            if short:
+                a = engine.room
+                a.free = np.zeros((1, room), np.int32)
+                a.arenas = a.arenas[: room + 1].copy()
+                a.arenas[-1] = 0.0
             engine.step(engine.stable_step())
         q = engine.particles()
         found.append((q.node.tobytes(), q.offset.tobytes(), q.velocity.tobytes(), q.strain.tobytes()))
-        assert len(np.unique(engine.index.bxyz, axis=0)) == engine.index.nall
+        assert not engine.room.arenas[-1].any()
+    assert found[0] == found[1]
+
+
+def test_summing_late_changes_no_bit(monkeypatch):
+    found, whole = [], Schedule.of
+    for at_once in (True, False):
+        monkeypatch.setattr(Schedule, "of", lambda index, threads, _, at_once=at_once: whole(index, threads, at_once))
+        engine = ScanBackend(threads=1)
+        engine.load(*wedge())
+        for _ in range(40):
+            engine.step(engine.stable_step())
+        assert engine.schedule.waits != at_once
+        q = engine.particles()
+        found.append((q.node.tobytes(), q.offset.tobytes(), q.velocity.tobytes(), q.strain.tobytes()))
     assert found[0] == found[1]

@@ -23,13 +23,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from pipelines.sloping_layer import Layer
 from pipelines.timing import Case, Course
+from runout.backends.scan import nodes
 
 UNTIMED_STEPS = 20
-WITH_GROUND = {  # kernels and their counterparts without a ground
-    "finding": ("particles_to_arenas_and_contacts", "particles_to_arenas"),
-    "nodes": ("update_nodes_over_ground", "update_nodes"),
-}
-OWN = {"impulses": "solve_contacts", "to nodes": "apply_impulses"}
+WITH_GROUND = {"finding": ("particles_to_nodes_over_ground", "particles_to_nodes")}  # and its counterpart without a ground
+OWN = {"impulses": "solve_contacts"}
 
 
 class Timed:
@@ -54,10 +52,7 @@ class Timed:
     def step(self) -> None:
         """A step, after the kernels that a scene without ground would call."""
         e = self.course.engine
-        i, s, a, k = e.index, e.store, e.room, e.k
-        a.make_arenas(k.number_arenas(a.giving, i.nown, a.number))
-        k.particles_to_arenas(s.rec, s.order, i.starts, i.first, a.giving, i.nown, a.number, a.arenas, a.reached)
-        k.update_nodes(a.arenas, a.number, a.reached, i.down, i.nall, a.grid, e.dv)
+        nodes.fill(e)
         started = time.process_time()
         self.course.advance(1)
         self.seconds["step"].append(time.process_time() - started)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.scan.index import Index
+from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.stencil import ARENA
 from runout.backends.scan.store import _zeros
 from runout.backends.scan.transfer import SHARES
@@ -20,18 +21,20 @@ class Arenas:
 
     Attributes
     ----------
-    number : (nown,) int32
-        Place of each owner that holds particles among the arenas.
+    number, lent : (nown,) int32
+        Place among the arenas of each owner that gives to nodes, and of each with contacts, for their impulses.
     arenas : (some, ARENA)
-        What the particles of such an owner give to the nodes that they reach; the last is empty.
+        What the particles of such an owner give to the nodes that they reach; as many for each thread, and the last is empty.
+    free : (threads, some) int32
+        Arenas of each thread that may be used again.
     reached, pressed : (nown,) uint8
         Parts of such an arena that its particles reach, and its contacts (:mod:`runout.backends.scan.transfer`).
     shares, sharer : (some, SHARES), (nown,) int32
         Weights of the contacts of an owner at the nodes that they reach, the last without any; the place of the owner among these.
     grid : (nall, 256)
         Mass, or contact compliance where contacts reach, and velocity of the 64 nodes of each block.
-    shared : (nall,) bool
-        Blocks of nodes that contacts reach.
+    shared, inverse : (nall,) bool, (nall, 64)
+        Blocks of nodes that contacts reach, and one over the mass of their nodes [1/kg].
     tiles, planes, bounds : (nown, 36), (nown, 48), (nown, 2)
         The ground, see :func:`runout.backends.scan.ground.cut_tiles`.
     touching, candidates : (nown,) int64
@@ -56,18 +59,21 @@ class Arenas:
         Particles of blocks that fall asleep, that move, and that give to nodes; the last two are all where no block may sleep.
     sums : (nown, 7)
         What :mod:`runout.backends.scan.observe` adds up.
-    total : (7,)
-        Sums over the blocks.
+    total, nothing : (7,)
+        Sums over the blocks, and over none.
     """
 
     number: np.ndarray
+    lent: np.ndarray
     arenas: np.ndarray
+    free: np.ndarray
     reached: np.ndarray
     pressed: np.ndarray
     shares: np.ndarray
     sharer: np.ndarray
     grid: np.ndarray
     shared: np.ndarray
+    inverse: np.ndarray
     tiles: np.ndarray
     planes: np.ndarray
     bounds: np.ndarray
@@ -89,22 +95,27 @@ class Arenas:
     giving: np.ndarray
     sums: np.ndarray
     total: np.ndarray
+    nothing: np.ndarray
 
     @classmethod
-    def of(cls, index: Index, real: Any, domain: np.ndarray, sleeps: bool, sharers: int = 0) -> "Arenas":
+    def of(cls, index: Index, schedule: Schedule, real: Any, domain: np.ndarray, sleeps: bool, sharers: int = 0) -> "Arenas":
         """Arrays for the blocks of an index, which may sleep, and room for some shares; particles leave ``domain`` (4,) [cells]."""
         n, edge = index.nown, 4 * index.bxyz[: index.nown, :2]
+        room, threads = _roomy(schedule.most_arenas(index.held)), len(schedule.cuts) - 1
         beside = (edge - 2 < domain[::2]) | (edge + 8 > domain[1::2])
         count = partial(np.zeros, n, np.int64)
         return cls(
             number=np.zeros(n, np.int32),
-            arenas=_zeros(_roomy(int(np.count_nonzero(index.held))), ARENA, real),
+            lent=np.zeros(n, np.int32),
+            arenas=_zeros(threads * room + 1, ARENA, real),
+            free=np.zeros((threads, room), np.int32),
             reached=np.zeros(n, np.uint8),
             pressed=np.zeros(n, np.uint8),
             shares=np.zeros((sharers, SHARES), real),
             sharer=np.zeros(n, np.int32),
             grid=_zeros(index.nall, 256, real),
             shared=np.zeros(index.nall, np.bool_),
+            inverse=_zeros(index.nall, 64, real),
             tiles=np.empty((n, 36), real),
             planes=np.empty((n, 48), real),
             bounds=np.empty((n, 2), real),
@@ -126,12 +137,14 @@ class Arenas:
             giving=index.held.copy() if sleeps else index.held,
             sums=np.zeros((n, SUMS)),
             total=np.zeros(SUMS),
+            nothing=np.zeros(SUMS),
         )
 
     def make_arenas(self, wanted: int) -> None:
-        """More arenas, if there are fewer than ``wanted``."""
-        if wanted >= len(self.arenas):
-            self.arenas = _zeros(_roomy(wanted), ARENA, self.arenas.dtype)
+        """More arenas for each thread."""
+        threads, room = len(self.free), _roomy(wanted)
+        self.arenas = _zeros(threads * room + 1, ARENA, self.arenas.dtype)
+        self.free = np.zeros((threads, room), np.int32)
 
     def make_shares(self, wanted: int) -> None:
         """Shares of so many blocks, and empty ones."""
@@ -145,15 +158,6 @@ class Arenas:
 
 def _roomy(count: int) -> int:
     return count + count // 8 + 8
-
-
-def number_arenas(held, nown, number):
-    """Number the blocks that hold particles; returns how many there are."""
-    n = 0
-    for b in range(nown):
-        number[b] = n
-        n += held[b] > 0
-    return n
 
 
 def _total_held(held, nown):

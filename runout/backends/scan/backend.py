@@ -8,22 +8,21 @@ from typing import Any
 import numpy as np
 
 from runout.backends.protocol import Columns, Counters, LedgerRow
-from runout.backends.scan import checkpoint, columns, index, motion, observe, sleep
+from runout.backends.scan import checkpoint, columns, index, motion, nodes, observe, sleep
 from runout.backends.scan.arenas import Arenas
 from runout.backends.scan.general import General, is_general
 from runout.backends.scan.kernels import kernels_for
+from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.store import PADDING, SELDOM, Store, capacity, reserve
 from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particles import Particles
 from runout.model.scene import Scene
-from runout.physics import contact as contact_law
 from runout.physics import moments
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 PARTICLES_PER_THREAD = 10_000  # below, waiting for each other costs more than threads gain
 MOST_IN_A_BLOCK = 2**18
-SPARE = 16  # blocks that may get contacts before more memory is made
 LONGEST_LIST = 1024  # of holes between the slots of blocks
 INDEXES = ("sparse", "dense")
 
@@ -141,7 +140,9 @@ class ScanBackend:
     def _allocate_blocks(self, former: Arenas | None = None) -> None:
         """Arrays by block, after a rebuild; with room for as many shares as the ``former`` had, or the next step runs twice."""
         i, k, surface = self.index, self.k, self.scene.surface
-        self.room = a = Arenas.of(i, self.scene.dtype, self.domain, self.scene.sleep_speed > 0, len(former.shares) if former else 0)
+        self.schedule = Schedule.of(i, self.threads, not self.general)
+        sleeps, sharers = self.scene.sleep_speed > 0, len(former.shares) if former else 0
+        self.room = a = Arenas.of(i, self.schedule, self.scene.dtype, self.domain, sleeps, sharers)
         self.reaches_rim = bool(a.rim.any())
         self._fit_buffers(k.total_held(i.held, i.nown)[1])
         if surface is not None:
@@ -206,54 +207,21 @@ class ScanBackend:
         self.cells = tuple(real(dt / h) for h in self.scene.spacing)
 
     def _to_grid(self, dt: float) -> None:
-        i, s, a = self.index, self.store, self.room
         if dt != self.packed_dt:
             self._change_step(dt)
-        a.make_arenas(self.k.number_arenas(a.giving, i.nown, a.number))
         if self.scene.surface is None:
-            self.k.particles_to_arenas(s.rec, s.order, i.starts, i.first, a.giving, i.nown, a.number, a.arenas, a.reached)
+            nodes.fill(self)
         else:
-            self._find_contacts(dt)
-        if self.general:
-            self.general.push(self)
-        nodes = i.down, i.nall, a.grid
-        if self.scene.surface is None:
-            self.k.update_nodes(a.arenas, a.number, a.reached, *nodes, self.dv)
-        else:
-            self.k.update_nodes_over_ground(a.arenas, a.number, a.reached, a.shares, a.sharer, a.pressed, *nodes, a.shared, self.dv)
-
-    def _find_contacts(self, dt: float) -> None:
-        """Fill the arenas, and find the particles that touch; where their rows lack room, it is made and all is done again."""
-        i, s, a, real, threads = self.index, self.store, self.room, self.scene.dtype, self.threads
-        band = self.scene.contact_band * min(self.scene.spacing)
-        reach = contact_law.reach(self.largest_radius, self.max_speed, dt, band)
-        radius = s.radius[:1] if self.of_one_size else s.radius
-        while True:
-            rows, room = len(s.felt) // threads & ~15, max(len(a.shares) - 1, 0) // threads
-            needed, sharers, self.contact_particles = self.k.particles_to_arenas_and_contacts(
-                s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, i.nown, a.tiles, a.planes, a.bounds,
-                self.friction, real(reach), self.dt, self.h, real(band), a.number, a.arenas, a.reached, s.listed, a.candidates,
-                a.touching, a.pressed, s.contacts, s.measured, rows, a.shares, room, a.place, a.sharer, self.cursors,
-            )  # fmt: skip
-            if needed <= rows and sharers <= room:
-                return
-            if needed > rows:
-                s.make_contacts((needed + needed // 8 + PADDING) * threads)
-            if sharers > room:
-                a.make_shares((sharers + sharers // 8 + SPARE) * threads)
+            nodes.fill_over_ground(self, dt)
 
     def _contact(self) -> None:
-        i, s, a, k = self.index, self.store, self.room, self.k
+        i, s, a = self.index, self.store, self.room
         if self.contact_particles == 0:
             return
         if self.zones:
             where = i.bxyz, self.corner, self.spacing
-            k.take_zones(s.rec, s.measured, a.place, s.listed, s.cell, i.first, i.nown, a.touching, *where, *self.zones)
-        k.solve_contacts(
-            s.contacts, s.measured, s.felt, a.place, a.touching, a.pressed, i.nown, a.grid, i.up, self.dt, a.number, a.arenas,
-            a.asleep, a.ground, a.total,
-        )  # fmt: skip
-        k.apply_impulses(a.arenas, a.number, a.shares, a.sharer, a.pressed, a.shared, i.down, i.nall, a.grid)
+            self.k.take_zones(s.rec, s.measured, a.place, s.listed, s.cell, i.first, i.nown, a.touching, *where, *self.zones)
+        nodes.push(self)
         self.basal_dissipation -= float(a.total[0])
         self.basal_impulse += a.total[1:4]
 
@@ -261,9 +229,9 @@ class ScanBackend:
         i, s, a = self.index, self.store, self.room
         more = self.general.take_rates(self) if self.general else self.no_rates
         speed2, step, lost, refused, self.moved = self.k.grid_to_particles(
-            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown, a.grid, i.up, i.bxyz,
-            a.rim, self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.changed,
-            a.motion,
+            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown, self.schedule.cuts,
+            a.grid, i.up, i.bxyz, a.rim, self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving,
+            a.shifted, a.changed, a.motion,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(
@@ -289,8 +257,8 @@ class ScanBackend:
             s.grow(end + needed)
         self.surge = max(needed, self.surge - self.surge // 8)
         there, fullest = k.settle(
-            s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, s.listed, a.leaving,
-            a.shifted, a.changed, a.arrivals,
+            s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, self.schedule.cuts,
+            s.listed, a.leaving, a.shifted, a.changed, a.arrivals,
         )  # fmt: skip
         if fullest + PADDING > self.buffers[0].shape[1]:
             self._fit_buffers(fullest)
@@ -324,7 +292,7 @@ class ScanBackend:
 
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
-        named = {**vars(self.index), **vars(self), **{f"buffer_{k}": a for k, a in enumerate(self.buffers)}}
+        named = {**vars(self.index), **vars(self.schedule), **vars(self), **{f"buffer_{k}": a for k, a in enumerate(self.buffers)}}
         own = {name: int(a.nbytes) for name, a in named.items() if isinstance(a, np.ndarray)}
         more = self.general.memory() if self.general else {}
         return {**self.store.memory(), **self.room.memory(), **own, **more}

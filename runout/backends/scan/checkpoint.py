@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 OF_THE_SCENE = ("allowed", "threads", "dense", "spacing", "h", "mats", "friction", "density", "gravity", "dv")
 WITHIN_A_STEP = (
     *("number", "arenas", "grid", "tiles", "planes", "bounds", "rim", "touching", "candidates", "place"),
-    *("reached", "pressed", "shares", "sharer", "shared"),
+    *("reached", "pressed", "shares", "sharer", "shared", "inverse", "lent", "free"),
     *(
         "leaving",
         "arrivals",
@@ -33,6 +33,7 @@ WITHIN_A_STEP = (
         "ground",
         "sums",
         "total",
+        "nothing",
         "falling",
         "moving",
         "giving",

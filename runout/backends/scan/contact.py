@@ -10,7 +10,7 @@ that vectors are full, in the region of the thread that found them; those of blo
 """
 
 import numpy as np
-from numba import get_thread_id, prange
+from numba import prange
 
 from runout.backends.lanes import (
     constant,
@@ -23,16 +23,27 @@ from runout.backends.lanes import (
     store,
 )
 from runout.backends.scan.ground import _ground
-from runout.backends.scan.stencil import _place_of, _weigh_four, local_weights, zeros
+from runout.backends.scan.schedule import STRIP
+from runout.backends.scan.stencil import ARENA, _place_of, _weigh_four, local_weights, zeros
 from runout.backends.scan.transfer import (
     PLANE_OF_SHARES,
     ROW_OF_SHARES,
+    ROWS,
+    SHARED,
     SHARES,
-    STRIP,
+    TAKEN,
+    TOUCH,
+    _expect_next,
     _fill_arena,
+    _leave_arenas,
+    _most_of,
     _octant,
     _parts_of,
     _reached_parts,
+    _start,
+    _strip_of,
+    _take_arena,
+    _update_block_over_ground,
 )
 from runout.physics.contact import in_contact
 from runout.physics.moments import momentum_at
@@ -223,75 +234,94 @@ def _measure_strip(
         row = _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured, row, touching)
 
 
-def _most_needed(cursors):
-    """Most rows and shares that a thread needs; number of contacts of all."""
-    rows = 0
-    shares = 0
-    touching = 0
-    for t in range(len(cursors)):
-        rows = max(rows, cursors[t, 0])
-        shares = max(shares, cursors[t, 1])
-        touching += cursors[t, 2]
-    return rows, shares, touching
-
-
-def particles_to_arenas_and_contacts(
-    rec, who, radius, label, cell, order, starts, first, giving, nown, tiles, planes, bounds, friction, reach, dt, h, band, number,
-    arenas, reached, listed, candidates, touching, pressed, contacts, measured, rows, shares, room, place, sharer, cursors,
+def _fill_strip(
+    rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, room, free, cursors, thread, reached,
+    listed, candidates, touching, pressed, low, end, nown,
 ):  # fmt: skip
-    """Fill the arenas, and find the particles that touch the ground while the blocks of a strip are in cache.
+    """Fill the arenas of the owners ``low`` to ``end``; returns how many candidates there are, and in how many blocks."""
+    total = 0
+    blocks = 0
+    for b in range(low, end):
+        candidates[b] = touching[b] = 0
+        reached[b] = pressed[b] = 0
+        if giving[b] > 0:
+            cut = reach / (bounds[b, 1] * h[2])
+            near = real(0.5) - bounds[b, 0] <= cut
+            if near:
+                _call_up(tiles, planes, cell, b, first[b], giving[b])
+            reached[b] = _reached_parts(starts, b)
+            number[b] = _take_arena(cursors, thread, room, free)
+            _expect_next(rec, order, starts, first, giving, bounds, b, nown)
+            a = ARENA * np.int64(number[b])
+            candidates[b] = _fill_arena(rec, order, starts, first, b, reached[b], arenas, a, near, planes, cut, listed)
+            total += candidates[b]
+            blocks += candidates[b] > 0
+    return total, blocks
+
+
+def _keep_room(cursors, thread, total, blocks, rows, places):
+    """First row and share of a strip, and whether there is room for all that may touch."""
+    row = cursors[thread, ROWS]
+    share = cursors[thread, SHARED]
+    cursors[thread, ROWS] += (total + 15) & ~15
+    cursors[thread, SHARED] += blocks
+    fits = cursors[thread, ROWS] <= rows and cursors[thread, SHARED] <= places
+    return row + thread * rows, share + thread * places, fits
+
+
+def _share_strip(contacts, shares, row, share, low, end, touching, place, sharer, pressed):
+    """Weights of the contacts of a strip at the nodes; returns what comes behind the last row and share."""
+    ready = local_weights(contacts)
+    _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
+    for b in range(low, end):
+        place[b] = row
+        if touching[b] > 0:
+            sharer[b] = share
+            pressed[b] = _share_block(shares, SHARES * share, contacts, ready, row, touching[b])
+            row += touching[b]
+            share += 1
+    return row, share
+
+
+def particles_to_nodes_over_ground(
+    rec, who, radius, label, cell, order, starts, first, giving, nown, cuts, due, nodes, over, owners, tiles, planes, bounds,
+    friction, reach, dt, h, band, number, arenas, room, free, cursors, reached, listed, candidates, touching, pressed, contacts,
+    measured, rows, shares, places, place, sharer, down, grid, shared, inverse, dv,
+):  # fmt: skip
+    """Fill the arenas, find the particles that touch the ground while a strip is in cache, and sum the nodes that are due.
 
     ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch; ``radius`` has one number where
     all are the same. Gives the numbers (nown,) of particles that are ``touching``, which are ``listed`` then, the sums of their
-    weights over the nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``rows`` of
-    contacts and ``room`` for shares, and counts in ``cursors`` (threads, 3) those that it needs, and what touches; where one needs
-    more, they are missing. Returns the most rows and shares that a thread needs, and the number of those that touch.
+    weights over the nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``room`` for
+    arenas, ``rows`` of contacts and ``places`` for shares, and counts in ``cursors`` (threads, 8) those that it needs, and what
+    touches; where one needs more, the result is worth nothing. Returns what a thread needs of each, and the number of those that
+    touch. With no owners, ``nown`` = 0, nodes are summed alone.
     """
+    _start(cursors)
+    for thread in prange(len(cuts) - 1):
+        for s in range(_strip_of(cuts[thread]), _strip_of(cuts[thread + 1])):
+            low = STRIP * s
+            end = min(low + STRIP, nown)
+            total, blocks = _fill_strip(
+                rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, room, free, cursors,
+                thread, reached, listed, candidates, touching, pressed, low, end, nown,
+            )  # fmt: skip
+            row, share, fits = _keep_room(cursors, thread, total, blocks, rows, places)
+            if total > 0 and fits:
+                _expect(contacts, measured, shares, row, total, share, blocks)
+                _measure_strip(
+                    rec, who, radius, label, cell, first, tiles, friction, dt, h, band, listed, candidates, contacts, measured,
+                    touching, low, total, row,
+                )  # fmt: skip
+                behind, after = _share_strip(contacts, shares, row, share, low, end, touching, place, sharer, pressed)
+                cursors[thread, TOUCH] += behind - row
+                cursors[thread, ROWS] = ((behind + 15) & ~15) - thread * rows
+                cursors[thread, SHARED] = after - thread * places
+            for k in range(due[s], due[s + 1]):
+                n = np.int64(nodes[k])
+                _update_block_over_ground(arenas, number, reached, shares, sharer, pressed, down, n, grid, shared, inverse, dv)
+            _leave_arenas(cursors, thread, free, s, over, owners, giving, number)
+    total = 0
     for t in range(len(cursors)):
-        cursors[t, 0] = cursors[t, 1] = cursors[t, 2] = 0
-    for s in prange((nown + STRIP - 1) // STRIP):
-        low = s * STRIP
-        end = min(low + STRIP, nown)
-        total = 0
-        blocks = 0
-        for b in range(low, end):
-            candidates[b] = touching[b] = 0
-            reached[b] = pressed[b] = 0
-            if giving[b] > 0:
-                cut = reach / (bounds[b, 1] * h[2])
-                near = real(0.5) - bounds[b, 0] <= cut
-                if near:
-                    _call_up(tiles, planes, cell, b, first[b], giving[b])
-                reached[b] = _reached_parts(starts, b)
-                candidates[b] = _fill_arena(rec, order, starts, first, b, arenas[number[b]], near, planes, cut, listed)
-                total += candidates[b]
-                blocks += candidates[b] > 0
-        if total == 0:
-            continue
-        thread = get_thread_id()
-        row = cursors[thread, 0]
-        share = cursors[thread, 1]
-        cursors[thread, 0] += (total + 15) & ~15
-        cursors[thread, 1] += blocks
-        if cursors[thread, 0] > rows or cursors[thread, 1] > room:
-            continue
-        row += thread * rows
-        share += thread * room
-        _expect(contacts, measured, shares, row, total, share, blocks)
-        _measure_strip(
-            rec, who, radius, label, cell, first, tiles, friction, dt, h, band, listed, candidates, contacts, measured, touching,
-            low, total, row,
-        )  # fmt: skip
-        ready = local_weights(contacts)
-        _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
-        for b in range(low, end):
-            place[b] = row
-            if touching[b] > 0:
-                cursors[thread, 2] += touching[b]
-                sharer[b] = share
-                pressed[b] = _share_block(shares, SHARES * share, contacts, ready, row, touching[b])
-                row += touching[b]
-                share += 1
-        cursors[thread, 0] = ((row + 15) & ~15) - thread * rows
-        cursors[thread, 1] = share - thread * room
-    return _most_needed(cursors)
+        total += cursors[t, TOUCH]
+    return _most_of(cursors, TAKEN), _most_of(cursors, ROWS), _most_of(cursors, SHARED), total

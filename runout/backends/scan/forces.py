@@ -19,7 +19,7 @@ from runout.backends.lanes import (
     splat,
 )
 from runout.backends.scan.observe import LAMBDA, SHEAR, TILE, Moduli, _strain, _take_logs
-from runout.backends.scan.stencil import _add_rows, _first_node, _nothing, _z_weights, in_groups, repeated, tails, z_centre
+from runout.backends.scan.stencil import ARENA, _add_rows, _first_node, _nothing, _z_weights, in_groups, repeated, tails, z_centre
 from runout.physics.bspline import weight_slopes, weights
 from runout.physics.elastic import kirchhoff_stress
 from runout.physics.moments import stress_columns
@@ -121,4 +121,4 @@ def add_forces(rec, state, who, label, order, starts, first, nown, mats, s, numb
             rows = _nothing(rec)
             for q in range(np.uint64(starts[b, c]), np.uint64(starts[b, c + 1])):
                 rows = _scatter_slopes(flat, q * np.uint64(16), rows)
-            _add_rows(arenas[number[b]], _first_node(c), rows)
+            _add_rows(arenas, ARENA * np.int64(number[b]) + _first_node(c), rows)

@@ -8,6 +8,7 @@ from runout.backends.scan.arenas import Arenas
 from runout.backends.scan.general import bytes_of_general
 from runout.backends.scan.index import Index
 from runout.backends.scan.order import _spacious
+from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.store import Store, capacity
 from runout.model.materials import Elastic
 from runout.model.particles import Particles
@@ -64,5 +65,7 @@ def _blocks(held: int, owners: int, nodes: int, scene: Scene) -> int:
     index = Index.room_for(owners, nodes)
     index.bxyz[:] = 0
     index.held[:held] = 1
-    own = sum(values.nbytes for values in vars(index).values() if isinstance(values, np.ndarray))
-    return own + sum(Arenas.of(index, scene.dtype, np.zeros(4), scene.sleep_speed > 0).memory().values())
+    index.up[:] = index.down[:] = 0
+    schedule = Schedule.of(index, 1, at_once=False)
+    own = sum(values.nbytes for values in (*vars(index).values(), *vars(schedule).values()) if isinstance(values, np.ndarray))
+    return own + sum(Arenas.of(index, schedule, scene.dtype, np.zeros(4), scene.sleep_speed > 0).memory().values())

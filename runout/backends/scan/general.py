@@ -50,7 +50,10 @@ class General:
         if self.scene.keeps:
             if self.given.shape != a.grid.shape:
                 self.given = np.zeros_like(a.grid)
-            k.update_nodes(a.arenas, a.number, a.reached, i.down, i.nall, self.given, self.still)
+            k.particles_to_nodes(
+                s.rec, s.order, i.starts, i.first, a.giving, 0, *engine.schedule.late, a.number, a.arenas, a.free.shape[1], a.free,
+                engine.cursors[: engine.threads], a.reached, i.down, self.given, self.still,
+            )  # fmt: skip
         k.add_forces(
             s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, engine.mats, self._cells(engine), a.number,
             a.arenas, engine.buffers[0],

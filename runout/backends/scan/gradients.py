@@ -14,6 +14,7 @@ from numba import prange
 from runout.backends.lanes import constant, load16, permutation, select, splat, store
 from runout.backends.scan.forces import _z_slopes
 from runout.backends.scan.stencil import (
+    ARENA,
     EVERY,
     _add_rows,
     _clear,
@@ -115,9 +116,9 @@ def spread_dilatation(rates, state, order, starts, first, nown, cells, number, a
     for b in prange(nown):
         if starts[b, 64] == 0:
             continue
-        arena = arenas[number[b]]
+        a = ARENA * np.int64(number[b])
         flat = rates.reshape(-1)
-        _clear(arena, EVERY)
+        _clear(arenas, a, EVERY)
         f = np.uint64(first[b])
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:
@@ -130,7 +131,7 @@ def spread_dilatation(rates, state, order, starts, first, nown, cells, number, a
                 rates[t, 2] = real(0.0)
                 rates[t, 3] = real(0.0)
                 rows = _spread(flat, t * np.uint64(16), rows)
-            _add_rows(arena, _first_node(c), rows)
+            _add_rows(arenas, a + _first_node(c), rows)
 
 
 def average_dilatation(arenas, number, reached, down, nall, grid):
@@ -142,7 +143,7 @@ def average_dilatation(arenas, number, reached, down, nall, grid):
         for i in range(4):
             for j in range(4):
                 o = b * 256 + (i * 4 + j) * 16
-                s = _sum_row(arenas, place, i, j)
+                s = _sum_row(arenas, place, i, j, 0, 1)
                 volume = masses(s)
                 filled = volume > zeros(s)
                 mean = select(filled, seconds(s) / select(filled, volume, ones(s)), zeros(s))

@@ -7,8 +7,9 @@ added up where they had their mass, which nothing reads any more in this step.
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import in_double, load4, load16, local_array, prefetch, record_vectors, row_vectors, store
+from runout.backends.lanes import in_double, load4, load16, local_array, record_vectors, row_vectors, store
 from runout.backends.scan.contact import BEFORE, GAP, GRIP, NORMAL
+from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     ARENA,
     EVERY,
@@ -19,6 +20,7 @@ from runout.backends.scan.stencil import (
     _first_node,
     _load_nodes,
     _load_rows,
+    _next_filled,
     _place_of,
     _weigh_four,
     even_groups,
@@ -30,7 +32,7 @@ from runout.backends.scan.stencil import (
     second_group,
     weights_of_z,
 )
-from runout.backends.scan.transfer import STRIP, four_zeros
+from runout.backends.scan.transfer import _leave_arenas, _push_block, _start, _strip_of, _take_arena, four_zeros
 from runout.physics.contact import impulse, work
 from runout.physics.tensors import vec
 
@@ -90,15 +92,15 @@ def _push(t, measured, g, dt):
         t[3, q] = push[2]
 
 
-def _spread_block(contacts, ready, felt, row, n, arena, parts, ground, b):
-    """Fill the arena of a block with the impulses of its contacts, and sum them up; ``ready`` are the weights of the first."""
-    _clear(arena, parts)
+def _spread_block(contacts, ready, felt, row, n, arenas, a, parts, ground, b):
+    """Fill the arena at place ``a`` with the impulses of its contacts, and sum them up; ``ready`` are the weights of the first."""
+    _clear(arenas, a, parts)
     total = four_zeros(ground)
     for r in range(np.uint64(row), np.uint64(row + n)):
         _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
         push = load4(felt, r * np.uint64(4))
         total = total + in_double(push)
-        _add_weighted(arena, _first_node(np.int64(contacts[r, 0])), ready, _place_of(r), push)
+        _add_weighted(arenas, a + _first_node(np.int64(contacts[r, 0])), ready, _place_of(r), push)
     store(ground, 4 * b, total)
 
 
@@ -112,42 +114,57 @@ def _total_ground(ground, touching, asleep, nown, total):
                 total[k] += ground[b, k]
 
 
-def solve_contacts(contacts, measured, felt, place, touching, pressed, nown, grid, up, dt, number, arenas, asleep, ground, sums):
-    """One impulse per contact, spread to the arena of its block; ``ground`` (nown, 4) is their work [J] and sum [N s].
+def _solve_strip(contacts, measured, felt, place, touching, pressed, grid, up, dt, low, end, total):
+    """Work and impulse of the ``total`` contacts of the owners ``low`` to ``end``, in ``felt``."""
+    nodes = local_nodes(contacts)
+    _clear(nodes, 0, EVERY)
+    row = place[low]
+    ready = local_weights(contacts)
+    _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
+    for b in range(low, end):
+        if touching[b] > 0:
+            later = _next_filled(touching, b, end)
+            if later < end:
+                _expect_nodes(grid, up, later, pressed[later])
+            _load_nodes(nodes, grid, up, b, pressed[b])
+            _meet_grid(contacts, ready, felt, nodes, place[b], touching[b])
+    t = local_columns(contacts)
+    for g in range(row >> 4, (row + total + 15) >> 4):
+        store_4_rows(t, 0, load_felt(felt, 64 * g))
+        _push(t, measured, g, dt)
+        store_felt(felt, 64 * g, load_4_rows(t, 0))
 
-    ``sums`` are over all blocks but those that are ``asleep``.
+
+def solve_contacts(
+    contacts, measured, felt, place, touching, pressed, nown, cuts, due, nodes, over, owners, grid, up, down, dt, lent, arenas,
+    room, free, cursors, shared, inverse, asleep, ground, sums,
+):  # fmt: skip
+    """One impulse per contact, spread to an arena of its block, and by it to the nodes that are due.
+
+    ``lent`` are the numbers of these arenas, ``ground`` (nown, 4) the contacts' work [J] and sum [N s]; ``sums`` are over all
+    blocks but those that are ``asleep``. Who reads the velocity of a node reaches it too, so that nobody does once it is due.
+    With no owners, ``nown`` = 0, nodes are pushed alone.
     """
-    for s in prange((nown + STRIP - 1) // STRIP):
-        low = s * STRIP
-        end = min(low + STRIP, nown)
-        total = 0
-        for b in range(low, end):
-            total += touching[b]
-        if total == 0:
-            continue
-        nodes = local_nodes(contacts)
-        _clear(nodes, EVERY)
-        row = place[low]
-        ready = local_weights(contacts)
-        _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
-        for b in range(low, end):
-            if touching[b] > 0:
-                for o in range(0, ARENA, 16):  # asks for what is filled below
-                    prefetch(arenas, ARENA * np.int64(number[b]) + o)
-                later = b + 1
-                while later < end and touching[later] == 0:
-                    later += 1
-                if later < end:
-                    _expect_nodes(grid, up, later, pressed[later])
-                _load_nodes(nodes, grid, up, b, pressed[b])
-                _meet_grid(contacts, ready, felt, nodes, place[b], touching[b])
-        t = local_columns(contacts)
-        for g in range(row >> 4, (row + total + 15) >> 4):
-            store_4_rows(t, 0, load_felt(felt, 64 * g))
-            _push(t, measured, g, dt)
-            store_felt(felt, 64 * g, load_4_rows(t, 0))
-        _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
-        for b in range(low, end):
-            if touching[b] > 0:
-                _spread_block(contacts, ready, felt, place[b], touching[b], arenas[number[b]], pressed[b], ground, b)
+    _start(cursors)
+    for thread in prange(len(cuts) - 1):
+        for s in range(_strip_of(cuts[thread]), _strip_of(cuts[thread + 1])):
+            low = STRIP * s
+            end = min(low + STRIP, nown)
+            total = 0
+            for b in range(low, end):
+                total += touching[b]
+            if total > 0:
+                _solve_strip(contacts, measured, felt, place, touching, pressed, grid, up, dt, low, end, total)
+                ready = local_weights(contacts)
+                _weigh_four(contacts, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
+                for b in range(low, end):
+                    if touching[b] > 0:
+                        lent[b] = _take_arena(cursors, thread, room, free)
+                        a = ARENA * np.int64(lent[b])
+                        _spread_block(contacts, ready, felt, place[b], touching[b], arenas, a, pressed[b], ground, b)
+            for k in range(due[s], due[s + 1]):
+                n = np.int64(nodes[k])
+                if shared[n]:
+                    _push_block(arenas, lent, pressed, down, n, grid, inverse)
+            _leave_arenas(cursors, thread, free, s, over, owners, touching, lent)
     _total_ground(ground, touching, asleep, nown, sums)

@@ -16,8 +16,6 @@ from runout.physics.blocks import block_of
 OWNER = 1
 NODES = 2
 PAGE = 512  # blocks of a superblock
-DEALT, HANDS = 16, 4  # blocks that stay together; parts into which their groups are dealt
-BLOCK = 60  # particles that take as long as a block with particles takes beside them
 LARGEST_TABLE = 2**24  # superblocks: 64 MB
 UP = np.array([(q >> 2, (q >> 1) & 1, q & 1) for q in range(8)])  # steps to the blocks of Index.up
 IN_PLANE, IN_ROWS, IN_COLUMNS = 0o777, 0o007007007, 0o111111111  # bits of the neighbours below the middle along x, y and z
@@ -112,11 +110,8 @@ class Index:
         k.number_blocks(places, mask, before, new.nown, slot, new.bxyz)
         numbers = np.zeros(self.nown, np.int32)
         k.find_numbers(self.bxyz, self.held, self.nown, corner, table, slot, numbers)
-        work = np.ones(new.nown)
-        work[numbers[occupied]] += BLOCK + self.held[occupied]
-        dealt = _deal_owners(new, work, mask == OWNER, slot)
         k.link_blocks(corner, table, slot, new.bxyz, new.nown, new.nall, new.up, new.down, new.around)
-        return new, dealt[numbers]
+        return new, numbers
 
     def join_ends(self, period: tuple[int, int, int]) -> None:
         """Link the blocks at either end of a period to each other, for verification; their images beyond it stay empty.
@@ -250,23 +245,6 @@ def mark_nodes(places, corner, table, mask):
             k = places[s, 2] * 8 + (p & 7)
             if mask[s, p] == 0 and _beside_owner(corner, table, mask, i, j, k):
                 mask[s, p] = NODES
-
-
-def _deal_owners(index: Index, work: np.ndarray, owners: np.ndarray, slot: np.ndarray) -> np.ndarray:
-    """Number the owners anew: hand by hand, dealt to a few hands in groups of neighbours; returns the new numbers.
-
-    A thread takes one stretch of numbers after the other: so each gets its share of the ``work`` (nown,). Groups are dealt by what
-    there is to do, to the hands to and fro.
-    """
-    number = np.arange(index.nown)
-    by_work = np.argsort(-np.add.reduceat(work, number[::DEALT]), kind="stable")
-    hand = np.empty(len(by_work), np.int64)
-    hand[by_work] = np.resize([*range(HANDS), *reversed(range(HANDS))], len(by_work))
-    dealt = np.empty(index.nown, np.int32)
-    dealt[np.argsort(hand[number // DEALT], kind="stable")] = number
-    slot[owners] = dealt[slot[owners]]
-    index.bxyz[dealt] = index.bxyz[: index.nown].copy()
-    return dealt
 
 
 def number_blocks(places, mask, before, nown, slot, bxyz):

@@ -8,7 +8,7 @@ a part of their own velocity; what such a scene does not use is multiplied by ze
 """
 
 import numpy as np
-from numba import get_thread_id, prange
+from numba import prange
 
 from runout.backends.lanes import (
     constant,
@@ -34,6 +34,7 @@ from runout.backends.scan.stencil import (
     _gather,
     _load_nodes,
     _load_rows,
+    _next_filled,
     _place_of,
     _weigh,
     local_nodes,
@@ -80,6 +81,13 @@ def _load_tile(t, rec, state, p, groups):
     for g in range(groups):
         store_16_rows(t, 16 * g, _about_particles(load_records(rec, 16 * (p + 16 * g))))
         store_8_rows(t, 16 * TILE + 16 * g, load_states(state, 8 * (p + 16 * g)))
+
+
+def _load_rates(t, rates, slips, p, groups):
+    """Transpose what a general scene knows of its particles beside their records."""
+    for g in range(groups):
+        store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (p + 16 * g)))
+        store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (p + 16 * g)))
 
 
 def _store_tile(t, rec, state, p, groups):
@@ -296,11 +304,18 @@ def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, wh
         cell[f + t] = cell2[t]
 
 
+def _expect_list(order, who, first, moving, b, end):
+    """Ask for the list and the labels of the next block before ``end`` that moves."""
+    later = _next_filled(moving, b, end)
+    if later < end:
+        for t in range(0, moving[later] + 15, 16):
+            prefetch(order, first[later] + t)
+            prefetch(who, first[later] + t)
+
+
 def _expect_next(rec, state, order, first, moving, b, nown, grid, up):
     """Ask for the nodes and first particles of the next block that moves: the loop over its own asks only for later ones."""
-    later = np.int64(b) + 1
-    while later < nown and moving[later] == 0:
-        later += 1
+    later = _next_filled(moving, b, nown)
     if later == nown:
         return
     for t in range(first[later], first[later] + min(moving[later], AHEAD)):
@@ -329,8 +344,8 @@ def _total_motion(motion, changed, nown):
 
 
 def grid_to_particles(
-    rec, state, cell, who, label, order, starts, first, moving, reached, nown, grid, up, bxyz, rim, domain, mats, s, cells, rates,
-    averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
+    rec, state, cell, who, label, order, starts, first, moving, reached, nown, cuts, grid, up, bxyz, rim, domain, mats, s, cells,
+    rates, averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
@@ -339,52 +354,46 @@ def grid_to_particles(
     those of ``rates``, ``averaged`` is 1 with F-bar and 0 without, ``keeps`` the part of the ``slips`` that stays with a particle,
     and ``s`` is zero where records hold no stress.
     """
-    for b in prange(nown):
-        leaving[b] = 0
-        shifted[b] = 0
-        changed[b] = 0
-        for k in range(4):
-            sums[b, k] = 0.0
-        held = moving[b]
-        if held == 0:
-            continue
-        buffer = get_thread_id()
-        records = rec2[buffer]
-        states = state2[buffer]
+    for thread in prange(len(cuts) - 1):
+        records, states, labels, of_cell = rec2[thread], state2[thread], who2[thread], cell2[thread]
         nodes = local_nodes(rec)
         t = local_tile(rec)
-        _load_nodes(nodes, grid, up, b, reached[b])
-        f = first[b]
-        _gather_block(rec, state, who, cell, order, held, np.uint64(f), nodes, records, states, who2[buffer], cell2[buffer])
-        _expect_next(rec, state, order, first, moving, b, nown, grid, up)
-        speed = move = lost = refused = zeros(rec)
-        left = 0
-        stirred = 0
-        new = np.int64(0)
-        for k in range(0, held, TILE):
-            count = min(TILE, held - k)
-            groups = (count + 15) >> 4
-            _load_tile(t, records, states, k, groups)
-            if GENERAL:
+        for b in range(np.uint64(cuts[thread]), np.uint64(cuts[thread + 1])):
+            leaving[b] = shifted[b] = changed[b] = 0
+            for k in range(4):
+                sums[b, k] = 0.0
+            held = moving[b]
+            if held == 0:
+                continue
+            _load_nodes(nodes, grid, up, b, reached[b])
+            f = first[b]
+            _expect_list(order, who, first, moving, b, nown)
+            _gather_block(rec, state, who, cell, order, held, np.uint64(f), nodes, records, states, labels, of_cell)
+            _expect_next(rec, state, order, first, moving, b, nown, grid, up)
+            speed = move = lost = refused = zeros(rec)
+            left = stirred = new = np.int64(0)
+            for k in range(0, held, TILE):
+                count = min(TILE, held - k)
+                groups = (count + 15) >> 4
+                _load_tile(t, records, states, k, groups)
+                if GENERAL:
+                    _load_rates(t, rates, slips, f + k, groups)
+                _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
+                _follow_all_large(t, records, states, k, who, label, f + k, groups, mats, s, cells, averaged, keeps)
+                _store_tile(t, rec, state, f + k, groups)
                 for g in range(groups):
-                    store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (f + k + 16 * g)))
-                    store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (f + k + 16 * g)))
-            _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
-            _follow_all_large(t, records, states, k, who, label, f + k, groups, mats, s, cells, averaged, keeps)
-            _store_tile(t, rec, state, f + k, groups)
-            for g in range(groups):
-                speed = largest(speed, load16(t, SPEED * TILE + 16 * g))
-                move = largest(move, load16(t, MOVE * TILE + 16 * g))
-                lost = lost + load16(t, LOST * TILE + 16 * g)
-                refused = refused + load16(t, REFUSED * TILE + 16 * g)
-                left, stirred, new = _note_moves(
-                    t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, f + held - 1, left, stirred, new
-                )
-        leaving[b] = left
-        shifted[b] = stirred
-        changed[b] = new
-        sums[b, 0] = lane_largest(speed)
-        sums[b, 1] = lane_largest(move)
-        sums[b, 2] = lane_sum(lost)
-        sums[b, 3] = lane_sum(refused)
+                    speed = largest(speed, load16(t, SPEED * TILE + 16 * g))
+                    move = largest(move, load16(t, MOVE * TILE + 16 * g))
+                    lost = lost + load16(t, LOST * TILE + 16 * g)
+                    refused = refused + load16(t, REFUSED * TILE + 16 * g)
+                    left, stirred, new = _note_moves(
+                        t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, f + held - 1, left, stirred, new
+                    )
+            leaving[b] = left
+            shifted[b] = stirred
+            changed[b] = new
+            sums[b, 0] = lane_largest(speed)
+            sums[b, 1] = lane_largest(move)
+            sums[b, 2] = lane_sum(lost)
+            sums[b, 3] = lane_sum(refused)
     return _total_motion(sums, changed, nown)

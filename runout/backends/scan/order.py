@@ -270,29 +270,32 @@ def _list_anew(cell, order, starts, b, first, end, movers, leaving, shifted):
     return starts[b, CELLS]
 
 
-def settle(rec, state, who, cell, order, starts, first, held, before, around, nown, movers, leaving, shifted, changed, arrivals):
+def settle(
+    rec, state, who, cell, order, starts, first, held, before, around, nown, cuts, movers, leaving, shifted, changed, arrivals
+):
     """Let particles enter their new blocks, and list the blocks in which anything changed by cell.
 
     Returns the number of particles, and that in the fullest block.
     """
-    for b in prange(nown):
-        if b + 2 < nown and (arrivals[b + 2] > 0 or changed[b + 2] != 0):
-            _expect_lists(order, starts, movers, first, held, np.int64(b) + 2)
-        if b + 1 < nown and arrivals[b + 1] > 0:
-            _expect(rec, state, who, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1])
-        if arrivals[b] == 0 and changed[b] == 0:
-            continue
-        f = first[b]
-        end = f + held[b]
-        moved = f != before[b]
-        if moved:
-            end = f + _relocate(rec, state, who, cell, before[b], f, held[b])
-        if arrivals[b] > 0:
-            end = _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end)
-        if moved or starts[b, CELLS] > LONGEST:
-            held[b] = _list_by_cell(cell, order, starts, b, f, end)
-        else:
-            held[b] = _list_anew(cell, order, starts, b, f, end, movers, leaving[b], shifted[b])
+    for thread in prange(len(cuts) - 1):
+        for b in range(np.uint64(cuts[thread]), np.uint64(cuts[thread + 1])):
+            if b + 2 < nown and (arrivals[b + 2] > 0 or changed[b + 2] != 0):
+                _expect_lists(order, starts, movers, first, held, np.int64(b) + 2)
+            if b + 1 < nown and arrivals[b + 1] > 0:
+                _expect(rec, state, who, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1])
+            if arrivals[b] == 0 and changed[b] == 0:
+                continue
+            f = first[b]
+            end = f + held[b]
+            moved = f != before[b]
+            if moved:
+                end = f + _relocate(rec, state, who, cell, before[b], f, held[b])
+            if arrivals[b] > 0:
+                end = _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end)
+            if moved or starts[b, CELLS] > LONGEST:
+                held[b] = _list_by_cell(cell, order, starts, b, f, end)
+            else:
+                held[b] = _list_anew(cell, order, starts, b, f, end, movers, leaving[b], shifted[b])
     return _total_held(held, nown)
 
 

@@ -228,14 +228,14 @@ def _mean(rec, r, rows):
     return first_group(s) + second_group(s)
 
 
-def _clear(arena, parts):
-    """Empty the ``parts`` of an arena, or some more."""
+def _clear(arenas, a, parts):
+    """Empty the ``parts`` of the arena at place ``a``, or some more."""
     if parts & UPPER == 0:
-        for o in range(0, 6 * PLANE, ROW):
-            store(arena, o, zeros(arena))
+        for o in range(a, a + 6 * PLANE, ROW):
+            store(arenas, o, zeros(arenas))
     else:
-        for o in range(0, ARENA, 16):
-            store(arena, o, zeros(arena))
+        for o in range(a, a + ARENA, 16):
+            store(arenas, o, zeros(arenas))
 
 
 def _add_rows(arena, o, rows):
@@ -263,6 +263,14 @@ def _load_rows(arena, o):
         load16(arena, p), load16(arena, p + ROW), load16(arena, p + 2 * ROW),
         load16(arena, q), load16(arena, q + ROW), load16(arena, q + 2 * ROW),
     )  # fmt: skip
+
+
+def _next_filled(held, b, end):
+    """The next block behind ``b`` that holds something, or ``end``."""
+    later = np.int64(b) + 1
+    while later < end and held[later] == 0:
+        later += 1
+    return later
 
 
 def _expect_nodes(grid, up, b, parts):

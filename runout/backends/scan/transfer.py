@@ -1,4 +1,7 @@
-"""Particles to grid: every block fills an arena, then every node sums the arenas that overlap it in a fixed order.
+"""Particles to grid: every block fills an arena, and every node sums the arenas that overlap it in a fixed order.
+
+It does so as soon as these are full, while they are in the second cache; then other blocks take them. So there are but a few, and
+what they hold does not pass through memory (:mod:`runout.backends.scan.schedule`).
 
 An arena has eight *parts*, q = 0 to 7: the nodes of the block itself and of its neighbours one step up in the axes whose bit is set
 in q (x 4, y 2, z 1). What no particle reaches is neither summed nor written: ``reached`` has bit q of a block set if its particles
@@ -9,14 +12,18 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import constant, load4, load8, load16, local_array, permutation, prefetch, select, store
+from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     AHEAD,
+    ARENA,
     EVERY,
     PLANE,
     ROW,
+    UPPER,
     _add_rows,
     _clear,
     _first_node,
+    _next_filled,
     _nothing,
     _place_of,
     _scatter,
@@ -30,10 +37,11 @@ from runout.backends.scan.stencil import (
 from runout.physics.moments import velocity_after
 from runout.physics.tensors import real
 
+LOWER = EVERY & ~UPPER
 LEAST_MASS = 1e-37  # [kg] of a node that moves: one over less is no number in float32, and its weight to any particle is as small
 ROW_OF_SHARES, PLANE_OF_SHARES = 6, 36  # numbers of a row of six nodes, and of six rows, where a node has one
 SHARES = 232  # six planes and padding
-STRIP = 16  # owners, one after the other
+ROWS, SHARED, TOUCH, TAKEN, FREE = range(5)  # what a thread counts: rows, shares, contacts, arenas and those free again
 masses = permutation(in_groups((0, 4, 8, 12)))
 heads = permutation((0, 4, 8, 12))
 least_masses, four_least_masses = constant([LEAST_MASS] * 16), constant([LEAST_MASS] * 4)
@@ -68,13 +76,27 @@ def _highest_rise(east, north):
     return east + north + real(0.5) * (abs(east) + abs(north))
 
 
-def _fill_arena(rec, order, starts, first, b, arena, near, planes, cut, listed):
-    """Add the particles of a block to its arena; where the ground is ``near``, list those that may touch it; returns their number.
+def _expect_next(rec, order, starts, first, giving, bounds, b, end):
+    """Ask for the cells and the first particles of the next block before ``end`` that gives to nodes."""
+    later = _next_filled(giving, b, end)
+    if later < end:
+        prefetch(bounds, 2 * later)
+        for c in range(0, 65, 16):
+            prefetch(starts, 65 * later + c)
+        f = first[later]
+        for t in range(0, AHEAD + 16, 16):
+            prefetch(order, f + t)
+        for t in range(AHEAD):  # nearly all lie in the order of their list
+            prefetch(rec, 16 * (f + t))
 
-    They are less than ``cut`` cells above the bound of the ground in their column of cells (:func:`ground.cut_tiles`). Where no
-    particle of a cell is, none is tested.
+
+def _fill_arena(rec, order, starts, first, b, parts, arenas, a, near, planes, cut, listed):
+    """Add the particles of a block to the arena at place ``a``, of which they reach some ``parts``; returns how many it lists.
+
+    Where the ground is ``near``, these may touch it: they are less than ``cut`` cells above the bound of the ground in their column
+    of cells (:func:`ground.cut_tiles`). Where no particle of a cell is, none is tested.
     """
-    _clear(arena, EVERY)
+    _clear(arenas, a, parts)
     f = first[b]
     n = 0
     ready = local_weights(rec)
@@ -85,10 +107,10 @@ def _fill_arena(rec, order, starts, first, b, arena, near, planes, cut, listed):
         if s == e:
             continue
         rows = _nothing(rec)
-        a = 3 * (c >> 2)
-        east = planes[b, a + 1]
-        north = planes[b, a + 2]
-        limit = cut + planes[b, a] - real(c & 3)
+        k = 3 * (c >> 2)
+        east = planes[b, k + 1]
+        north = planes[b, k + 2]
+        limit = cut + planes[b, k] - real(c & 3)
         low = near and real(0.5) - _highest_rise(east, north) <= limit
         for t in range(s, e):
             p = np.uint64(order[t])
@@ -98,42 +120,25 @@ def _fill_arena(rec, order, starts, first, b, arena, near, planes, cut, listed):
             if low:
                 listed[f + n] = np.int32(p)
                 n += rec[p, 12] - east * rec[p, 4] - north * rec[p, 8] <= limit
-        _add_rows(arena, _first_node(c), rows)
+        _add_rows(arenas, a + _first_node(c), rows)
     return n
 
 
-def particles_to_arenas(rec, order, starts, first, giving, nown, number, arenas, reached):
-    """Each block whose particles give to nodes adds them to its own arena; ``reached`` are the parts of it that they reach."""
-    for b in prange(nown):
-        reached[b] = 0
-        if giving[b] > 0:
-            reached[b] = _reached_parts(starts, b)
-            _fill_arena(rec, order, starts, first, b, arenas[number[b]], False, rec, real(0.0), order)
-
-
 def _find_arenas(place, arenas, number, reached, down, block):
-    """Where the up to eight arenas begin that reach a node block; whether any does.
+    """Where the up to eight arenas begin that reach a node block; which do, as bits.
 
-    For the others stands the last arena, which is empty: where most are there, to add it takes less than to ask.
+    For the others stands the last arena, which is empty: where most are there, to add it takes less than to ask. No branch depends
+    on which are: no processor could guess it.
     """
-    found = False
+    found = np.int64(0)
+    last = np.int64(len(arenas) - 1)
     for q in range(8):
-        b = down[block, q]
-        here = b >= 0 and (reached[b] >> q) & 1 != 0
-        place[q] = arenas.shape[1] * (np.int64(number[b]) if here else len(arenas) - 1)
-        found = found or here
+        b = np.int64(down[block, q])
+        own = max(b, np.int64(0))
+        here = (np.int64(reached[own]) >> q) & np.int64(b >= 0)
+        place[q] = arenas.shape[1] * (last + here * (np.int64(number[own]) - last))
+        found |= here << q
     return found
-
-
-def _strip_of_nodes(s, strips, nown, nall):
-    """Blocks of nodes of strip ``s``: first owner, number of owners, first of the others, number of all.
-
-    Those that are no owners are few and sum little: each strip gets as many, so that threads get as much to do.
-    """
-    low = s * STRIP
-    more = (nall - nown) * s // strips
-    own = min(STRIP, nown - low)
-    return low, own, nown + more, own + (nall - nown) * (s + 1) // strips - more
 
 
 def _row_of_arena(arenas, a, upper, x, y):
@@ -152,15 +157,24 @@ def _row_of_shares(shares, a, upper, x, y):
     return load4(shares, row)
 
 
-def _sum_row(arenas, place, i, j):
-    """Sum of the arenas over four nodes in the order of their blocks."""
+def _sum_row(arenas, place, i, j, first, step):
+    """Sum of the arenas from ``first`` on in steps over four nodes in the order of their blocks."""
     s = zeros(arenas)
-    for q in range(8):
+    for q in range(first, 8, step):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
         if x < 6 and y < 6:
             s = s + _row_of_arena(arenas, place[q], q & 1, x, y)
     return s
+
+
+def _sum_all(arenas, place, there, i, j):
+    """Sum of all arenas that are ``there``, as bits, over four nodes: none from below, none beside, or some of both."""
+    if there & UPPER == 0:
+        return _sum_row(arenas, place, i, j, 0, 2)
+    if there & LOWER == 0:
+        return _sum_row(arenas, place, i, j, 1, 2)
+    return _sum_row(arenas, place, i, j, 0, 1)
 
 
 def _sum_shares(shares, place, i, j):
@@ -175,18 +189,16 @@ def _sum_shares(shares, place, i, j):
     return s
 
 
-def _sum_both(arenas, place, shares, sharing, i, j):
-    """Both sums, where the same blocks have an arena and shares: one test for each."""
+def _sum_pushes(arenas, place, i, j):
+    """Sum of the impulses over four nodes, of those blocks that have any."""
     s = zeros(arenas)
-    w = four_zeros(shares)
-    empty = shares.shape[1] * (len(shares) - 1)
+    empty = arenas.shape[1] * (len(arenas) - 1)
     for q in range(8):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
-        if sharing[q] != empty and x < 6 and y < 6:
+        if place[q] != empty and x < 6 and y < 6:
             s = s + _row_of_arena(arenas, place[q], q & 1, x, y)
-            w = w + _row_of_shares(shares, sharing[q], q & 1, x, y)
-    return s, w
+    return s
 
 
 def _inverse(s):
@@ -202,72 +214,120 @@ def _node_velocities(s, inverse, dv):
     return select(masses(s) > least_masses(s), v, zeros(s))
 
 
-def update_nodes(arenas, number, reached, down, nall, grid, dv):
-    """Mass and velocity of every node that particles reach, after internal forces and gravity; without mass it rests."""
-    strips = (len(number) + STRIP - 1) // STRIP
-    for strip in prange(strips):
-        low, own, other, n = _strip_of_nodes(strip, strips, len(number), nall)
-        for k in range(n):
-            b = low + k if k < own else other + k - own
-            place = local_places(down)
-            if not _find_arenas(place, arenas, number, reached, down, b):
-                continue
-            for i in range(4):
-                for j in range(4):
-                    s = _sum_row(arenas, place, i, j)
-                    v = _node_velocities(s, _inverse(s), dv)
-                    store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
+def _update_block(arenas, number, reached, down, b, grid, dv):
+    """Mass and velocity of the nodes of a block, after internal forces and gravity; without mass they rest."""
+    place = local_places(down)
+    there = _find_arenas(place, arenas, number, reached, down, b)
+    if there:
+        for i in range(4):
+            for j in range(4):
+                s = _sum_all(arenas, place, there, i, j)
+                v = _node_velocities(s, _inverse(s), dv)
+                store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
-def update_nodes_over_ground(arenas, number, reached, shares, sharer, pressed, down, nall, grid, shared, dv):
+def _update_block_over_ground(arenas, number, reached, shares, sharer, pressed, down, b, grid, shared, inverse, dv):
     """The same; where the stencil of a contact reaches, the sum of the contacts' weights over the mass in the place of the mass.
 
-    ``shares`` are arenas with these weights, ``pressed`` their parts that are reached; ``shared`` (nall,) tells which blocks of
-    nodes any does.
+    ``shares`` are arenas with these weights, ``pressed`` their parts that are reached; ``shared`` tells whether any does, and
+    ``inverse`` (nall, 64) keeps one over the mass [1/kg] there.
     """
-    strips = (len(number) + STRIP - 1) // STRIP
-    for strip in prange(strips):
-        low, own, other, n = _strip_of_nodes(strip, strips, len(number), nall)
-        for k in range(n):
-            b = low + k if k < own else other + k - own
-            shared[b] = False
-            place = local_places(down)
-            if not _find_arenas(place, arenas, number, reached, down, b):
-                continue
-            sharing = local_places(down)
-            shared[b] = _find_arenas(sharing, shares, sharer, pressed, down, b)
-            for i in range(4):
-                for j in range(4):
-                    s = _sum_row(arenas, place, i, j)
-                    inverse = _inverse(s)
-                    v = _node_velocities(s, inverse, dv)
-                    if shared[b]:
-                        s = in_all_four(_sum_shares(shares, sharing, i, j) * inverse)
-                    store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
+    shared[b] = False
+    place = local_places(down)
+    there = _find_arenas(place, arenas, number, reached, down, b)
+    if there == 0:
+        return
+    sharing = local_places(down)
+    shared[b] = _find_arenas(sharing, shares, sharer, pressed, down, b) != 0
+    for i in range(4):
+        for j in range(4):
+            s = _sum_all(arenas, place, there, i, j)
+            one_over = _inverse(s)
+            v = _node_velocities(s, one_over, dv)
+            if shared[b]:
+                w = _sum_shares(shares, sharing, i, j)
+                felt = w > four_zeros(w)
+                compliance = w * one_over
+                kept = select(felt, compliance / select(felt, w, four_ones(w)), four_zeros(w))
+                store(inverse, b * 64 + (i * 4 + j) * 4, kept)
+                s = in_all_four(compliance)
+            store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
-def apply_impulses(arenas, number, shares, sharer, pressed, shared, down, nall, grid):
-    """Add the impulses to the velocities of the nodes that contacts reach.
+def _push_block(arenas, number, pressed, down, b, grid, inverse):
+    """Add the impulses to the velocities of the nodes of a block that contacts reach."""
+    place = local_places(down)
+    _find_arenas(place, arenas, number, pressed, down, b)
+    for i in range(4):
+        for j in range(4):
+            o = b * 256 + (i * 4 + j) * 16
+            push = _sum_pushes(arenas, place, i, j)
+            one_over = load4(inverse, b * 64 + (i * 4 + j) * 4)
+            store(grid, o, velocity_after(load16(grid, o), push, in_all_four(one_over)))
 
-    One over the mass is what :func:`update_nodes_over_ground` has left, over the sum of weights: to add that again takes no longer
-    than to keep it.
+
+def _strip_of(owner):
+    """The first strip that begins at an owner or behind it."""
+    return (owner + STRIP - 1) // STRIP
+
+
+def _start(cursors):
+    """No thread has taken anything yet."""
+    for t in range(len(cursors)):
+        for k in range(cursors.shape[1]):
+            cursors[t, k] = 0
+
+
+def _take_arena(cursors, thread, room, free):
+    """Number of an arena for the ``thread``: the one that became free last, which is in cache, or a new one of its ``room``."""
+    n = cursors[thread, FREE]
+    if n > 0:
+        cursors[thread, FREE] = n - 1
+        return free[thread, n - 1]
+    n = cursors[thread, TAKEN]
+    cursors[thread, TAKEN] = n + 1
+    return np.int32(thread * room + min(n, room - 1))
+
+
+def _leave_arenas(cursors, thread, free, s, over, owners, held, number):
+    """Note the arenas that are free behind strip ``s``, of those owners that ``held`` something."""
+    n = cursors[thread, FREE]
+    for k in range(over[s], over[s + 1]):
+        if held[owners[k]] > 0 and n < free.shape[1]:
+            free[thread, n] = number[owners[k]]
+            n += 1
+    cursors[thread, FREE] = n
+
+
+def _most_of(cursors, what):
+    """Most that a thread needs of something."""
+    most = 0
+    for t in range(len(cursors)):
+        most = max(most, cursors[t, what])
+    return most
+
+
+def particles_to_nodes(
+    rec, order, starts, first, giving, nown, cuts, due, nodes, over, owners, number, arenas, room, free, cursors, reached, down,
+    grid, dv,
+):  # fmt: skip
+    """Each block whose particles give to nodes adds them to an arena; nodes are summed that are due (:class:`schedule.Schedule`).
+
+    ``reached`` are the parts of it that they reach. Each thread has ``room`` for arenas; returns how many one needs. Where that is
+    more, the result is worth nothing. With no owners, ``nown`` = 0, nodes are summed alone.
     """
-    strips = (len(number) + STRIP - 1) // STRIP
-    for strip in prange(strips):
-        low, own, other, n = _strip_of_nodes(strip, strips, len(number), nall)
-        for k in range(n):
-            b = low + k if k < own else other + k - own
-            if not shared[b]:
-                continue
-            place = local_places(down)
-            sharing = local_places(down)
-            _find_arenas(place, arenas, number, pressed, down, b)
-            _find_arenas(sharing, shares, sharer, pressed, down, b)
-            for i in range(4):
-                for j in range(4):
-                    o = b * 256 + (i * 4 + j) * 16
-                    node = load16(grid, o)
-                    push, w = _sum_both(arenas, place, shares, sharing, i, j)
-                    felt = w > four_zeros(w)
-                    inverse = select(felt, heads(node) / select(felt, w, four_ones(w)), four_zeros(w))
-                    store(grid, o, velocity_after(node, push, in_all_four(inverse)))
+    _start(cursors)
+    for thread in prange(len(cuts) - 1):
+        for s in range(_strip_of(cuts[thread]), _strip_of(cuts[thread + 1])):
+            for b in range(STRIP * s, min(STRIP * s + STRIP, nown)):
+                reached[b] = 0
+                if giving[b] > 0:
+                    reached[b] = _reached_parts(starts, b)
+                    number[b] = _take_arena(cursors, thread, room, free)
+                    a = ARENA * np.int64(number[b])
+                    _expect_next(rec, order, starts, first, giving, rec, b, nown)
+                    _fill_arena(rec, order, starts, first, b, reached[b], arenas, a, False, rec, real(0.0), order)
+            for k in range(due[s], due[s + 1]):
+                _update_block(arenas, number, reached, down, np.int64(nodes[k]), grid, dv)
+            _leave_arenas(cursors, thread, free, s, over, owners, giving, number)
+    return _most_of(cursors, TAKEN)

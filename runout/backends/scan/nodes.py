@@ -1,0 +1,102 @@
+"""Particles to nodes and what touches the ground, with room made where it is lacking: what a step calls of these kernels.
+
+A kernel sums nodes as soon as it has what they need; where several threads share them, it is called once more for these alone, so
+that every node is summed by the same machine code, and the same bits come out of any number of threads.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout.backends.scan.store import PADDING
+from runout.physics import contact as contact_law
+
+if TYPE_CHECKING:
+    from runout.backends.scan.backend import ScanBackend
+
+SPARE = 16  # blocks that may get contacts before more memory is made
+
+
+def fill(engine: "ScanBackend") -> None:
+    """Mass and velocity of the nodes; again where arenas are lacking."""
+    a, early, late = engine.room, engine.schedule.early, engine.schedule.late
+    while (wanted := _fill(engine, engine.index.nown, *early)) > a.free.shape[1]:
+        a.make_arenas(wanted)
+    if engine.general:
+        engine.general.push(engine)
+    if engine.schedule.waits:
+        _fill(engine, 0, *late)
+
+
+def _fill(engine: "ScanBackend", nown: int, *schedule: np.ndarray) -> int:
+    """Arenas that a thread needs."""
+    i, s, a = engine.index, engine.store, engine.room
+    wanted = engine.k.particles_to_nodes(
+        s.rec, s.order, i.starts, i.first, a.giving, nown, *schedule, a.number, a.arenas, a.free.shape[1], a.free,
+        engine.cursors[: engine.threads], a.reached, i.down, a.grid, engine.dv,
+    )  # fmt: skip
+    return int(wanted)
+
+
+def fill_over_ground(engine: "ScanBackend", dt: float) -> None:
+    """The same over a ground, and the particles that touch it; again where rows, shares or arenas are lacking."""
+    s, a, threads = engine.store, engine.room, engine.threads
+    while True:
+        arenas, rows, shares, touching = _fill_over_ground(engine, dt, engine.index.nown, *engine.schedule.early)
+        enough = True
+        if arenas > a.free.shape[1]:
+            a.make_arenas(arenas)
+            enough = False
+        if rows > _rows(engine):
+            s.make_contacts((rows + rows // 8 + PADDING) * threads)
+            enough = False
+        if shares > _shares(engine):
+            a.make_shares((shares + shares // 8 + SPARE) * threads)
+            enough = False
+        if enough:
+            break
+    engine.contact_particles = touching
+    if engine.general:
+        engine.general.push(engine)
+    if engine.schedule.waits:
+        _fill_over_ground(engine, dt, 0, *engine.schedule.late)
+
+
+def _rows(engine: "ScanBackend") -> int:
+    """Rows of contacts that a thread has."""
+    return len(engine.store.felt) // engine.threads & ~15
+
+
+def _shares(engine: "ScanBackend") -> int:
+    """Places for shares that a thread has."""
+    return max(len(engine.room.shares) - 1, 0) // engine.threads
+
+
+def _fill_over_ground(engine: "ScanBackend", dt: float, nown: int, *schedule: np.ndarray) -> tuple[int, int, int, int]:
+    """Arenas, rows and shares that a thread needs, and the number of particles that touch."""
+    i, s, a, scene = engine.index, engine.store, engine.room, engine.scene
+    band = scene.contact_band * min(scene.spacing)
+    reach = scene.dtype(contact_law.reach(engine.largest_radius, engine.max_speed, dt, band))
+    radius = s.radius[:1] if engine.of_one_size else s.radius
+    needed: tuple[int, int, int, int] = engine.k.particles_to_nodes_over_ground(
+        s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, nown, *schedule, a.tiles, a.planes, a.bounds,
+        engine.friction, reach, engine.dt, engine.h, scene.dtype(band), a.number, a.arenas, a.free.shape[1], a.free,
+        engine.cursors[: engine.threads], a.reached, s.listed, a.candidates, a.touching, a.pressed, s.contacts, s.measured,
+        _rows(engine), a.shares, _shares(engine), a.place, a.sharer, i.down, a.grid, a.shared, a.inverse, engine.dv,
+    )  # fmt: skip
+    return needed
+
+
+def push(engine: "ScanBackend") -> None:
+    """Add the impulses of the contacts to the velocities of the nodes; their sums are in ``room.total``."""
+    _push(engine, engine.index.nown, engine.room.total, *engine.schedule.early)
+    if engine.schedule.waits:
+        _push(engine, 0, engine.room.nothing, *engine.schedule.late)
+
+
+def _push(engine: "ScanBackend", nown: int, sums: np.ndarray, *schedule: np.ndarray) -> None:
+    i, s, a = engine.index, engine.store, engine.room
+    engine.k.solve_contacts(
+        s.contacts, s.measured, s.felt, a.place, a.touching, a.pressed, nown, *schedule, a.grid, i.up, i.down, engine.dt, a.lent,
+        a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads], a.shared, a.inverse, a.asleep, a.ground, sums,
+    )  # fmt: skip
