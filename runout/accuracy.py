@@ -55,9 +55,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, (2, 2, 4), 0.5, 0.26, 0.12, 0.059),
-    "standard": Preset(1.5, (2, 2, 4), 0.5, 0.1, 0.037, 1),
-    "high": Preset(3.0, (2, 2, 4), 0.5, 0.043, 0.013, 15),
+    "screening": Preset(1.0, (2, 2, 4), 0.5, 0.27, 0.086, 0.19),
+    "standard": Preset(1.5, (2, 2, 4), 0.5, 0.16, 0.057, 1),
+    "high": Preset(3.0, (2, 2, 4), 0.5, 0.079, 0.017, 20),
 }
 
 
