@@ -1,11 +1,12 @@
 """The CPU backend: a sparse grid of 4 x 4 x 4 blocks found by marks and a prefix scan, compiled by numba.
 
 ``index`` finds the blocks, ``stencil`` holds the quadratic stencil in lanes, ``transfer`` moves mass and momentum to the
-grid, ``ground``, ``contact`` and ``impulses`` apply the terrain, ``motion`` brings velocities back and follows law and position,
-``order`` keeps the particles by block and cell, ``observe`` sums for observers, ``backend`` puts them in order. What only some
-scenes need lies apart: ``zones`` of friction; ``forces``, ``gradients`` and ``general`` of transfers besides the packed one;
-``sleep`` and ``rest`` of blocks at rest. ``ahead`` compiles.
+grid, ``schedule`` tells when a node has all that it needs and ``nodes`` calls these kernels, ``ground``, ``contact`` and
+``impulses`` apply the terrain, ``motion`` brings velocities back and follows law and position, ``order`` keeps the particles by
+block and cell, ``observe`` sums for observers, ``backend`` puts them in order. What only some scenes need lies apart: ``zones`` of
+friction; ``forces``, ``gradients`` and ``general`` of transfers besides the packed one; ``sleep`` and ``rest`` of blocks at
+rest. ``ahead`` compiles.
 
-Every sum is taken in an order that does not depend on the number of threads: a block adds its particles to an arena of
-its own, and each node then gathers from the up to eight arenas that overlap it.
+Every sum is taken in an order that does not depend on the number of threads: a block adds its particles to an arena, and
+each node gathers from the up to eight arenas that overlap it as soon as they are there; then other blocks take them.
 """
