@@ -82,7 +82,13 @@ def test_without_a_process_to_compile_in_kernels_are_compiled_where_they_run(mon
     assert not list(tmp_path.glob("*.done"))
 
 
-def test_rehearsal_calls_itself_nothing(monkeypatch):
+def test_only_the_process_that_rehearses_starts_no_other(monkeypatch, tmp_path):
+    started = []
+    monkeypatch.setattr(ahead, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(ahead, "_rehearse_elsewhere", lambda *job: started.append(job))
     monkeypatch.setitem(os.environ, ahead.REHEARSAL, "a job")
-    monkeypatch.setattr(subprocess, "run", lambda *a, **k: pytest.fail("a process was started"))
-    ahead.ensure_compiled(scene(materials=(SAND,)), ())
+    ahead.ensure_compiled(scene(materials=(SAND,)), (ahead,))
+    assert not started
+    monkeypatch.delenv(ahead.REHEARSAL)
+    ahead.ensure_compiled(scene(materials=(SAND,)), (ahead,))
+    assert len(started) == 1

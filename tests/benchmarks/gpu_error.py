@@ -47,8 +47,8 @@ def terrain(backend: str, device: str, cells: list[Cells], reference: Cells) -> 
     """Records of the flow on real terrain, the coarsest grid first."""
 
     def run(one: Cells) -> tuple[Result, float, float]:
-        shape = {"flat": one.size / one.height, "particles_per_cell": (one.plan, one.plan, one.depth)}
-        choice = Variation(device, arguments={"device": device, **shape}, backend=backend)
+        changed = {"device": device, "flat": one.size / one.height}
+        choice = Variation(device, one.plan, one.depth, arguments=changed, backend=backend)
         return [flowed(one.size, choice) for _ in range(2)][1]
 
     runs = {one: run(one) for one in (*cells, reference)}
