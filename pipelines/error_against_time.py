@@ -192,12 +192,12 @@ def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
-    """Work and time of every variation over those of the defaults at the errors that the defaults reach; geometric means."""
-    default, found = curves["default"], {}
+    """Work and time of every variation over those of the base at the errors that it reaches; geometric means."""
+    base, found = curves["base"], {}
     for name, curve in curves.items():
         ratios: dict[str, list[float]] = {}
         for cost in ("particle_steps", "seconds"):
-            for point in default:
+            for point in base:
                 other = cost_at(point["error"], [p[cost] for p in curve], [p["error"] for p in curve])
                 if other is not None:
                     ratios.setdefault(cost, []).append(other / point[cost])

@@ -6,15 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.choice import REPEATED_BELOW
+from pipelines.error_cases.choice import PER_AXIS, REPEATED_BELOW
 from pipelines.error_cases.curve import Fit
 from runout.accuracy import CFL, PARTICLES_PER_CELL
+from runout.release.sample import particles_per_axis
 
 OPENING = """# Error against time
 
 Written by `runout bench --error{full} --out docs/benchmarks`; do not edit. Problems with a known answer, on finer and finer
-grids; a curve is what one change from the defaults of `runout.simulate` ({defaults})
-makes of them. Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
+grids; a curve is what one change from a base ({base})
+makes of them; the defaults of `runout.simulate` are the base with {defaults} particles.
+Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
 ({architecture}, vectors of {vector_bits} bits), with other work on them; seed {seed}.
 
 Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond {repeated:g} s). It is
@@ -24,9 +26,9 @@ cheaper and more accurate. *hash* runs on the CPU here; no GPU was at hand, its 
 
 ## What each choice costs at equal error
 
-Cost over that of the defaults at the errors that the defaults reach, between grids by power laws; geometric means,
-particle-steps (processor time). Less than one: cheaper than the defaults. A dash: never as accurate as the defaults' coarsest grid,
-or always better than their finest.
+Cost over that of the base at the errors that it reaches, between grids by power laws; geometric means,
+particle-steps (processor time). Less than one: cheaper than the base. A dash: never as accurate as its coarsest grid,
+or always better than its finest.
 
 {ranking}
 """
@@ -63,7 +65,8 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     versions, machine = content["versions"], content["machine"]
     text = OPENING.format(
         full=" --full" if content["full"] else "",
-        defaults=f"{PARTICLES_PER_CELL} particles per cell, CFL {CFL:g}, float32, backend scan",
+        base=f"{PER_AXIS**3} particles per cell, CFL {CFL:g}, float32, backend scan",
+        defaults=" x ".join(map(str, particles_per_axis(PARTICLES_PER_CELL))),
         repeated=REPEATED_BELOW,
         ranking=rows(content),
         seed=content["seed"],
@@ -126,7 +129,7 @@ def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
         style = {"marker": "osD^vP*X"[k % 8], "color": f"C{k % 10}", "linestyle": ":" if k >= 10 else "-"}
         axes.loglog(x, e, markersize=5, linewidth=1.0, label=curve["variation"], **style)
         best = np.array([p["front"] for p in points])
-        if key == "cell" and curve["variation"] == "default" and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
+        if key == "cell" and curve["variation"] == "base" and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
             fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
             floor = f", floor {fit.floor:.1e}" if fit.floor else ""
             axes.loglog(fine, [fit.at(c) for c in fine], "--", color="0.4", label=f"order {fit.order:.2f}{floor}")

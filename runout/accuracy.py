@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 SOURCE = "docs/benchmarks/work_precision.json"
 EXAMPLE = "two sites, flows 35 and 55 m thick, 60 s"  # what the errors were measured on, of which the larger counts
-PARTICLES_PER_CELL, CFL = 8, 0.5  # where neither a preset nor the caller says otherwise
+PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.5  # where neither a preset nor the caller says otherwise
 FEWEST_ACROSS = 4.0  # cells across a release of its area
 CHOICES = ("cell_size", "particles_per_cell", "cfl")  # what a preset sets
 

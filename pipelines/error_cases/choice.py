@@ -16,14 +16,14 @@ from runout.model.scene import Scene
 
 CHUNK = 10  # steps of one length
 NODES = "nodes"  # the reference backend with the usual contact
-PER_AXIS = 2  # particles along each axis of a cell, by default
+PER_AXIS = 2  # particles along each axis of a cell in the base
 REPEATED_BELOW = 2.0  # [s] of processor time; longer runs are made once
 BOUNDLESS = 10**6  # [cells] of a direction that does not repeat
 
 
 @dataclass(frozen=True)
 class Variation:
-    """One change from the defaults of ``runout.simulate``.
+    """One change from a base: the defaults of ``runout.simulate`` but for :data:`PER_AXIS` particles along every axis of a cell.
 
     Attributes
     ----------
@@ -59,11 +59,11 @@ class Variation:
         return self.per_axis, self.per_axis, self.upwards or self.per_axis
 
 
-DEFAULT = Variation("default")
+BASE = Variation("base")
 ELASTIC = ("U9", "T1", "T5")  # U7 is a matter of the reference backend alone
 FLOWS = ("F3", "F5", "terrain")
 VARIATIONS = (
-    DEFAULT,
+    BASE,
     Variation("1 particle per axis", per_axis=1),
     Variation("3 particles per axis", per_axis=3),
     Variation("2 x 2 x 4 particles", upwards=4, only_on=FLOWS),

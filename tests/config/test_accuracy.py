@@ -48,7 +48,7 @@ def test_what_is_given_counts():
     found = choices("standard", [WIDE], {"cell_size": 25.0, "cfl": None})
     assert found["cell_size"] == 25.0
     assert found["particles_per_cell"] == PRESETS["standard"].particles_per_cell
-    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "particles_per_cell": 8, "cfl": 0.5}
+    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "particles_per_cell": (2, 2, 4), "cfl": 0.5}
 
 
 @pytest.mark.parametrize(

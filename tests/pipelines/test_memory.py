@@ -67,7 +67,7 @@ def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any
     tracemalloc.start()
     try:
         with pytest.raises(CapacityError) as refused:
-            simulate(terrain, release, SAND, cell_size=0.5, end_time=1.0, memory_gb=2.0)
+            simulate(terrain, release, SAND, cell_size=0.5, particles_per_cell=8, end_time=1.0, memory_gb=2.0)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
