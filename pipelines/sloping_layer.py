@@ -11,7 +11,7 @@ from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.surface import Surface
 
 SPACING = 2.0  # [m]
-PER_CELL = 2  # particles of a cell, an axis
+PER_CELL = 2  # particles of a cell along an axis
 MARGIN = 16  # cells around the layer, to move into
 SPEED = 4.0  # [m/s] down the slope; 1 to 2 % of the particles change their cell in a step
 SLOPE = math.radians(20.0)
@@ -21,7 +21,7 @@ SAND = DruckerPrager(density=2000.0, youngs_modulus=1e7, poisson_ratio=0.3, fric
 
 @dataclass(frozen=True)
 class Layer:
-    """A square layer with eight particles a cell.
+    """A square layer with eight particles a cell, or another number above each other.
 
     Attributes
     ----------
@@ -34,6 +34,8 @@ class Layer:
     precision : str
     aligned : bool
         Keep the plane level and tilt gravity, so that the box around the layer holds the layer alone.
+    upwards : int
+        Particles of a cell above each other.
     """
 
     particles: int
@@ -41,11 +43,12 @@ class Layer:
     sparsity: float = 1.0
     precision: str = "float32"
     aligned: bool = False
+    upwards: int = PER_CELL
 
     @property
     def columns(self) -> tuple[int, int]:
         """Columns of cells down the slope and, an even number, along the contour."""
-        area = self.particles / (PER_CELL**3 * self.depth)
+        area = self.particles / (PER_CELL**2 * self.upwards * self.depth)
         across = max(2, 2 * round(math.sqrt(area) / 2))
         return max(1, round(area / across)), across
 
@@ -73,17 +76,18 @@ class Layer:
         return Surface.through(10.0 + fall, (float(x[1]), float(y[1])))
 
     def _particles(self, surface: Surface, rng: np.random.Generator) -> Particles:
-        own = SPACING / PER_CELL
-        counts = [PER_CELL * n for n in (*self.columns, self.depth)]
+        per_cell = np.array([PER_CELL, PER_CELL, self.upwards])
+        own = SPACING / per_cell
+        counts = (per_cell * (*self.columns, self.depth)).tolist()
         q = np.stack(np.unravel_index(np.arange(math.prod(counts)), counts), axis=1) + rng.uniform(0.0, 1.0, (math.prod(counts), 3))
         q[:, 1] += np.where(q[:, 1] >= counts[1] / 2, self.gap * PER_CELL, 0)
-        x = q * own + np.array([MARGIN * SPACING, MARGIN * SPACING, own / 4])
-        above = self.depth * SPACING - q[:, 2] * own
+        x = q * own + np.array([MARGIN * SPACING, MARGIN * SPACING, own[2] / 4])
+        above = self.depth * SPACING - q[:, 2] * own[2]
         x[:, 2] += surface.elevation(x[:, 0], x[:, 1])
         p = Particles.at(x, np.full(3, SPACING))
-        p.volume[:] = own**3
-        p.mass[:] = SAND.density * own**3
-        p.radius[:] = own / 2
+        p.volume[:] = own.prod()
+        p.mass[:] = SAND.density * own.prod()
+        p.radius[:] = own[2] / 2
         stiffness = SAND.lame_lambda + 2 * SAND.shear_modulus
         p.strain[:, 2] = np.expm1(-2 * SAND.density * STANDARD_GRAVITY * above / stiffness)
         down = np.array([1.0, 0.0, 0.0]) if self.aligned else np.array([math.cos(SLOPE), 0.0, -math.sin(SLOPE)])

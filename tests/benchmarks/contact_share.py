@@ -1,7 +1,7 @@
 """Share of a step that contact with the ground takes in moving layers of some depths, on the backend scan with one thread.
 
     python tests/benchmarks/contact_share.py                  # layers of 4 and 8 cells, 100,000 particles
-    python tests/benchmarks/contact_share.py 2 3 16 --steps 120
+    python tests/benchmarks/contact_share.py 2 3 16 --steps 120 --upwards 4
 
 Every kernel is timed by processor time in every step. Contact is what its own kernels take, and what those that serve the ground as
 well take more than their counterparts of a scene without one, which are called on the same state before each step. The depths
@@ -33,8 +33,8 @@ OWN = {"impulses": "solve_contacts"}
 class Timed:
     """A layer in motion whose kernels note how long each call took."""
 
-    def __init__(self, depth: int, particles: int):
-        self.depth, self.course = depth, Course(Case(Layer(particles, depth=depth)))
+    def __init__(self, depth: int, particles: int, upwards: int):
+        self.depth, self.course = depth, Course(Case(Layer(particles, depth=depth, upwards=upwards)))
         self.course.advance(UNTIMED_STEPS)
         self.seconds: dict[str, list[float]] = defaultdict(list)
         engine = self.course.engine
@@ -71,8 +71,9 @@ def main() -> None:
     parser.add_argument("depths", nargs="*", type=int, default=[4, 8], help="cells through the layer")
     parser.add_argument("--particles", type=int, default=100_000)
     parser.add_argument("--steps", type=int, default=80)
+    parser.add_argument("--upwards", type=int, default=2, help="particles of a cell above each other; two lie beside each other")
     chosen = parser.parse_args()
-    layers = [Timed(depth, chosen.particles) for depth in chosen.depths]
+    layers = [Timed(depth, chosen.particles, chosen.upwards) for depth in chosen.depths]
     for turn in range(chosen.steps):
         for layer in layers[:: 1 if turn % 2 else -1]:
             layer.step()

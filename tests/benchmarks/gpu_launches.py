@@ -1,6 +1,6 @@
 """Time of every launch of a step and of a sort with a new index, by events of the device: what a change of a kernel is judged by.
 
-    python tests/benchmarks/gpu_launches.py cuda:0 [SIZE]
+    python tests/benchmarks/gpu_launches.py cuda:0 [SIZE [PARTICLES OF A CELL ABOVE EACH OTHER]]
 
 Prints the throughput twice over 128 steps, then milliseconds a launch, medians of 14 steps after a sort, and of one sort.
 Run it for two commits in turn on one card and host: the sort waits for the host where that is slow.
@@ -56,7 +56,8 @@ def told(title: str, steps: int) -> None:
 
 def main() -> None:
     """Measure and print."""
-    scene, p = layer(*LAYERS[sys.argv[2] if len(sys.argv) > 2 else "10M"])
+    size, upwards = (sys.argv[2:] + ["10M", "2"][len(sys.argv[2:]) :])[:2]
+    scene, p = layer(*LAYERS[size], upwards=int(upwards))
     backend = loaded(sys.argv[1], scene, p)
     dt = 0.8 * backend.stable_step()
     backend.steps(dt, 68)

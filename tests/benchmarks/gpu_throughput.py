@@ -53,22 +53,22 @@ QUICK = {"0.02M": (25, 25, 4), "0.3M": LAYERS["0.3M"]}
 ON_CPU = {"0.02M": (25, 25, 4)}
 
 
-def layer(nx: int, ny: int, nz: int, precision: str = "float32") -> tuple[Scene, Particles]:
-    """Scene and particles of a layer of nx x ny x nz cells on a plane, moving downhill with some noise."""
+def layer(nx: int, ny: int, nz: int, precision: str = "float32", upwards: int = 2) -> tuple[Scene, Particles]:
+    """Scene and particles of a layer of nx x ny x nz cells on a plane, moving downhill; 2 x 2 x ``upwards`` a cell."""
     margin = 24
     plane = -np.tan(SLOPE) * CELL * np.arange(nx + 2 * margin + 1)[:, None] + np.zeros(ny + 2 * margin + 1)
     surface = Surface.through(plane, (CELL, CELL))
     raster = Raster(ny + 2 * margin, nx + 2 * margin, (CELL, CELL))
     scene = Scene((CELL, CELL, CELL), surface, raster, (MATERIAL,), (np.tan(np.radians(15.0)),), precision=precision)
-    half = CELL / 2
-    axes = [(np.arange(2 * n) + 0.5) * half for n in (nx, ny, nz)]
+    half, own = CELL / 2, CELL / upwards
+    axes = [(np.arange(count) + 0.5) * side for count, side in ((2 * nx, half), (2 * ny, half), (upwards * nz, own))]
     x, y, z = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
     x, y = x + margin * CELL, y + margin * CELL
-    z -= np.tan(SLOPE) * x - half / 2 * 0.02
+    z -= np.tan(SLOPE) * x - own / 2 * 0.02
     p = Particles.at(np.column_stack([x, y, z]), np.full(3, CELL))
-    p.volume[:] = half**3
-    p.mass[:] = MATERIAL.density * half**3
-    p.radius[:] = half / 2 * np.cos(SLOPE)
+    p.volume[:] = half * half * own
+    p.mass[:] = MATERIAL.density * half * half * own
+    p.radius[:] = own / 2 * np.cos(SLOPE)
     rng = np.random.default_rng(0)
     p.velocity[:] = rng.normal(0.0, 0.05, (len(p), 3)) + 3.0 * np.array([np.cos(SLOPE), 0.0, -np.sin(SLOPE)])
     return scene, p
