@@ -31,6 +31,11 @@ def distance(height_above: Any, n_z: Any):
     return height_above * n_z
 
 
+def height_at(separation: Any, n_z: Any):
+    """Height above the surface [m] of a point at a first-order distance [m] from it: what :func:`distance` undoes."""
+    return separation / n_z
+
+
 def surface_at(c: Any, fx: Any, fy: Any):
     """Elevation and its slopes by the two coordinates [m / cell], from nine coefficients [m] by rows of x around the point."""
     wx = weights(fx)

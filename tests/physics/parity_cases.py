@@ -196,6 +196,7 @@ CASES = [
     Case(heightfield.surface_at, "tss", "v", (between(-3.0, 3.0, 9), between(0.5, 1.5), between(0.5, 1.5))),
     Case(heightfield.upward_normal, "ss", "v", (number, number)),
     Case(heightfield.distance, "ss", "s", (number, angle)),
+    Case(heightfield.height_at, "ss", "s", (number, angle)),
     Case(blocks.block_of, "i", "i", (node,)),
     Case(blocks.local_index, "iii", "i", (node, node, node)),
     Case(blocks.block_key, "iii", "k", (block, block, block)),

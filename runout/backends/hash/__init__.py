@@ -1,9 +1,10 @@
 """The GPU backend: a sparse grid of 4 x 4 x 4 blocks found by an open-addressing table of keys, compiled by warp.
 
 ``index`` finds the blocks, ``cells`` lists the particles of each cell, ``transfer`` brings mass and momentum to the nodes,
-``contact`` pushes them off the ground that ``ground`` cuts into tiles, ``motion`` takes velocities back to the particles and
-holds the order of the law, ``observe`` and ``looks`` sum up what is seen. ``sort`` makes the index anew and brings the particles
-into its order; ``batch`` puts all in order for any number of scenes, ``backend`` for one. ``kernels`` compiles them, ``natives``
+``finding`` tells what touches the ground, which ``ground`` cuts into tiles, ``contact`` pushes that off it, ``motion`` takes
+velocities back to the particles and holds the order of the law, ``observe`` and ``looks`` sum up what is seen. ``sort`` makes the
+index anew and brings the particles into its order; ``batch`` puts all in order for any number of scenes, ``backend`` for one.
+``kernels`` compiles them, ``natives``
 holds what is said in the language of the card. The same kernels run on the CPU, one lane a block, which is how they are tested
 without a GPU.
 

@@ -1,4 +1,4 @@
-"""Particles in contact with the ground: which they are, and one impulse each, spread to the nodes."""
+"""One impulse of the ground for each particle in contact with it, spread to the nodes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.layout import (
-    ACTIVE,
     CELL_LANES,
     HALT,
     MASS,
@@ -23,7 +22,6 @@ from runout.backends.hash.layout import (
     Doubles2,
     Ints,
     Nodes,
-    Real,
     Reals,
     Rows,
     Shorts,
@@ -34,15 +32,14 @@ from runout.backends.hash.layout import (
     double4,
     lane_count,
     node4,
-    sums1,
     sums3,
 )
 from runout.backends.hash.stencil import _cell_of, _first_node, _load, _node, _set_bases, _set_grounded_bases
 from runout.backends.hash.zones import _friction_in_zone
 from runout.physics.bspline import weights
-from runout.physics.contact import impulse, in_contact, work
+from runout.physics.contact import impulse, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
-from runout.physics.tensors import dot, real, tens, vec
+from runout.physics.tensors import real, tens, vec
 
 HELD = 128  # contact particles of a block whose impulses or offsets are held at once
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
@@ -66,48 +63,6 @@ def _ground(around: Any, z: int, f: Vector, radius: Any, h: Vector):
     return n, distance((real(z) + f[2] - e[0]) * h[2], n[2]) - radius
 
 
-def _is_near(around: Any, z: int, h: Vector, reach: Any):
-    """Whether a particle above node ``z`` may be within ``reach`` [m] of the ground: a spline keeps to the hull of its values.
-
-    Within the cell that is the hull of the middle coefficient and its means with those beside it, along either axis (Bezier form).
-    The particle is half a cell above that node at least, and no steeper slope is found than between two coefficients.
-    """
-    top = around[4]
-    east = real(0.0)
-    north = real(0.0)
-    for i in range(3):
-        middle = real(0.5) * (around[3 * i + 1] + around[4])
-        for j in range(3):
-            side = real(0.5) * (around[3 * i + j] + around[3 + j])
-            top = wp.max(top, real(0.5) * (middle + side))
-            if i > 0:
-                east = wp.max(east, wp.abs(around[3 * i + j] - around[3 * i + j - 3]))
-            if j > 0:
-                north = wp.max(north, wp.abs(around[3 * i + j] - around[3 * i + j - 1]))
-    n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
-    return distance((real(z) + real(0.5) - top) * h[2], n[2]) <= reach
-
-
-def _number_listed(starts: Tile, places: Tile, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, reach: Any):
-    """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
-
-    Add its number to that of ``places`` for its cell and get a particle's place in the list.
-    """
-    total = int(0)
-    for q in range(CELL_LANES // lane_count()):
-        c = q * lane_count() + lane
-        first = int(cstart[b, c])
-        n = int(cstart[b, c + 1]) - first
-        if n > 0:
-            n = wp.where(_is_near(_around(tiles, near, c), c & 3, h, reach), n, 0)
-        sums = sum_before(n)
-        wp.tile_scatter_masked(starts, c, total + sums[0], True)
-        wp.tile_scatter_masked(places, c, first - total - sums[0], True)
-        total += sums[1]
-    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
-    return total
-
-
 def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
     """Number of the first particle of each cell among ``counts``, and of all; ``filled`` lists cells with any; returns how many."""
     total = int(0)
@@ -121,130 +76,6 @@ def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
         total += sums[1]
     wp.tile_scatter_masked(starts, CELL_LANES, total & BELOW, lane == 0)
     return total >> FILLED
-
-
-def _keep_touching(
-    starts: Tile, places: Tile, counts: Tile, spots: Tile, total: int, rec: Rows, radius: Reals, order: Ints, begin: int, lane: int,
-    tiles: Rows, near: int, h: Vector, dt: Any, band: Any, pressed: Ints,
-):  # fmt: skip
-    """List those of ``total`` particles of a block that touch the ground; returns how many.
-
-    The list begins where that of the block does, at ``begin``, and may be the same memory: none gets a place beyond its own.
-    ``counts`` are told how many a cell has, ``spots`` the offsets of the first.
-    """
-    found = int(0)
-    for turn in range((total + lane_count() - 1) // lane_count()):
-        n = turn * lane_count() + lane
-        c = int(0)
-        p = int(0)
-        hit = int(0)
-        f = vec(real(0.0), real(0.0), real(0.0))
-        if n < total:
-            c = _cell_of(starts, n)
-            p = order[places[c] + n] & NOT_NEGATIVE
-            f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-            normal, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
-            approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
-            if in_contact(gap, approach, dt, band):
-                hit = 1
-        hits = sum_before(hit)
-        place = found + hits[0]
-        found += hits[1]
-        if hit != 0:
-            pressed[begin + place] = p
-        wp.tile_scatter_masked(spots, place, f, hit != 0 and place < HELD)
-        wp.tile_scatter_add(counts, c, 1, hit != 0, True)
-    return found
-
-
-def _note_starts(starts: Tile, pressed_start: Table2, begin: int, b: int, lane: int):
-    """Where the particles of each cell that touch the ground start in their list."""
-    for c in range(lane, CELL_LANES, lane_count()):
-        pressed_start[b, c + 1] = begin + starts[c + 1]
-    if lane == 0:
-        pressed_start[b, 0] = begin
-
-
-def _load_spots(spots: Tile, rec: Rows, pressed: Ints, begin: int, end: int, lane: int):
-    """Offsets of the particles at some places of the list, at most so many as are held at once."""
-    for q in range((end - begin + lane_count() - 1) // lane_count()):
-        n = q * lane_count() + lane
-        p = pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
-        wp.tile_scatter_masked(spots, n, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), begin + n < end)
-
-
-def _add_shares(tile: Tile, spots: Tile, starts: Tile, filled: Tile, many: int, base: int, lane: int):
-    """Weights of the contact particles of a block from number ``base`` on, with offsets ``spots``, to the nodes of its tile.
-
-    A thread owns one of the ``many`` filled cells: no two add to a node at once.
-    """
-    for turn in range((many + lane_count() - 1) // lane_count()):
-        mine = turn * lane_count() + lane
-        c = int(filled[wp.min(mine, many - 1)])
-        acc = sums1()
-        for n in range(wp.max(int(starts[c]), base), wp.min(int(starts[c + 1]), base + HELD)):
-            f = spots[n - base]
-            wx = weights(f[0])
-            wy = weights(f[1])
-            wz = weights(f[2])
-            for i in range(3):
-                for j in range(3):
-                    for k in range(3):
-                        acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
-        first = _first_node(c)
-        for i in range(3):
-            for j in range(3):
-                for k in range(3):
-                    wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], mine < many, False)
-
-
-def find_contacts(
-    rec: Rows, radius: Reals, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
-    clock: Rows, tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grounded: Ints,
-    shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2, launched: int,
-):  # fmt: skip
-    """Which particles touch the ground, and the sum of their weights at the nodes.
-
-    They are listed by cell. ``shares`` is the first of the four numbers of each node.
-    """
-    begin, lane = wp.tid()
-    b = int(active[begin])
-    if flags[HALT] != 0:
-        return
-    for a in range(begin, tally[ACTIVE], launched):
-        s = member[b]
-        if near[b] >= 0 and clock[s, 0] > real(0.0):
-            starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
-            counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
-            spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
-            filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-            places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-            first = int(cstart[b, 0])
-            total = _number_listed(starts, places, cstart, b, lane, tiles, near[b], h, clock[s, 4])
-            found = _keep_touching(
-                starts, places, counts, spots, total, rec, radius, order, first, lane, tiles, near[b], h, clock[s, 0], band, pressed
-            )
-            if found > 0:
-                many = _number(starts, filled, counts, lane)
-                _note_starts(starts, pressed_start, first, b, lane)
-                if lane == 0:
-                    touching[b] = found
-                    touched[wp.atomic_add(tally, TOUCHED, 1)] = b
-                    wp.atomic_add(contacts, s, found)
-                bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-                _set_grounded_bases(bases, grounded, up, b, lane)
-                tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
-                for base in range(0, found, HELD):
-                    if base > 0:
-                        _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
-                    _add_shares(tile, spots, starts, filled, many, base, lane)
-                for t in range(lane, TILE, lane_count()):
-                    share = tile[t]
-                    if ORDERED:
-                        arenas[b * TILE + t] = node4(share, real(0.0), real(0.0), real(0.0))
-                    elif share != real(0.0):
-                        wp.atomic_add(shares, 4 * _node(bases, t), share)
-        b = active[wp.min(a + launched, active.shape[0] - 1)]
 
 
 def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):

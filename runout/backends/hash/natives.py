@@ -154,6 +154,17 @@ SUM_BEFORE = """
     return wp::vec2i(wp::untile(before), wp::tile_extract(sum, 0));
 #endif
 """
+HITS_BEFORE = """
+#if defined(__CUDA_ARCH__)
+    unsigned hits = __ballot_sync(0xffffffffu, hit);
+    return wp::vec2i(__popc(hits & ((1u << (threadIdx.x & 31)) - 1u)), __popc(hits));
+#else
+    auto lanes = wp::tile<wp::int32>(hit ? 1 : 0);
+    auto before = wp::tile_scan_exclusive(lanes);
+    auto sum = wp::tile_sum(lanes);
+    return wp::vec2i(wp::untile(before), wp::tile_extract(sum, 0));
+#endif
+"""
 SUM_LANES = """
 #if defined(__CUDA_ARCH__)
     for (int d = 16; d > 0; d >>= 1) value += __shfl_xor_sync(0xffffffffu, value, d);
@@ -170,6 +181,11 @@ SUM_LANES = """
 @wp.func_native(SUM_BEFORE)
 def sum_before(n: int) -> wp.vec2i:  # type: ignore[empty-body]
     """Sums over the lanes before this one, and over all, of a block of one warp."""
+
+
+@wp.func_native(HITS_BEFORE)
+def hits_before(hit: bool) -> wp.vec2i:  # type: ignore[empty-body]
+    """How many of the lanes before this one hit, and of all, of a block of one warp."""
 
 
 @wp.func_native(SUM_LANES)
@@ -229,5 +245,5 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in ("add_node", "node_at", "put_node", "raise_peak", "call_up")}
-    plain = (count_in, next_four, add_marks, lane_count, warp_lanes, sum_before, sum_lanes)
+    plain = (count_in, next_four, add_marks, lane_count, warp_lanes, sum_before, hits_before, sum_lanes)
     return by_type | {function.key: function for function in plain}

@@ -1,0 +1,248 @@
+"""Which particles touch the ground, and the sum of their weights at the nodes.
+
+A block first drops columns of cells that lie too high, then particles, by their height alone, and measures what is left.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.contact import HELD, _around, _ground, _number
+from runout.backends.hash.layout import (
+    ACTIVE,
+    CELL_LANES,
+    HALT,
+    MASS,
+    MOMENTUM,
+    NOT_NEGATIVE,
+    OFFSET,
+    ORDERED,
+    STARTS,
+    TILE,
+    TOUCHED,
+    Ints,
+    Nodes,
+    Real,
+    Reals,
+    Rows,
+    Table2,
+    Tile,
+    Vector,
+    lane_count,
+    node4,
+    sums1,
+)
+from runout.backends.hash.stencil import _cell_of, _first_node, _node, _set_grounded_bases
+from runout.physics.bspline import weights
+from runout.physics.contact import in_contact
+from runout.physics.heightfield import height_at, upward_normal
+from runout.physics.tensors import dot, real, vec
+
+QUEUED = 256  # particles of a block that wait for their test, at most: a power of two, more than five times the lanes
+sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
+hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
+
+
+def _highest(around: Any, z: int, h: Vector, reach: Any):
+    """Largest offset above node ``z`` at which a particle in a column of cells may be within ``reach`` [m] of the ground.
+
+    Within the column a spline keeps to the hull of the middle coefficient and its means with those beside it, along either axis
+    (Bezier form). No steeper slope is found than between two coefficients.
+    """
+    top = around[4]
+    east = real(0.0)
+    north = real(0.0)
+    for i in range(3):
+        middle = real(0.5) * (around[3 * i + 1] + around[4])
+        for j in range(3):
+            side = real(0.5) * (around[3 * i + j] + around[3 + j])
+            top = wp.max(top, real(0.5) * (middle + side))
+            if i > 0:
+                east = wp.max(east, wp.abs(around[3 * i + j] - around[3 * i + j - 3]))
+            if j > 0:
+                north = wp.max(north, wp.abs(around[3 * i + j] - around[3 * i + j - 1]))
+    n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
+    return top - real(z) + height_at(reach, n[2]) / h[2]
+
+
+def _number_listed(
+    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, reach: Any
+):
+    """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
+
+    Add its number to that of ``places`` for its cell and get a particle's place in the list. At offsets above ``limits`` none of a
+    cell touches; the lowest is a half.
+    """
+    total = int(0)
+    for q in range(CELL_LANES // lane_count()):
+        c = q * lane_count() + lane
+        first = int(cstart[b, c])
+        n = int(cstart[b, c + 1]) - first
+        limit = real(0.0)
+        if n > 0:
+            limit = _highest(_around(tiles, near, c), c & 3, h, reach)
+            n = wp.where(limit >= real(0.5), n, 0)
+        sums = sum_before(n)
+        wp.tile_scatter_masked(limits, c, limit, True)
+        wp.tile_scatter_masked(starts, c, total + sums[0], True)
+        wp.tile_scatter_masked(places, c, first - total - sums[0], True)
+        total += sums[1]
+    wp.tile_scatter_masked(starts, CELL_LANES, total, lane == 0)
+    return total
+
+
+def _queue_low(
+    queue: Tile, end: int, first: int, total: int, starts: Tile, places: Tile, limits: Tile, rec: Rows, order: Ints, lane: int
+):
+    """Queue those of the listed particles from number ``first`` on that lie low enough, with their cells; returns its new end.
+
+    A lane has four of them, which wait for memory together.
+    """
+    lanes = lane_count()
+    cells = wp.vec4i()
+    listed = wp.vec4i()
+    low = wp.vec4i()
+    for q in range(4):
+        n = wp.min(first + q * lanes + lane, total - 1)
+        cells[q] = _cell_of(starts, n)
+        listed[q] = order[places[cells[q]] + n] & NOT_NEGATIVE
+    for q in range(4):
+        low[q] = wp.where(rec[OFFSET + 2, listed[q]] <= limits[cells[q]], 1, 0)
+    for q in range(4):
+        hit = low[q] != 0 and first + q * lanes + lane < total
+        hits = hits_before(hit)
+        wp.tile_scatter_masked(queue, (end + hits[0]) & (QUEUED - 1), wp.vec2i(listed[q], cells[q]), hit)
+        end += hits[1]
+    return end
+
+
+def _keep_touching(
+    queue: Tile, begin: int, end: int, counts: Tile, spots: Tile, found: int, rec: Rows, radius: Reals, lane: int, tiles: Rows,
+    near: int, h: Vector, dt: Any, band: Any, pressed: Ints, pressed_begin: int,
+):  # fmt: skip
+    """List those that touch the ground of particles in a queue, one a lane; ``found`` before. Returns how many are found then.
+
+    ``counts`` are told how many a cell has, ``spots`` the offsets of the first.
+    """
+    n = begin + lane
+    c = int(0)
+    p = int(0)
+    hit = bool(False)
+    f = vec(real(0.0), real(0.0), real(0.0))
+    if n < end:
+        queued = queue[n & (QUEUED - 1)]
+        p = queued[0] & NOT_NEGATIVE
+        c = queued[1] & (CELL_LANES - 1)
+        f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+        normal, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
+        approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
+        hit = in_contact(gap, approach, dt, band)
+    hits = hits_before(hit)
+    if hit:
+        pressed[pressed_begin + found + hits[0]] = p
+    wp.tile_scatter_masked(spots, wp.min(found + hits[0], HELD - 1), f, hit and found + hits[0] < HELD)
+    wp.tile_scatter_add(counts, c, 1, hit, True)
+    return found + hits[1]
+
+
+def _note_starts(starts: Tile, pressed_start: Table2, begin: int, b: int, lane: int):
+    """Where the particles of each cell that touch the ground start in their list."""
+    for c in range(lane, CELL_LANES, lane_count()):
+        pressed_start[b, c + 1] = begin + starts[c + 1]
+    if lane == 0:
+        pressed_start[b, 0] = begin
+
+
+def _load_spots(spots: Tile, rec: Rows, pressed: Ints, begin: int, end: int, lane: int):
+    """Offsets of the particles at some places of the list, at most so many as are held at once."""
+    for q in range((end - begin + lane_count() - 1) // lane_count()):
+        n = q * lane_count() + lane
+        p = pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
+        wp.tile_scatter_masked(spots, n, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), begin + n < end)
+
+
+def _add_shares(tile: Tile, spots: Tile, starts: Tile, filled: Tile, many: int, base: int, lane: int):
+    """Weights of the contact particles of a block from number ``base`` on, with offsets ``spots``, to the nodes of its tile.
+
+    A thread owns one of the ``many`` filled cells: no two add to a node at once.
+    """
+    for turn in range((many + lane_count() - 1) // lane_count()):
+        mine = turn * lane_count() + lane
+        c = int(filled[wp.min(mine, many - 1)])
+        acc = sums1()
+        for n in range(wp.max(int(starts[c]), base), wp.min(int(starts[c + 1]), base + HELD)):
+            f = spots[n - base]
+            wx = weights(f[0])
+            wy = weights(f[1])
+            wz = weights(f[2])
+            for i in range(3):
+                for j in range(3):
+                    for k in range(3):
+                        acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
+        first = _first_node(c)
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], mine < many, False)
+
+
+def find_contacts(
+    rec: Rows, radius: Reals, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
+    clock: Rows, tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grounded: Ints,
+    shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2, launched: int,
+):  # fmt: skip
+    """Which particles touch the ground, and the sum of their weights at the nodes.
+
+    They are listed by cell. ``shares`` is the first of the four numbers of each node.
+    """
+    begin, lane = wp.tid()
+    b = int(active[begin])
+    if flags[HALT] != 0:
+        return
+    for a in range(begin, tally[ACTIVE], launched):
+        s = member[b]
+        if near[b] >= 0 and clock[s, 0] > real(0.0):
+            starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
+            counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
+            spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
+            filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+            places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+            limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
+            queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
+            first = int(cstart[b, 0])
+            total = _number_listed(starts, places, limits, cstart, b, lane, tiles, near[b], h, clock[s, 4])
+            found = int(0)
+            head = int(0)
+            end = int(0)
+            for n in range(0, total, 4 * lane_count()):  # the list of those that touch may be the same memory: it stays behind
+                end = _queue_low(queue, end, n, total, starts, places, limits, rec, order, lane)
+                least = wp.where(n + 4 * lane_count() < total, lane_count(), 1)
+                while end - head >= least:
+                    found = _keep_touching(
+                        queue, head, end, counts, spots, found, rec, radius, lane, tiles, near[b], h, clock[s, 0], band,
+                        pressed, first,
+                    )  # fmt: skip
+                    head = wp.min(head + lane_count(), end)
+            if found > 0:
+                many = _number(starts, filled, counts, lane)
+                _note_starts(starts, pressed_start, first, b, lane)
+                if lane == 0:
+                    touching[b] = found
+                    touched[wp.atomic_add(tally, TOUCHED, 1)] = b
+                    wp.atomic_add(contacts, s, found)
+                bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+                _set_grounded_bases(bases, grounded, up, b, lane)
+                tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
+                for base in range(0, found, HELD):
+                    if base > 0:
+                        _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
+                    _add_shares(tile, spots, starts, filled, many, base, lane)
+                for t in range(lane, TILE, lane_count()):
+                    share = tile[t]
+                    if ORDERED:
+                        arenas[b * TILE + t] = node4(share, real(0.0), real(0.0), real(0.0))
+                    elif share != real(0.0):
+                        wp.atomic_add(shares, 4 * _node(bases, t), share)
+        b = active[wp.min(a + launched, active.shape[0] - 1)]
