@@ -146,14 +146,14 @@ def solve_contacts(
         return
     for a in range(begin, tally[TOUCHED], launched):
         dt = clock[member[b], 0]
-        velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
+        starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")  # waits for lanes still at the last block
+        velocities = wp.tile_empty(shape=PADDED, dtype=node4, storage="shared")
         bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
         near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
         _set_bases(bases, up, b, lane)
         _set_grounded_bases(near_bases, grounded, up, b, lane)
         dv = vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3])
         _load(velocities, grid, contact, bases, near_bases, lane, dv)
-        starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
         first = int(pressed_start[b, 0])
         counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
         filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")

@@ -204,7 +204,7 @@ def find_contacts(
     for a in range(begin, tally[ACTIVE], launched):
         s = member[b]
         if near[b] >= 0 and clock[s, 0] > real(0.0):
-            starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")
+            starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")  # waits for lanes still at the last block
             counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
             spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
             filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")

@@ -217,7 +217,8 @@ def grid_to_particles(
         _call_up(rec, first + lane - (lane & 31), lane, last)
         scene = member[b] & NOT_NEGATIVE
         dt = clock[scene, 0]
-        tile = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
+        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at the last block
+        tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
         _load_wide(tile, grid, around, b, lane)
         slopes = _slopes(dt, h)
         if GENERAL:
