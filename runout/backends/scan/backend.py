@@ -14,6 +14,7 @@ from runout.backends.scan.general import General, is_general
 from runout.backends.scan.kernels import kernels_for
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.store import PADDING, SELDOM, Store, capacity, reserve
+from runout.backends.scan.waiting import wait_briefly
 from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particles import Particles
@@ -48,6 +49,7 @@ class ScanBackend:
 
         if index not in INDEXES:
             raise ConfigError(f"index is {index!r}; choose one of {', '.join(INDEXES)}")
+        wait_briefly()
         settings: Any = numba.config
         available = min(settings.NUMBA_NUM_THREADS, len(os.sched_getaffinity(0)))
         self.allowed = min(threads or available, available)

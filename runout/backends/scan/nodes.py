@@ -4,9 +4,7 @@ A kernel sums nodes as soon as it has what they need; where several threads shar
 that every node is summed by the same machine code, and the same bits come out of any number of threads.
 """
 
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from runout.backends.scan.store import PADDING
 from runout.physics import contact as contact_law
@@ -19,30 +17,32 @@ SPARE = 16  # blocks that may get contacts before more memory is made
 
 def fill(engine: "ScanBackend") -> None:
     """Mass and velocity of the nodes; again where arenas are lacking."""
-    a, early, late = engine.room, engine.schedule.early, engine.schedule.late
-    while (wanted := _fill(engine, engine.index.nown, *early)) > a.free.shape[1]:
+    i, a, kernel = engine.index, engine.room, engine.k.particles_to_nodes
+    before, behind = _arguments(engine)
+    while (wanted := int(kernel(*before, i.nown, *engine.schedule.early, *behind))) > a.free.shape[1]:
         a.make_arenas(wanted)
+        before, behind = _arguments(engine)
     if engine.general:
         engine.general.push(engine)
     if engine.schedule.waits:
-        _fill(engine, 0, *late)
+        kernel(*before, 0, *engine.schedule.late, *behind)
 
 
-def _fill(engine: "ScanBackend", nown: int, *schedule: np.ndarray) -> int:
-    """Arenas that a thread needs."""
+def _arguments(engine: "ScanBackend") -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """What the kernel takes before the number of owners and behind the schedule."""
     i, s, a = engine.index, engine.store, engine.room
-    wanted = engine.k.particles_to_nodes(
-        s.rec, s.order, i.starts, i.first, a.giving, nown, *schedule, a.number, a.arenas, a.free.shape[1], a.free,
-        engine.cursors[: engine.threads], a.reached, i.down, a.grid, engine.dv,
-    )  # fmt: skip
-    return int(wanted)
+    return (s.rec, s.order, i.starts, i.first, a.giving), (
+        *(a.number, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads]),
+        *(a.reached, i.down, a.grid, engine.dv),
+    )
 
 
 def fill_over_ground(engine: "ScanBackend", dt: float) -> None:
     """The same over a ground, and the particles that touch it; again where rows, shares or arenas are lacking."""
-    s, a, threads = engine.store, engine.room, engine.threads
+    s, a, threads, kernel = engine.store, engine.room, engine.threads, engine.k.particles_to_nodes_over_ground
     while True:
-        arenas, rows, shares, touching = _fill_over_ground(engine, dt, engine.index.nown, *engine.schedule.early)
+        before, behind = _arguments_over_ground(engine, dt)
+        arenas, rows, shares, touching = kernel(*before, engine.index.nown, *engine.schedule.early, *behind)
         enough = True
         if arenas > a.free.shape[1]:
             a.make_arenas(arenas)
@@ -59,7 +59,7 @@ def fill_over_ground(engine: "ScanBackend", dt: float) -> None:
     if engine.general:
         engine.general.push(engine)
     if engine.schedule.waits:
-        _fill_over_ground(engine, dt, 0, *engine.schedule.late)
+        kernel(*before, 0, *engine.schedule.late, *behind)
 
 
 def _rows(engine: "ScanBackend") -> int:
@@ -72,31 +72,28 @@ def _shares(engine: "ScanBackend") -> int:
     return max(len(engine.room.shares) - 1, 0) // engine.threads
 
 
-def _fill_over_ground(engine: "ScanBackend", dt: float, nown: int, *schedule: np.ndarray) -> tuple[int, int, int, int]:
-    """Arenas, rows and shares that a thread needs, and the number of particles that touch."""
+def _arguments_over_ground(engine: "ScanBackend", dt: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """What the kernel takes before the number of owners and behind the schedule."""
     i, s, a, scene = engine.index, engine.store, engine.room, engine.scene
     band = scene.contact_band * min(scene.spacing)
     reach = scene.dtype(contact_law.reach(engine.largest_radius, engine.max_speed, dt, band))
     radius = s.radius[:1] if engine.of_one_size else s.radius
-    needed: tuple[int, int, int, int] = engine.k.particles_to_nodes_over_ground(
-        s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving, nown, *schedule, a.tiles, a.planes, a.bounds,
-        engine.friction, reach, engine.dt, engine.h, scene.dtype(band), a.number, a.arenas, a.free.shape[1], a.free,
-        engine.cursors[: engine.threads], a.reached, s.listed, a.candidates, a.touching, a.pressed, s.contacts, s.measured,
-        _rows(engine), a.shares, _shares(engine), a.place, a.sharer, i.down, a.grid, a.shared, a.inverse, engine.dv,
-    )  # fmt: skip
-    return needed
+    return (s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving), (
+        *(a.tiles, a.planes, a.bounds, engine.friction, reach, engine.dt, engine.h, scene.dtype(band)),
+        *(a.number, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads], a.reached),
+        *(s.listed, a.candidates, a.touching, a.pressed, s.contacts, s.measured, _rows(engine), a.shares, _shares(engine)),
+        *(a.place, a.sharer, i.down, a.grid, a.shared, a.inverse, engine.dv),
+    )
 
 
 def push(engine: "ScanBackend") -> None:
     """Add the impulses of the contacts to the velocities of the nodes; their sums are in ``room.total``."""
-    _push(engine, engine.index.nown, engine.room.total, *engine.schedule.early)
+    i, s, a, kernel = engine.index, engine.store, engine.room, engine.k.solve_contacts
+    before = s.contacts, s.measured, s.felt, a.place, a.touching, a.pressed
+    behind = (
+        *(a.grid, i.up, i.down, engine.dt, a.lent, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads]),
+        *(a.shared, a.inverse, a.asleep, a.ground),
+    )
+    kernel(*before, i.nown, *engine.schedule.early, *behind, a.total)
     if engine.schedule.waits:
-        _push(engine, 0, engine.room.nothing, *engine.schedule.late)
-
-
-def _push(engine: "ScanBackend", nown: int, sums: np.ndarray, *schedule: np.ndarray) -> None:
-    i, s, a = engine.index, engine.store, engine.room
-    engine.k.solve_contacts(
-        s.contacts, s.measured, s.felt, a.place, a.touching, a.pressed, nown, *schedule, a.grid, i.up, i.down, engine.dt, a.lent,
-        a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads], a.shared, a.inverse, a.asleep, a.ground, sums,
-    )  # fmt: skip
+        kernel(*before, 0, *engine.schedule.late, *behind, a.nothing)

@@ -13,6 +13,7 @@ from runout.backends.scan.arenas import _total_held
 from runout.backends.scan.motion import HERE, LEFT, OUTSIDE
 
 CELLS = 64
+CALLED = 8  # blocks that memory is asked for ahead, where little is to be done in each
 LONGEST = 1023  # list of a block that is made anew from what changed, not by a sort
 local_counts = local_array((CELLS + 1,))  # of cells and of those that leave
 local_places = local_array((3, CELLS))
@@ -33,6 +34,8 @@ def _count_arrivals(around, first, nown, movers, leaving, held, room, before, ar
         before[b] = first[b]
         arrivals[b] = 0
     for b in range(nown):
+        if b + CALLED < nown:
+            prefetch(movers, first[b + CALLED])
         for t in range(first[b], first[b] + leaving[b]):
             q = (movers[t] >> 6) & 63
             if q < OUTSIDE and around[b, q] >= 0:
