@@ -16,16 +16,18 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.prototype import PrototypeCourse, load_prototype
-from pipelines.sloping_layer import Layer
+from pipelines.sloping_layer import PER_CELL, Layer
 from pipelines.timing import Case, Course, take_turns
 from runout import __version__, log
+from runout.accuracy import PARTICLES_PER_CELL
 from runout.errors import BudgetError, CapacityError, ConfigError
 
 LOGGER = logging.getLogger("runout.work_precision")
-SCHEMA = 1
+SCHEMA = 2
 SIZES, FULL_SIZES = (10_000, 100_000, 400_000), (1_000_000, 3_000_000, 10_000_000)
 SIZE = 100_000  # of the studies other than that of size
-THIN, DEEP = 2, 16  # cells through the depth
+THIN, DEEP = (2, 3), 16  # cells through the depth
+UPWARDS = (PARTICLES_PER_CELL[2], PER_CELL)  # particles of a cell above each other: the default, and as many as beside
 SPARSITIES = (1.0, 3.0, 10.0, 100.0, 400.0)
 AGAINST, FULL_AGAINST = (400_000,), (400_000, 1_000_000)
 NEEDED = 900  # bytes a particle while a scene is loaded, twice for cases that take turns
@@ -126,7 +128,7 @@ def planned(choices: Choices) -> list[tuple[str, list[Case]]]:
     small, large = [s for s in sizes if s <= max(SIZES)], [s for s in sizes if s > max(SIZES)]
     plan = [("size", [case(s, t) for s in group if s for t in choices.usable_threads]) for group in (small, *([s] for s in large))]
     plan.append(("precision", [case(precision=p) for p in choices.precision]))
-    plan.append(("depth", [case(depth=d) for d in (THIN, DEEP)]))
+    plan.append(("depth", [case(depth=d, upwards=u) for u in UPWARDS for d in (*THIN, DEEP)]))
     kinds = ("sparse", "dense") if choices.device == "cpu" else ("sparse",)
     apart = [Layer(choices.size, sparsity=s, precision=choices.precision[0], aligned=True) for s in SPARSITIES]
     one = choices.usable_threads[0]
@@ -196,8 +198,10 @@ def ratios(studies: Study, roofline: Sequence[dict[str, float]]) -> dict[str, An
     double = {m["case"]["precision"]: m["rate"] for m in studies.get("precision", [])}
     if len(double) == 2:
         found["float64_over_float32"] = double["float64"] / double["float32"]
-    depth = {m["case"]["depth"]: m["rate"] for m in studies.get("depth", [])}
-    found["thin_over_deep"] = depth[THIN] / depth[DEEP]
+    depth = {(m["case"]["depth"], m["case"]["upwards"]): m["rate"] for m in studies.get("depth", [])}
+    found["thin_over_deep"] = [
+        {"depth": d, "deep": DEEP, "upwards": u, "ratio": depth[d, u] / depth[DEEP, u]} for u in UPWARDS for d in THIN
+    ]
     found["sparsity"] = _sparsity_ratios(studies.get("sparsity", []))
     found["against"] = _prototype_ratios(studies.get("against", []))
     found["roofline"] = [share for m in sizes for share in _bounds(m, roofline)]

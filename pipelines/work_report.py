@@ -10,11 +10,14 @@ STAGE_COLOURS = ("#33658a", "#86bbd8", "#758e4f", "#f6ae2d", "#f26419", "#8d6a9f
 def table(content: dict[str, Any]) -> str:
     """The ratios as a table in Markdown."""
     r, studies = content["ratios"], content["studies"]
-    thin, deep = (m["case"]["depth"] for m in studies["depth"])
     rows = [(f"{x['threads']} threads over {_fewest(content)}", x["particles"], x["ratio"]) for x in r["threads"]]
     if "float64_over_float32" in r:
         rows.append(("float64 over float32", studies["precision"][0]["particles"], r["float64_over_float32"]))
-    rows.append((f"layer of {thin} cells over one of {deep}", studies["depth"][0]["particles"], r["thin_over_deep"]))
+    rows += [
+        (f"layer of {x['depth']} cells over one of {x['deep']}, {x['upwards']} particles above each other", thin, x["ratio"])
+        for thin in [studies["depth"][0]["particles"]]
+        for x in r["thin_over_deep"]
+    ]
     apart = studies["sparsity"][0]["particles"]
     rows += [(f"{x['index']}, sparsity {x['sparsity']:g}, over sparse 1", apart, x["ratio"]) for x in r["sparsity"][1:]]
     rows += [(f"runout over the prototype, threads: {x['threads']}", x["particles"], x["ratio"]) for x in r["against"]]
@@ -114,10 +117,10 @@ def _sparsity(axes: Any, content: dict[str, Any]) -> None:
 
 
 def _comparisons(axes: Any, content: dict[str, Any]) -> None:
-    r, (thin, deep) = content["ratios"], (m["case"]["depth"] for m in content["studies"]["depth"])
+    r = content["ratios"]
     rows = [(f"{x['threads']} threads / {_fewest(content)}\n{_count(x['particles'])}", x["ratio"]) for x in r["threads"]]
     rows += [("float64 / float32", r["float64_over_float32"])] if "float64_over_float32" in r else []
-    rows += [(f"{thin} cells / {deep} cells deep", r["thin_over_deep"])]
+    rows += [(f"{x['depth']} / {x['deep']} cells deep\n2 x 2 x {x['upwards']}", x["ratio"]) for x in r["thin_over_deep"]]
     rows += [(f"runout / prototype, {x['threads']} thr.\n{_count(x['particles'])}", x["ratio"]) for x in r["against"]]
     rows = rows[::-1]
     bars = axes.barh(range(len(rows)), [value for _, value in rows], color=STAGE_COLOURS[1])

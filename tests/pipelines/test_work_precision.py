@@ -34,8 +34,10 @@ def content(bench):
 def test_json_holds_every_study_and_the_ratios_that_follow(content):
     assert content["schema"] == work_precision.SCHEMA
     assert set(content["studies"]) == {"size", "precision", "depth", "sparsity"}
-    assert content["ratios"]["thin_over_deep"] == pytest.approx(
-        content["studies"]["depth"][0]["rate"] / content["studies"]["depth"][1]["rate"]
+    layers = {(m["case"]["depth"], m["case"]["upwards"]): m["rate"] for m in content["studies"]["depth"]}
+    assert [(x["depth"], x["upwards"]) for x in content["ratios"]["thin_over_deep"]] == [(2, 4), (3, 4), (2, 2), (3, 2)]
+    assert [x["ratio"] for x in content["ratios"]["thin_over_deep"]] == pytest.approx(
+        [layers[x["depth"], x["upwards"]] / layers[16, x["upwards"]] for x in content["ratios"]["thin_over_deep"]]
     )
     assert [x["sparsity"] for x in content["ratios"]["sparsity"] if x["index"] == "sparse"] == list(work_precision.SPARSITIES)
     assert all(x["of_bandwidth"] > 0 and x["of_arithmetic"] > 0 for x in content["ratios"]["roofline"])
@@ -77,11 +79,12 @@ def test_cases_take_turns_in_changing_order(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "layer", [Layer(1500), Layer(1500, depth=2, sparsity=10.0, aligned=True), Layer(3000, precision="float64")]
+    "layer",
+    [Layer(1500), Layer(1500, depth=2, sparsity=10.0, aligned=True), Layer(3000, precision="float64"), Layer(3000, upwards=4)],
 )
 def test_layer_is_what_it_says(layer):
     scene, p = layer.build()
-    assert len(p) == 8 * np.prod([*layer.columns, layer.depth])
+    assert len(p) == 4 * layer.upwards * np.prod([*layer.columns, layer.depth])
     assert abs(len(p) / layer.particles - 1) < 0.1
     assert scene.precision == layer.precision
     x = p.position(np.full(3, SPACING))
