@@ -91,9 +91,10 @@ def test_layer_is_what_it_says(layer):
     above = (x[:, 2] - scene.surface.elevation(x[:, 0], x[:, 1])) / SPACING
     assert above.min() >= 0
     assert layer.depth - 0.5 < above.max() < layer.depth + 0.5
+    assert p.volume.sum() == pytest.approx(SPACING**3 * np.prod([*layer.columns, layer.depth]))
     length = np.ptp(x[:, 1]) / SPACING
     assert length == pytest.approx(layer.columns[1] * layer.sparsity, abs=1.0)
-    assert p.mass.sum() == pytest.approx(2000.0 * SPACING**3 * len(p) / 8)
+    assert p.mass.sum() == pytest.approx(2000.0 * SPACING**3 * len(p) / (4 * layer.upwards))
 
 
 def test_layout_for_the_prototype_finds_every_particle_in_its_cell_and_every_node_block():
