@@ -92,7 +92,7 @@ def _stages(axes: Any, content: dict[str, Any]) -> None:
         part = [max(m["ns_per_particle_step"].get(name, 0.0), 0.0) for m in bars]
         axes.bar(range(len(bars)), part, bottom=base, color=colour, label=name, width=0.65)
         base = [a + b for a, b in zip(base, part, strict=True)]
-    labels = [f"{_count(m['particles'])}\n{m['case']['depth']} cells deep" for m in bars]
+    labels = [f"{_count(m['particles'])}\n{m['case']['depth']} cells deep\n2 x 2 x {m['case']['upwards']}" for m in bars]
     axes.set_xticks(range(len(bars)), labels, fontsize=8)
     axes.set(ylabel="ns per particle-step", title=f"Stages of a step, {_fewest(content)} thread(s)", xlim=(-0.6, len(bars) + 0.9))
     handles, texts = axes.get_legend_handles_labels()
