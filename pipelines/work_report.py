@@ -13,11 +13,8 @@ def table(content: dict[str, Any]) -> str:
     rows = [(f"{x['threads']} threads over {_fewest(content)}", x["particles"], x["ratio"]) for x in r["threads"]]
     if "float64_over_float32" in r:
         rows.append(("float64 over float32", studies["precision"][0]["particles"], r["float64_over_float32"]))
-    rows += [
-        (f"layer of {x['depth']} cells over one of {x['deep']}, {x['upwards']} particles above each other", thin, x["ratio"])
-        for thin in [studies["depth"][0]["particles"]]
-        for x in r["thin_over_deep"]
-    ]
+    thin, layer = studies["depth"][0]["particles"], "layer of {depth} cells over one of {deep}, {upwards} particles upwards"
+    rows += [(layer.format(**x), thin, x["ratio"]) for x in r["thin_over_deep"]]
     apart = studies["sparsity"][0]["particles"]
     rows += [(f"{x['index']}, sparsity {x['sparsity']:g}, over sparse 1", apart, x["ratio"]) for x in r["sparsity"][1:]]
     rows += [(f"runout over the prototype, threads: {x['threads']}", x["particles"], x["ratio"]) for x in r["against"]]

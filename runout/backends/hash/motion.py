@@ -229,7 +229,7 @@ def grid_to_particles(
         by = int(coordinates[b, 1])
         bz = int(coordinates[b, 2])
         move_y = int(shift[scene])
-        limit = wp.vec2d(limits[scene, 0], limits[scene, 1])
+        limit_x, limit_y = limits[scene, 0] * wp.float64(1.0), limits[scene, 1] * wp.float64(1.0)
         begins = int(home[b, 0])
         fastest = real(0.0)
         lost = wp.float64(0.0)
@@ -255,7 +255,7 @@ def grid_to_particles(
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
                     if _is_sound(moves, scene, shift.shape[0], flags, peaks):
                         f = f + moves
-                        new = _next_cell(f, i, j, n, k, b, bx, by, around, up, move_y, limit[0], limit[1])
+                        new = _next_cell(f, i, j, n, k, b, bx, by, around, up, move_y, limit_x, limit_y)
                         _write_place(rec, p, f, new)
                 new = _keep(new, k, flags, tally)
                 if new != k:

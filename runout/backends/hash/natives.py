@@ -138,15 +138,7 @@ def warp_lanes() -> int:  # type: ignore[empty-body]
     """Threads that go together: a warp of a GPU; on a CPU each goes alone."""
 
 
-# Sums over the 32 lanes of a block of one warp: a tenth of the instructions of sums over any block, which meet in shared memory.
-SUM_BEFORE = """
-#if defined(__CUDA_ARCH__)
-    int sum = n;
-    for (int d = 1; d < 32; d <<= 1) {
-        int other = __shfl_up_sync(0xffffffffu, sum, d);
-        if ((threadIdx.x & 31) >= d) sum += other;
-    }
-    return wp::vec2i(sum - n, __shfl_sync(0xffffffffu, sum, 31));
+BEFORE_ON_CPU = """
 #else
     auto lanes = wp::tile<wp::int32>(n);
     auto before = wp::tile_scan_exclusive(lanes);
@@ -154,17 +146,25 @@ SUM_BEFORE = """
     return wp::vec2i(wp::untile(before), wp::tile_extract(sum, 0));
 #endif
 """
-HITS_BEFORE = """
+# Sums over the 32 lanes of a block of one warp: a tenth of the instructions of sums over any block, which meet in shared memory.
+SUM_BEFORE = (
+    """
 #if defined(__CUDA_ARCH__)
-    unsigned hits = __ballot_sync(0xffffffffu, hit);
-    return wp::vec2i(__popc(hits & ((1u << (threadIdx.x & 31)) - 1u)), __popc(hits));
-#else
-    auto lanes = wp::tile<wp::int32>(hit ? 1 : 0);
-    auto before = wp::tile_scan_exclusive(lanes);
-    auto sum = wp::tile_sum(lanes);
-    return wp::vec2i(wp::untile(before), wp::tile_extract(sum, 0));
-#endif
-"""
+    int sum = n;
+    for (int d = 1; d < 32; d <<= 1) {
+        int other = __shfl_up_sync(0xffffffffu, sum, d);
+        if ((threadIdx.x & 31) >= d) sum += other;
+    }
+    return wp::vec2i(sum - n, __shfl_sync(0xffffffffu, sum, 31));"""
+    + BEFORE_ON_CPU
+)
+HITS_BEFORE = (
+    """
+#if defined(__CUDA_ARCH__)
+    unsigned hits = __ballot_sync(0xffffffffu, n);
+    return wp::vec2i(__popc(hits & ((1u << (threadIdx.x & 31)) - 1u)), __popc(hits));"""
+    + BEFORE_ON_CPU
+)
 SUM_LANES = """
 #if defined(__CUDA_ARCH__)
     for (int d = 16; d > 0; d >>= 1) value += __shfl_xor_sync(0xffffffffu, value, d);
@@ -184,8 +184,8 @@ def sum_before(n: int) -> wp.vec2i:  # type: ignore[empty-body]
 
 
 @wp.func_native(HITS_BEFORE)
-def hits_before(hit: bool) -> wp.vec2i:  # type: ignore[empty-body]
-    """How many of the lanes before this one hit, and of all, of a block of one warp."""
+def hits_before(n: bool) -> wp.vec2i:  # type: ignore[empty-body]
+    """For how many of the lanes before this one ``n`` is true, and of all, of a block of one warp."""
 
 
 @wp.func_native(SUM_LANES)

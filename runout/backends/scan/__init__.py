@@ -5,7 +5,7 @@ grid, ``schedule`` tells when a node has all that it needs and ``nodes`` calls t
 ``impulses`` apply the terrain, ``motion`` brings velocities back and follows law and position, ``order`` keeps the particles by
 block and cell, ``observe`` sums for observers, ``backend`` puts them in order. What only some scenes need lies apart: ``zones`` of
 friction; ``forces``, ``gradients`` and ``general`` of transfers besides the packed one; ``sleep`` and ``rest`` of blocks at
-rest. ``ahead`` compiles.
+rest. ``ahead`` compiles, ``waiting`` tells threads how long to keep their cores.
 
 Every sum is taken in an order that does not depend on the number of threads: a block adds its particles to an arena, and
 each node gathers from the up to eight arenas that overlap it as soon as they are there; then other blocks take them.
