@@ -29,7 +29,7 @@ SIZE = 100_000  # of the studies other than that of size
 THIN, DEEP = (2, 3), 16  # cells through the depth
 UPWARDS = (PARTICLES_PER_CELL[2], PER_CELL)  # particles of a cell above each other: the default, and as many as beside
 SPARSITIES = (1.0, 3.0, 10.0, 100.0, 400.0)
-AGAINST, FULL_AGAINST = (400_000,), (400_000, 1_000_000)
+AGAINST = 400_000, 1_000_000
 NEEDED = 900  # bytes a particle while a scene is loaded, twice for cases that take turns
 REAL_NUMBERS = 24  # of the state: position 3, velocity 3, affine 9, strain 6, history, mass, volume
 NODE_SUMS = 27 * (4 + 3)  # multiply-adds that quadratic splines cannot do without: mass and momentum out, velocity back
@@ -159,7 +159,7 @@ def _fits(particles: int, cases: int) -> bool:
 def _against(prototype: Any, choices: Choices) -> list[dict[str, Any]]:
     """The prototype and runout on the same particles, each with one and more threads, in turns."""
     done = []
-    for size in choices.sizes or (FULL_AGAINST if choices.full else AGAINST):
+    for size in choices.sizes or AGAINST:
         layer = Layer(size, depth=DEEP)
         courses: list[Any] = [PrototypeCourse(prototype, layer, t) for t in choices.usable_threads]
         courses += [Course(Case(layer, t, device=choices.device)) for t in choices.usable_threads]
