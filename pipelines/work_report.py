@@ -115,10 +115,10 @@ def _sparsity(axes: Any, content: dict[str, Any]) -> None:
 
 def _comparisons(axes: Any, content: dict[str, Any]) -> None:
     r = content["ratios"]
-    rows = [(f"{x['threads']} threads / {_fewest(content)}\n{_count(x['particles'])}", x["ratio"]) for x in r["threads"]]
+    rows = [(f"{x['threads']} threads / {_fewest(content)}, {_count(x['particles'])}", x["ratio"]) for x in r["threads"]]
     rows += [("float64 / float32", r["float64_over_float32"])] if "float64_over_float32" in r else []
-    rows += [(f"{x['depth']} / {x['deep']} cells deep\n2 x 2 x {x['upwards']}", x["ratio"]) for x in r["thin_over_deep"]]
-    rows += [(f"runout / prototype, {x['threads']} thr.\n{_count(x['particles'])}", x["ratio"]) for x in r["against"]]
+    rows += [(f"{x['depth']} / {x['deep']} cells deep, 2 x 2 x {x['upwards']}", x["ratio"]) for x in r["thin_over_deep"]]
+    rows += [(f"runout / prototype, {x['threads']} thr., {_count(x['particles'])}", x["ratio"]) for x in r["against"]]
     rows = rows[::-1]
     bars = axes.barh(range(len(rows)), [value for _, value in rows], color=STAGE_COLOURS[1])
     axes.bar_label(bars, [f"{value:.2f}" for _, value in rows], padding=3, fontsize=8)
