@@ -44,6 +44,7 @@ from runout.physics.tensors import real, tens, vec
 HELD = 128  # contact particles of a block whose impulses or offsets are held at once
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 sum_lanes: Any = None  # sum over the lanes, likewise
+book: Any = None  # adds to a number that no other thread adds to, likewise
 BELOW, FILLED = 2**20 - 1, 20  # a sum of particles lies in these bits, and one of cells from this bit on
 
 
@@ -189,7 +190,7 @@ def solve_contacts(
         for d in range(4):
             all_done = sum_lanes(done[d])
             if lane == 0:
-                booked[b, d + 1] = booked[b, d + 1] + all_done
+                book(booked, b, d + 1, all_done)
         for t in range(lane, TILE, lane_count()):
             s = tile[t]
             if ORDERED:

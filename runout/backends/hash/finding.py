@@ -43,6 +43,7 @@ from runout.physics.tensors import dot, real, vec
 QUEUED = 256  # particles of a block that wait for their test, at most: a power of two, more than five times the lanes
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
+take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
 def _highest(around: Any, z: int, h: Vector, reach: Any):
@@ -228,9 +229,10 @@ def find_contacts(
             if found > 0:
                 many = _number(starts, filled, counts, lane)
                 _note_starts(starts, pressed_start, first, b, lane)
+                place = int(0)
                 if lane == 0:
+                    place = take_place(tally, TOUCHED)  # all blocks take one: needed only at the end, so that none waits
                     touching[b] = found
-                    touched[wp.atomic_add(tally, TOUCHED, 1)] = b
                     wp.atomic_add(contacts, s, found)
                 bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
                 _set_grounded_bases(bases, grounded, up, b, lane)
@@ -245,4 +247,6 @@ def find_contacts(
                         arenas[b * TILE + t] = node4(share, real(0.0), real(0.0), real(0.0))
                     elif share != real(0.0):
                         wp.atomic_add(shares, 4 * _node(bases, t), share)
+                if lane == 0:
+                    touched[place] = b
         b = active[wp.min(a + launched, active.shape[0] - 1)]

@@ -170,7 +170,7 @@ def require_room(counts: Ints, entries: int, room: int, members: Keys, flags: In
     m = wp.tid()
     entered = counts[ENTERED]
     fits = 2 * entered <= entries and entered <= room
-    if m >= entered:
+    if m >= entered and m < members.shape[0]:
         members[m] = i64(NO_KEY)
     if m < TALLY:
         tally[m] = 0

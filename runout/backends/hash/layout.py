@@ -62,8 +62,11 @@ PLACES = 1023  # of a tile, likewise
 HALT, PENDING, STEPS, FAILED, FLAGS = range(5)
 # counts of a step: places listed so far, blocks with particles in the next step (one number of 64 bits with the first), blocks,
 # those with particles in this step, those with contact, and particles that have left the domain since the last sort; blocks that
-# held particles then
-CURSOR, NEXT, BLOCKS, ACTIVE, TOUCHED, GONE, HOMES, TALLY = range(8)
+# held particles then. What a kernel adds to lies in a line of the cache of its own: who reads the others does not wait for sums
+APART = 64
+CURSOR, NEXT = 0, 1
+BLOCKS, ACTIVE, HOMES = APART, APART + 1, APART + 2
+TOUCHED, GONE, TALLY = 2 * APART, 3 * APART, 4 * APART
 # counts of a sort: blocks entered in the index, of these those that may hold particles, blocks that may touch the ground, blocks of
 # the nodes that these reach, particles that are left
 ENTERED, OWNERS, NEAR, GROUNDED, LEFT, COUNTS = range(6)

@@ -55,6 +55,7 @@ SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
 count_in: Any = None  # adds one to a count; the binding puts it in its place
 raise_peak: Any = None  # brings a largest value up to those of all lanes
 sum_lanes: Any = None  # sum over the lanes of a warp
+book: Any = None  # adds to a number that no other thread adds to
 call_up: Any = None  # asks for a place in memory before it is read
 
 
@@ -203,9 +204,8 @@ def grid_to_particles(
 ):  # fmt: skip
     """Velocities to particles, law, motion and next record; cells of the particles anew, and how many enter each.
 
-    A block of threads takes the particles that were in one block at the last sort, in the order of memory, as far as they have
-    come at most one cell out of it. One that has come further, or finds no block, or leaves the domain, keeps its cell, and an
-    offset beyond it, until the index is made anew.
+    A block of threads takes the particles that were in one block at the last sort, as far as they have come at most one cell out
+    of it. One that has come further, or finds no block, or leaves, keeps its cell, and an offset beyond it, to the next sort.
     """
     begin, lane = wp.tid()
     if flags[HALT] != 0:
@@ -266,4 +266,4 @@ def grid_to_particles(
             raise_peak(peaks, scene, fastest)
             all_lost = sum_lanes(lost)
             if lane % WARP == 0:  # no warp waits for the other
-                booked[b, 5 * (lane // WARP)] = booked[b, 5 * (lane // WARP)] + all_lost
+                book(booked, b, 5 * (lane // WARP), all_lost)

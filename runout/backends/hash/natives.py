@@ -29,6 +29,18 @@ NEXT_FOUR = """
 #endif
     return found;
 """
+# The first lane of a block takes a place and needs it later. What it adds is one, but told by its number in the warp: of a constant
+# the assembler would make one sum for all lanes, and have them wait for it.
+TAKE_PLACE = """
+#if defined(__CUDA_ARCH__)
+    int place;
+    asm volatile("{ .reg .u32 one; mov.u32 one, %%laneid; add.u32 one, one, 1; atom.relaxed.gpu.global.add.u32 %0, [%1], one; }"
+                 : "=r"(place) : "l"(counts.data + i));
+    return place;
+#else
+    return wp::atomic_add(counts, i, 1);
+#endif
+"""
 # Neighbours mostly lie in the same block and reach the same blocks around it.
 ADD_MARKS = """
 #if defined(__CUDA_ARCH__)
@@ -50,6 +62,26 @@ def count_in(count: wp.array(dtype=wp.int32), cell: int):  # type: ignore[valid-
 @wp.func_native(NEXT_FOUR)
 def next_four(count: wp.array(dtype=wp.int32), cells: wp.vec4i) -> wp.vec4i:  # type: ignore[valid-type, empty-body]
     """Add one to the count of each of four cells, one after the other, unless it is negative; returns what they were before."""
+
+
+# Nothing waits for what the number was.
+BOOK = """
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.relaxed.gpu.global.add.f64 [%0], %1;" :: "l"(&wp::index(rows, i, j)), "d"(value) : "memory");
+#else
+    wp::index(rows, i, j) += value;
+#endif
+"""
+
+
+@wp.func_native(BOOK)
+def book(rows: wp.array2d(dtype=wp.float64), i: int, j: int, value: wp.float64):  # type: ignore[valid-type, no-untyped-def]
+    """Add to a number that no other thread adds to."""
+
+
+@wp.func_native(TAKE_PLACE)
+def take_place(counts: wp.array(dtype=wp.int32), i: int) -> int:  # type: ignore[valid-type, empty-body]
+    """Add one to a count, in the first lane of a warp; returns what it was before."""
 
 
 @wp.func_native(ADD_MARKS)
@@ -245,5 +277,5 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in ("add_node", "node_at", "put_node", "raise_peak", "call_up")}
-    plain = (count_in, next_four, add_marks, lane_count, warp_lanes, sum_before, hits_before, sum_lanes)
+    plain = (count_in, next_four, take_place, book, add_marks, lane_count, warp_lanes, sum_before, hits_before, sum_lanes)
     return by_type | {function.key: function for function in plain}
