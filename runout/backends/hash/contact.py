@@ -14,7 +14,6 @@ from runout.backends.hash.layout import (
     NOT_NEGATIVE,
     OFFSET,
     ORDERED,
-    PADDED,
     STARTS,
     TILE,
     TOUCHED,
@@ -41,7 +40,7 @@ from runout.physics.contact import impulse, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.tensors import real, tens, vec
 
-HELD = 128  # contact particles of a block whose impulses or offsets are held at once
+HELD = 64  # contact particles of a block whose impulses or offsets are held at once
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 sum_lanes: Any = None  # sum over the lanes, likewise
 book: Any = None  # adds to a number that no other thread adds to, likewise
@@ -148,7 +147,7 @@ def solve_contacts(
     for a in range(begin, tally[TOUCHED], launched):
         dt = clock[member[b], 0]
         starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")  # waits for lanes still at the last block
-        velocities = wp.tile_empty(shape=PADDED, dtype=node4, storage="shared")
+        velocities = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
         bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
         near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
         _set_bases(bases, up, b, lane)

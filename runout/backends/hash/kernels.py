@@ -34,9 +34,9 @@ GENERAL_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "
 
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
-# blocks of threads that share a multiprocessor in single precision, which bounds the registers of each thread: 128 and 168
-FLOAT32_BLOCKS = {"grid_to_particles": 8, "particles_to_grid": 6}
-GENERAL_BLOCKS = {"grid_to_particles": 6, "add_forces": 6}
+# threads of a block and blocks that share a multiprocessor in single precision, which bounds the registers of each thread
+FLOAT32_BLOCKS = {"grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6), "solve_contacts": (WARP, 20)}
+GENERAL_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 
 def _argument_types(real: Any, record: Any) -> dict[str, Any]:
@@ -80,11 +80,11 @@ def _module(name: str, lanes: int) -> Any:
     return module
 
 
-def _share_multiprocessor(kernels: SimpleNamespace, precision: str, blocks: dict[str, int]) -> None:
+def _share_multiprocessor(kernels: SimpleNamespace, precision: str, blocks: dict[str, tuple[int, int]]) -> None:
     """Bound the registers of kernels in single precision, so that so many blocks of threads fit."""
     if precision == "float32":
-        for kernel, number in blocks.items():
-            getattr(kernels, kernel).options["launch_bounds"] = (CELL_LANES, number)
+        for kernel, bounds in blocks.items():
+            getattr(kernels, kernel).options["launch_bounds"] = bounds
 
 
 @cache

@@ -91,7 +91,7 @@ def _contact_node(g: Any, share: Any, dv: Vector):
 def _load(tile: Tile, grid: Nodes, contact: Nodes, bases: Tile, near: Tile, lane: int, dv: Vector):
     """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach.
 
-    Four nodes a lane are under way at once; the tile is longer than they are many, and its last holds the rest.
+    Four nodes a lane are under way at once; places beyond the last are none.
     """
     lanes = lane_count()
     for q in range(PADDED // lanes // 4):
@@ -110,10 +110,10 @@ def _load(tile: Tile, grid: Nodes, contact: Nodes, bases: Tile, near: Tile, lane
         s1 = node_at(contact, _node(near, n1))
         s2 = node_at(contact, _node(near, n2))
         s3 = node_at(contact, _node(near, n3))
-        wp.tile_scatter_masked(tile, t0, _contact_node(g0, s0[0], dv), True)
-        wp.tile_scatter_masked(tile, t1, _contact_node(g1, s1[0], dv), True)
-        wp.tile_scatter_masked(tile, t2, _contact_node(g2, s2[0], dv), True)
-        wp.tile_scatter_masked(tile, t3, _contact_node(g3, s3[0], dv), True)
+        wp.tile_scatter_masked(tile, t0, _contact_node(g0, s0[0], dv), t0 < TILE)
+        wp.tile_scatter_masked(tile, t1, _contact_node(g1, s1[0], dv), t1 < TILE)
+        wp.tile_scatter_masked(tile, t2, _contact_node(g2, s2[0], dv), t2 < TILE)
+        wp.tile_scatter_masked(tile, t3, _contact_node(g3, s3[0], dv), t3 < TILE)
 
 
 def _wide_block(around: Table2, b: int, t: int):
