@@ -25,6 +25,8 @@ from runout.backends.hash.layout import (
     Table2,
     lane_count,
     node4,
+    own_block,
+    own_lane,
     put_node,
 )
 from runout.backends.hash.stencil import _cell_entry, _cell_of
@@ -83,6 +85,7 @@ def list_cells(
     With ``given``, ``totals`` are the sums over the blocks before; else each block takes the next free stretch, in no fixed order.
     """
     first, lane = wp.tid()
+    first, lane = own_block(first), own_lane(lane)
     if flags[HALT] != 0:
         return
     for b in range(first, tally[BLOCKS], launched):
@@ -203,6 +206,7 @@ def renumber(
     ``counts`` is told how many there are in all, the last of ``totals``.
     """
     first, lane = wp.tid()
+    first, lane = own_block(first), own_lane(lane)
     if flags[HALT] != 0:
         return
     if first == 0 and lane == 0:

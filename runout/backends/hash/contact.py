@@ -14,6 +14,7 @@ from runout.backends.hash.layout import (
     NOT_NEGATIVE,
     OFFSET,
     ORDERED,
+    PIECE,
     STARTS,
     TILE,
     TOUCHED,
@@ -28,12 +29,13 @@ from runout.backends.hash.layout import (
     Tile,
     Vector,
     add_node,
-    double4,
     lane_count,
     node4,
+    own_block,
+    own_lane,
     sums3,
 )
-from runout.backends.hash.stencil import _cell_of, _first_node, _load, _node, _set_bases, _set_grounded_bases
+from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _set_bases, _set_grounded_bases
 from runout.backends.hash.zones import _friction_in_zone
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, work
@@ -42,7 +44,8 @@ from runout.physics.tensors import real, tens, vec
 
 HELD = 64  # contact particles of a block whose impulses or offsets are held at once
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
-sum_lanes: Any = None  # sum over the lanes, likewise
+sum_reals: Any = None  # sum over the lanes, likewise
+hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
 book: Any = None  # adds to a number that no other thread adds to, likewise
 BELOW, FILLED = 2**20 - 1, 20  # a sum of particles lies in these bits, and one of cells from this bit on
 
@@ -78,6 +81,22 @@ def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
     return total >> FILLED
 
 
+def _number_pressed(starts: Tile, filled: Tile, pressed_start: Table2, b: int, lane: int):
+    """The same for cells whose particles are listed already."""
+    first = pressed_start[b, 0]
+    many = int(0)
+    for q in range(CELL_LANES // lane_count()):
+        c = q * lane_count() + lane
+        begin = pressed_start[b, c]
+        last = pressed_start[b, c + 1]
+        hits = hits_before(last > begin)
+        wp.tile_scatter_masked(starts, c, begin - first, True)
+        wp.tile_scatter_masked(filled, many + hits[0], c, last > begin)
+        many += hits[1]
+    wp.tile_scatter_masked(starts, CELL_LANES, pressed_start[b, CELL_LANES] - first, lane == 0)
+    return many
+
+
 def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
     """Velocity that a particle would receive, and its lumped compliance [1/kg]."""
     u = node4()
@@ -91,12 +110,10 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
 
 
 def _push(
-    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Any, dt: Any,
+    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, wx: Vector, wy: Vector, wz: Vector,
+    h: Vector, friction: Any, dt: Any,
 ):  # fmt: skip
     """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]."""
-    wx = weights(f[0])
-    wy = weights(f[1])
-    wz = weights(f[2])
     u, compliance = _contact_velocity(tile, _first_node(c), wx, wy, wz)
     n, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
     push = impulse(u, n, gap, compliance, friction, dt)
@@ -105,10 +122,10 @@ def _push(
     return node4(push[0], push[1], push[2], work(push, before, u, compliance))
 
 
-def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: int, mine: bool):
-    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time.
+def _spread(tile: Tile, pushes: Tile, slabs: Tile, rows: Tile, starts: Tile, c: int, base: int, mine: bool):
+    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time. None if the cell is not ``mine``.
 
-    ``pushes`` and ``spots`` hold impulse and offset of those from number ``base`` on. None if the cell is not ``mine``.
+    ``pushes`` holds the impulses of those from number ``base`` on and their last weight upwards, ``slabs`` and ``rows`` the others.
     """
     begin = wp.max(int(starts[c]), base)
     end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
@@ -117,18 +134,27 @@ def _spread(tile: Tile, pushes: Tile, spots: Tile, starts: Tile, c: int, base: i
         acc = sums3()
         for t in range(begin, end):
             push = pushes[t - base]
-            f = spots[t - base]
-            wx = weights(f[0])
-            wy = weights(f[1])
-            wz = weights(f[2])
+            x = slabs[t - base]
+            row = rows[t - base]
+            wy = vec(x[3], row[0], row[1])
+            wz = vec(row[2], row[3], push[3])
             for j in range(3):
+                share = vec(x[i] * wy[j] * push[0], x[i] * wy[j] * push[1], x[i] * wy[j] * push[2])
                 for k in range(3):
                     for d in range(3):
-                        acc[j * 3 + k, d] += wx[i] * wy[j] * wz[k] * push[d]
+                        acc[j * 3 + k, d] += wz[k] * share[d]
         for j in range(3):
             for k in range(3):
                 s = node4(real(0.0), acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2])
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
+
+
+def _give(tile: Tile, contact: Nodes, bases: Tile, u: int, q: int):
+    """Impulse at a node of the tile, number ``q`` of its piece ``u``, to that of the grid."""
+    piece = _piece(u, q)
+    s = tile[wp.max(piece[2], 0)]
+    if piece[2] >= 0 and (s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0)):
+        add_node(contact, bases[piece[0]] + piece[1], s)
 
 
 def solve_contacts(
@@ -141,6 +167,7 @@ def solve_contacts(
     A thread first owns a particle and finds its impulse, then a cell and adds up those of its particles.
     """
     begin, lane = wp.tid()
+    begin, lane = own_block(begin), own_lane(lane)
     b = int(touched[begin])
     if flags[HALT] != 0:
         return
@@ -155,21 +182,21 @@ def solve_contacts(
         dv = vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3])
         _load(velocities, grid, contact, bases, near_bases, lane, dv)
         first = int(pressed_start[b, 0])
-        counts = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
         filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-        for c in range(lane, CELL_LANES, lane_count()):
-            wp.tile_scatter_masked(counts, c, pressed_start[b, c + 1] - pressed_start[b, c], True)
-        many = _number(starts, filled, counts, lane)
+        many = _number_pressed(starts, filled, pressed_start, b, lane)
         total = int(starts[CELL_LANES])
         tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
         pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-        spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
-        done = double4()
+        slabs = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
+        rows = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
+        done = node4()
         for base in range(0, total, HELD):
             for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
                 n = base + q * lane_count() + lane
                 push = node4()
-                f = vec(real(0.0), real(0.0), real(0.0))
+                wx = vec()
+                wy = vec()
+                wz = vec()
                 if n < total:
                     c = _cell_of(starts, n)
                     p = pressed[first + n] & NOT_NEGATIVE
@@ -179,21 +206,31 @@ def solve_contacts(
                         x = 4 * coordinates[b, 0] + (c >> 4)
                         y = 4 * coordinates[b, 1] - shift[member[b]] + ((c >> 2) & 3)
                         mu = _friction_in_zone(mu, zones, lattice, member[b], x, y, f)
-                    push = _push(rec, radius, tiles, velocities, near[b], c, p, f, h, mu, dt)
-                    done += double4(wp.float64(push[3]), wp.float64(push[0]), wp.float64(push[1]), wp.float64(push[2]))
-                wp.tile_scatter_masked(pushes, n - base, push, n < total)
-                wp.tile_scatter_masked(spots, n - base, f, n < total)
+                    wx = weights(f[0])
+                    wy = weights(f[1])
+                    wz = weights(f[2])
+                    push = _push(rec, radius, tiles, velocities, near[b], c, p, f, wx, wy, wz, h, mu, dt)
+                    done += push
+                wp.tile_scatter_masked(pushes, n - base, node4(push[0], push[1], push[2], wz[2]), n < total)
+                wp.tile_scatter_masked(slabs, n - base, node4(wx[0], wx[1], wx[2], wy[0]), n < total)
+                wp.tile_scatter_masked(rows, n - base, node4(wy[1], wy[2], wz[0], wz[1]), n < total)
             for turn in range((many + lane_count() - 1) // lane_count()):
                 mine = turn * lane_count() + lane
-                _spread(tile, pushes, spots, starts, filled[wp.min(mine, many - 1)], base, mine < many)
+                _spread(tile, pushes, slabs, rows, starts, filled[wp.min(mine, many - 1)], base, mine < many)
         for d in range(4):
-            all_done = sum_lanes(done[d])
+            all_done = sum_reals(done[wp.where(d == 0, 3, d - 1)])
             if lane == 0:
-                book(booked, b, d + 1, all_done)
-        for t in range(lane, TILE, lane_count()):
-            s = tile[t]
-            if ORDERED:
-                arenas[b * TILE + t] = s
-            elif s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
-                add_node(contact, _node(near_bases, t), s)
+                book(booked, b, d + 1, wp.float64(all_done))
+        if ORDERED:
+            for t in range(lane, TILE, lane_count()):
+                arenas[b * TILE + t] = tile[t]
+        else:
+            for q in range(lane, PIECE, lane_count()):
+                _give(tile, contact, near_bases, 0, q)
+                _give(tile, contact, near_bases, 1, q)
+                _give(tile, contact, near_bases, 2, q)
+                _give(tile, contact, near_bases, 3, q)
+                _give(tile, contact, near_bases, 4, q)
+                _give(tile, contact, near_bases, 5, q)
+                _give(tile, contact, near_bases, 6, q)
         b = touched[wp.min(a + launched, touched.shape[0] - 1)]

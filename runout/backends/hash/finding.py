@@ -32,6 +32,8 @@ from runout.backends.hash.layout import (
     Vector,
     lane_count,
     node4,
+    own_block,
+    own_lane,
     sums1,
 )
 from runout.backends.hash.stencil import _cell_of, _first_node, _node, _set_grounded_bases
@@ -199,6 +201,7 @@ def find_contacts(
     They are listed by cell. ``shares`` is the first of the four numbers of each node.
     """
     begin, lane = wp.tid()
+    begin, lane = own_block(begin), own_lane(lane)
     b = int(active[begin])
     if flags[HALT] != 0:
         return

@@ -45,6 +45,8 @@ double7: Any = None
 add_node: Any = None  # adds four numbers to a node
 node_at: Any = None  # the four numbers of a node, by one load
 lane_count: Any = None  # lanes of a block, known when a kernel is compiled: loops over them have a known length
+own_block: Any = None  # block and lane of a thread, as the chip knows them
+own_lane: Any = None
 put_node: Any = None  # puts four others in their place, by one store
 
 ORDERED = False  # sums in fixed order; the binding decides
@@ -54,6 +56,7 @@ COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by
 KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what a general scene does; numbers in all
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
+PIECE = 32  # nodes of a tile that lie in one of its blocks, or in two; a tile has seven pieces
 PADDED = 256  # trips of a loop that every lane of a block runs alike
 WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
 NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances

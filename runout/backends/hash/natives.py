@@ -156,6 +156,33 @@ def lane_count() -> int:  # type: ignore[empty-body]
     """Lanes of a block; those of warp's own function are not known when a kernel is compiled for a GPU."""
 
 
+# Known to the chip; the compiler would divide for them.
+OWN_BLOCK = """
+#if defined(__CUDA_ARCH__)
+    return blockIdx.x;
+#else
+    return block;
+#endif
+"""
+OWN_LANE = """
+#if defined(__CUDA_ARCH__)
+    return threadIdx.x;
+#else
+    return lane;
+#endif
+"""
+
+
+@wp.func_native(OWN_BLOCK)
+def own_block(block: int) -> int:  # type: ignore[empty-body]
+    """The block of this thread, where a launch has one block of threads for each."""
+
+
+@wp.func_native(OWN_LANE)
+def own_lane(lane: int) -> int:  # type: ignore[empty-body]
+    """The lane of this thread in its block."""
+
+
 WARP_LANES = """
 #if defined(__CUDA_ARCH__)
     return 32;
@@ -225,6 +252,14 @@ def sum_lanes(value: wp.float64) -> wp.float64:  # type: ignore[valid-type, empt
     """Sum over the 32 lanes of a warp, for the first of them; on a CPU all lanes of a block are one warp."""
 
 
+@wp.func_native(SUM_LANES.replace("float64", "float32").replace("0.0", "0.0f"))
+def sum_reals32(value: wp.float32) -> wp.float32:  # type: ignore[valid-type, empty-body]
+    """The same."""
+
+
+sum_reals64 = sum_lanes
+
+
 # The largest of a warp first; numbers that are not negative have the order of their bits.
 PEAK32 = """
 #if defined(__CUDA_ARCH__)
@@ -276,6 +311,8 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
-    by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in ("add_node", "node_at", "put_node", "raise_peak", "call_up")}
-    plain = (count_in, next_four, take_place, book, add_marks, lane_count, warp_lanes, sum_before, hits_before, sum_lanes)
+    names = "add_node", "node_at", "put_node", "raise_peak", "call_up", "sum_reals"
+    by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in names}
+    plain = (count_in, next_four, take_place, book, add_marks, warp_lanes, sum_before, hits_before, sum_lanes)
+    plain += lane_count, own_block, own_lane
     return by_type | {function.key: function for function in plain}

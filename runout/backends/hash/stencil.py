@@ -12,7 +12,7 @@ from runout.backends.hash.layout import (
     COUNTED_AT_ONCE,
     GENERAL,
     HALT,
-    PADDED,
+    PIECE,
     TILE,
     WIDE,
     WIDE_X,
@@ -88,32 +88,75 @@ def _contact_node(g: Any, share: Any, dv: Vector):
     return u
 
 
+def _piece(u: int, q: int):
+    """Node ``q`` of piece ``u`` of a block's tile: which of the eight blocks holds it, its number there, and its place in the tile.
+
+    Of the 216 nodes 64 lie in the block itself, 32 in each of three neighbours, 16 in three and 8 in the last: six pieces of 32
+    and one of 24. The last eight of that are none: place -1.
+    """
+    x = q >> 3
+    y = (q >> 2) & 1
+    z = q & 3
+    k = int(2)
+    if u < 3:
+        x = (q >> 4) + wp.where(u == 1, 2, 0)
+        y = (q >> 2) & 3
+        k = wp.where(u == 2, 4, 0)
+    if u == 4:
+        y = (q >> 1) & 3
+        z = q & 1
+        k = 1
+    if u == 5:
+        x = (q >> 3) & 1
+        k = 6
+        if q >= 16:
+            y = (q >> 1) & 3
+            z = q & 1
+            k = 5
+    if u == 6:
+        x = wp.where(q < 16, q >> 2, (q >> 2) & 1)
+        y = (q >> 1) & 1
+        z = q & 1
+        k = wp.where(q < 16, 3, 7)
+    t = (x + (k & 4)) * 36 + (y + 2 * (k & 2)) * 6 + z + 4 * (k & 1)
+    return wp.vec3i(k, x * 16 + y * 4 + z, wp.where(u == 6 and q >= 24, -1, t))
+
+
 def _load(tile: Tile, grid: Nodes, contact: Nodes, bases: Tile, near: Tile, lane: int, dv: Vector):
     """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach.
 
-    Four nodes a lane are under way at once; places beyond the last are none.
+    All nodes of a lane are under way at once.
     """
-    lanes = lane_count()
-    for q in range(PADDED // lanes // 4):
-        t0 = 4 * q * lanes + lane
-        t1 = t0 + lanes
-        t2 = t1 + lanes
-        t3 = t2 + lanes
-        n1 = wp.min(t1, TILE - 1)
-        n2 = wp.min(t2, TILE - 1)
-        n3 = wp.min(t3, TILE - 1)
-        g0 = node_at(grid, _node(bases, t0))
-        g1 = node_at(grid, _node(bases, n1))
-        g2 = node_at(grid, _node(bases, n2))
-        g3 = node_at(grid, _node(bases, n3))
-        s0 = node_at(contact, _node(near, t0))
-        s1 = node_at(contact, _node(near, n1))
-        s2 = node_at(contact, _node(near, n2))
-        s3 = node_at(contact, _node(near, n3))
-        wp.tile_scatter_masked(tile, t0, _contact_node(g0, s0[0], dv), t0 < TILE)
-        wp.tile_scatter_masked(tile, t1, _contact_node(g1, s1[0], dv), t1 < TILE)
-        wp.tile_scatter_masked(tile, t2, _contact_node(g2, s2[0], dv), t2 < TILE)
-        wp.tile_scatter_masked(tile, t3, _contact_node(g3, s3[0], dv), t3 < TILE)
+    for turn in range(PIECE // lane_count()):
+        q = turn * lane_count() + lane
+        a0 = _piece(0, q)
+        a1 = _piece(1, q)
+        a2 = _piece(2, q)
+        a3 = _piece(3, q)
+        a4 = _piece(4, q)
+        a5 = _piece(5, q)
+        a6 = _piece(6, q)
+        g0 = node_at(grid, bases[a0[0]] + a0[1])
+        g1 = node_at(grid, bases[a1[0]] + a1[1])
+        g2 = node_at(grid, bases[a2[0]] + a2[1])
+        g3 = node_at(grid, bases[a3[0]] + a3[1])
+        g4 = node_at(grid, bases[a4[0]] + a4[1])
+        g5 = node_at(grid, bases[a5[0]] + a5[1])
+        g6 = node_at(grid, bases[a6[0]] + a6[1])
+        s0 = node_at(contact, near[a0[0]] + a0[1])
+        s1 = node_at(contact, near[a1[0]] + a1[1])
+        s2 = node_at(contact, near[a2[0]] + a2[1])
+        s3 = node_at(contact, near[a3[0]] + a3[1])
+        s4 = node_at(contact, near[a4[0]] + a4[1])
+        s5 = node_at(contact, near[a5[0]] + a5[1])
+        s6 = node_at(contact, near[a6[0]] + a6[1])
+        wp.tile_scatter_masked(tile, a0[2], _contact_node(g0, s0[0], dv), True)
+        wp.tile_scatter_masked(tile, a1[2], _contact_node(g1, s1[0], dv), True)
+        wp.tile_scatter_masked(tile, a2[2], _contact_node(g2, s2[0], dv), True)
+        wp.tile_scatter_masked(tile, a3[2], _contact_node(g3, s3[0], dv), True)
+        wp.tile_scatter_masked(tile, a4[2], _contact_node(g4, s4[0], dv), True)
+        wp.tile_scatter_masked(tile, a5[2], _contact_node(g5, s5[0], dv), True)
+        wp.tile_scatter_masked(tile, a6[2], _contact_node(g6, s6[0], dv), a6[2] >= 0)
 
 
 def _wide_block(around: Table2, b: int, t: int):
