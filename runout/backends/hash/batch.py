@@ -330,8 +330,8 @@ class Batch:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
             k.find_contacts, i.launched, WARP, s.rec, s.radius, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
-            self.clock, n.tiles, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grounded, n.shares, n.arenas,
-            *self._pressed(),
+            self.clock, n.tiles, n.bounds, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grounded, n.shares,
+            n.arenas, *self._pressed(),
         )  # fmt: skip
         if self.deterministic:
             run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.contact)

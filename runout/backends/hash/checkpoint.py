@@ -12,6 +12,7 @@ import warp as wp
 
 from runout.backends.hash import clock
 from runout.backends.hash.index import Index
+from runout.backends.hash.layout import run
 from runout.backends.hash.store import Store
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.model.particles import Particles
@@ -59,6 +60,7 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
         engine.nodes = engine.node_arrays()
         engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]), exactly=True)
         _fill(engine.nodes.tiles, state["tiles"])
+        run(engine.k.bound_columns, (engine.nodes.places, 16), engine.nodes.tiles, engine.h, engine.nodes.bounds)
         for name in OF_NODES:
             _fill(getattr(engine.nodes, name), state[f"nodes.{name}"])
 

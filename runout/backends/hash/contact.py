@@ -226,11 +226,8 @@ def solve_contacts(
                 arenas[b * TILE + t] = tile[t]
         else:
             for q in range(lane, PIECE, lane_count()):
-                _give(tile, contact, near_bases, 0, q)
-                _give(tile, contact, near_bases, 1, q)
-                _give(tile, contact, near_bases, 2, q)
-                _give(tile, contact, near_bases, 3, q)
-                _give(tile, contact, near_bases, 4, q)
-                _give(tile, contact, near_bases, 5, q)
+                for u in range(3):
+                    _give(tile, contact, near_bases, u, q)
+                    _give(tile, contact, near_bases, u + 3, q)
                 _give(tile, contact, near_bases, 6, q)
         b = touched[wp.min(a + launched, touched.shape[0] - 1)]

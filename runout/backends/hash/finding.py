@@ -19,6 +19,7 @@ from runout.backends.hash.layout import (
     NOT_NEGATIVE,
     OFFSET,
     ORDERED,
+    PIECE,
     STARTS,
     TILE,
     TOUCHED,
@@ -36,10 +37,10 @@ from runout.backends.hash.layout import (
     own_lane,
     sums1,
 )
-from runout.backends.hash.stencil import _cell_of, _first_node, _node, _set_grounded_bases
+from runout.backends.hash.stencil import _cell_of, _first_node, _piece, _set_grounded_bases
 from runout.physics.bspline import weights
 from runout.physics.contact import in_contact
-from runout.physics.heightfield import height_at, upward_normal
+from runout.physics.heightfield import height_at
 from runout.physics.tensors import dot, real, vec
 
 QUEUED = 256  # particles of a block that wait for their test, at most: a power of two, more than five times the lanes
@@ -48,30 +49,14 @@ hits_before: Any = None  # how many of the lanes before a lane hit, and of all, 
 take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
-def _highest(around: Any, z: int, h: Vector, reach: Any):
-    """Largest offset above node ``z`` at which a particle in a column of cells may be within ``reach`` [m] of the ground.
-
-    Within the column a spline keeps to the hull of the middle coefficient and its means with those beside it, along either axis
-    (Bezier form). No steeper slope is found than between two coefficients.
-    """
-    top = around[4]
-    east = real(0.0)
-    north = real(0.0)
-    for i in range(3):
-        middle = real(0.5) * (around[3 * i + 1] + around[4])
-        for j in range(3):
-            side = real(0.5) * (around[3 * i + j] + around[3 + j])
-            top = wp.max(top, real(0.5) * (middle + side))
-            if i > 0:
-                east = wp.max(east, wp.abs(around[3 * i + j] - around[3 * i + j - 3]))
-            if j > 0:
-                north = wp.max(north, wp.abs(around[3 * i + j] - around[3 * i + j - 1]))
-    n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
-    return top - real(z) + height_at(reach, n[2]) / h[2]
+def _highest(bounds: Rows, near: int, c: int, h: Vector, reach: Any):
+    """Largest offset in a cell at which a particle may be within ``reach`` [m] of the ground."""
+    column = 2 * ((c >> 2) & 15)
+    return bounds[near, column] - real(c & 3) + height_at(reach, bounds[near, column + 1]) / h[2]
 
 
 def _number_listed(
-    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, tiles: Rows, near: int, h: Vector, reach: Any
+    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, bounds: Rows, near: int, h: Vector, reach: Any
 ):
     """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
 
@@ -79,13 +64,17 @@ def _number_listed(
     cell touches; the lowest is a half.
     """
     total = int(0)
+    ahead = int(cstart[b, lane])
+    end_ahead = int(cstart[b, lane + 1])
     for q in range(CELL_LANES // lane_count()):
         c = q * lane_count() + lane
-        first = int(cstart[b, c])
-        n = int(cstart[b, c + 1]) - first
+        first = int(ahead)
+        n = end_ahead - first
+        ahead = cstart[b, (c + lane_count()) & (CELL_LANES - 1)]
+        end_ahead = cstart[b, ((c + lane_count()) & (CELL_LANES - 1)) + 1]
         limit = real(0.0)
         if n > 0:
-            limit = _highest(_around(tiles, near, c), c & 3, h, reach)
+            limit = _highest(bounds, near, c, h, reach)
             n = wp.where(limit >= real(0.5), n, 0)
         sums = sum_before(n)
         wp.tile_scatter_masked(limits, c, limit, True)
@@ -140,8 +129,10 @@ def _keep_touching(
         c = queued[1] & (CELL_LANES - 1)
         f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
         normal, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
-        approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
-        hit = in_contact(gap, approach, dt, band)
+        hit = in_contact(gap, real(0.0), dt, band)
+        if not hit:  # most touch as they are: their velocity is not read
+            approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
+            hit = in_contact(gap, approach, dt, band)
     hits = hits_before(hit)
     if hit:
         pressed[pressed_begin + found + hits[0]] = p
@@ -191,10 +182,26 @@ def _add_shares(tile: Tile, spots: Tile, starts: Tile, filled: Tile, many: int, 
                     wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], mine < many, False)
 
 
+def _give_share(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
+    """Sum of weights at a node of the tile, number ``q`` of its piece ``u``, to that of the grid."""
+    piece = _piece(u, q)
+    share = tile[wp.max(piece[2], 0)]
+    if piece[2] >= 0 and share != real(0.0):
+        wp.atomic_add(shares, 4 * (bases[piece[0]] + piece[1]), share)
+
+
+def _give_shares(tile: Tile, shares: Reals, bases: Tile, q: int):
+    """The same for a node of each piece."""
+    for u in range(3):
+        _give_share(tile, shares, bases, u, q)
+        _give_share(tile, shares, bases, u + 3, q)
+    _give_share(tile, shares, bases, 6, q)
+
+
 def find_contacts(
     rec: Rows, radius: Reals, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
-    clock: Rows, tiles: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints, grounded: Ints,
-    shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2, launched: int,
+    clock: Rows, tiles: Rows, bounds: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints,
+    grounded: Ints, shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2, launched: int,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
 
@@ -216,7 +223,7 @@ def find_contacts(
             limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
             queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
             first = int(cstart[b, 0])
-            total = _number_listed(starts, places, limits, cstart, b, lane, tiles, near[b], h, clock[s, 4])
+            total = _number_listed(starts, places, limits, cstart, b, lane, bounds, near[b], h, clock[s, 4])
             found = int(0)
             head = int(0)
             end = int(0)
@@ -244,12 +251,12 @@ def find_contacts(
                     if base > 0:
                         _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
                     _add_shares(tile, spots, starts, filled, many, base, lane)
-                for t in range(lane, TILE, lane_count()):
-                    share = tile[t]
-                    if ORDERED:
-                        arenas[b * TILE + t] = node4(share, real(0.0), real(0.0), real(0.0))
-                    elif share != real(0.0):
-                        wp.atomic_add(shares, 4 * _node(bases, t), share)
+                if ORDERED:
+                    for t in range(lane, TILE, lane_count()):
+                        arenas[b * TILE + t] = node4(tile[t], real(0.0), real(0.0), real(0.0))
+                else:
+                    for q in range(lane, PIECE, lane_count()):
+                        _give_shares(tile, shares, bases, q)
                 if lane == 0:
                     touched[place] = b
         b = active[wp.min(a + launched, active.shape[0] - 1)]

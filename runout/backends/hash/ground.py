@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
+from runout.backends.hash.contact import _around
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
     BLOCKS,
@@ -125,6 +126,31 @@ def keep_tiles(flags: Ints, cut: Rows, near: Ints, tiles: Rows):
         tiles[near[b], t] = cut[b, t]
 
 
+def bound_columns(tiles: Rows, h: Vector, bounds: Rows):
+    """How high the ground comes in each column of cells [cells], and the least upward part of its normal there.
+
+    Within the column a spline keeps to the hull of the middle coefficient and its means with those beside it, along either axis
+    (Bezier form). No steeper slope is found than between two coefficients.
+    """
+    place, column = wp.tid()
+    around = _around(tiles, place, 4 * column)
+    top = around[4]
+    east = real(0.0)
+    north = real(0.0)
+    for i in range(3):
+        middle = real(0.5) * (around[3 * i + 1] + around[4])
+        for j in range(3):
+            side = real(0.5) * (around[3 * i + j] + around[3 + j])
+            top = wp.max(top, real(0.5) * (middle + side))
+            if i > 0:
+                east = wp.max(east, wp.abs(around[3 * i + j] - around[3 * i + j - 3]))
+            if j > 0:
+                north = wp.max(north, wp.abs(around[3 * i + j] - around[3 * i + j - 1]))
+    n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
+    bounds[place, 2 * column] = top
+    bounds[place, 2 * column + 1] = n[2]
+
+
 class Ground:
     """The sliding surfaces of the scenes of a batch on the device of the scope; scenes may share one.
 
@@ -160,3 +186,4 @@ class Ground:
             run(kernels.number_marked, index.room, index.sums, marks, counts, which)
         run(kernels.require_ground, 1, counts, nodes.places, nodes.slots, flags)
         run(kernels.keep_tiles, (index.room, 36), flags, cut, nodes.near, nodes.tiles)
+        run(kernels.bound_columns, (nodes.places, 16), nodes.tiles, h, nodes.bounds)

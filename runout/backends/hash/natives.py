@@ -156,7 +156,7 @@ def lane_count() -> int:  # type: ignore[empty-body]
     """Lanes of a block; those of warp's own function are not known when a kernel is compiled for a GPU."""
 
 
-# Known to the chip; the compiler would divide for them.
+# Known to the chip, and how many lanes there are, to the compiler; it would divide for them.
 OWN_BLOCK = """
 #if defined(__CUDA_ARCH__)
     return blockIdx.x;
@@ -166,7 +166,7 @@ OWN_BLOCK = """
 """
 OWN_LANE = """
 #if defined(__CUDA_ARCH__)
-    return threadIdx.x;
+    return threadIdx.x & (WP_TILE_BLOCK_DIM - 1);
 #else
     return lane;
 #endif
