@@ -318,7 +318,7 @@ class Batch:
         if self.ground is not None:
             self._find_contacts()
             self._push()
-        arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.contact, i.ends, n.grid
+        arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.shares, i.ends, n.grid
         run(self.k.update_nodes, i.room * 64, *arguments)
 
     def _pressed(self) -> tuple[Any, Any]:
@@ -334,17 +334,17 @@ class Batch:
             n.arenas, *self._pressed(),
         )  # fmt: skip
         if self.deterministic:
-            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.contact)
+            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.shares)
 
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_blocks(
             k.solve_contacts, i.shared, WARP, s.rec, s.radius, s.release, *self._pressed(), i.up, self.flags, i.tally, i.touched,
             i.member, self.clock, n.tiles, n.near, self.h, self.friction, *self.zones.tables, self.shift, i.coordinates,
-            n.grounded, n.grid, n.contact, n.arenas, n.booked,
+            n.grounded, n.grid, n.shares, n.arenas, n.booked,
         )  # fmt: skip
         if self.deterministic:
-            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.contact)
+            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.shares)
 
     def _to_particles(self) -> None:
         i, s, n = self.index, self.store, self.nodes

@@ -15,6 +15,8 @@ from runout.backends.hash.layout import (
     OFFSET,
     ORDERED,
     PIECE,
+    PUSHES,
+    PUSHES_UP,
     STARTS,
     TILE,
     TOUCHED,
@@ -28,7 +30,6 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     Vector,
-    add_node,
     lane_count,
     node4,
     own_block,
@@ -45,6 +46,7 @@ from runout.physics.tensors import real, tens, vec
 HELD = 64  # contact particles of a block whose impulses or offsets are held at once
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 sum_reals: Any = None  # sum over the lanes, likewise
+add_pair: Any = None  # adds two numbers that lie beside each other; the binding puts it in its place
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
 book: Any = None  # adds to a number that no other thread adds to, likewise
 BELOW, FILLED = 2**20 - 1, 20  # a sum of particles lies in these bits, and one of cells from this bit on
@@ -149,18 +151,20 @@ def _spread(tile: Tile, pushes: Tile, slabs: Tile, rows: Tile, starts: Tile, c: 
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
 
 
-def _give(tile: Tile, contact: Nodes, bases: Tile, u: int, q: int):
+def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
     """Impulse at a node of the tile, number ``q`` of its piece ``u``, to that of the grid."""
     piece = _piece(u, q)
     s = tile[wp.max(piece[2], 0)]
     if piece[2] >= 0 and (s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0)):
-        add_node(contact, bases[piece[0]] + piece[1], s)
+        add_pair(shares, bases[piece[0]] + PUSHES + 2 * piece[1], s[1], s[2])
+        wp.atomic_add(shares, bases[piece[0]] + PUSHES_UP + piece[1], s[3])
 
 
 def solve_contacts(
     rec: Rows, radius: Reals, release: Shorts, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
     touched: Ints, member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2,
-    shift: Ints, coordinates: Table2, grounded: Ints, grid: Nodes, contact: Nodes, arenas: Nodes, booked: Doubles2, launched: int,
+    shift: Ints, coordinates: Table2, grounded: Ints, grid: Nodes, shares: Reals, arenas: Nodes,
+    booked: Doubles2, launched: int,
 ):  # fmt: skip
     """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 6) adds up work [J] and impulse [N s].
 
@@ -180,7 +184,7 @@ def solve_contacts(
         _set_bases(bases, up, b, lane)
         _set_grounded_bases(near_bases, grounded, up, b, lane)
         dv = vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3])
-        _load(velocities, grid, contact, bases, near_bases, lane, dv)
+        _load(velocities, grid, shares, bases, near_bases, lane, dv)
         first = int(pressed_start[b, 0])
         filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
         many = _number_pressed(starts, filled, pressed_start, b, lane)
@@ -227,7 +231,7 @@ def solve_contacts(
         else:
             for q in range(lane, PIECE, lane_count()):
                 for u in range(3):
-                    _give(tile, contact, near_bases, u, q)
-                    _give(tile, contact, near_bases, u + 3, q)
-                _give(tile, contact, near_bases, 6, q)
+                    _give(tile, shares, near_bases, u, q)
+                    _give(tile, shares, near_bases, u + 3, q)
+                _give(tile, shares, near_bases, 6, q)
         b = touched[wp.min(a + launched, touched.shape[0] - 1)]

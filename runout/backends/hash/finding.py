@@ -187,7 +187,7 @@ def _give_share(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
     piece = _piece(u, q)
     share = tile[wp.max(piece[2], 0)]
     if piece[2] >= 0 and share != real(0.0):
-        wp.atomic_add(shares, 4 * (bases[piece[0]] + piece[1]), share)
+        wp.atomic_add(shares, bases[piece[0]] + piece[1], share)
 
 
 def _give_shares(tile: Tile, shares: Reals, bases: Tile, q: int):
@@ -205,7 +205,7 @@ def find_contacts(
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
 
-    They are listed by cell. ``shares`` is the first of the four numbers of each node.
+    They are listed by cell. ``shares`` are those sums.
     """
     begin, lane = wp.tid()
     begin, lane = own_block(begin), own_lane(lane)

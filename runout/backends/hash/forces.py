@@ -28,8 +28,6 @@ from runout.backends.hash.layout import (
     add_node,
     lane_count,
     node4,
-    own_block,
-    own_lane,
     sums27,
 )
 from runout.backends.hash.stencil import _first_node, _node, _set_bases, _sum_arenas
@@ -95,7 +93,6 @@ def add_forces(
 ):  # fmt: skip
     """Impulses of the internal forces to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
-    begin, lane = own_block(begin), own_lane(lane)
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[ACTIVE], launched):

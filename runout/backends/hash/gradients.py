@@ -40,8 +40,6 @@ from runout.backends.hash.layout import (
     add_node,
     lane_count,
     node4,
-    own_block,
-    own_lane,
     sums2,
 )
 from runout.backends.hash.stencil import (
@@ -211,7 +209,6 @@ def spread_dilatation(
 ):  # fmt: skip
     """Volume and volume times dilatation of the particles to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
-    begin, lane = own_block(begin), own_lane(lane)
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[ACTIVE], launched):

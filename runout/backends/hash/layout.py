@@ -56,6 +56,7 @@ COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by
 KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what a general scene does; numbers in all
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
+PUSHES, PUSHES_UP, SLOT = 64, 192, 256  # of what lies near the ground in a block: where impulses begin; numbers in all
 PIECE = 32  # nodes of a tile that lie in one of its blocks, or in two; a tile has seven pieces
 PADDED = 256  # trips of a loop that every lane of a block runs alike
 WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts

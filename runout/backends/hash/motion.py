@@ -45,8 +45,6 @@ from runout.backends.hash.layout import (
     Vector,
     lane_count,
     node4,
-    own_block,
-    own_lane,
 )
 from runout.backends.hash.stencil import _cell_entry, _load_wide
 from runout.physics.blocks import local_index
@@ -210,7 +208,6 @@ def grid_to_particles(
     of it. One that has come further, or finds no block, or leaves, keeps its cell, and an offset beyond it, to the next sort.
     """
     begin, lane = wp.tid()
-    begin, lane = own_block(begin), own_lane(lane)
     if flags[HALT] != 0:
         return
     for a in range(begin, tally[HOMES], launched):

@@ -151,6 +151,48 @@ def put_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: i
     nodes[i] = g
 
 
+# Two numbers beside each other, by one reduction or load.
+ADD_PAIR = """
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    asm volatile("red.relaxed.gpu.global.add.v2.f32 [%0], {%1, %2};" :: "l"(numbers.data + i), "f"(x), "f"(y) : "memory");
+#else
+    wp::atomic_add(numbers, i, x);
+    wp::atomic_add(numbers, i + 1, y);
+#endif
+"""
+PAIR_AT = """
+#if defined(__CUDA_ARCH__)
+    float2 g = *(const float2*)(numbers.data + i);
+    return wp::vec2f(g.x, g.y);
+#else
+    return wp::vec2f(numbers.data[i], numbers.data[i + 1]);
+#endif
+"""
+
+
+@wp.func_native(ADD_PAIR)
+def add_pair32(numbers: wp.array(dtype=wp.float32), i: int, x: wp.float32, y: wp.float32):  # type: ignore[valid-type, no-untyped-def]
+    """Add to two numbers that lie beside each other."""
+
+
+@wp.func
+def add_pair64(numbers: wp.array(dtype=wp.float64), i: int, x: wp.float64, y: wp.float64):  # type: ignore[valid-type, no-untyped-def]
+    """Add to two numbers that lie beside each other."""
+    wp.atomic_add(numbers, i, x)
+    wp.atomic_add(numbers, i + 1, y)
+
+
+@wp.func_native(PAIR_AT)
+def pair_at32(numbers: wp.array(dtype=wp.float32), i: int) -> wp.vec2f:  # type: ignore[valid-type, empty-body]
+    """Two numbers that lie beside each other."""
+
+
+@wp.func
+def pair_at64(numbers: wp.array(dtype=wp.float64), i: int) -> wp.vec2d:  # type: ignore[valid-type]
+    """Two numbers that lie beside each other."""
+    return wp.vec2d(numbers[i], numbers[i + 1])
+
+
 @wp.func_native("return WP_TILE_BLOCK_DIM;")
 def lane_count() -> int:  # type: ignore[empty-body]
     """Lanes of a block; those of warp's own function are not known when a kernel is compiled for a GPU."""
@@ -311,7 +353,7 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
-    names = "add_node", "node_at", "put_node", "raise_peak", "call_up", "sum_reals"
+    names = "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "call_up", "sum_reals"
     by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in names}
     plain = (count_in, next_four, take_place, book, add_marks, warp_lanes, sum_before, hits_before, sum_lanes)
     plain += lane_count, own_block, own_lane

@@ -22,9 +22,10 @@ class NodeArrays:
     grounded : (room,) int32
         Place of a block in ``contact``, -1 for one that is not near the ground.
     contact : (64 slots,) four numbers
-        Sum of the weights of the contact particles, and impulse of the ground [N s].
+        Memory of the following.
     shares : (256 slots,)
-        The same memory, number by number.
+        Of each block 64 sums of the weights of the contact particles, at its nodes, and the impulse of the ground [N s] there: 64
+        pairs of its parts along x and y, and 64 upwards.
     near : (room,) int32
         Place in ``tiles`` of a block whose particles may touch the ground, -1 for the others.
     tiles : (places, 36)

@@ -13,12 +13,16 @@ from runout.backends.hash.layout import (
     GENERAL,
     HALT,
     PIECE,
+    PUSHES,
+    PUSHES_UP,
+    SLOT,
     TILE,
     WIDE,
     WIDE_X,
     WIDE_Y,
     Ints,
     Nodes,
+    Reals,
     Rows,
     Table2,
     Tile,
@@ -30,6 +34,8 @@ from runout.backends.hash.layout import (
 )
 from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
+
+pair_at: Any = None  # two numbers that lie beside each other, by one load; the binding puts it in its place
 
 
 def _cell_entry(k: int):
@@ -50,10 +56,10 @@ def _set_bases(bases: Tile, up: Table2, b: int, lane: int):
 
 
 def _set_grounded_bases(bases: Tile, grounded: Ints, up: Table2, b: int, lane: int):
-    """The same among the nodes near the ground."""
+    """The same among the numbers near the ground."""
     for q in range((8 + lane_count() - 1) // lane_count()):
         k = q * lane_count() + lane
-        wp.tile_scatter_masked(bases, k & 7, grounded[up[b, k & 7]] * 64, k < 8)
+        wp.tile_scatter_masked(bases, k & 7, grounded[up[b, k & 7]] * SLOT, k < 8)
 
 
 def _node(bases: Tile, t: int):
@@ -122,10 +128,18 @@ def _piece(u: int, q: int):
     return wp.vec3i(k, x * 16 + y * 4 + z, wp.where(u == 6 and q >= 24, -1, t))
 
 
-def _load(tile: Tile, grid: Nodes, contact: Nodes, bases: Tile, near: Tile, lane: int, dv: Vector):
-    """Velocity [m/s] and compliance [1/kg] of the nodes that the particles of a block near the ground reach.
+def _node_if(share: Any, grid: Nodes, node: int):
+    """A node that has a share in contact; nothing for one that has none."""
+    g = node4()
+    if share > real(0.0):
+        g = node_at(grid, node)
+    return g
 
-    All nodes of a lane are under way at once.
+
+def _load(tile: Tile, grid: Nodes, shares: Reals, bases: Tile, near: Tile, lane: int, dv: Vector):
+    """Velocity [m/s] and compliance [1/kg] of the nodes that particles of a block in contact reach.
+
+    Four nodes of a lane are under way at once, then three.
     """
     for turn in range(PIECE // lane_count()):
         q = turn * lane_count() + lane
@@ -136,27 +150,27 @@ def _load(tile: Tile, grid: Nodes, contact: Nodes, bases: Tile, near: Tile, lane
         a4 = _piece(4, q)
         a5 = _piece(5, q)
         a6 = _piece(6, q)
-        g0 = node_at(grid, bases[a0[0]] + a0[1])
-        g1 = node_at(grid, bases[a1[0]] + a1[1])
-        g2 = node_at(grid, bases[a2[0]] + a2[1])
-        g3 = node_at(grid, bases[a3[0]] + a3[1])
-        g4 = node_at(grid, bases[a4[0]] + a4[1])
-        g5 = node_at(grid, bases[a5[0]] + a5[1])
-        g6 = node_at(grid, bases[a6[0]] + a6[1])
-        s0 = node_at(contact, near[a0[0]] + a0[1])
-        s1 = node_at(contact, near[a1[0]] + a1[1])
-        s2 = node_at(contact, near[a2[0]] + a2[1])
-        s3 = node_at(contact, near[a3[0]] + a3[1])
-        s4 = node_at(contact, near[a4[0]] + a4[1])
-        s5 = node_at(contact, near[a5[0]] + a5[1])
-        s6 = node_at(contact, near[a6[0]] + a6[1])
-        wp.tile_scatter_masked(tile, a0[2], _contact_node(g0, s0[0], dv), True)
-        wp.tile_scatter_masked(tile, a1[2], _contact_node(g1, s1[0], dv), True)
-        wp.tile_scatter_masked(tile, a2[2], _contact_node(g2, s2[0], dv), True)
-        wp.tile_scatter_masked(tile, a3[2], _contact_node(g3, s3[0], dv), True)
-        wp.tile_scatter_masked(tile, a4[2], _contact_node(g4, s4[0], dv), True)
-        wp.tile_scatter_masked(tile, a5[2], _contact_node(g5, s5[0], dv), True)
-        wp.tile_scatter_masked(tile, a6[2], _contact_node(g6, s6[0], dv), a6[2] >= 0)
+        s0 = shares[near[a0[0]] + a0[1]]
+        s1 = shares[near[a1[0]] + a1[1]]
+        s2 = shares[near[a2[0]] + a2[1]]
+        s3 = shares[near[a3[0]] + a3[1]]
+        s4 = shares[near[a4[0]] + a4[1]]
+        s5 = shares[near[a5[0]] + a5[1]]
+        s6 = shares[near[a6[0]] + a6[1]]
+        g0 = _node_if(s0, grid, bases[a0[0]] + a0[1])
+        g1 = _node_if(s1, grid, bases[a1[0]] + a1[1])
+        g2 = _node_if(s2, grid, bases[a2[0]] + a2[1])
+        g3 = _node_if(s3, grid, bases[a3[0]] + a3[1])
+        wp.tile_scatter_masked(tile, a0[2], _contact_node(g0, s0, dv), True)
+        wp.tile_scatter_masked(tile, a1[2], _contact_node(g1, s1, dv), True)
+        wp.tile_scatter_masked(tile, a2[2], _contact_node(g2, s2, dv), True)
+        wp.tile_scatter_masked(tile, a3[2], _contact_node(g3, s3, dv), True)
+        g4 = _node_if(s4, grid, bases[a4[0]] + a4[1])
+        g5 = _node_if(s5, grid, bases[a5[0]] + a5[1])
+        g6 = _node_if(s6, grid, bases[a6[0]] + a6[1])
+        wp.tile_scatter_masked(tile, a4[2], _contact_node(g4, s4, dv), True)
+        wp.tile_scatter_masked(tile, a5[2], _contact_node(g5, s5, dv), True)
+        wp.tile_scatter_masked(tile, a6[2], _contact_node(g6, s6, dv), a6[2] >= 0)
 
 
 def _wide_block(around: Table2, b: int, t: int):
@@ -217,7 +231,7 @@ def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
 
 
 def update_nodes(
-    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, contact: Nodes, ends: Ints, grid: Nodes
+    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, shares: Reals, ends: Ints, grid: Nodes
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground.
 
@@ -235,9 +249,8 @@ def update_nodes(
     if g[0] > real(0.0):
         v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
         if slot >= 0:
-            push = node_at(contact, slot * 64 + (t & 63))
-            if push[0] > real(0.0):
-                v = node_velocity(vec(push[1], push[2], push[3]), g[0], v)
+            push = pair_at(shares, slot * SLOT + PUSHES + 2 * (t & 63))
+            v = node_velocity(vec(push[0], push[1], shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
         put_node(grid, t, node4(g[0], v[0], v[1], v[2]))
 
 
@@ -268,16 +281,16 @@ def sum_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes)
         put_node(grid, t, _sum_arenas(arenas, held, down, t))
 
 
-def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, grounded: Ints, part: int, contact: Nodes):
+def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, grounded: Ints, part: int, shares: Reals):
     """Weights of the contact particles (``part`` 0) or their impulses (1) at each node near the ground, in fixed order."""
     t = wp.tid()
     slot = grounded[t >> 6]
     if flags[HALT] != 0 or slot < 0:
         return
     s = _sum_arenas(arenas, touching, down, t)
-    g = node_at(contact, slot * 64 + (t & 63))
     if part == 0:
-        g = node4(s[0], g[1], g[2], g[3])
+        shares[slot * SLOT + (t & 63)] = s[0]
     else:
-        g = node4(g[0], s[1], s[2], s[3])
-    put_node(contact, slot * 64 + (t & 63), g)
+        shares[slot * SLOT + PUSHES + 2 * (t & 63)] = s[1]
+        shares[slot * SLOT + PUSHES + 2 * (t & 63) + 1] = s[2]
+        shares[slot * SLOT + PUSHES_UP + (t & 63)] = s[3]

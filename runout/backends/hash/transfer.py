@@ -22,8 +22,6 @@ from runout.backends.hash.layout import (
     add_node,
     lane_count,
     node4,
-    own_block,
-    own_lane,
     sums4,
 )
 from runout.backends.hash.stencil import _first_node, _node, _set_bases
@@ -79,7 +77,6 @@ def particles_to_grid(
 ):  # fmt: skip
     """Mass and momentum of the particles to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
-    begin, lane = own_block(begin), own_lane(lane)
     b = int(active[begin])  # under way before it is known whether there is anything to do
     if flags[HALT] != 0:
         return
