@@ -112,7 +112,7 @@ def _queue_low(
 
 def _keep_touching(
     queue: Tile, begin: int, end: int, counts: Tile, spots: Tile, found: int, rec: Rows, radius: Reals, lane: int, tiles: Rows,
-    near: int, h: Vector, dt: Any, band: Any, pressed: Ints, pressed_begin: int,
+    near: int, h: Vector, dt: Any, band: Any, reach: Any, pressed: Ints, pressed_begin: int,
 ):  # fmt: skip
     """List those that touch the ground of particles in a queue, one a lane; ``found`` before. Returns how many are found then.
 
@@ -128,9 +128,10 @@ def _keep_touching(
         p = queued[0] & NOT_NEGATIVE
         c = queued[1] & (CELL_LANES - 1)
         f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-        normal, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
+        size = radius[p]
+        normal, gap = _ground(_around(tiles, near, c), c & 3, f, size, h)
         hit = in_contact(gap, real(0.0), dt, band)
-        if not hit:  # most touch as they are: their velocity is not read
+        if not hit and gap + size <= reach:  # most touch as they are, or are too far: their velocity is not read
             approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
             hit = in_contact(gap, approach, dt, band)
     hits = hits_before(hit)
@@ -233,7 +234,7 @@ def find_contacts(
                 while end - head >= least:
                     found = _keep_touching(
                         queue, head, end, counts, spots, found, rec, radius, lane, tiles, near[b], h, clock[s, 0], band,
-                        pressed, first,
+                        clock[s, 4], pressed, first,
                     )  # fmt: skip
                     head = wp.min(head + lane_count(), end)
             if found > 0:
