@@ -160,6 +160,22 @@ def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
         wp.atomic_add(shares, bases[piece[0]] + PUSHES_UP + piece[1], s[3])
 
 
+def _give_all(tile: Tile, shares: Reals, bases: Tile, q: int):
+    """The same for a node of each piece."""
+    for u in range(3):
+        _give(tile, shares, bases, u, q)
+        _give(tile, shares, bases, u + 3, q)
+    _give(tile, shares, bases, 6, q)
+
+
+def _book(booked: Doubles2, b: int, done: Any, lane: int):
+    """Add up the impulses [N s] and the work [J] of the lanes of a block."""
+    for d in range(4):
+        all_done = sum_reals(done[wp.where(d == 0, 3, d - 1)])
+        if lane == 0:
+            book(booked, b, d + 1, wp.float64(all_done))
+
+
 def solve_contacts(
     rec: Rows, radius: Reals, release: Shorts, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
     touched: Ints, member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2,
@@ -198,9 +214,9 @@ def solve_contacts(
             for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
                 n = base + q * lane_count() + lane
                 push = node4()
-                wx = vec()
-                wy = vec()
-                wz = vec()
+                wx = vec(real(0.0), real(0.0), real(0.0))
+                wy = vec(real(0.0), real(0.0), real(0.0))
+                wz = vec(real(0.0), real(0.0), real(0.0))
                 if n < total:
                     c = _cell_of(starts, n)
                     p = pressed[first + n] & NOT_NEGATIVE
@@ -221,17 +237,11 @@ def solve_contacts(
             for turn in range((many + lane_count() - 1) // lane_count()):
                 mine = turn * lane_count() + lane
                 _spread(tile, pushes, slabs, rows, starts, filled[wp.min(mine, many - 1)], base, mine < many)
-        for d in range(4):
-            all_done = sum_reals(done[wp.where(d == 0, 3, d - 1)])
-            if lane == 0:
-                book(booked, b, d + 1, wp.float64(all_done))
+        _book(booked, b, done, lane)
         if ORDERED:
             for t in range(lane, TILE, lane_count()):
                 arenas[b * TILE + t] = tile[t]
         else:
             for q in range(lane, PIECE, lane_count()):
-                for u in range(3):
-                    _give(tile, shares, near_bases, u, q)
-                    _give(tile, shares, near_bases, u + 3, q)
-                _give(tile, shares, near_bases, 6, q)
+                _give_all(tile, shares, near_bases, q)
         b = touched[wp.min(a + launched, touched.shape[0] - 1)]

@@ -355,6 +355,6 @@ def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     names = "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "call_up", "sum_reals"
     by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in names}
-    plain = (count_in, next_four, take_place, book, add_marks, warp_lanes, sum_before, hits_before, sum_lanes)
-    plain += lane_count, own_block, own_lane
+    plain: tuple[Any, ...] = (count_in, next_four, take_place, book, add_marks, lane_count, own_block, own_lane)
+    plain += (warp_lanes, sum_before, hits_before, sum_lanes)
     return by_type | {function.key: function for function in plain}
