@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import HASH_DEVICE, IN_ORDER, SAND, plane, scene, single_precision, total_energy
+from scenes import HASH_DEVICE, IN_ORDER, SAND, box, plane, scene, single_precision, total_energy
 from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
 
 from runout.backends.protocol import get_backend
@@ -65,6 +65,23 @@ def test_lanes_of_a_block_share_their_tile_without_conflict(monkeypatch, determi
     found = run(on_cpu(deterministic=deterministic), s, p, 100, 2e-3)
     assert_same(expected, found, 1e-10, spacing)
     assert found[1].contact_particles > 0
+
+
+@pytest.mark.parametrize("deterministic", [False, True])
+@pytest.mark.parametrize("shared", [False, True], ids=["one lane", "lanes of a GPU"])
+def test_more_particles_may_touch_in_a_block_than_are_held_at_once(monkeypatch, shared, deterministic):
+    """Contact of a block goes in rounds: each loads the same velocities, and its impulses add to those of the others."""
+    monkeypatch.setattr(pytest.importorskip("warp").config, "enable_cpu_blocks", shared)
+    from runout.backends.hash.contact import HELD
+
+    spacing = (1.0, 1.0, 1.0)
+    s = scene(plane(0.1, 0.05), spacing, (SAND,), (0.4,))
+    p = box((4.5, 4.5, 0.0), (4.0, 4.0, 1.0), spacing, per_cell=5, surface=plane(0.1, 0.05))  # over one block
+    expected = run(get_backend("reference"), s, p, 3, 2e-3)
+    found = run(on_cpu(deterministic=deterministic), s, p, 3, 2e-3)
+    assert_same(expected, found, 1e-12, spacing)
+    blocks = 2  # above each other, at most: the plane falls by less than a block
+    assert found[1].contact_particles > 2 * blocks * HELD
 
 
 def test_hash_in_float32_stays_close_to_the_reference():

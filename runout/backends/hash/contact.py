@@ -111,6 +111,15 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
     return vec(u[0], u[1], u[2]), u[3]
 
 
+def _friction_in_cell(
+    friction: Any, zones: Rows, lattice: Doubles2, shift: Ints, coordinates: Table2, scene: int, b: int, c: int, f: Vector
+):
+    """Friction coefficient where zones of the ground change that of the mass, at offset ``f`` in a cell of a block."""
+    x = 4 * coordinates[b, 0] + (c >> 4)
+    y = 4 * coordinates[b, 1] - shift[scene] + ((c >> 2) & 3)
+    return _friction_in_zone(friction, zones, lattice, scene, x, y, f)
+
+
 def _push(
     rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, wx: Vector, wy: Vector, wz: Vector,
     h: Vector, friction: Any, dt: Any,
@@ -122,6 +131,13 @@ def _push(
     m = rec[MASS, p]
     before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
     return node4(push[0], push[1], push[2], work(push, before, u, compliance))
+
+
+def _clear(tile: Tile, lane: int):
+    """Nothing at all nodes of a tile."""
+    for q in range((TILE + lane_count() - 1) // lane_count()):
+        t = q * lane_count() + lane
+        wp.tile_scatter_masked(tile, wp.min(t, TILE - 1), node4(), t < TILE)
 
 
 def _spread(tile: Tile, pushes: Tile, slabs: Tile, rows: Tile, starts: Tile, c: int, base: int, mine: bool):
@@ -149,6 +165,14 @@ def _spread(tile: Tile, pushes: Tile, slabs: Tile, rows: Tile, starts: Tile, c: 
             for k in range(3):
                 s = node4(real(0.0), acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2])
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
+
+
+def _put(arenas: Nodes, place: int, push: Any, base: int):
+    """Impulse at a node of a block into its arena, which the first round finds as the block before left it."""
+    s = node4(push)
+    if base > 0:
+        s += arenas[place]
+    arenas[place] = s
 
 
 def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
@@ -179,8 +203,7 @@ def _book(booked: Doubles2, b: int, done: Any, lane: int):
 def solve_contacts(
     rec: Rows, radius: Reals, release: Shorts, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
     touched: Ints, member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2,
-    shift: Ints, coordinates: Table2, grounded: Ints, grid: Nodes, shares: Reals, arenas: Nodes,
-    booked: Doubles2, launched: int,
+    shift: Ints, coordinates: Table2, grounded: Ints, grid: Nodes, shares: Reals, arenas: Nodes, booked: Doubles2, launched: int,
 ):  # fmt: skip
     """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 6) adds up work [J] and impulse [N s].
 
@@ -194,23 +217,23 @@ def solve_contacts(
     for a in range(begin, tally[TOUCHED], launched):
         dt = clock[member[b], 0]
         starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")  # waits for lanes still at the last block
-        velocities = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
+        tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
         bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
         near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
         _set_bases(bases, up, b, lane)
         _set_grounded_bases(near_bases, grounded, up, b, lane)
         dv = vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3])
-        _load(velocities, grid, shares, bases, near_bases, lane, dv)
         first = int(pressed_start[b, 0])
         filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
         many = _number_pressed(starts, filled, pressed_start, b, lane)
         total = int(starts[CELL_LANES])
-        tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
         pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
         slabs = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
         rows = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-        done = node4()
         for base in range(0, total, HELD):
+            wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
+            _load(tile, grid, shares, bases, near_bases, lane, dv)
+            done = node4()
             for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
                 n = base + q * lane_count() + lane
                 push = node4()
@@ -223,25 +246,24 @@ def solve_contacts(
                     f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
                     mu = friction[int(release[p])]
                     if ZONED:
-                        x = 4 * coordinates[b, 0] + (c >> 4)
-                        y = 4 * coordinates[b, 1] - shift[member[b]] + ((c >> 2) & 3)
-                        mu = _friction_in_zone(mu, zones, lattice, member[b], x, y, f)
+                        mu = _friction_in_cell(mu, zones, lattice, shift, coordinates, member[b], b, c, f)
                     wx = weights(f[0])
                     wy = weights(f[1])
                     wz = weights(f[2])
-                    push = _push(rec, radius, tiles, velocities, near[b], c, p, f, wx, wy, wz, h, mu, dt)
+                    push = _push(rec, radius, tiles, tile, near[b], c, p, f, wx, wy, wz, h, mu, dt)
                     done += push
                 wp.tile_scatter_masked(pushes, n - base, node4(push[0], push[1], push[2], wz[2]), n < total)
                 wp.tile_scatter_masked(slabs, n - base, node4(wx[0], wx[1], wx[2], wy[0]), n < total)
                 wp.tile_scatter_masked(rows, n - base, node4(wy[1], wy[2], wz[0], wz[1]), n < total)
+            _book(booked, b, done, lane)
+            _clear(tile, lane)
             for turn in range((many + lane_count() - 1) // lane_count()):
                 mine = turn * lane_count() + lane
                 _spread(tile, pushes, slabs, rows, starts, filled[wp.min(mine, many - 1)], base, mine < many)
-        _book(booked, b, done, lane)
-        if ORDERED:
-            for t in range(lane, TILE, lane_count()):
-                arenas[b * TILE + t] = tile[t]
-        else:
-            for q in range(lane, PIECE, lane_count()):
-                _give_all(tile, shares, near_bases, q)
+            if ORDERED:
+                for t in range(lane, TILE, lane_count()):
+                    _put(arenas, b * TILE + t, tile[t], base)
+            else:
+                for q in range(lane, PIECE, lane_count()):
+                    _give_all(tile, shares, near_bases, q)
         b = touched[wp.min(a + launched, touched.shape[0] - 1)]

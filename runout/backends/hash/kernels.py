@@ -35,7 +35,7 @@ GENERAL_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
 # threads of a block and blocks that share a multiprocessor in single precision, which bounds the registers of each thread
-FLOAT32_BLOCKS = {"grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6), "solve_contacts": (WARP, 19)}
+FLOAT32_BLOCKS = {"grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6), "solve_contacts": (WARP, 20)}
 GENERAL_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 
