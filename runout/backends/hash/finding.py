@@ -23,6 +23,7 @@ from runout.backends.hash.layout import (
     STARTS,
     TILE,
     TOUCHED,
+    Halves,
     Ints,
     Nodes,
     Real,
@@ -49,14 +50,14 @@ hits_before: Any = None  # how many of the lanes before a lane hit, and of all, 
 take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
-def _highest(bounds: Rows, near: int, c: int, h: Vector, reach: Any):
+def _highest(bounds: Halves, near: int, c: int, h: Vector, reach: Any):
     """Largest offset in a cell at which a particle may be within ``reach`` [m] of the ground."""
     column = 2 * ((c >> 2) & 15)
-    return bounds[near, column] - real(c & 3) + height_at(reach, bounds[near, column + 1]) / h[2]
+    return real(bounds[near, column]) - real(c & 3) + height_at(reach, real(bounds[near, column + 1])) / h[2]
 
 
 def _number_listed(
-    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, bounds: Rows, near: int, h: Vector, reach: Any
+    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, bounds: Halves, near: int, h: Vector, reach: Any
 ):
     """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
 
@@ -201,7 +202,7 @@ def _give_shares(tile: Tile, shares: Reals, bases: Tile, q: int):
 
 def find_contacts(
     rec: Rows, radius: Reals, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
-    clock: Rows, tiles: Rows, bounds: Rows, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints,
+    clock: Rows, tiles: Rows, bounds: Halves, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints,
     grounded: Ints, shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2, launched: int,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.

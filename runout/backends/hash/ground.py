@@ -17,6 +17,7 @@ from runout.backends.hash.layout import (
     NEAR,
     Doubles,
     Doubles2,
+    Halves,
     Ints,
     Real,
     Rows,
@@ -126,11 +127,11 @@ def keep_tiles(flags: Ints, cut: Rows, near: Ints, tiles: Rows):
         tiles[near[b], t] = cut[b, t]
 
 
-def bound_columns(tiles: Rows, h: Vector, bounds: Rows):
+def bound_columns(tiles: Rows, h: Vector, bounds: Halves):
     """How high the ground comes in each column of cells [cells], and the least upward part of its normal there.
 
     Within the column a spline keeps to the hull of the middle coefficient and its means with those beside it, along either axis
-    (Bezier form). No steeper slope is found than between two coefficients.
+    (Bezier form). No steeper slope is found than between two coefficients. A thousandth covers what half precision rounds off.
     """
     place, column = wp.tid()
     around = _around(tiles, place, 4 * column)
@@ -147,8 +148,8 @@ def bound_columns(tiles: Rows, h: Vector, bounds: Rows):
             if j > 0:
                 north = wp.max(north, wp.abs(around[3 * i + j] - around[3 * i + j - 1]))
     n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
-    bounds[place, 2 * column] = top
-    bounds[place, 2 * column + 1] = n[2]
+    bounds[place, 2 * column] = wp.float16(top + real(0.001) * (real(1.0) + wp.abs(top)))
+    bounds[place, 2 * column + 1] = wp.float16(real(0.999) * n[2])
 
 
 class Ground:

@@ -27,6 +27,7 @@ Keys: TypeAlias = Any
 Ints: TypeAlias = Any
 Table2: TypeAlias = Any
 Shorts: TypeAlias = Any
+Halves: TypeAlias = Any
 Doubles: TypeAlias = Any
 Doubles2: TypeAlias = Any
 Longs: TypeAlias = Any

@@ -30,7 +30,7 @@ class NodeArrays:
         Place in ``tiles`` of a block whose particles may touch the ground, -1 for the others.
     tiles : (places, 36)
         Coefficients of the surface relative to the block's lowest node [cells].
-    bounds : (places, 32)
+    bounds : (places, 32) float16
         How high it comes in each of 16 columns of cells, likewise, and the least upward part of its normal there.
     pressed, pressed_start : (particles,), (room, 65) int32
         Particles in contact by cell, and where those of the cells of a block start; only with ``averaged``, else empty: then they
@@ -65,7 +65,7 @@ class NodeArrays:
             self.places = places if exactly else more_room_for(places) if self.places > 0 else room_for(places)
             self.generation += 1
             self.tiles = wp.zeros((self.places, 36), dtype=self.number)
-            self.bounds = wp.zeros((self.places, 32), dtype=self.number)
+            self.bounds = wp.zeros((self.places, 32), dtype=wp.float16)
         if slots > self.slots:
             self.slots = slots if exactly else more_room_for(slots) if self.slots > 0 else room_for(slots)
             self.generation += 1
