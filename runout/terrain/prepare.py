@@ -25,15 +25,16 @@ METRES = {
 def terrain(raster: ElevationRaster) -> Terrain:
     """Terrain of a raster as its file states it.
 
-    Rows are put in order, unknown cells become NaN, units become metres, and a raster that is geographic, in feet or
-    in a system that distorts distances is projected to UTM. DemError for what cannot be mended without guessing.
+    Rows are put in order, unknown cells become NaN, units become metres, a raster that is geographic, in feet or
+    in a system that distorts distances is projected to UTM, and a rim without any elevation is cut off. DemError
+    for what cannot be mended without guessing.
     """
     raster = north_up(raster)
     values, changes = known_or_nan(raster.values, raster.source)
     raster = replace(raster, values=values, changes=(*raster.changes, *changes))
     raster = in_metres(raster)
     require_plausible(raster)
-    raster = on_metric_map(raster)
+    raster = trimmed(on_metric_map(raster))
     dx, dy = raster.cell
     if abs(dx - dy) > 1e-6 * dx:
         raster = raster.noted(f"cells are unequal, {dx:.6g} m east-west by {dy:.6g} m north-south; kept as they are")
@@ -58,6 +59,22 @@ def north_up(raster: ElevationRaster) -> ElevationRaster:
         flipped = (-a, 0.0, c + a * columns, 0.0, raster.transform[4], raster.transform[5])
         raster = raster.changed("columns ran from east to west; put in order", values=raster.values[:, ::-1], transform=flipped)
     return raster
+
+
+def trimmed(raster: ElevationRaster) -> ElevationRaster:
+    """The raster without the rows and columns at its rim in which no cell has an elevation: mass that gets there leaves it."""
+    known = np.isfinite(raster.values)
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not rows.size:
+        return raster
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    values = raster.values[window]
+    less = [before - after for before, after in zip(raster.values.shape, values.shape, strict=True)]
+    if not any(less):
+        return raster
+    a, b, c, d, e, f = raster.transform
+    moved = (a, b, c + a * columns[0], d, e, f + e * rows[0])
+    return raster.changed(f"the rim has no elevation; cut off by {less[0]} rows, {less[1]} columns", values=values, transform=moved)
 
 
 def known_or_nan(values: np.ndarray, source: str) -> tuple[np.ndarray, tuple[str, ...]]:

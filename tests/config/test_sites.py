@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from runout import read_site, simulate
+from runout.check import inspect
 
 SITES = Path(__file__).parents[2] / "sites"
 GRAVITY = 9.81
@@ -105,6 +106,14 @@ def test_cascades_release_is_the_mapped_loss_of_elevation(data_folder, monkeypat
     assert int((release.thickness > 0).sum()) == 30
     assert release.thickness.max() == pytest.approx(15.6922)
     assert mass_weighted_slope(release) > 25.0
+
+
+@pytest.mark.parametrize("name", ["jacksboro", "frank_slide", "cascades_2021"])
+def test_check_finds_no_problem_in_a_site(name, request):
+    if name != "jacksboro":
+        monkeypatch = request.getfixturevalue("monkeypatch")
+        monkeypatch.setenv("RUNOUT_DATA", str(request.getfixturevalue("data_folder")))
+    assert inspect(SITES / name).problems == []
 
 
 @pytest.mark.parametrize(("name", "cell_size"), [("frank_slide", 60.0), ("cascades_2021", 8.0)])

@@ -33,6 +33,18 @@ def test_georeference_comes_home_to_the_last_bit(geotiff):
         assert home == transform
 
 
+def test_a_rim_without_elevations_is_cut_off_and_said(geotiff, slope):
+    """What gets there leaves the DEM; unknown cells within stay, whether they reach the rim or not."""
+    inside = slope.copy()
+    inside[0, 0] = inside[2, 3] = np.nan
+    around = np.full((slope.shape[0] + 3, slope.shape[1] + 2), np.nan)
+    around[1:-2, :-2] = inside
+    terrain = Terrain.from_raster(geotiff(around, (10.0, 0.0, 600000.0, 0.0, -10.0, 5200010.0)))
+    np.testing.assert_array_equal(terrain.elevation, inside)
+    assert terrain.extent == (600000.0, 5199940.0, 600080.0, 5200000.0)
+    assert terrain.changes == ("the rim has no elevation; cut off by 3 rows, 2 columns",)
+
+
 def test_rows_and_columns_in_any_order_give_the_same_terrain(geotiff, slope):
     usual = Terrain.from_raster(geotiff(slope))
     south_first = Terrain.from_raster(geotiff(slope[::-1], (10.0, 0.0, 600000.0, 0.0, 10.0, 5199940.0)))
@@ -215,7 +227,7 @@ def test_array_in_degrees_or_feet_or_nowhere_is_refused(slope):
     ("name", "shape", "cell", "unknown"),
     [
         ("frank_slide_1903/Frankslide_topography.asc", (201, 201), 20.0, 0),
-        ("cascades_2021_landlab/pre_runout_DEM.asc", (122, 80), 10.0, 122),
+        ("cascades_2021_landlab/pre_runout_DEM.asc", (122, 79), 10.0, 0),  # its last column has no elevation
         ("maipo_debrisflow_runoptGPP/elev_12_5m.tif", (238, 547), 12.5, 0),
         ("avaframe/avaKot/Inputs/avaKot.asc", (517, 439), 4.997688906601, 90023),
     ],
