@@ -8,7 +8,7 @@ from runout.errors import DemError, InputError
 from runout.model.terrain import Terrain
 from runout.terrain import crs as coordinate_systems
 from runout.terrain.fill import filled
-from runout.terrain.raster import ElevationRaster
+from runout.terrain.raster import ElevationRaster, moved
 
 LOWEST, HIGHEST = -500.0, 9000.0  # of land on Earth, with room [m]
 NODATA_VALUES = (-9999.0, -99999.0, -999999.0, -32768.0, -32767.0, 32767.0, 65535.0)  # in use without being declared
@@ -25,16 +25,16 @@ METRES = {
 def terrain(raster: ElevationRaster) -> Terrain:
     """Terrain of a raster as its file states it.
 
-    Rows are put in order, unknown cells become NaN, units become metres, a raster that is geographic, in feet or
-    in a system that distorts distances is projected to UTM, and a rim without any elevation is cut off. DemError
-    for what cannot be mended without guessing.
+    Rows are put in order, unknown cells become NaN, units become metres, a rim without any elevation is cut off, and a
+    raster that is geographic, in feet or in a system that distorts distances is projected to UTM. DemError for what
+    cannot be mended without guessing.
     """
     raster = north_up(raster)
     values, changes = known_or_nan(raster.values, raster.source)
     raster = replace(raster, values=values, changes=(*raster.changes, *changes))
     raster = in_metres(raster)
     require_plausible(raster)
-    raster = trimmed(on_metric_map(raster))
+    raster = on_metric_map(trimmed(raster))
     dx, dy = raster.cell
     if abs(dx - dy) > 1e-6 * dx:
         raster = raster.noted(f"cells are unequal, {dx:.6g} m east-west by {dy:.6g} m north-south; kept as they are")
@@ -72,9 +72,8 @@ def trimmed(raster: ElevationRaster) -> ElevationRaster:
     less = [before - after for before, after in zip(raster.values.shape, values.shape, strict=True)]
     if not any(less):
         return raster
-    a, b, c, d, e, f = raster.transform
-    moved = (a, b, c + a * columns[0], d, e, f + e * rows[0])
-    return raster.changed(f"the rim has no elevation; cut off by {less[0]} rows, {less[1]} columns", values=values, transform=moved)
+    sentence = f"the rim has no elevation; cut off by {less[0]} rows, {less[1]} columns"
+    return raster.changed(sentence, values=values, transform=moved(raster.transform, int(rows[0]), int(columns[0])))
 
 
 def known_or_nan(values: np.ndarray, source: str) -> tuple[np.ndarray, tuple[str, ...]]:

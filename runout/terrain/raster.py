@@ -66,3 +66,9 @@ class ElevationRaster:
         """The raster with a remark that an analyst should know; no value differs by it."""
         log.info("%s: %s", self.source, sentence)
         return replace(self, changes=(*self.changes, sentence), **fields)
+
+
+def moved(transform: tuple[float, ...], rows: int, columns: int) -> tuple[float, ...]:
+    """Transform of the part of a raster, north up, that begins so many rows and columns further."""
+    a, b, c, d, e, f = transform
+    return a, b, c + a * columns, d, e, f + e * rows

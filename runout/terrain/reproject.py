@@ -5,7 +5,7 @@ import numpy as np
 from runout.errors import DemError
 from runout.terrain import crs as coordinate_systems
 from runout.terrain.fill import filled
-from runout.terrain.raster import ElevationRaster
+from runout.terrain.raster import ElevationRaster, moved
 
 RIM = 8  # cells; what lies farther away weighs less than 1e-4 in the spline
 
@@ -109,5 +109,4 @@ def _without_empty_rim(
         if shares[side] == 0:
             break
         top, bottom, left, right = top + (side == 0), bottom - (side == 1), left + (side == 2), right - (side == 3)
-    a, b, c, d, e, f = transform
-    return values[top:bottom, left:right].copy(), (a, b, c + left * a, d, e, f + top * e)
+    return values[top:bottom, left:right].copy(), moved(transform, top, left)

@@ -91,6 +91,14 @@ def geographic(function, crs="EPSG:4326", west=-84.41, north=36.73, shape=(60, 8
     return function(*place), (cell, 0.0, west, 0.0, -cell, north)
 
 
+def test_an_empty_rim_is_cut_off_before_it_is_turned_into_a_slanted_one(geotiff):
+    values, transform = geographic(lambda easting, northing: 900 + 0.3 * (easting - 735000))
+    values[:, -3:] = np.nan
+    terrain = Terrain.from_raster(geotiff(values, transform, "EPSG:4326"))
+    assert np.isfinite(terrain.elevation).all()
+    assert terrain.changes[0] == "the rim has no elevation; cut off by 0 rows, 3 columns"
+
+
 def test_plane_survives_projection_to_utm(geotiff):
     def plane(easting, northing):
         return 900 + 0.3 * (easting - 735000) - 0.2 * (northing - 4067000)

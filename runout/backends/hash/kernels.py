@@ -46,12 +46,11 @@ def _argument_types(real: Any, record: Any) -> dict[str, Any]:
         "Real": real, "Vector": vec, "Rows": wp.array2d(dtype=real), "Reals": wp.array(dtype=real), "Nodes": wp.array(dtype=vec4),
         "Table": wp.array(dtype=wp.uint64), "Keys": wp.array(dtype=wp.int64), "Ints": wp.array(dtype=wp.int32),
         "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16), "Doubles": wp.array(dtype=wp.float64),
-        "Halves": wp.array2d(dtype=wp.float16),
-        "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64), "Materials": wp.array(dtype=record),
-        "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real), "sums3": wp.types.matrix(shape=(9, 3), dtype=real),
+        "Halves": wp.array2d(dtype=wp.float16), "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64),
+        "Materials": wp.array(dtype=record), "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real),
+        "sums3": wp.types.matrix(shape=(9, 3), dtype=real),
         "sums27": wp.types.matrix(shape=(27, 3), dtype=real), "sums2": wp.types.matrix(shape=(27, 2), dtype=real),
-        "sums1": wp.types.vector(length=27, dtype=real), "double4": wp.vec4d,
-        "double7": wp.types.vector(length=7, dtype=wp.float64),
+        "sums1": wp.types.vector(length=27, dtype=real), "double7": wp.types.vector(length=7, dtype=wp.float64),
     }  # fmt: skip
 
 

@@ -41,7 +41,6 @@ sums3: Any = None
 sums27: Any = None
 sums2: Any = None
 sums1: Any = None
-double4: Any = None
 double7: Any = None
 add_node: Any = None  # adds four numbers to a node
 node_at: Any = None  # the four numbers of a node, by one load

@@ -229,7 +229,7 @@ def grid_to_particles(
         by = int(coordinates[b, 1])
         bz = int(coordinates[b, 2])
         move_y = int(shift[scene])
-        limit_x, limit_y = limits[scene, 0] * wp.float64(1.0), limits[scene, 1] * wp.float64(1.0)
+        limit_x, limit_y = limits[scene, 0] * wp.float64(1.0), limits[scene, 1] * wp.float64(1.0)  # products: read once, here
         begins = int(home[b, 0])
         fastest = real(0.0)
         lost = wp.float64(0.0)
