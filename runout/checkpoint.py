@@ -21,7 +21,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 4  # of the file; raise it when the meaning of a state changes
+FORMAT = 5  # of the file; raise it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 
 

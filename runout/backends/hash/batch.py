@@ -21,7 +21,19 @@ from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import GAP, Index
 from runout.backends.hash.kernels import compiled_kernels
-from runout.backends.hash.layout import CELL_LANES, CLOCK, FAILED, PENDING, STEPS, UNSTABLE, WARP, bytes_of, run, run_blocks
+from runout.backends.hash.layout import (
+    CELL_LANES,
+    CLOCK,
+    FAILED,
+    PENDING,
+    STEPS,
+    UNSTABLE,
+    WARP,
+    bytes_of,
+    run,
+    run_blocks,
+    run_each,
+)
 from runout.backends.hash.nodes import NodeArrays
 from runout.backends.hash.store import Store
 from runout.backends.hash.zones import Zones
@@ -328,9 +340,9 @@ class Batch:
 
     def _find_contacts(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
-        run_blocks(
-            k.find_contacts, i.launched, WARP, s.rec, s.radius, s.order, i.cstart, i.up, self.flags, i.tally, i.active, i.member,
-            self.clock, n.tiles, n.bounds, n.near, self.h, self.band, i.touching, i.touched, self.contacts, n.grounded, n.shares,
+        run_each(
+            k.find_contacts, n.places, WARP, s.rec, s.radius, s.order, i.cstart, self.flags, i.tally, n.standing, i.member,
+            self.clock, n.tiles, n.bounds, self.h, self.band, i.touching, i.touched, self.contacts, n.near_up, n.shares,
             n.arenas, *self._pressed(),
         )  # fmt: skip
         if self.deterministic:
@@ -338,10 +350,10 @@ class Batch:
 
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
-        run_blocks(
-            k.solve_contacts, i.shared, WARP, s.rec, s.radius, s.release, *self._pressed(), i.up, self.flags, i.tally, i.touched,
-            i.member, self.clock, n.tiles, n.near, self.h, self.friction, *self.zones.tables, self.shift, i.coordinates,
-            n.grounded, n.grid, n.shares, n.arenas, n.booked,
+        run_each(
+            k.solve_contacts, n.places, WARP, s.rec, s.radius, s.release, *self._pressed(), i.up, self.flags, i.tally, i.touched,
+            i.member, self.clock, n.tiles, self.h, self.friction, s.only, *self.zones.tables, self.shift, i.coordinates,
+            n.near_up, n.grid, n.shares, n.arenas, n.booked,
         )  # fmt: skip
         if self.deterministic:
             run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.shares)

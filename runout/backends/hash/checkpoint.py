@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from runout.backends.hash.backend import HashBackend
 
 BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "home", "homes", "active")  # of the index
-OF_NODES = ("grounded", "near", "booked")
+OF_NODES = ("grounded", "booked")
 BY_PARTICLE = ("radius", "release", "number", "key", "order")
 OWN = ("since_sort", "largest", "identity")
 
@@ -37,7 +37,7 @@ def taken(engine: "HashBackend") -> State:
     state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
     state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "kept": engine.report.kept.numpy()}
-    state |= {"tiles": n.tiles.numpy(), "rec": s.rec.numpy()[:, : s.n]}
+    state |= {"tiles": n.tiles.numpy(), "standing": n.standing.numpy(), "rec": s.rec.numpy()[:, : s.n]}
     sizes = {"nown": i.nown, "nall": i.nall, "room": i.room, "entries": i.table.shape[0], "launched": i.launched, "slots": n.slots}
     return state | {f"size.{name}": np.asarray(value) for name, value in sizes.items()}
 
@@ -57,12 +57,14 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
         engine._load_ground()
         engine.store = _store(state, engine.real, not scene.packed)
         engine.index = _index(engine, state)
-        engine.nodes = engine.node_arrays()
-        engine.nodes.make_room(len(state["tiles"]), int(state["size.slots"]), exactly=True)
-        _fill(engine.nodes.tiles, state["tiles"])
-        run(engine.k.bound_columns, (engine.nodes.places, 16), engine.nodes.tiles, engine.h, engine.nodes.bounds)
+        engine.nodes = n = engine.node_arrays()
+        n.make_room(len(state["tiles"]), int(state["size.slots"]), exactly=True)
         for name in OF_NODES:
-            _fill(getattr(engine.nodes, name), state[f"nodes.{name}"])
+            _fill(getattr(n, name), state[f"nodes.{name}"])
+        _fill(n.tiles, state["tiles"])
+        _fill(n.standing, state["standing"])
+        run(engine.k.bound_columns, (n.places, 16), n.tiles, engine.h, n.bounds)
+        run(engine.k.note_shares, (n.places, 8), engine.flags, n.standing, engine.index.up, n.grounded, n.near_up)
 
 
 def _store(state: State, number: Any, stressed: bool) -> Store:

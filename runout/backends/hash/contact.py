@@ -36,7 +36,7 @@ from runout.backends.hash.layout import (
     own_lane,
     sums3,
 )
-from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _set_bases, _set_grounded_bases
+from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_bases, _set_near_bases
 from runout.backends.hash.zones import _friction_in_zone
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, work
@@ -44,11 +44,11 @@ from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.tensors import real, tens, vec
 
 HELD = 64  # contact particles of a block whose impulses or offsets are held at once
+HELD_TWICE = 2 * HELD
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
-sum_reals: Any = None  # sum over the lanes, likewise
 add_pair: Any = None  # adds two numbers that lie beside each other; the binding puts it in its place
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
-book: Any = None  # adds to a number that no other thread adds to, likewise
+book_four: Any = None  # adds sums over the lanes to four numbers beside each other, likewise
 BELOW, FILLED = 2**20 - 1, 20  # a sum of particles lies in these bits, and one of cells from this bit on
 
 
@@ -77,7 +77,7 @@ def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
         sums = sum_before(n + (wp.min(n, 1) << FILLED))
         before = total + sums[0]
         wp.tile_scatter_masked(starts, c, before & BELOW, True)
-        wp.tile_scatter_masked(filled, before >> FILLED, c, n > 0)
+        wp.tile_scatter_masked(filled, before >> FILLED, wp.uint8(c), n > 0)
         total += sums[1]
     wp.tile_scatter_masked(starts, CELL_LANES, total & BELOW, lane == 0)
     return total >> FILLED
@@ -93,7 +93,7 @@ def _number_pressed(starts: Tile, filled: Tile, pressed_start: Table2, b: int, l
         last = pressed_start[b, c + 1]
         hits = hits_before(last > begin)
         wp.tile_scatter_masked(starts, c, begin - first, True)
-        wp.tile_scatter_masked(filled, many + hits[0], c, last > begin)
+        wp.tile_scatter_masked(filled, many + hits[0], wp.uint8(c), last > begin)
         many += hits[1]
     wp.tile_scatter_masked(starts, CELL_LANES, pressed_start[b, CELL_LANES] - first, lane == 0)
     return many
@@ -121,11 +121,10 @@ def _friction_in_cell(
 
 
 def _push(
-    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, wx: Vector, wy: Vector, wz: Vector,
-    h: Vector, friction: Any, dt: Any,
-):  # fmt: skip
+    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Any, dt: Any
+):
     """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]."""
-    u, compliance = _contact_velocity(tile, _first_node(c), wx, wy, wz)
+    u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
     push = impulse(u, n, gap, compliance, friction, dt)
     m = rec[MASS, p]
@@ -133,17 +132,17 @@ def _push(
     return node4(push[0], push[1], push[2], work(push, before, u, compliance))
 
 
-def _clear(tile: Tile, lane: int):
+def _clear(tile: Tile, nothing: Any, lane: int):
     """Nothing at all nodes of a tile."""
     for q in range((TILE + lane_count() - 1) // lane_count()):
         t = q * lane_count() + lane
-        wp.tile_scatter_masked(tile, wp.min(t, TILE - 1), node4(), t < TILE)
+        wp.tile_scatter_masked(tile, wp.min(t, TILE - 1), nothing, t < TILE)
 
 
-def _spread(tile: Tile, pushes: Tile, slabs: Tile, rows: Tile, starts: Tile, c: int, base: int, mine: bool):
+def _spread(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool):
     """Impulses of the contact particles of a cell to its 27 nodes, nine at a time. None if the cell is not ``mine``.
 
-    ``pushes`` holds the impulses of those from number ``base`` on and their last weight upwards, ``slabs`` and ``rows`` the others.
+    ``pushes`` holds the impulses of those from number ``base`` on and their offset along x, ``offsets`` those along y, then z.
     """
     begin = wp.max(int(starts[c]), base)
     end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
@@ -152,12 +151,11 @@ def _spread(tile: Tile, pushes: Tile, slabs: Tile, rows: Tile, starts: Tile, c: 
         acc = sums3()
         for t in range(begin, end):
             push = pushes[t - base]
-            x = slabs[t - base]
-            row = rows[t - base]
-            wy = vec(x[3], row[0], row[1])
-            wz = vec(row[2], row[3], push[3])
+            wx = weights(push[3])
+            wy = weights(offsets[t - base])
+            wz = weights(offsets[HELD + t - base])
             for j in range(3):
-                share = vec(x[i] * wy[j] * push[0], x[i] * wy[j] * push[1], x[i] * wy[j] * push[2])
+                share = vec(wx[i] * wy[j] * push[0], wx[i] * wy[j] * push[1], wx[i] * wy[j] * push[2])
                 for k in range(3):
                     for d in range(3):
                         acc[j * 3 + k, d] += wz[k] * share[d]
@@ -192,18 +190,10 @@ def _give_all(tile: Tile, shares: Reals, bases: Tile, q: int):
     _give(tile, shares, bases, 6, q)
 
 
-def _book(booked: Doubles2, b: int, done: Any, lane: int):
-    """Add up the impulses [N s] and the work [J] of the lanes of a block."""
-    for d in range(4):
-        all_done = sum_reals(done[wp.where(d == 0, 3, d - 1)])
-        if lane == 0:
-            book(booked, b, d + 1, wp.float64(all_done))
-
-
 def solve_contacts(
     rec: Rows, radius: Reals, release: Shorts, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
-    touched: Ints, member: Ints, clock: Rows, tiles: Rows, near: Ints, h: Vector, friction: Reals, zones: Rows, lattice: Doubles2,
-    shift: Ints, coordinates: Table2, grounded: Ints, grid: Nodes, shares: Reals, arenas: Nodes, booked: Doubles2, launched: int,
+    touched: Table2, member: Ints, clock: Rows, tiles: Rows, h: Vector, friction: Reals, only: int, zones: Rows, lattice: Doubles2,
+    shift: Ints, coordinates: Table2, near_up: Table2, grid: Nodes, shares: Reals, arenas: Nodes, booked: Doubles2,
 ):  # fmt: skip
     """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 6) adds up work [J] and impulse [N s].
 
@@ -211,59 +201,58 @@ def solve_contacts(
     """
     begin, lane = wp.tid()
     begin, lane = own_block(begin), own_lane(lane)
-    b = int(touched[begin])
-    if flags[HALT] != 0:
+    row = tally[TOUCHED] - 1 - begin  # what was found last lies in the second cache yet
+    if flags[HALT] != 0 or row < 0:
         return
-    for a in range(begin, tally[TOUCHED], launched):
-        dt = clock[member[b], 0]
-        starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")  # waits for lanes still at the last block
-        tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
-        bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-        near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-        _set_bases(bases, up, b, lane)
-        _set_grounded_bases(near_bases, grounded, up, b, lane)
-        dv = vec(clock[member[b], 1], clock[member[b], 2], clock[member[b], 3])
-        first = int(pressed_start[b, 0])
-        filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-        many = _number_pressed(starts, filled, pressed_start, b, lane)
-        total = int(starts[CELL_LANES])
-        pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-        slabs = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-        rows = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-        for base in range(0, total, HELD):
-            wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
-            _load(tile, grid, shares, bases, near_bases, lane, dv)
-            done = node4()
-            for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
-                n = base + q * lane_count() + lane
-                push = node4()
-                wx = vec(real(0.0), real(0.0), real(0.0))
-                wy = vec(real(0.0), real(0.0), real(0.0))
-                wz = vec(real(0.0), real(0.0), real(0.0))
-                if n < total:
-                    c = _cell_of(starts, n)
-                    p = pressed[first + n] & NOT_NEGATIVE
-                    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+    b = int(touched[row, 0])
+    place = int(touched[row, 1])
+    s = _scene_of(member, b, clock)
+    dt = clock[s, 0]
+    starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
+    tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
+    bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+    near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+    _set_bases(bases, up, b, lane)
+    _set_near_bases(near_bases, near_up, place, lane)
+    dv = vec(clock[s, 1], clock[s, 2], clock[s, 3])
+    first = int(pressed_start[b, 0])
+    filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
+    many = _number_pressed(starts, filled, pressed_start, b, lane)
+    total = int(starts[CELL_LANES])
+    pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
+    offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+    for base in range(0, total, HELD):
+        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
+        ahead = int(pressed[first + wp.min(base + lane, total - 1)])
+        _load(tile, grid, shares, bases, near_bases, lane, dv)
+        done = node4()
+        for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
+            n = base + q * lane_count() + lane
+            push = node4()
+            f = vec(real(0.0), real(0.0), real(0.0))
+            if n < total:
+                c = _cell_of(starts, n)
+                p = ahead & NOT_NEGATIVE
+                ahead = pressed[first + wp.min(n + lane_count(), total - 1)]
+                f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+                mu = friction[wp.max(only, 0)]
+                if only < 0:
                     mu = friction[int(release[p])]
-                    if ZONED:
-                        mu = _friction_in_cell(mu, zones, lattice, shift, coordinates, member[b], b, c, f)
-                    wx = weights(f[0])
-                    wy = weights(f[1])
-                    wz = weights(f[2])
-                    push = _push(rec, radius, tiles, tile, near[b], c, p, f, wx, wy, wz, h, mu, dt)
-                    done += push
-                wp.tile_scatter_masked(pushes, n - base, node4(push[0], push[1], push[2], wz[2]), n < total)
-                wp.tile_scatter_masked(slabs, n - base, node4(wx[0], wx[1], wx[2], wy[0]), n < total)
-                wp.tile_scatter_masked(rows, n - base, node4(wy[1], wy[2], wz[0], wz[1]), n < total)
-            _book(booked, b, done, lane)
-            _clear(tile, lane)
-            for turn in range((many + lane_count() - 1) // lane_count()):
-                mine = turn * lane_count() + lane
-                _spread(tile, pushes, slabs, rows, starts, filled[wp.min(mine, many - 1)], base, mine < many)
-            if ORDERED:
-                for t in range(lane, TILE, lane_count()):
-                    _put(arenas, b * TILE + t, tile[t], base)
-            else:
-                for q in range(lane, PIECE, lane_count()):
-                    _give_all(tile, shares, near_bases, q)
-        b = touched[wp.min(a + launched, touched.shape[0] - 1)]
+                if ZONED:
+                    mu = _friction_in_cell(mu, zones, lattice, shift, coordinates, s, b, c, f)
+                push = _push(rec, radius, tiles, tile, place, c, p, f, h, mu, dt)
+                done += node4(push[3], push[0], push[1], push[2])
+            wp.tile_scatter_masked(pushes, n - base, node4(push[0], push[1], push[2], f[0]), n < total)
+            wp.tile_scatter_masked(offsets, n - base, f[1], n < total)
+            wp.tile_scatter_masked(offsets, HELD + n - base, f[2], n < total)
+        book_four(booked, b, 1, done)
+        _clear(tile, node4(), lane)
+        for turn in range((many + lane_count() - 1) // lane_count()):
+            mine = turn * lane_count() + lane
+            _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
+        if ORDERED:
+            for t in range(lane, TILE, lane_count()):
+                _put(arenas, b * TILE + t, tile[t], base)
+        else:
+            for q in range(lane, PIECE, lane_count()):
+                _give_all(tile, shares, near_bases, q)

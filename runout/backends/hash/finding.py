@@ -9,9 +9,8 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact import HELD, _around, _ground, _number
+from runout.backends.hash.contact import HELD, _around, _clear, _ground, _number
 from runout.backends.hash.layout import (
-    ACTIVE,
     CELL_LANES,
     HALT,
     MASS,
@@ -38,7 +37,7 @@ from runout.backends.hash.layout import (
     own_lane,
     sums1,
 )
-from runout.backends.hash.stencil import _cell_of, _first_node, _piece, _set_grounded_bases
+from runout.backends.hash.stencil import _cell_of, _first_node, _piece, _scene_of, _set_near_bases
 from runout.physics.bspline import weights
 from runout.physics.contact import in_contact
 from runout.physics.heightfield import height_at
@@ -73,10 +72,8 @@ def _number_listed(
         n = end_ahead - first
         ahead = cstart[b, (c + lane_count()) & (CELL_LANES - 1)]
         end_ahead = cstart[b, ((c + lane_count()) & (CELL_LANES - 1)) + 1]
-        limit = real(0.0)
-        if n > 0:
-            limit = _highest(bounds, near, c, h, reach)
-            n = wp.where(limit >= real(0.5), n, 0)
+        limit = _highest(bounds, near, c, h, reach)
+        n = wp.where(limit >= real(0.5), n, 0)
         sums = sum_before(n)
         wp.tile_scatter_masked(limits, c, limit, True)
         wp.tile_scatter_masked(starts, c, total + sums[0], True)
@@ -201,64 +198,63 @@ def _give_shares(tile: Tile, shares: Reals, bases: Tile, q: int):
 
 
 def find_contacts(
-    rec: Rows, radius: Reals, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
-    clock: Rows, tiles: Rows, bounds: Halves, near: Ints, h: Vector, band: Real, touching: Ints, touched: Ints, contacts: Ints,
-    grounded: Ints, shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2, launched: int,
+    rec: Rows, radius: Reals, order: Ints, cstart: Table2, flags: Ints, tally: Ints, standing: Ints, member: Ints,
+    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, touching: Ints, touched: Table2, contacts: Ints,
+    near_up: Table2, shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
 
     They are listed by cell. ``shares`` are those sums.
     """
-    begin, lane = wp.tid()
-    begin, lane = own_block(begin), own_lane(lane)
-    b = int(active[begin])
-    if flags[HALT] != 0:
+    place, lane = wp.tid()
+    place, lane = own_block(place), own_lane(lane)
+    b = int(standing[place])
+    if flags[HALT] != 0 or b < 0:
         return
-    for a in range(begin, tally[ACTIVE], launched):
-        s = member[b]
-        if near[b] >= 0 and clock[s, 0] > real(0.0):
-            starts = wp.tile_zeros(shape=STARTS, dtype=int, storage="shared")  # waits for lanes still at the last block
-            counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
-            spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
-            filled = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-            places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-            limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
-            queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
-            first = int(cstart[b, 0])
-            total = _number_listed(starts, places, limits, cstart, b, lane, bounds, near[b], h, clock[s, 4])
-            found = int(0)
-            head = int(0)
-            end = int(0)
-            for n in range(0, total, 4 * lane_count()):  # the list of those that touch may be the same memory: it stays behind
-                end = _queue_low(queue, end, n, total, starts, places, limits, rec, order, lane)
-                least = wp.where(n + 4 * lane_count() < total, lane_count(), 1)
-                while end - head >= least:
-                    found = _keep_touching(
-                        queue, head, end, counts, spots, found, rec, radius, lane, tiles, near[b], h, clock[s, 0], band,
-                        clock[s, 4], pressed, first,
-                    )  # fmt: skip
-                    head = wp.min(head + lane_count(), end)
-            if found > 0:
-                many = _number(starts, filled, counts, lane)
-                _note_starts(starts, pressed_start, first, b, lane)
-                place = int(0)
-                if lane == 0:
-                    place = take_place(tally, TOUCHED)  # all blocks take one: needed only at the end, so that none waits
-                    touching[b] = found
-                    wp.atomic_add(contacts, s, found)
-                bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-                _set_grounded_bases(bases, grounded, up, b, lane)
-                tile = wp.tile_zeros(shape=TILE, dtype=real, storage="shared")
-                for base in range(0, found, HELD):
-                    if base > 0:
-                        _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
-                    _add_shares(tile, spots, starts, filled, many, base, lane)
-                if ORDERED:
-                    for t in range(lane, TILE, lane_count()):
-                        arenas[b * TILE + t] = node4(tile[t], real(0.0), real(0.0), real(0.0))
-                else:
-                    for q in range(lane, PIECE, lane_count()):
-                        _give_shares(tile, shares, bases, q)
-                if lane == 0:
-                    touched[place] = b
-        b = active[wp.min(a + launched, active.shape[0] - 1)]
+    s = _scene_of(member, b, clock)
+    if clock[s, 0] > real(0.0):
+        starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
+        counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
+        spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
+        filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
+        places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
+        tile = wp.tile_empty(shape=TILE, dtype=real, storage="shared")  # limits of the cells first, then sums of weights
+        queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
+        first = int(cstart[b, 0])
+        total = _number_listed(starts, places, tile, cstart, b, lane, bounds, place, h, clock[s, 4])
+        found = int(0)
+        head = int(0)
+        end = int(0)
+        for n in range(0, total, 4 * lane_count()):  # the list of those that touch may be the same memory: it stays behind
+            end = _queue_low(queue, end, n, total, starts, places, tile, rec, order, lane)
+            least = wp.where(n + 4 * lane_count() < total, lane_count(), 1)
+            while end - head >= least:
+                found = _keep_touching(
+                    queue, head, end, counts, spots, found, rec, radius, lane, tiles, place, h, clock[s, 0], band,
+                    clock[s, 4], pressed, first,
+                )  # fmt: skip
+                head = wp.min(head + lane_count(), end)
+        if found > 0:
+            many = _number(starts, filled, counts, lane)
+            _note_starts(starts, pressed_start, first, b, lane)
+            turn = int(0)
+            if lane == 0:
+                turn = take_place(tally, TOUCHED)  # all blocks take one: needed only at the end, so that none waits
+                touching[b] = found
+                wp.atomic_add(contacts, s, found)
+            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+            _set_near_bases(bases, near_up, place, lane)
+            _clear(tile, real(0.0), lane)
+            for base in range(0, found, HELD):
+                if base > 0:
+                    _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
+                _add_shares(tile, spots, starts, filled, many, base, lane)
+            if ORDERED:
+                for t in range(lane, TILE, lane_count()):
+                    arenas[b * TILE + t] = node4(tile[t], real(0.0), real(0.0), real(0.0))
+            else:
+                for q in range(lane, PIECE, lane_count()):
+                    _give_shares(tile, shares, bases, q)
+            if lane == 0:
+                touched[turn, 0] = b
+                touched[turn, 1] = place

@@ -15,6 +15,7 @@ from runout.backends.hash.layout import (
     GROW,
     HALT,
     NEAR,
+    SLOT,
     Doubles,
     Doubles2,
     Halves,
@@ -103,13 +104,18 @@ def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, groun
             grounded[up[b, q]] = 1
 
 
-def number_marked(places: Ints, marks: Ints, counts: Ints, which: int):
-    """Place of each marked block, -1 for the others, and how many there are; ``places`` are sums over the blocks before."""
+def number_marked(places: Ints, marks: Ints, counts: Ints, which: int, blocks: Ints):
+    """Place of each marked block, -1 for the others, and how many there are; ``places`` are sums over the blocks before.
+
+    ``blocks`` are told the block at a place, as far as there is room.
+    """
     b = wp.tid()
     if b == 0:
         counts[which] = places[places.shape[0] - 1]
     if marks[b] != 0:
         marks[b] = places[b]
+        if places[b] < blocks.shape[0]:
+            blocks[places[b]] = b
     else:
         marks[b] = -1
 
@@ -118,6 +124,13 @@ def require_ground(counts: Ints, places: int, slots: int, flags: Ints):
     """Halt if there is no room for the surface under so many blocks, or for the impulses of so many."""
     if wp.tid() == 0 and (counts[NEAR] > places or counts[GROUNDED] > slots):
         flags[HALT] = GROW
+
+
+def note_shares(flags: Ints, standing: Ints, up: Table2, grounded: Ints, near_up: Table2):
+    """Where the numbers begin of the eight blocks that the tile of a block near the ground meets."""
+    place, q = wp.tid()
+    if flags[HALT] == 0 and standing[place] >= 0:
+        near_up[place, q] = grounded[up[standing[place], q]] * SLOT
 
 
 def keep_tiles(flags: Ints, cut: Rows, near: Ints, tiles: Rows):
@@ -179,12 +192,13 @@ class Ground:
             kernels.cut_tiles, (index.room, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
             index.coordinates, index.tally, self.spacing, cut,
         )  # fmt: skip
-        nodes.near.zero_(), nodes.grounded.zero_()
+        nodes.near.zero_(), nodes.grounded.zero_(), nodes.standing.fill_(-1)
         run(kernels.note_near, index.room, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
-        for marks, which in ((nodes.near, NEAR), (nodes.grounded, GROUNDED)):
+        for marks, which, blocks in ((nodes.near, NEAR, nodes.standing), (nodes.grounded, GROUNDED, wp.empty(0, dtype=wp.int32))):
             wp.copy(index.sums, marks, count=index.room)
             wp.utils.array_scan(index.sums, index.sums, inclusive=False)
-            run(kernels.number_marked, index.room, index.sums, marks, counts, which)
+            run(kernels.number_marked, index.room, index.sums, marks, counts, which, blocks)
         run(kernels.require_ground, 1, counts, nodes.places, nodes.slots, flags)
+        run(kernels.note_shares, (nodes.places, 8), flags, nodes.standing, index.up, nodes.grounded, nodes.near_up)
         run(kernels.keep_tiles, (index.room, 36), flags, cut, nodes.near, nodes.tiles)
         run(kernels.bound_columns, (nodes.places, 16), nodes.tiles, h, nodes.bounds)

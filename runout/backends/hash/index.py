@@ -283,8 +283,10 @@ class Index:
         Blocks that held particles at the last sort; where these start and end in memory.
     active : (room,) int32
         Blocks that hold particles; ``tally`` tells how many.
-    touched, touching : (room,) int32
-        Blocks that hold particles in contact; how many a block holds.
+    touched : (room, 2) int32
+        Blocks that hold particles in contact, and their places among those near the ground.
+    touching : (room,) int32
+        How many a block holds.
     board : Board
         Where the numbers of a step and of a sort are written; ``tally`` and ``entered`` are parts of it.
     former : (room, 3) int32
@@ -319,8 +321,9 @@ class Index:
         if former is not None:
             wp.copy(self.former[: len(former)], former)
         self.ends = self.cstart.flatten()
-        lists = (wp.zeros(blocks, dtype=wp.int32) for _ in range(5))
-        self.member, self.active, self.touched, self.touching, self.homes = lists
+        lists = (wp.zeros(blocks, dtype=wp.int32) for _ in range(4))
+        self.member, self.active, self.touching, self.homes = lists
+        self.touched = wp.zeros((blocks, 2), dtype=wp.int32)
         self.sums = wp.zeros(blocks + 1, dtype=wp.int32)
 
     def keep_former(self) -> None:

@@ -35,7 +35,10 @@ GENERAL_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
 # threads of a block and blocks that share a multiprocessor in single precision, which bounds the registers of each thread
-FLOAT32_BLOCKS = {"grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6), "solve_contacts": (WARP, 20)}
+FLOAT32_BLOCKS = {
+    "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
+    "find_contacts": (WARP, 28), "solve_contacts": (WARP, 20),
+}  # fmt: skip
 GENERAL_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 

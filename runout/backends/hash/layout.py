@@ -89,10 +89,15 @@ def run(kernel: Any, dim: int | tuple[int, int], *arguments: Any) -> None:
         wp.launch(kernel, dim=dim, inputs=list(arguments), block_dim=PARTICLE_LANES)
 
 
+def run_each(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
+    """Launch a kernel with ``lanes`` threads for each block on the device of the scope."""
+    if blocks:
+        wp.launch_tiled(kernel, dim=blocks, inputs=list(arguments), block_dim=lanes)
+
+
 def run_blocks(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
     """Launch a kernel with ``lanes`` threads for each block on the device of the scope; it is told the number of blocks."""
-    if blocks:
-        wp.launch_tiled(kernel, dim=blocks, inputs=[*arguments, blocks], block_dim=lanes)
+    run_each(kernel, blocks, lanes, *arguments, blocks)
 
 
 def room_for(blocks: int) -> int:

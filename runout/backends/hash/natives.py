@@ -294,12 +294,38 @@ def sum_lanes(value: wp.float64) -> wp.float64:  # type: ignore[valid-type, empt
     """Sum over the 32 lanes of a warp, for the first of them; on a CPU all lanes of a block are one warp."""
 
 
-@wp.func_native(SUM_LANES.replace("float64", "float32").replace("0.0", "0.0f"))
-def sum_reals32(value: wp.float32) -> wp.float32:  # type: ignore[valid-type, empty-body]
+# Each lane hands half of what it has to another that wants it: six exchanges for four sums, and they end in four lanes.
+BOOK_FOUR = """
+#if defined(__CUDA_ARCH__)
+    unsigned lane = threadIdx.x & 31;
+    bool upper = lane & 16, odd = lane & 8;
+    wp::float32 a = upper ? values[2] : values[0], c = upper ? values[3] : values[1];
+    a += __shfl_xor_sync(0xffffffffu, upper ? values[0] : values[2], 16);
+    c += __shfl_xor_sync(0xffffffffu, upper ? values[1] : values[3], 16);
+    wp::float32 sum = (odd ? c : a) + __shfl_xor_sync(0xffffffffu, odd ? a : c, 8);
+    for (int d = 4; d > 0; d >>= 1) sum += __shfl_xor_sync(0xffffffffu, sum, d);
+    if ((lane & 7) == 0)
+        asm volatile("red.relaxed.gpu.global.add.f64 [%0], %1;"
+                     :: "l"(&wp::index(rows, i, j + (int)(lane >> 3))), "d"((double)sum) : "memory");
+#else
+    for (int d = 0; d < 4; ++d) {
+        auto lanes = wp::tile<wp::float32>(values[d]);
+        auto sum = wp::tile_sum(lanes);
+        auto total = wp::tile_extract(sum, 0);  // all lanes meet here
+        if (WP_TILE_THREAD_IDX == 0) wp::index(rows, i, j + d) += wp::float64(total);
+    }
+#endif
+"""
+
+
+@wp.func_native(BOOK_FOUR)
+def book_four32(rows: wp.array2d(dtype=wp.float64), i: int, j: int, values: wp.vec4f):  # type: ignore[valid-type, no-untyped-def]
+    """Add the sums of four numbers over the lanes of a warp to numbers beside each other that no other thread adds to."""
+
+
+@wp.func_native(BOOK_FOUR.replace("float32", "float64"))
+def book_four64(rows: wp.array2d(dtype=wp.float64), i: int, j: int, values: wp.vec4d):  # type: ignore[valid-type, no-untyped-def]
     """The same."""
-
-
-sum_reals64 = sum_lanes
 
 
 # The largest of a warp first; numbers that are not negative have the order of their bits.
@@ -353,7 +379,7 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
-    names = "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "call_up", "sum_reals"
+    names = "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "call_up", "book_four"
     by_type = {name: globals()[f"{name}{precision[-2:]}"] for name in names}
     plain: tuple[Any, ...] = (count_in, next_four, take_place, book, add_marks, lane_count, own_block, own_lane)
     plain += (warp_lanes, sum_before, hits_before, sum_lanes)

@@ -28,6 +28,10 @@ class NodeArrays:
         pairs of its parts along x and y, and 64 upwards.
     near : (room,) int32
         Place in ``tiles`` of a block whose particles may touch the ground, -1 for the others.
+    standing : (places,) int32
+        The block at each of these places, -1 if it is free.
+    near_up : (places, 8) int32
+        Where in ``shares`` the eight blocks begin that its tile meets.
     tiles : (places, 36)
         Coefficients of the surface relative to the block's lowest node [cells].
     bounds : (places, 32) float16
@@ -65,6 +69,8 @@ class NodeArrays:
             self.places = places if exactly else more_room_for(places) if self.places > 0 else room_for(places)
             self.generation += 1
             self.tiles = wp.zeros((self.places, 36), dtype=self.number)
+            self.standing = wp.full(self.places, -1, dtype=wp.int32)
+            self.near_up = wp.zeros((self.places, 8), dtype=wp.int32)
             self.bounds = wp.zeros((self.places, 32), dtype=wp.float16)
         if slots > self.slots:
             self.slots = slots if exactly else more_room_for(slots) if self.slots > 0 else room_for(slots)

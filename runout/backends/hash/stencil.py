@@ -43,6 +43,14 @@ def _cell_entry(k: int):
     return (k >> 6) * (CELL_LANES + 1) + (k & 63) + 1
 
 
+def _scene_of(member: Ints, b: int, clock: Rows):
+    """Scene that a block belongs to; of one alone nothing is read."""
+    s = int(0)
+    if clock.shape[0] > 1:
+        s = member[b]
+    return s
+
+
 def _first_node(c: int):
     """Place in the tile of the first node of cell ``c`` of a block."""
     return (c >> 4) * 36 + ((c >> 2) & 3) * 6 + (c & 3)
@@ -55,11 +63,11 @@ def _set_bases(bases: Tile, up: Table2, b: int, lane: int):
         wp.tile_scatter_masked(bases, k & 7, up[b, k & 7] * 64, k < 8)
 
 
-def _set_grounded_bases(bases: Tile, grounded: Ints, up: Table2, b: int, lane: int):
-    """The same among the numbers near the ground."""
+def _set_near_bases(bases: Tile, near_up: Table2, place: int, lane: int):
+    """The same among the numbers near the ground, for the block at a place near it."""
     for q in range((8 + lane_count() - 1) // lane_count()):
         k = q * lane_count() + lane
-        wp.tile_scatter_masked(bases, k & 7, grounded[up[b, k & 7]] * SLOT, k < 8)
+        wp.tile_scatter_masked(bases, k & 7, near_up[place, k & 7], k < 8)
 
 
 def _node(bases: Tile, t: int):

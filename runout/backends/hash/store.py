@@ -48,7 +48,7 @@ class Store:
         What holds both: a sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1 back, and the
         radius to the place at the other end.
     release : (size,) int16
-        ``differ`` tells whether there is more than one.
+        ``only`` is its number where there is but one, else -1.
     stress : (6, size)
         Kirchhoff stress [Pa] while nodes take it, if the store is ``stressed``: with transfers whose records hold none.
     number : (size,) int32
@@ -61,7 +61,7 @@ class Store:
 
     def __init__(self, size: int, number: Any, stressed: bool = False):
         self.size = self.n = size
-        self.differ = True
+        self.only = -1
         self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self._take_turn(0)
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
@@ -74,7 +74,7 @@ class Store:
         A few rows at a time: together, the particles of many scenes are the largest thing on the host, and never lie there twice.
         """
         self.release.assign(release.astype(np.int16))
-        self.differ = bool((release != release[:1]).any())
+        self.only = -1 if (release != release[:1]).any() else int(release[0])
         with ThreadPoolExecutor(STAGED) as pool:
             for first in range(0, ROWS + 1, STAGED):
                 places = range(first, min(first + STAGED, ROWS + 1))
@@ -97,7 +97,7 @@ class Store:
             run(k.sort_cells, index.room * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
         self._sort_rows(k, flags, nodes.scratch(self.size, self.memory.dtype), totals)
         self._bring(k.gather_ints, k.bring_back_ints, flags, self.number, nodes, totals)
-        if self.differ:
+        if self.only < 0:
             self._bring(k.gather_shorts, k.bring_back_shorts, flags, self.release, nodes, totals)
         nodes.grid.zero_()
         run_blocks(
