@@ -129,6 +129,17 @@ def test_deterministic_run_repeats_its_bits(precision):
     np.testing.assert_array_equal(columns_a.mass, columns_b.mass)
 
 
+def test_release_that_alone_has_particles_takes_its_own_friction():
+    """Numbers of releases are read only where there are several; that of the only one need not be the first."""
+    surface, spacing = CASES["bowl"]
+    s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.1))
+    p = two_bodies(surface, spacing)
+    p.release[:] = 1
+    expected, found = (run(backend, s, p, 100, 2e-3) for backend in (get_backend("reference"), on_cpu()))
+    assert_same(expected, found, 1e-10, spacing)
+    assert found[1].contact_particles > 0
+
+
 def test_time_step_that_changes_gives_what_the_reference_gives():
     surface, spacing = CASES["bowl"]
     s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
