@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.error_cases.choice import REPEATED_BELOW, Outcome, Variation
-from pipelines.error_cases.curve import cost_at, fitted, front
+from pipelines.error_cases.curve import cost_at, fitted, on_front
 from pipelines.error_cases.presets import measured_presets
 from pipelines.error_cases.problems import FINEST_SMALL, PROBLEMS, Problem, on_terrain
 from pipelines.error_page import as_markdown, figure, rows
@@ -27,7 +27,7 @@ from runout.errors import ConfigError
 from runout.io.atomic import whole_file, write_json, write_text
 
 LOGGER = logging.getLogger("runout.work_precision")
-SCHEMA = 1
+SCHEMA = 2
 NAME = "work_precision"
 PRESETS_COARSER = 4.0  # cells of the presets in the small study over theirs
 COARSE = 2  # grids of a slow variation; one in the small study
@@ -148,10 +148,15 @@ def _solved(problem: Problem, full: bool, repeats: int, grids: int | None, progr
             progress((turn + (k + 1) / len(points)) / repeats)
             LOGGER.debug("%s, %s, grid %g: %s", problem.name, point.variation.name, point.grid, point.outcomes[-1])
     curves = {v.name: [p.described() for p in points if p.variation is v] for v in problem.variations()}
+    aside = {v.name: v.aside for v in problem.variations()}
+    best = on_front(curves, aside)
     return {
         **{name: getattr(problem, name) for name in ("name", "title", "error", "remark")},
         "jit_seconds": compiling,
-        "curves": [{"variation": name, "points": _marked(curve, curves), **_fit(curve)} for name, curve in curves.items()],
+        "curves": [
+            {"variation": name, "aside": aside[name], "points": _marked(curve, best[name]), **_fit(curve)}
+            for name, curve in curves.items()
+        ],
         "cost_at_equal_error": _ranked(curves),
     }
 
@@ -173,12 +178,11 @@ def _first(problem: Problem, points: Sequence[Point]) -> float:
     return seconds
 
 
-def _marked(curve: Sequence[Mapping[str, Any]], curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[dict[str, Any]]:
+def _marked(curve: Sequence[Mapping[str, Any]], best: Sequence[bool]) -> list[dict[str, Any]]:
     """The points of a curve with what the table shows: on the front or not by work, and DoE = -log10(error times seconds)."""
-    everything = [p for one in curves.values() for p in one]
-    best = front([p["particle_steps"] for p in everything], [p["error"] for p in everything])
-    on = {id(p) for p, is_best in zip(everything, best, strict=True) if is_best}
-    return [{**p, "front": id(p) in on, "doe": float(-np.log10(p["error"] * p["seconds"]))} for p in curve]
+    return [
+        {**p, "front": is_best, "doe": float(-np.log10(p["error"] * p["seconds"]))} for p, is_best in zip(curve, best, strict=True)
+    ]
 
 
 def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.error_cases.choice import PER_AXIS, REPEATED_BELOW
-from pipelines.error_cases.curve import Fit
+from pipelines.error_cases.curve import Fit, on_front
 from runout.accuracy import CFL, PARTICLES_PER_CELL
 from runout.release.sample import particles_per_axis
 
@@ -20,8 +20,9 @@ Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python};
 ({architecture}, vectors of {vector_bits} bits), with other work on them; seed {seed}.
 
 Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond {repeated:g} s). It is
-still that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front: no other point is both
-cheaper and more accurate. *hash* runs on the CPU here; no GPU was at hand, its throughput is in {{doc}}`gpu`.
+still that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front of a panel: no other
+point is both cheaper and more accurate; the table of all runs takes particle-steps for it.
+{aside}*hash* runs on the CPU here; no GPU was at hand, its throughput is in {{doc}}`gpu`.
 *Contact at nodes* is the usual scheme, a condition on nodes below the surface, on the reference backend: compare with *reference*.
 
 ## What each choice costs at equal error
@@ -69,6 +70,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
         defaults=" x ".join(map(str, particles_per_axis(PARTICLES_PER_CELL))),
         repeated=REPEATED_BELOW,
         ranking=rows(content),
+        aside=_aside(content),
         seed=content["seed"],
         **{name: versions[name] for name in ("commit", "runout", "numba", "numpy", "python")},
         **machine,
@@ -83,6 +85,15 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     parts.append("## All runs\n\nMemory: all arrays of the backend. DoE = -log10(error times processor time).\n")
     parts.append("\n".join(_points(content)) + "\n")
     return "\n".join(parts)
+
+
+def _aside(content: Mapping[str, Any]) -> str:
+    """A sentence on the choices that take no part in a front, if there are any."""
+    reasons = {c["variation"]: c["aside"] for p in content["problems"] for c in p["curves"] if c["aside"]}
+    if not reasons:
+        return ""
+    told = "; ".join(f"{name} ({reason})" for name, reason in reasons.items())
+    return f"Set aside, pale and without part in it, is what no run takes by default however cheap it is:\n{told}.\n"
 
 
 def figure(problem: Mapping[str, Any]) -> bytes:
@@ -123,12 +134,16 @@ def _label_decades(axis: Any) -> None:
 
 
 def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
+    """Curves over one number of their points, with rings by that number where it is a cost."""
+    curves = {c["variation"]: c["points"] for c in problem["curves"]}
+    rings = on_front(curves, {c["variation"]: c["aside"] for c in problem["curves"]}, key)
     for k, curve in enumerate(problem["curves"]):
         points = curve["points"]
         x, e = np.array([p[key] for p in points]), np.array([p["error"] for p in points])
         style = {"marker": "osD^vP*X"[k % 8], "color": f"C{k % 10}", "linestyle": ":" if k >= 10 else "-"}
-        axes.loglog(x, e, markersize=5, linewidth=1.0, label=curve["variation"], **style)
-        best = np.array([p["front"] for p in points])
+        label = curve["variation"] + " (set aside)" * bool(curve["aside"])
+        axes.loglog(x, e, markersize=5, linewidth=1.0, label=label, alpha=0.4 if curve["aside"] else 1.0, **style)
+        best = np.array(rings[curve["variation"]])
         if key == "cell" and curve["variation"] == "base" and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
             fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
             floor = f", floor {fit.floor:.1e}" if fit.floor else ""
@@ -184,7 +199,8 @@ def _points(content: Mapping[str, Any]) -> Iterator[str]:
                 numbers = (f"{p['cell']:.4g}", f"{p['particles']}", f"{p['steps']}", f"{p['blocks']}")
                 seconds = tuple(f"{p[key]:.2g}" for key in ("wall", "seconds", "setup"))
                 memory, value = _or_dash(p["bytes"] and 1e-6 * p["bytes"], ".2f"), _or_dash(p["value"], ".5g")
-                last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", "yes" if p["front"] else "")
+                on = "aside" if curve["aside"] else "yes" if p["front"] else ""
+                last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", on)
                 yield "| " + " | ".join((problem["name"], curve["variation"], *numbers, *seconds, *last)) + " |"
 
 

@@ -1,7 +1,8 @@
 """What errors over cell size and over time say: order, floor, and which choices nothing beats."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -50,6 +51,16 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[bool]:
     """Which points are on the Pareto front: no other is both at most as dear and at most as wrong, and better in one."""
     c, e = np.asarray(costs, float), np.asarray(errors, float)
     return [not bool(((c <= a) & (e <= b) & ((c < a) | (e < b))).any()) for a, b in zip(c, e, strict=True)]
+
+
+def on_front(
+    curves: Mapping[str, Sequence[Mapping[str, Any]]], aside: Mapping[str, str], cost: str = "particle_steps"
+) -> dict[str, list[bool]]:
+    """Which points of each curve are on the Pareto front of error over a cost; those set ``aside`` take no part."""
+    everything = [(name, k, p) for name, curve in curves.items() if not aside[name] for k, p in enumerate(curve)]
+    best = front([p[cost] for _, _, p in everything], [p["error"] for _, _, p in everything])
+    on = {(name, k) for (name, k, _), is_best in zip(everything, best, strict=True) if is_best}
+    return {name: [(name, k) in on for k in range(len(curve))] for name, curve in curves.items()}
 
 
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
