@@ -10,7 +10,6 @@ import warp as wp
 from runout.backends.hash.contact import _around
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
-    BLOCKS,
     GROUNDED,
     GROW,
     HALT,
@@ -56,15 +55,15 @@ def _north_south(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.flo
 
 
 def cut_tiles(
-    coefficients: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2, tally: Ints,
+    coefficients: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2, up: Table2,
     h: Doubles, tiles: Rows,
 ):  # fmt: skip
-    """Surface coefficients on the nodes of each block, relative to its lowest node [cells].
+    """Surface coefficients on the nodes of each block that may hold particles, relative to its lowest node [cells].
 
     The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells.
     """
     b, t = wp.tid()
-    if b >= tally[BLOCKS]:
+    if up[b, 0] < 0:
         return
     s = member[b]
     first = shapes[s, 0]
@@ -190,7 +189,7 @@ class Ground:
         cut, flags, counts = nodes.scratch((index.room, 36), nodes.number), index.board.flags, index.board.counts
         run(
             kernels.cut_tiles, (index.room, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
-            index.coordinates, index.tally, self.spacing, cut,
+            index.coordinates, index.up, self.spacing, cut,
         )  # fmt: skip
         nodes.near.zero_(), nodes.grounded.zero_(), nodes.standing.fill_(-1)
         run(kernels.note_near, index.room, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
