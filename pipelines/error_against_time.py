@@ -27,7 +27,7 @@ from runout.errors import ConfigError
 from runout.io.atomic import whole_file, write_json, write_text
 
 LOGGER = logging.getLogger("runout.work_precision")
-SCHEMA = 2
+SCHEMA = 1
 NAME = "work_precision"
 PRESETS_COARSER = 4.0  # cells of the presets in the small study over theirs
 COARSE = 2  # grids of a slow variation; one in the small study
@@ -148,15 +148,11 @@ def _solved(problem: Problem, full: bool, repeats: int, grids: int | None, progr
             progress((turn + (k + 1) / len(points)) / repeats)
             LOGGER.debug("%s, %s, grid %g: %s", problem.name, point.variation.name, point.grid, point.outcomes[-1])
     curves = {v.name: [p.described() for p in points if p.variation is v] for v in problem.variations()}
-    aside = {v.name: v.aside for v in problem.variations()}
-    best = on_front(curves, aside)
+    best = on_front(curves)
     return {
         **{name: getattr(problem, name) for name in ("name", "title", "error", "remark")},
         "jit_seconds": compiling,
-        "curves": [
-            {"variation": name, "aside": aside[name], "points": _marked(curve, best[name]), **_fit(curve)}
-            for name, curve in curves.items()
-        ],
+        "curves": [{"variation": name, "points": _marked(curve, best[name]), **_fit(curve)} for name, curve in curves.items()],
         "cost_at_equal_error": _ranked(curves),
     }
 

@@ -22,7 +22,7 @@ Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python};
 Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond {repeated:g} s). It is
 still that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front of a panel: no other
 point is both cheaper and more accurate; the table of all runs takes particle-steps for it.
-{aside}*hash* runs on the CPU here; no GPU was at hand, its throughput is in {{doc}}`gpu`.
+*hash* runs on the CPU here; no GPU was at hand, its throughput is in {{doc}}`gpu`.
 *Contact at nodes* is the usual scheme, a condition on nodes below the surface, on the reference backend: compare with *reference*.
 
 ## What each choice costs at equal error
@@ -70,7 +70,6 @@ def as_markdown(content: Mapping[str, Any]) -> str:
         defaults=" x ".join(map(str, particles_per_axis(PARTICLES_PER_CELL))),
         repeated=REPEATED_BELOW,
         ranking=rows(content),
-        aside=_aside(content),
         seed=content["seed"],
         **{name: versions[name] for name in ("commit", "runout", "numba", "numpy", "python")},
         **machine,
@@ -85,15 +84,6 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     parts.append("## All runs\n\nMemory: all arrays of the backend. DoE = -log10(error times processor time).\n")
     parts.append("\n".join(_points(content)) + "\n")
     return "\n".join(parts)
-
-
-def _aside(content: Mapping[str, Any]) -> str:
-    """A sentence on the choices that take no part in a front, if there are any."""
-    reasons = {c["variation"]: c["aside"] for p in content["problems"] for c in p["curves"] if c["aside"]}
-    if not reasons:
-        return ""
-    told = "; ".join(f"{name} ({reason})" for name, reason in reasons.items())
-    return f"Set aside, pale and without part in it, is what no run takes by default however cheap it is:\n{told}.\n"
 
 
 def figure(problem: Mapping[str, Any]) -> bytes:
@@ -135,14 +125,12 @@ def _label_decades(axis: Any) -> None:
 
 def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
     """Curves over one number of their points, with rings by that number where it is a cost."""
-    curves = {c["variation"]: c["points"] for c in problem["curves"]}
-    rings = on_front(curves, {c["variation"]: c["aside"] for c in problem["curves"]}, key)
+    rings = on_front({c["variation"]: c["points"] for c in problem["curves"]}, key)
     for k, curve in enumerate(problem["curves"]):
         points = curve["points"]
         x, e = np.array([p[key] for p in points]), np.array([p["error"] for p in points])
         style = {"marker": "osD^vP*X"[k % 8], "color": f"C{k % 10}", "linestyle": ":" if k >= 10 else "-"}
-        label = curve["variation"] + " (set aside)" * bool(curve["aside"])
-        axes.loglog(x, e, markersize=5, linewidth=1.0, label=label, alpha=0.4 if curve["aside"] else 1.0, **style)
+        axes.loglog(x, e, markersize=5, linewidth=1.0, label=curve["variation"], **style)
         best = np.array(rings[curve["variation"]])
         if key == "cell" and curve["variation"] == "base" and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
             fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
@@ -199,8 +187,7 @@ def _points(content: Mapping[str, Any]) -> Iterator[str]:
                 numbers = (f"{p['cell']:.4g}", f"{p['particles']}", f"{p['steps']}", f"{p['blocks']}")
                 seconds = tuple(f"{p[key]:.2g}" for key in ("wall", "seconds", "setup"))
                 memory, value = _or_dash(p["bytes"] and 1e-6 * p["bytes"], ".2f"), _or_dash(p["value"], ".5g")
-                on = "aside" if curve["aside"] else "yes" if p["front"] else ""
-                last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", on)
+                last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", "yes" if p["front"] else "")
                 yield "| " + " | ".join((problem["name"], curve["variation"], *numbers, *seconds, *last)) + " |"
 
 

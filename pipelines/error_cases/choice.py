@@ -42,8 +42,6 @@ class Variation:
         Left out on all but the two coarsest grids.
     only_on : tuple of str
         Names of the problems that it is measured on; all when empty.
-    aside : str
-        Why no run takes it by default, however cheap it is: it takes no part in a Pareto front. Else empty.
     """
 
     name: str
@@ -54,7 +52,6 @@ class Variation:
     backend: str = "scan"
     slow: bool = False
     only_on: tuple[str, ...] = ()
-    aside: str = ""
 
     @property
     def particles(self) -> tuple[int, int, int]:
@@ -70,10 +67,10 @@ VARIATIONS = (
     Variation("1 particle per axis", per_axis=1),
     Variation("3 particles per axis", per_axis=3),
     Variation("2 x 2 x 4 particles", upwards=4, only_on=FLOWS),
-    Variation("1 x 1 x 8 particles", per_axis=1, upwards=8, only_on=FLOWS, aside="holes in maps of fine rasters, decision 34"),
+    Variation("1 x 1 x 8 particles", per_axis=1, upwards=8, only_on=FLOWS),
     Variation("CFL 0.2", scene={"cfl": 0.2}),
     Variation("CFL 0.4", scene={"cfl": 0.4}),
-    Variation("CFL 0.6", scene={"cfl": 0.6}, aside="breaks lone particles of stiff material, decision 29"),
+    Variation("CFL 0.6", scene={"cfl": 0.6}),
     Variation("transfer apic", scene={"transfer": "apic"}),
     Variation("transfer aflip", scene={"transfer": "aflip"}),
     Variation("F-bar", scene={"f_bar": True}),

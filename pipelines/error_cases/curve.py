@@ -53,14 +53,11 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[bool]:
     return [not bool(((c <= a) & (e <= b) & ((c < a) | (e < b))).any()) for a, b in zip(c, e, strict=True)]
 
 
-def on_front(
-    curves: Mapping[str, Sequence[Mapping[str, Any]]], aside: Mapping[str, str], cost: str = "particle_steps"
-) -> dict[str, list[bool]]:
-    """Which points of each curve are on the Pareto front of error over a cost; those set ``aside`` take no part."""
-    everything = [(name, k, p) for name, curve in curves.items() if not aside[name] for k, p in enumerate(curve)]
-    best = front([p[cost] for _, _, p in everything], [p["error"] for _, _, p in everything])
-    on = {(name, k) for (name, k, _), is_best in zip(everything, best, strict=True) if is_best}
-    return {name: [(name, k) in on for k in range(len(curve))] for name, curve in curves.items()}
+def on_front(curves: Mapping[str, Sequence[Mapping[str, Any]]], cost: str = "particle_steps") -> dict[str, list[bool]]:
+    """Which points of each curve are on the Pareto front of error over a cost, among those of all curves."""
+    everything = [p for curve in curves.values() for p in curve]
+    best = iter(front([p[cost] for p in everything], [p["error"] for p in everything]))
+    return {name: [next(best) for _ in curve] for name, curve in curves.items()}
 
 
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:

@@ -1,8 +1,6 @@
 """Error against time: what curves say, that every choice reaches the run, and the page; nothing depends on a clock."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +16,8 @@ from pipelines.verification_cases import spreading_cap
 from pipelines.verification_cases.bodies import free_scene, lattice, particles_at
 from pipelines.verification_cases.sliding_box import BOX
 from runout import cli
-from runout.accuracy import PARTICLES_PER_CELL, SOURCE
 from runout.errors import ExitCode
 from runout.model.surface import Surface
-from runout.release.sample import particles_per_axis
 
 CELLS = np.array([1.0, 0.5, 0.25, 0.125, 0.0625])
 
@@ -94,23 +90,11 @@ def test_curves_say_order_cost_and_front(content):
     assert 0 < sum(p["front"] for p in points) < len(points)
 
 
-def test_what_no_run_takes_by_default_competes_for_no_front():
-    point = {"particle_steps": 1.0, "error": 0.1}
-    curves = {"base": [point, {**point, "error": 0.2}], "cheap": [{**point, "particle_steps": 0.5}]}
-    assert on_front(curves, {"base": "", "cheap": ""}) == {"base": [False, False], "cheap": [True]}
-    assert on_front(curves, {"base": "", "cheap": "breaks"}) == {"base": [True, False], "cheap": [False]}
-
-
-@pytest.mark.parametrize("problem", ["F3", "terrain"])
-def test_default_particles_lie_on_the_front_of_the_recorded_study(problem):
-    """In flows on terrain, which the tool is for; by work on every grid."""
-    record = json.loads((Path(__file__).parents[2] / SOURCE).read_text())
-    curves = next(p["curves"] for p in record["problems"] if p["name"] == problem)
-    chosen = " x ".join(map(str, particles_per_axis(PARTICLES_PER_CELL))) + " particles"
-    default = next(c for c in curves if c["variation"] == chosen)
-    assert not default["aside"]
-    assert all(p["front"] for p in default["points"])
-    assert {c["variation"]: c["aside"] for c in curves}.items() <= {v.name: v.aside for v in VARIATIONS}.items()
+def test_front_of_curves_depends_on_the_cost_that_is_looked_at():
+    quick, light = {"seconds": 1.0, "particle_steps": 2.0, "error": 0.1}, {"seconds": 2.0, "particle_steps": 1.0, "error": 0.1}
+    curves = {"a": [quick, {**quick, "error": 0.2}], "b": [light]}
+    assert on_front(curves) == {"a": [False, False], "b": [True]}
+    assert on_front(curves, "seconds") == {"a": [True, False], "b": [False]}
 
 
 def test_a_problem_without_error_on_a_rigid_path_is_solved_with_any_number_of_particles():
