@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.choice import REPEATED_BELOW, Outcome, Variation
+from pipelines.error_cases.choice import BASE, REPEATED_BELOW, Outcome, Variation
 from pipelines.error_cases.curve import cost_at, fitted, on_front
-from pipelines.error_cases.presets import measured_presets
+from pipelines.error_cases.presets import at_hand, measured_presets
 from pipelines.error_cases.problems import FINEST_SMALL, PROBLEMS, Problem, on_terrain
 from pipelines.error_page import as_markdown, figure, rows
 from pipelines.grid_index import GridIndex
@@ -86,6 +86,7 @@ def measured(
     if measured_surface() is None and any(problem.name == "F5" for problem in chosen):
         LOGGER.warning("F5 is left out: RUNOUT_DATA names no folder with the digitised experiment")
         chosen = [problem for problem in chosen if problem.name != "F5"]
+    chosen = [problem for problem in chosen if at_hand(problem.site)]
     done, code = [], versions()
     for k, problem in enumerate(chosen):
         started = time.perf_counter()
@@ -129,8 +130,8 @@ def _named(name: str) -> Problem:
 
 def _sized(problem: Problem, full: bool) -> Problem:
     """The problem with the reference that belongs to its size."""
-    small_terrain = problem.name == "terrain" and not full
-    return replace(problem, measure=on_terrain(FINEST_SMALL)) if small_terrain else problem
+    small_terrain = problem.site and not full
+    return replace(problem, measure=on_terrain(FINEST_SMALL, problem.site)) if small_terrain else problem
 
 
 def _solved(problem: Problem, full: bool, repeats: int, grids: int | None, progress: Callable[[float], None]) -> dict[str, Any]:
@@ -192,8 +193,8 @@ def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
-    """Work and time of every variation over those of the base at the errors that it reaches; geometric means."""
-    base, found = curves["base"], {}
+    """Work and time of every variation over those of the defaults at the errors that they reach; geometric means."""
+    base, found = curves[BASE.name], {}
     for name, curve in curves.items():
         ratios: dict[str, list[float]] = {}
         for cost in ("particle_steps", "seconds"):

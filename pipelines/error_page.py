@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.choice import PER_AXIS, REPEATED_BELOW
+from pipelines.error_cases.choice import BASE, REPEATED_BELOW
 from pipelines.error_cases.curve import Fit, on_front
 from runout.accuracy import CFL, PARTICLES_PER_CELL
-from runout.release.sample import particles_per_axis
 
 OPENING = """# Error against time
 
 Written by `runout bench --error{full} --out docs/benchmarks`; do not edit. Problems with a known answer, on finer and finer
-grids; a curve is what one change from a base ({base})
-makes of them; the defaults of `runout.simulate` are the base with {defaults} particles.
+grids; a curve is what one change from the defaults of `runout.simulate` ({base})
+makes of them.
 Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
 ({architecture}, vectors of {vector_bits} bits), with other work on them; seed {seed}.
 
@@ -27,9 +26,9 @@ point is both cheaper and more accurate; the table of all runs takes particle-st
 
 ## What each choice costs at equal error
 
-Cost over that of the base at the errors that it reaches, between grids by power laws; geometric means,
-particle-steps (processor time). Less than one: cheaper than the base. A dash: never as accurate as its coarsest grid,
-or always better than its finest.
+Cost over that of the defaults at the errors that they reach, between grids by power laws; geometric means,
+particle-steps (processor time). Less than one: cheaper than the defaults. A dash: never as accurate as their coarsest grid,
+or always better than their finest.
 
 {ranking}
 """
@@ -66,8 +65,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     versions, machine = content["versions"], content["machine"]
     text = OPENING.format(
         full=" --full" if content["full"] else "",
-        base=f"{PER_AXIS**3} particles per cell, CFL {CFL:g}, float32, backend scan",
-        defaults=" x ".join(map(str, particles_per_axis(PARTICLES_PER_CELL))),
+        base=f"{PARTICLES_PER_CELL} particles per cell, CFL {CFL:g}, float32, backend scan",
         repeated=REPEATED_BELOW,
         ranking=rows(content),
         seed=content["seed"],
@@ -132,7 +130,7 @@ def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
         style = {"marker": "osD^vP*X"[k % 8], "color": f"C{k % 10}", "linestyle": ":" if k >= 10 else "-"}
         axes.loglog(x, e, markersize=5, linewidth=1.0, label=curve["variation"], **style)
         best = np.array(rings[curve["variation"]])
-        if key == "cell" and curve["variation"] == "base" and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
+        if key == "cell" and curve["variation"] == BASE.name and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
             fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
             floor = f", floor {fit.floor:.1e}" if fit.floor else ""
             axes.loglog(fine, [fit.at(c) for c in fine], "--", color="0.4", label=f"order {fit.order:.2f}{floor}")

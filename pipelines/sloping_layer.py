@@ -9,6 +9,7 @@ from runout.model.materials import DruckerPrager
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.surface import Surface
+from runout.release import stagger
 
 SPACING = 2.0  # [m]
 PER_CELL = 2  # particles of a cell along an axis
@@ -58,7 +59,7 @@ class Layer:
         return round((self.sparsity - 1.0) * self.columns[1])
 
     def build(self, seed: int = 0) -> tuple[Scene, Particles]:
-        """Scene and particles; seeded positions within their share of a cell, stressed by the weight above."""
+        """Scene and particles; seeded positions in plan within their share of a cell, stressed by the weight above."""
         raster = Raster(self.columns[1] + self.gap + 2 * MARGIN, self.columns[0] + 2 * MARGIN, (SPACING, SPACING))
         surface = self._plane(raster)
         particles = self._particles(surface, np.random.default_rng(seed))
@@ -79,15 +80,16 @@ class Layer:
         per_cell = np.array([PER_CELL, PER_CELL, self.upwards])
         own = SPACING / per_cell
         counts = (per_cell * (*self.columns, self.depth)).tolist()
-        q = np.stack(np.unravel_index(np.arange(math.prod(counts)), counts), axis=1) + rng.uniform(0.0, 1.0, (math.prod(counts), 3))
+        index = np.stack(np.unravel_index(np.arange(math.prod(counts)), counts), axis=1)
+        q = index + np.column_stack([rng.uniform(0.0, 1.0, (len(index), 2)), stagger.shares(index[:, :2])])
         q[:, 1] += np.where(q[:, 1] >= counts[1] / 2, self.gap * PER_CELL, 0)
-        x = q * own + np.array([MARGIN * SPACING, MARGIN * SPACING, own[2] / 4])
+        x = q * own + np.array([MARGIN * SPACING, MARGIN * SPACING, 0.0])
         above = self.depth * SPACING - q[:, 2] * own[2]
         x[:, 2] += surface.elevation(x[:, 0], x[:, 1])
         p = Particles.at(x, np.full(3, SPACING))
         p.volume[:] = own.prod()
         p.mass[:] = SAND.density * own.prod()
-        p.radius[:] = own[2] / 2
+        p.radius[:] = stagger.half_size(own[2])
         stiffness = SAND.lame_lambda + 2 * SAND.shear_modulus
         p.strain[:, 2] = np.expm1(-2 * SAND.density * STANDARD_GRAVITY * above / stiffness)
         down = np.array([1.0, 0.0, 0.0]) if self.aligned else np.array([math.cos(SLOPE), 0.0, -math.sin(SLOPE)])

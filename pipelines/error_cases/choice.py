@@ -16,14 +16,14 @@ from runout.model.scene import Scene
 
 CHUNK = 10  # steps of one length
 NODES = "nodes"  # the reference backend with the usual contact
-PER_AXIS = 2  # particles along each axis of a cell in the base
+PER_AXIS = 2  # particles along each axis of a cell, by default
 REPEATED_BELOW = 2.0  # [s] of processor time; longer runs are made once
 BOUNDLESS = 10**6  # [cells] of a direction that does not repeat
 
 
 @dataclass(frozen=True)
 class Variation:
-    """One change from a base: the defaults of ``runout.simulate`` but for :data:`PER_AXIS` particles along every axis of a cell.
+    """One change from the defaults of ``runout.simulate``.
 
     Attributes
     ----------
@@ -59,23 +59,26 @@ class Variation:
         return self.per_axis, self.per_axis, self.upwards or self.per_axis
 
 
-BASE = Variation("base")
+BASE = Variation("defaults")
 ELASTIC = ("U9", "T1", "T5")  # U7 is a matter of the reference backend alone
-FLOWS = ("F3", "F5", "terrain")
+TERRAIN = ("terrain", "fine_terrain")
+FLOWS = ("F3", "F5", *TERRAIN)
 VARIATIONS = (
     BASE,
     Variation("1 particle per axis", per_axis=1),
     Variation("3 particles per axis", per_axis=3),
+    Variation("2 x 2 x 1 particles", upwards=1, only_on=FLOWS),
     Variation("2 x 2 x 4 particles", upwards=4, only_on=FLOWS),
+    Variation("3 x 3 x 1 particles", per_axis=3, upwards=1, only_on=FLOWS),
     Variation("1 x 1 x 8 particles", per_axis=1, upwards=8, only_on=FLOWS),
     Variation("CFL 0.2", scene={"cfl": 0.2}),
     Variation("CFL 0.4", scene={"cfl": 0.4}),
-    Variation("CFL 0.6", scene={"cfl": 0.6}),
+    Variation("CFL 0.5", scene={"cfl": 0.5}),
     Variation("transfer apic", scene={"transfer": "apic"}),
     Variation("transfer aflip", scene={"transfer": "aflip"}),
     Variation("F-bar", scene={"f_bar": True}),
     Variation("float64", scene={"precision": "float64"}, only_on=(*ELASTIC, *FLOWS)),
-    Variation("cells half as high", arguments={"flat": 2.0}, only_on=("terrain",)),
+    Variation("cells half as high", arguments={"flat": 2.0}, only_on=TERRAIN),
     Variation("cells a quarter as high", arguments={"flat": 4.0}, only_on=("terrain",), slow=True),
     Variation("hash on the CPU", backend="hash", slow=True, only_on=("T1", "T5", "terrain")),
     Variation("reference", scene={"precision": "float64"}, backend="reference", slow=True, only_on=ELASTIC),

@@ -21,7 +21,7 @@ from runout.result import Result
 from runout.simulation import simulate
 
 SITES = Path(__file__).parents[2] / "sites"
-SITE = "jacksboro"
+SITE, FINE_SITE = "jacksboro", "frank_slide"
 FLOW_TIME, BASAL_ANGLE = 60.0, 15.0  # [s], [deg] of the flow on real terrain
 MAP = "max_flow_thickness"
 RODS_TIME = 0.7  # [s], when the rods are at rest
@@ -48,10 +48,9 @@ def rods(cells: int, v: Variation) -> Outcome:
     wide, (along, _, up) = 1.2, v.particles
     h = column_collapse.HEIGHT / cells
     scene = flow.level_scene(h, (wide, 0.0), column_collapse.RODS, column_collapse.NO_SLIP)
-    plane = flow.rectangle(2 * column_collapse.LENGTH, column_collapse.HEIGHT, h, wide / 2 - column_collapse.LENGTH, along, up)
-    p = flow.slice_of(plane, h**3 / (along * up), scene)
-    p.radius[:] = h / (2 * up)
-    flow.press(p, np.tile(column_collapse.HEIGHT - plane[:, 1], flow.ACROSS), scene, column_collapse.AT_REST)
+    places = wide / 2 + (np.arange(round(2 * column_collapse.LENGTH * along / h)) + 0.5) * h / along - column_collapse.LENGTH
+    p, depth = flow.staggered(places, np.full(len(places), column_collapse.HEIGHT), h / along, h / up, scene)
+    flow.press(p, depth, scene, column_collapse.AT_REST)
     march = March(scene, p, v, SLICE)
     march.until(RODS_TIME)
     x, found = columns(scene) - wide / 2, march.engine.columns().volume[0] / (flow.ACROSS * h**2)
@@ -99,10 +98,10 @@ def runout_of(result: Result, site: str = SITE) -> float:
     return quantities(result, site_arguments(site)["release"], ())["f99"]
 
 
-def terrain(cell: float, v: Variation, reference: tuple[str, float]) -> Outcome:
+def terrain(cell: float, v: Variation, reference: tuple[str, float], site: str = SITE) -> Outcome:
     """Relative L1 of the map of flow thickness against that of a preset (:func:`at_preset`); value: run-out of 99 % [m]."""
-    result, seconds, wall = flowed(cell, v)
-    error, front = distance(result, at_preset(*reference)[0]), runout_of(result)
+    result, seconds, wall = flowed(cell, v, site)
+    error, front = distance(result, at_preset(*reference, site)[0]), runout_of(result, site)
     series, setup = result.series, result.timing["setup"]
     work = (result.n_particles, result.steps, result.n_particles * result.steps, int(np.max(series["active_blocks"])))
     return Outcome(error, front, *work, seconds, wall - setup, setup, float("nan"))

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.flows import SITE, at_preset, distance, runout_of
+from pipelines.error_cases.flows import FINE_SITE, SITE, at_preset, distance, runout_of
 from pipelines.grid_index import HIGHEST_ORDER, LOWEST_ORDER, SAFETY
 from runout.accuracy import PRESETS
 from runout.config.fetch import DATA_FOLDER
 
 LOGGER = logging.getLogger("runout.work_precision")
-SECOND, RASTERS = "frank_slide", "frank_slide_1903"  # another site, and where below RUNOUT_DATA its rasters lie
+RASTERS = "frank_slide_1903"  # where below RUNOUT_DATA those of the second site lie
 HALF = 0.5  # cells of the run that errors are measured from over those of the finest preset; the two before differ as much
 
 
@@ -35,10 +35,15 @@ def measured_presets(coarser: float = 1.0) -> list[dict[str, Any]]:
     Errors: distance from the finest with half its cells plus what that has left. ``coarser`` makes the cells of all larger, for a
     small study.
     """
-    if (Path(os.environ.get(DATA_FOLDER) or os.devnull) / RASTERS).is_dir():
-        return [*_on_site(SITE, coarser), *_on_site(SECOND, coarser)]
-    LOGGER.warning("presets on %s are left out: %s names no folder with its rasters", SECOND, DATA_FOLDER)
-    return _on_site(SITE, coarser)
+    return [row for site in (SITE, FINE_SITE) if at_hand(site) for row in _on_site(site, coarser)]
+
+
+def at_hand(site: str) -> bool:
+    """Whether the rasters of a site are; a warning if not."""
+    if site != FINE_SITE or (Path(os.environ.get(DATA_FOLDER) or os.devnull) / RASTERS).is_dir():
+        return True
+    LOGGER.warning("%s is left out: %s names no folder with its rasters", site, DATA_FOLDER)
+    return False
 
 
 def _on_site(site: str, coarser: float) -> list[dict[str, Any]]:

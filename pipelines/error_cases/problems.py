@@ -26,6 +26,8 @@ class Problem:
     measure : callable
         Outcome on one grid with one variation.
     remark : str
+    site : str
+        Of a flow on real terrain.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Problem:
     full: tuple[float, ...]
     measure: Measure
     remark: str = ""
+    site: str = ""
 
     def cell(self, grid: float) -> float:
         """Size of a cell [m]."""
@@ -46,9 +49,9 @@ class Problem:
         return [v for v in VARIATIONS if selectable(v) and (not v.only_on or self.name in v.only_on)]
 
 
-def on_terrain(reference: tuple[str, float]) -> Measure:
+def on_terrain(reference: tuple[str, float], site: str = flows.SITE) -> Measure:
     """:func:`flows.terrain` against a preset and how much coarser it is."""
-    return lambda cell, v: flows.terrain(cell, v, reference)
+    return lambda cell, v: flows.terrain(cell, v, reference, site)
 
 
 PROBLEMS: dict[str, Problem] = {
@@ -123,6 +126,18 @@ PROBLEMS: dict[str, Problem] = {
             measure=on_terrain(FINEST),
             remark="Against the preset high with cells half as wide: what is common to that run and another one does not "
             "show. Whole simulations with observers; the DEM has cells of 83 m.",
+            site=flows.SITE,
+        ),
+        Problem(
+            name="fine_terrain",
+            title="frank_slide, 60 s",
+            error="map of flow thickness, relative L1",
+            length=0.0,
+            small=(113.0, 80.0),
+            full=(56.6, 40.0, 28.3),
+            measure=on_terrain(FINEST, flows.FINE_SITE),
+            remark="As before; the DEM has cells of 20 m, finer than those of the runs.",
+            site=flows.FINE_SITE,
         ),
     )
 }

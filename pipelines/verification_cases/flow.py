@@ -17,6 +17,7 @@ from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
+from runout.release import stagger
 
 ACROSS = 4  # cells of a slice: the shortest period
 CHUNK = 10  # steps of one length
@@ -89,13 +90,38 @@ def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Par
     return p
 
 
-def rectangle(length: float, height: float, spacing: float, start: float = 0.0, per_axis: int = 2, upwards: int = 0) -> np.ndarray:
-    """Places (n, 2) [m] of particles in a rectangle that begins at ``start`` [m].
+def staggered(along: np.ndarray, thickness: np.ndarray, width: float, layer: float, scene: Scene) -> tuple[Particles, np.ndarray]:
+    """A slice as releases are filled (:func:`layers`), and how deep below the surface its particles lie (n,) [m].
 
-    A cell has ``per_axis`` of them along each axis, or ``upwards`` above each other if that is not zero.
+    ``along`` (n,) [m]: columns of a ``width`` [m] along the floor, filled up to ``thickness`` (n,) [m] in layers of ``layer`` [m].
     """
-    sides = (length, spacing / per_axis), (height, spacing / (upwards or per_axis))
-    x, z = (np.arange(round(s / d)) * d + d / 2 for s, d in sides)
+    h, columns = scene.spacing[0], len(along)
+    index = np.stack(np.meshgrid(np.arange(ACROSS), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)[:, ::-1]
+    column, above, height = layers(index, np.tile(thickness, ACROSS), layer)
+    across = (index[column, 1] + 1.0) * h  # on nodes, as in slice_of
+    place = np.column_stack([along[index[column, 0]], across, BASE * scene.spacing[2] + above])
+    p = filled(place, scene.spacing, scene.materials[0].density, 1.0)
+    p.volume *= width * h * height
+    p.mass *= width * h * height
+    p.radius[:] = stagger.half_size(height)
+    return p, np.tile(thickness, ACROSS)[column] - above
+
+
+def layers(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which column (n,), height above the floor [m] and own height [m] of particles, in layers of about ``layer`` [m].
+
+    ``index`` (m, 2) of columns of a ``thickness`` (m,) [m]; particles lie in them as in releases (``runout.release.sample``).
+    """
+    count = np.maximum(1, np.floor(thickness / layer + 0.5 + 1e-9)).astype(int)
+    column = np.repeat(np.arange(len(thickness)), count)
+    row = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    height = (thickness / count)[column]
+    return column, (row + stagger.shares(index)[column]) * height, height
+
+
+def rectangle(length: float, height: float, spacing: float, start: float = 0.0) -> np.ndarray:
+    """Places (n, 2) [m] of particles in a rectangle that begins at ``start`` [m], two of a cell along each axis."""
+    x, z = (np.arange(round(2 * s / spacing)) * spacing / 2 + spacing / 4 for s in (length, height))
     return np.stack(np.meshgrid(start + x, z, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
@@ -110,14 +136,22 @@ def press(p: Particles, depth: np.ndarray, scene: Scene, at_rest: float = 1.0) -
 
 
 def run(
-    scene: Scene, particles: Particles, times: Sequence[float], samples: int = 40, threads: int = 1, along: int = 0
+    scene: Scene,
+    particles: Particles,
+    times: Sequence[float],
+    samples: int = 40,
+    threads: int = 1,
+    along: int = 0,
+    alike: bool = True,
 ) -> list[Frame]:
     """The flow at ``times`` [s]; a scene as wide as a slice repeats across, and ``along`` [cells] if that is not zero.
 
+    The layers of a slice are ``alike``, unless it was :func:`staggered`.
+
     ``samples`` steps, spread evenly, are taken by the reference backend too, which counts what the transfers lose.
     """
-    engine, shadow = get_backend("scan", threads=threads, index="dense"), _Shadow(scene, along)
-    engine.period = (along, ACROSS * shadow.sliced, 0)  # type: ignore[attr-defined]
+    engine, shadow = get_backend("scan", threads=threads, index="dense"), _Shadow(scene, along, alike)
+    engine.period = (along, ACROSS * (scene.raster.rows == 1), 0)  # type: ignore[attr-defined]
     engine.load(scene, particles)
     start, now, frames, done, dt = engine.ledger(), 0.0, list[Frame](), 0, 0.0
     for end in times:
@@ -139,10 +173,11 @@ def run(
 class _Shadow:
     """What transfers and ground take that no ledger books: from single steps of the reference backend."""
 
-    def __init__(self, scene: Scene, along: int):
+    def __init__(self, scene: Scene, along: int, alike: bool):
         self.scene = scene
         self.sliced = scene.raster.rows == 1
-        self.losses = TransferLoss((along, int(self.sliced), 0))
+        self.layers = ACROSS if self.sliced and alike else 1  # of which one is looked at
+        self.losses = TransferLoss((along, ACROSS // self.layers * self.sliced, 0))
         self.taken, self.time, self.lost, self.rates = 0, 0.0, np.zeros(2), np.zeros(2)
 
     def layer(self, p: Particles) -> Particles:
@@ -151,7 +186,8 @@ class _Shadow:
 
     def look(self, p: Particles, now: float, dt: float) -> None:
         """Take a step of ``dt`` [s] at time ``now`` [s] from particles ``p``."""
-        rates = np.array(self.losses.rates(self.scene, self.layer(p), dt)) * (ACROSS if self.sliced else 1)
+        seen = p if self.layers == 1 else self.layer(p)
+        rates = np.array(self.losses.rates(self.scene, seen, dt)) * self.layers
         self.lost += (now - self.time) * 0.5 * (rates + self.rates)
         self.taken, self.time, self.rates = self.taken + 1, now, rates
 

@@ -13,6 +13,7 @@ from pipelines.verification_cases.shallow_water import SpreadingCap, earth_press
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.model.surface import Surface
+from runout.release import stagger
 
 HEIGHT = 4.0  # [m] of the cap
 SLOPE, BED, END = 35.0, 25.0, 5.0  # [deg], [deg], [s]
@@ -60,14 +61,6 @@ class Lean:
         return x * c - (z - self.floor) * s - START
 
 
-def layers(spacing: float, thickness: np.ndarray, per_axis: int = 2) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which column (n,), height above the floor [m] and share of the column [1] of particles, ``per_axis`` in a cell's height."""
-    count = np.maximum(1, np.round(per_axis * thickness / spacing)).astype(int)
-    column = np.repeat(np.arange(len(thickness)), count)
-    layer = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return column, (layer + 0.5) * thickness[column] / count[column], 1.0 / count[column]
-
-
 FLAT = Cells(8.0, 1.0, 2, 4)
 FULL = ((Cells(4.0, 0.5, 2, 4), 0.04), (Cells.cubes(2.0), 0.12), (Cells.cubes(1.0), 0.085))
 
@@ -84,10 +77,8 @@ def strip(
     width = spacing / per_axis
     along = np.arange(-cap.along + width / 2, cap.along, width)
     top = cap.thickness(along, np.zeros(1), 0.0)
-    column, above, share = layers(spacing, top, upwards or per_axis)
-    p = flow.slice_of(np.column_stack([START + along[column], above]), spacing * width * top[column] * share, scene)
-    p.radius[:] = np.tile(0.5 * top[column] * share, flow.ACROSS)
-    flow.press(p, np.tile(top[column] - above, flow.ACROSS), scene)
+    p, depth = flow.staggered(START + along, top, width, spacing / (upwards or per_axis), scene)
+    flow.press(p, depth, scene)
     return scene, p, cap
 
 
@@ -104,16 +95,16 @@ def whole(
         scene = replace(scene, surface=Surface.through(np.tile(fall[:, None], (1, 13)), (EXTENT[0] / 11,) * 2))
     width = cells.size / cells.plan
     axis = np.arange(-cap.along + width / 2, cap.along, width)
-    x, y = (a.ravel() for a in np.meshgrid(axis, axis, indexing="ij"))
+    index = np.stack(np.meshgrid(*2 * [np.arange(len(axis))], indexing="ij"), axis=-1).reshape(-1, 2)
+    x, y = axis[index].T
     top = cap.thickness(x, y, 0.0)
-    x, y, top = x[top > 0], y[top > 0], top[top > 0]
-    column, above, share = layers(cells.height, top, cells.depth)
+    index, x, y, top = index[top > 0], x[top > 0], y[top > 0], top[top > 0]
+    column, above, height = flow.layers(index, top, cells.height / cells.depth)
     east, up = lean.place(x[column], above)
     p = filled(np.column_stack([east, EXTENT[1] / 2 + y[column], up]), scene.spacing, scene.materials[0].density, 1.0)
-    volume = width**2 * top[column] * share
-    p.volume *= volume
-    p.mass *= volume
-    p.radius[:] = 0.5 * top[column] * share
+    p.volume *= width**2 * height
+    p.mass *= width**2 * height
+    p.radius[:] = stagger.half_size(height)
     flow.press(p, (top[column] - above) * np.cos(np.radians(SLOPE)) / np.cos(np.radians(SLOPE) - tilt), scene)
     return scene, p, cap, lean
 
@@ -152,7 +143,7 @@ def measure(full: bool) -> list[Result]:
         pressure = 1.0 if internal == as_one(BED) else earth_pressure(internal, BED)
         for spacing in (1.0, 0.5) if full else (1.0,):
             scene, p, cap = strip(spacing, internal, pressure)
-            frame = flow.run(scene, p, (END,), 12)[-1]
+            frame = flow.run(scene, p, (END,), 12, alike=False)[-1]
             name = f"strip, h = {spacing:g} m, internal friction {internal:.3g} deg"
             results += _results(errors(frame, scene, cap), frame, name, worst)
     for cells, worst in ((FLAT, 0.045), *(FULL if full else ())):

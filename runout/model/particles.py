@@ -44,7 +44,7 @@ class Particles:
     volume : (n,)
         Volume in the stress-free state [m3].
     radius : (n,)
-        Half the particle's size normal to the ground [m].
+        How close to the ground the particle comes, along its normal [m]: half the thickness of what it stands for.
     release : (n,) int32
         Index of the release it belongs to.
     identity : (n,) int64

@@ -17,6 +17,7 @@ from runout.physics import timestep
 
 STANDARD_GRAVITY = 9.81
 LARGEST_CFL = 0.6  # whatever the material
+RESERVE = 0.95  # of the Courant number that an isolated particle bears, in steps that runout chooses
 TRANSFERS = ("mls", "apic", "aflip")
 STEP_TOLERANCE = 1.02  # a step that was chosen some steps ago may be so much longer than a limit: the flow has sped up
 
@@ -52,7 +53,7 @@ class Scene:
     gravity : tuple of float
         Acceleration [m/s2].
     cfl : float
-        Courant number of the acoustic limit, at most 0.6.
+        Courant number of the acoustic limit, at most 0.6; steps are shorter where an isolated particle needs that.
     precision : str
         "float32" or "float64".
     transfer : str
@@ -123,10 +124,15 @@ class Scene:
         return self.flip_ratio if self.transfer == "aflip" else 0.0
 
     @cached_property
-    def largest_cfl(self) -> float:
-        """Courant number above which an isolated particle would gain energy, at most :data:`LARGEST_CFL`."""
+    def isolated_cfl(self) -> float:
+        """Courant number above which an isolated particle would gain energy."""
         share = 1.0 if self.packed else 0.5
-        return min(LARGEST_CFL, *(timestep.isolated_limit(m.lame_lambda, m.shear_modulus, share) for m in self.materials))
+        return min(timestep.isolated_limit(m.lame_lambda, m.shear_modulus, share) for m in self.materials)
+
+    @property
+    def largest_cfl(self) -> float:
+        """Courant number above which steps are refused: :attr:`isolated_cfl`, at most :data:`LARGEST_CFL`."""
+        return min(LARGEST_CFL, self.isolated_cfl)
 
     @cached_property
     def wave_speed(self) -> float:
@@ -139,8 +145,8 @@ class Scene:
         return self.friction_zones.at(friction, x, y) if self.friction_zones else friction
 
     def stable_step(self, speed: float) -> float:
-        """Largest admissible time step [s] while the fastest particle moves at ``speed`` [m/s]; ``cfl``, if that is stable."""
-        return min(self._limits(speed, min(self.cfl, self.largest_cfl)).values())
+        """Time step [s] to take while the fastest particle moves at ``speed`` [m/s]: that of ``cfl``, if this keeps a reserve."""
+        return min(self._limits(speed, min(self.cfl, RESERVE * self.isolated_cfl)).values())
 
     def require_stable(self, dt: float, speed: float, step: int) -> None:
         """Nothing, if step number ``step`` of ``dt`` [s] can be stable while the fastest particle moves at ``speed`` [m/s].

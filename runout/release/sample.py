@@ -11,6 +11,7 @@ from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.surface import Surface
+from runout.release import stagger
 from runout.release.coverage import ROUND_OFF, covered_area, covered_centroid, regrid, regrid_within
 
 CELLS_ACROSS = 4  # a release should be this many grid cells wide; what messages propose
@@ -96,7 +97,8 @@ def sample_particles(
     """Particles at rest that fill the releases from the surface upwards.
 
     The plan is divided into columns of ``dx / px`` by ``dy / py``. A column of mean thickness T holds
-    ``max(1, round(T / (dz / pz)))`` particles of equal volume, in rows that follow the surface, the lowest ``T / (2 n)`` above it.
+    ``n = max(1, round(T / (dz / pz)))`` particles of equal volume, one in each n-th of it above the surface. How high they lie in
+    that differs from column to column (:mod:`runout.release.stagger`), so that a thin mass has more levels than rows.
     The volume and mass of each release are exact to round-off.
 
     Parameters
@@ -234,11 +236,11 @@ def _fill(
     height = (columns.thickness / rows)[column]
     plan = _plan_positions(release, columns, column, jitter, rng)
     ground, east, north = surface.evaluate(plan[:, 0], plan[:, 1])
-    position = np.column_stack((plan, ground + (row + 0.5) * height))
+    position = np.column_stack((plan, ground + (row + stagger.shares(columns.index)[column]) * height))
     particles = Particles.at(position, np.asarray(spacing, np.float64))
     volume = height * (columns.size[0] * columns.size[1])
     particles.volume[:] = volume * (release.volume / volume.sum())
-    particles.radius[:] = 0.5 * height / np.sqrt(1.0 + east * east + north * north)
+    particles.radius[:] = stagger.half_size(height) / np.sqrt(1.0 + east * east + north * north)
     return particles
 
 

@@ -1,5 +1,7 @@
 """What no backend does: steps that are too long, scenes that are too large. Each refusal names the limit and its reason."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import ROCK, at, box, loaded, scene
@@ -8,7 +10,7 @@ from runout import Elastic
 from runout.accuracy import CFL
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError, StabilityError
-from runout.model.scene import LARGEST_CFL, STEP_TOLERANCE, Scene
+from runout.model.scene import LARGEST_CFL, RESERVE, STEP_TOLERANCE, Scene
 
 UNIT = (1.0, 1.0, 1.0)
 
@@ -102,7 +104,11 @@ def test_an_isolated_particle_is_stable_up_to_the_courant_number_of_its_transfer
 
 def test_steps_are_shortened_where_an_isolated_particle_would_be_unstable():
     rock = Elastic(density=1000.0, youngs_modulus=1e7, poisson_ratio=0.49)
-    packed, by_gradients = (scene(materials=(rock,), transfer=name) for name in ("mls", "apic"))
-    assert packed.stable_step(0.0) == pytest.approx(CFL / rock.wave_speed)
-    assert by_gradients.stable_step(0.0) == pytest.approx(by_gradients.largest_cfl / rock.wave_speed)
-    assert by_gradients.largest_cfl < CFL < packed.largest_cfl
+    stiff, packed, by_gradients = (
+        scene(materials=(replace(rock, poisson_ratio=ratio),), transfer=name)
+        for ratio, name in ((0.3, "mls"), (0.49, "mls"), (0.49, "apic"))
+    )
+    assert stiff.stable_step(0.0) == pytest.approx(CFL / stiff.wave_speed)
+    for shortened in (packed, by_gradients):
+        assert shortened.stable_step(0.0) == pytest.approx(RESERVE * shortened.largest_cfl / rock.wave_speed)
+    assert by_gradients.largest_cfl < packed.largest_cfl < CFL == stiff.largest_cfl

@@ -31,6 +31,7 @@ from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
+from runout.release import stagger
 from tests.benchmarks.gpu_naive import measure_naive
 
 CELL = 2.0  # [m]
@@ -61,14 +62,13 @@ def layer(nx: int, ny: int, nz: int, precision: str = "float32", upwards: int = 
     raster = Raster(ny + 2 * margin, nx + 2 * margin, (CELL, CELL))
     scene = Scene((CELL, CELL, CELL), surface, raster, (MATERIAL,), (np.tan(np.radians(15.0)),), precision=precision)
     half, own = CELL / 2, CELL / upwards
-    axes = [(np.arange(count) + 0.5) * side for count, side in ((2 * nx, half), (2 * ny, half), (upwards * nz, own))]
-    x, y, z = (a.ravel() for a in np.meshgrid(*axes, indexing="ij"))
-    x, y = x + margin * CELL, y + margin * CELL
-    z -= np.tan(SLOPE) * x - own / 2 * 0.02
+    i, j, k = np.indices((2 * nx, 2 * ny, upwards * nz)).reshape(3, -1)
+    x, y = (i + 0.5) * half + margin * CELL, (j + 0.5) * half + margin * CELL
+    z = (k + stagger.shares(np.column_stack([i, j]))) * own - np.tan(SLOPE) * x
     p = Particles.at(np.column_stack([x, y, z]), np.full(3, CELL))
     p.volume[:] = half * half * own
     p.mass[:] = MATERIAL.density * half * half * own
-    p.radius[:] = own / 2 * np.cos(SLOPE)
+    p.radius[:] = stagger.half_size(own) * np.cos(SLOPE)
     rng = np.random.default_rng(0)
     p.velocity[:] = rng.normal(0.0, 0.05, (len(p), 3)) + 3.0 * np.array([np.cos(SLOPE), 0.0, -np.sin(SLOPE)])
     return scene, p

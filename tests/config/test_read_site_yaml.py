@@ -22,7 +22,7 @@ def test_valid_file_gives_stated_values_and_defaults(site_folder):
     assert settings.release[0].thickness == 4.0
     assert settings.material.law == "drucker_prager"
     assert settings.material.youngs_modulus == 5.0e6
-    assert settings.simulation.cfl == 0.5
+    assert settings.simulation.cfl == 0.6
     assert settings.hazard.percentiles == [5.0, 50.0, 95.0]
     assert settings.ensemble.parameters["basal_friction_angle_deg"].high == 22.0
 
@@ -82,7 +82,7 @@ def test_all_problems_are_listed_at_once_in_the_order_of_the_file(edited):
         ("cell_size: 10", "cell_size: yes", 16, "'yes' is text; a number or a list is needed"),
         ("end_time: 30", "end_time: true", 17, "true is a yes or no; a number is needed"),
         ("end_time: 30", "end_time:", 17, "has no value; a number is needed"),
-        ("end_time: 30", "end_time: 30\n  cfl: 0.9", 18, "0.9 is out of range; it must be above 0 and at most 0.6; 0.5 is usual"),
+        ("end_time: 30", "end_time: 30\n  cfl: 0.9", 18, "0.9 is out of range; it must be above 0 and at most 0.6; 0.6 is usual"),
         ("end_time: 30", "end_time: 30\n  device: cuda:0", 18, "runs on the CPU only"),
         ("end_time: 30", "end_time: 30\n  transfer: pic", 18, "'pic' is not known; did you mean 'apic'?"),
         ("end_time: 30", "end_time: 30\n  backend: hash\n  sleep_speed: 0.1", 19, "set it to 0, or backend: scan"),

@@ -119,7 +119,7 @@ def test_resolved_configuration_is_plain_and_complete_and_free_of_machine_paths(
     resolved = read_site(site_folder).resolved()
     text = json.dumps(resolved)
     assert json.loads(text) == resolved
-    assert resolved["simulation"]["cfl"] == 0.5
+    assert resolved["simulation"]["cfl"] == 0.6
     assert resolved["basal_friction_angle_deg"] == 20.0
     assert str(Path(site_folder).parent) not in text
 

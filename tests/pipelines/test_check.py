@@ -97,7 +97,7 @@ def test_a_flow_that_may_leave_the_dem_is_a_warning(tmp_path):
 def test_thin_and_soft_releases_are_warned_of(tmp_path):
     found = inspect(write_site(tmp_path / "ramp"))
     (thin,) = [warning for warning in found.warnings if "0.8 cells through its greatest thickness of 8 m" in warning]
-    assert "m2/s stop shear through the depth in 0.3" in thin
+    assert "m2/s stop shear through the depth in 0.4" in thin
     assert any("strains it by 7.8 %" in warning for warning in found.warnings)
 
 

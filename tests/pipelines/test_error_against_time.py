@@ -58,12 +58,12 @@ def test_every_choice_is_measured_on_every_grid(content):
     (problem,) = content["problems"]
     curves = {c["variation"]: c["points"] for c in problem["curves"]}
     assert set(curves) == {v.name for v in PROBLEMS["u9"].variations()}
-    assert set(curves) >= {"base", "CFL 0.4", "transfer aflip", "float64", "reference"}
-    assert [p["grid"] for p in curves["base"]] == [8, 16]
+    assert set(curves) >= {"defaults", "CFL 0.4", "transfer aflip", "float64", "reference"}
+    assert [p["grid"] for p in curves["defaults"]] == [8, 16]
     assert [p["particles"] for p in curves["3 particles per axis"]] == [24, 48]
     assert [p["particles"] for p in curves["1 particle per axis"]] == [8, 16]
-    assert curves["CFL 0.2"][0]["steps"] == pytest.approx(2.5 * curves["base"][0]["steps"], rel=0.02)
-    assert curves["CFL 0.6"][0]["steps"] == pytest.approx(curves["base"][0]["steps"] / 1.2, rel=0.02)
+    assert curves["CFL 0.2"][0]["steps"] == pytest.approx(3.0 * curves["defaults"][0]["steps"], rel=0.02)
+    assert curves["CFL 0.5"][0]["steps"] == pytest.approx(1.2 * curves["defaults"][0]["steps"], rel=0.02)
     for points in curves.values():
         assert all(p["particle_steps"] == p["particles"] * p["steps"] for p in points)
         assert all(p["blocks"] > 0 and p["bytes"] > 0 for p in points)
@@ -73,17 +73,17 @@ def test_backend_and_precision_change_no_error_that_shows(content):
     (problem,) = content["problems"]
     errors = {c["variation"]: c["points"][0]["error"] for c in problem["curves"]}
     assert errors["reference"] == pytest.approx(errors["float64"], rel=1e-9)
-    assert errors["base"] == pytest.approx(errors["float64"], rel=1e-3)
-    assert errors["base"] != errors["float64"]
-    assert errors["3 particles per axis"] < errors["base"] < errors["1 particle per axis"]
+    assert errors["defaults"] == pytest.approx(errors["float64"], rel=1e-3)
+    assert errors["defaults"] != errors["float64"]
+    assert errors["3 particles per axis"] < errors["defaults"] < errors["1 particle per axis"]
 
 
 def test_curves_say_order_cost_and_front(content):
     (problem,) = content["problems"]
-    base = next(c for c in problem["curves"] if c["variation"] == "base")
+    base = next(c for c in problem["curves"] if c["variation"] == "defaults")
     assert base["fit"]["order"] == pytest.approx(0.86, abs=0.05)
     ranked = problem["cost_at_equal_error"]
-    assert ranked["base"]["particle_steps"] == pytest.approx(1.0)
+    assert ranked["defaults"]["particle_steps"] == pytest.approx(1.0)
     assert ranked["float64"]["particle_steps"] == pytest.approx(1.0, rel=0.01)
     assert ranked["CFL 0.2"]["particle_steps"] > 1.5
     points = [p for c in problem["curves"] for p in c["points"]]
@@ -114,7 +114,7 @@ def test_a_choice_that_this_version_does_not_know_is_left_out(monkeypatch):
     unknown = Variation("of tomorrow", scene={"no_such_field": 1})
     assert not choice.selectable(unknown)
     monkeypatch.setattr(problems, "VARIATIONS", (BASE, unknown))
-    assert [v.name for v in PROBLEMS["u9"].variations()] == ["base"]
+    assert [v.name for v in PROBLEMS["u9"].variations()] == ["defaults"]
 
 
 def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
@@ -123,7 +123,7 @@ def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
     assert cli.main(["bench", "--error", "--out", str(tmp_path)]) == ExitCode.OK
     page = (tmp_path / "work_precision.md").read_text()
     assert "| 1 particle per axis | " in page
-    assert "| U7 | base | 0.125 | 32 | 45 |" in page
+    assert "| U7 | defaults | 0.125 | 32 | 37 |" in page
     assert "## U7: manufactured waves" in page
     assert (tmp_path / "work_precision_U7.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "work_precision.json").is_file()

@@ -99,8 +99,11 @@ def test_rows_follow_the_surface_and_share_the_thickness_evenly(terrain, materia
     x, y, z = particles.position(spacing).T
     ground = surface.elevation(x, y)
     assert len(particles) == 20 * 20 * 5  # 4.5 layers: half goes up
-    np.testing.assert_allclose(np.unique(np.round((z - ground) / 9.0 * 5, 6)), np.arange(5) + 0.5)
-    np.testing.assert_allclose(particles.radius, 0.9 / np.sqrt(1 + 0.3**2 + 0.2**2), rtol=1e-9)
+    levels = (np.arange(20) + 0.5) / 4  # four in each layer
+    found, count = np.unique(np.round((z - ground) / 9.0 * 5, 6), return_counts=True)
+    np.testing.assert_allclose(found, levels)
+    assert (count == 100).all()
+    np.testing.assert_allclose(particles.radius, 0.225 / np.sqrt(1 + 0.3**2 + 0.2**2), rtol=1e-9)
     np.testing.assert_allclose(particles.volume, 2.5 * 2.5 * 9.0 / 5, rtol=1e-9)
     assert not particles.velocity.any()
     assert not particles.strain.any()
@@ -110,7 +113,22 @@ def test_thin_release_has_one_particle_a_column(terrain, material):
     release = of_polygon(shapely.box(50.0, 50.0, 100.0, 100.0), terrain, 0.3)
     particles = sample_particles([release], [material], slope(terrain), (5.0, 5.0, 5.0), 8)
     assert len(particles) == 20 * 20
-    np.testing.assert_allclose(particles.radius, 0.15 / np.sqrt(1.13), rtol=1e-9)
+    np.testing.assert_allclose(particles.radius, 0.0375 / np.sqrt(1.13), rtol=1e-9)
+
+
+@pytest.mark.parametrize("per_cell", [4, 8, (2, 2, 4), (1, 1, 8)])
+@pytest.mark.parametrize("thickness", [0.7, 3.0, 9.3])
+def test_staggered_columns_keep_the_height_of_the_mass_and_the_lowest_touches_the_ground(terrain, material, per_cell, thickness):
+    release = of_polygon(shapely.box(40.0, 40.0, 120.0, 120.0), terrain, thickness)
+    surface, spacing = slope(terrain), np.array([5.0, 5.0, 2.0])
+    particles = sample_particles([release], [material], surface, tuple(spacing), per_cell, jitter=0.0)
+    x, y, z = particles.position(spacing).T
+    above = z - surface.elevation(x, y)
+    assert (above * particles.volume).sum() / particles.volume.sum() == pytest.approx(thickness / 2, rel=1e-9)
+    gap = above / np.sqrt(1.13) - particles.radius
+    assert gap.min() == pytest.approx(0.0, abs=1e-9)
+    at_ground = np.unique(np.floor(np.column_stack((x, y)) / spacing[:2] / 2)[gap < 1e-9], axis=0)  # boxes of two by two cells
+    assert len(at_ground) == 64
 
 
 def test_seed_decides_the_jitter_and_nothing_else(terrain, material):
