@@ -31,7 +31,7 @@ def waves(cells: int, v: Variation) -> Outcome:
     pushed = replace(v, backend="reference", scene={**v.scene, "precision": "float64"})  # the one that takes a body force
     march = March(free_scene(h, material), p, pushed, (2 * cells, 1, 1))
     speed = AMPLITUDE * np.pi * np.sqrt(material.youngs_modulus / material.density)
-    steps, dt = equal_steps(0.02, march.scene.cfl * h / (material.wave_speed + speed))
+    steps, dt = equal_steps(0.02, march.scene.stable_step(float(speed)))
     errors = []
     for _ in range(steps):
         march.engine.push(dt * solution.body_force(X, march.now))
