@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.error_cases.choice import BASE, REPEATED_BELOW
+from pipelines.error_cases.choice import BASE, PLAN, REPEATED_BELOW
 from pipelines.error_cases.curve import Fit, on_front
 from runout.accuracy import CFL, PARTICLES_PER_CELL
 
@@ -65,7 +65,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     versions, machine = content["versions"], content["machine"]
     text = OPENING.format(
         full=" --full" if content["full"] else "",
-        base=f"{PARTICLES_PER_CELL} particles per cell, CFL {CFL:g}, float32, backend scan",
+        base=f"{_count(PARTICLES_PER_CELL)} particles a cell, in solids {_count(3 * (PLAN,))}; CFL {CFL:g}, float32, backend scan",
         repeated=REPEATED_BELOW,
         ranking=rows(content),
         seed=content["seed"],
@@ -82,6 +82,10 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     parts.append("## All runs\n\nMemory: all arrays of the backend. DoE = -log10(error times processor time).\n")
     parts.append("\n".join(_points(content)) + "\n")
     return "\n".join(parts)
+
+
+def _count(particles: Sequence[int]) -> str:
+    return " x ".join(map(str, particles))
 
 
 def figure(problem: Mapping[str, Any]) -> bytes:

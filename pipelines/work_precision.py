@@ -19,6 +19,7 @@ from pipelines.prototype import PrototypeCourse, load_prototype
 from pipelines.sloping_layer import PER_CELL, Layer
 from pipelines.timing import Case, Course, take_turns
 from runout import __version__, log
+from runout.accuracy import PARTICLES_PER_CELL
 from runout.errors import BudgetError, CapacityError, ConfigError
 
 LOGGER = logging.getLogger("runout.work_precision")
@@ -26,7 +27,7 @@ SCHEMA = 2
 SIZES, FULL_SIZES = (10_000, 100_000, 400_000), (1_000_000, 3_000_000, 10_000_000)
 SIZE = 100_000  # of the studies other than that of size
 THIN, DEEP = (2, 3), 16  # cells through the depth
-UPWARDS = (PER_CELL, 2 * PER_CELL)  # particles of a cell above each other: as many as beside, the default, and twice that
+UPWARDS = (PARTICLES_PER_CELL[2], PER_CELL)  # particles of a cell above each other: the default, and as many as beside
 SPARSITIES = (1.0, 3.0, 10.0, 100.0, 400.0)
 AGAINST = 400_000, 1_000_000
 NEEDED = 900  # bytes a particle while a scene is loaded, twice for cases that take turns

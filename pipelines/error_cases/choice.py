@@ -10,13 +10,15 @@ import numpy as np
 
 from pipelines.error_cases.node_contact import node_contact
 from pipelines.timing import memory_of
+from runout.accuracy import PARTICLES_PER_CELL
 from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.release.sample import particles_per_axis
 
 CHUNK = 10  # steps of one length
 NODES = "nodes"  # the reference backend with the usual contact
-PER_AXIS = 2  # particles along each axis of a cell, by default
+PLAN, _, UPWARDS = particles_per_axis(PARTICLES_PER_CELL)  # of a cell, by default
 REPEATED_BELOW = 2.0  # [s] of processor time; longer runs are made once
 BOUNDLESS = 10**6  # [cells] of a direction that does not repeat
 
@@ -29,9 +31,9 @@ class Variation:
     ----------
     name : str
     per_axis : int
-        Particles along each axis of a cell.
+        Particles along each axis of a cell; in flows only in plan.
     upwards : int
-        Particles above each other in a cell, where that is another number; else 0.
+        Particles above each other in a cell of a flow.
     scene : mapping
         Fields of :class:`runout.model.scene.Scene` that change: ``cfl``, ``precision``.
     arguments : mapping
@@ -45,8 +47,8 @@ class Variation:
     """
 
     name: str
-    per_axis: int = PER_AXIS
-    upwards: int = 0
+    per_axis: int = PLAN
+    upwards: int = UPWARDS
     scene: Mapping[str, Any] = field(default_factory=dict)
     arguments: Mapping[str, Any] = field(default_factory=dict)
     backend: str = "scan"
@@ -56,7 +58,7 @@ class Variation:
     @property
     def particles(self) -> tuple[int, int, int]:
         """Of a full cell: east, north and up."""
-        return self.per_axis, self.per_axis, self.upwards or self.per_axis
+        return self.per_axis, self.per_axis, self.upwards
 
 
 BASE = Variation("defaults")
@@ -65,10 +67,10 @@ TERRAIN = ("terrain", "fine_terrain")
 FLOWS = ("F3", "F5", *TERRAIN)
 VARIATIONS = (
     BASE,
-    Variation("1 particle per axis", per_axis=1),
-    Variation("3 particles per axis", per_axis=3),
+    Variation("1 particle per axis", per_axis=1, upwards=1),
+    Variation("3 particles per axis", per_axis=3, upwards=3),
     Variation("2 x 2 x 1 particles", upwards=1, only_on=FLOWS),
-    Variation("2 x 2 x 4 particles", upwards=4, only_on=FLOWS),
+    Variation("2 x 2 x 2 particles", upwards=2, only_on=FLOWS),
     Variation("3 x 3 x 1 particles", per_axis=3, upwards=1, only_on=FLOWS),
     Variation("1 x 1 x 8 particles", per_axis=1, upwards=8, only_on=FLOWS),
     Variation("CFL 0.2", scene={"cfl": 0.2}),
@@ -78,7 +80,7 @@ VARIATIONS = (
     Variation("transfer aflip", scene={"transfer": "aflip"}),
     Variation("F-bar", scene={"f_bar": True}),
     Variation("float64", scene={"precision": "float64"}, only_on=(*ELASTIC, *FLOWS)),
-    Variation("cells half as high", arguments={"flat": 2.0}, only_on=TERRAIN),
+    Variation("cells half as high", arguments={"flat": 2.0}, only_on=("terrain",)),
     Variation("cells a quarter as high", arguments={"flat": 4.0}, only_on=("terrain",), slow=True),
     Variation("hash on the CPU", backend="hash", slow=True, only_on=("T1", "T5", "terrain")),
     Variation("reference", scene={"precision": "float64"}, backend="reference", slow=True, only_on=ELASTIC),

@@ -284,7 +284,7 @@ class SimulationSettings(Settings):
         unit="m",
         examples=[10.0],
     )
-    particles_per_cell: ParticlesPerCell = quantity("particles per cell, a number or [east, north, up]", PARTICLES_PER_CELL)
+    particles_per_cell: ParticlesPerCell = quantity("particles per cell, a number or [east, north, up]", list(PARTICLES_PER_CELL))
     end_time: float = quantity("longest simulated time", unit="s", gt=0, le=86400)
     stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest", True)
     backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")

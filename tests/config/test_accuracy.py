@@ -19,7 +19,7 @@ def test_standard_has_its_cells_through_the_mean_thickness():
     found = choices("standard", [WIDE], {})
     standard = PRESETS["standard"]
     size = pytest.approx(40 / standard.cells, rel=0.05)  # rounded down
-    assert found == {"cell_size": size, "particles_per_cell": 8, "cfl": standard.cfl}
+    assert found == {"cell_size": size, "particles_per_cell": (2, 2, 4), "cfl": standard.cfl}
 
 
 def test_presets_are_finer_and_dearer_one_after_the_other_and_promise_less_error():
@@ -48,7 +48,7 @@ def test_what_is_given_counts():
     found = choices("standard", [WIDE], {"cell_size": 25.0, "cfl": None})
     assert found["cell_size"] == 25.0
     assert found["particles_per_cell"] == PRESETS["standard"].particles_per_cell
-    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "particles_per_cell": 8, "cfl": 0.6}
+    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "particles_per_cell": (2, 2, 4), "cfl": 0.6}
 
 
 @pytest.mark.parametrize(
@@ -76,11 +76,11 @@ def test_work_grows_with_the_fourth_power_of_the_cells():
 def test_lines_tell_the_cells_and_what_every_preset_would_cost():
     grid = choices("standard", [WIDE], {})
     said = lines("standard", [WIDE], grid)
-    assert "accuracy standard: cells of 26 m with 8 particles, 1.5 through the mean thickness of 40 m" in said[0]
-    assert "standard: 26 m with 8, 1 times this work" in said[2]
+    assert "accuracy standard: cells of 26 m with 2 x 2 x 4 particles, 1.5 through the mean thickness of 40 m" in said[0]
+    assert "standard: 26 m with 2 x 2 x 4, 1 times this work" in said[2]
     assert f"{100 * PRESETS['high'].map_error:.2g} % of the thickness map" in said[3]
     flat = lines(None, [WIDE], {**grid, "cell_size": (20.0, 20.0, 10.0)})
-    assert flat[0].startswith("grid      cells of 20 x 20 x 10 m with 8 particles, 4.0")
+    assert flat[0].startswith("grid      cells of 20 x 20 x 10 m with 2 x 2 x 4 particles, 4.0")
 
 
 def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):
