@@ -74,10 +74,12 @@ def thrown(way, expansion_speed, **material):
 
 @every_transfer
 def test_a_layer_that_was_thrown_lands_with_its_density(way):
-    """Thrown at 3 m/s it gains 10 % of volume on the way; its height is back within 1 %."""
+    """Thrown at 3 m/s it gains 10 % of volume on the way; then it is within 1 % as high as one that has stood all the time."""
     height, gained = thrown(way, 3.0)
+    stood, _ = thrown(way, 0.0)
     assert gained > 0.08
-    assert height == pytest.approx(1.0, abs=0.01)
+    assert height == pytest.approx(stood, rel=0.01)
+    assert stood == pytest.approx(1.0, abs=0.01)
 
 
 def test_without_the_volume_correction_the_layer_stays_expanded():

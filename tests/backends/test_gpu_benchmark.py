@@ -15,7 +15,7 @@ def test_a_record_of_the_benchmark_tells_all_stages_and_its_memory():
     assert (record["particles"], record["steps"]) == (3200, 8)
     assert set(STAGES) < set(record["stage_seconds"])
     assert all(seconds > 0 for seconds in record["stage_seconds"].values())
-    assert record["contact_particles"] >= 400  # the lowest row
+    assert record["contact_particles"] >= 100  # the lowest level
     assert record["bytes_per_particle"] > 100
 
 

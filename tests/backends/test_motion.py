@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenes import GRAVITY, ROCK, angular_momentum, at, box, loaded, scene, total_energy
 
+from runout.accuracy import CFL
 from runout.errors import StabilityError
 
 
@@ -92,13 +93,13 @@ def test_particle_on_the_very_edge_stays(backend):
 def test_stable_step_is_the_smaller_of_acoustic_and_particle_limit(backend):
     p = box((30.0, 30.0, 1.0), (1.0, 1.0, 1.0), (1.0, 0.5, 2.0))
     loaded(backend, scene(spacing=(1.0, 0.5, 2.0)), p)
-    assert backend.stable_step() == pytest.approx(0.5 * 0.5 / ROCK.wave_speed)
+    assert backend.stable_step() == pytest.approx(CFL * 0.5 / ROCK.wave_speed)
     p.velocity[3] = (3.0, 0.0, 4.0)
     loaded(backend, scene(spacing=(1.0, 0.5, 2.0)), p)
-    assert backend.stable_step() == pytest.approx(0.5 * 0.5 / (ROCK.wave_speed + 5.0))
+    assert backend.stable_step() == pytest.approx(CFL * 0.5 / (ROCK.wave_speed + 5.0))
     p.velocity[:] = (600.0, 0.0, 0.0)
-    loaded(backend, scene(spacing=(1.0, 0.5, 2.0), cfl=0.6), p)
-    assert backend.stable_step() == pytest.approx(min(0.3 / (ROCK.wave_speed + 600.0), 0.25 / 600.0))
+    loaded(backend, scene(spacing=(1.0, 0.5, 2.0)), p)
+    assert backend.stable_step() == pytest.approx(min(CFL * 0.5 / (ROCK.wave_speed + 600.0), 0.25 / 600.0))
 
 
 def test_step_in_which_a_particle_would_cross_a_cell_is_refused(backend):

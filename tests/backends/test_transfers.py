@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scenes import ROCK, angular_momentum, at, box, cloud, loaded, scene, single_precision
 
+from runout.accuracy import CFL
+
 SPACING = (1.0, 0.7, 0.5)
 
 
@@ -106,7 +108,7 @@ def test_particle_exactly_on_a_node_and_half_way_stays_finite(backend):
 
 def test_empty_scene_steps_and_reports_nothing(backend):
     loaded(backend, scene(), cloud(5).take(np.zeros(0, int)))
-    assert backend.stable_step() == pytest.approx(0.5 / ROCK.wave_speed)
+    assert backend.stable_step() == pytest.approx(CFL / ROCK.wave_speed)
     backend.step(0.01)
     row = backend.ledger()
     assert (row.mass, row.kinetic_energy, row.max_speed, row.active_blocks) == (0.0, 0.0, 0.0, 0)
