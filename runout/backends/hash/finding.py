@@ -39,24 +39,41 @@ from runout.backends.hash.layout import (
 )
 from runout.backends.hash.stencil import _cell_of, _first_node, _piece, _scene_of, _set_near_bases
 from runout.physics.bspline import weights
-from runout.physics.contact import in_contact
+from runout.physics.contact import in_contact, reach
 from runout.physics.heightfield import height_at
 from runout.physics.tensors import dot, real, vec
 
+NEIGHBOURS = 27  # blocks around one, with itself
 QUEUED = 256  # particles of a block that wait for their test, at most: a power of two, more than five times the lanes
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
+max_lanes: Any = None  # the largest of the lanes' numbers, likewise
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
 take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
-def _highest(bounds: Halves, near: int, c: int, h: Vector, reach: Any):
-    """Largest offset in a cell at which a particle may be within ``reach`` [m] of the ground."""
+def _farthest(swift: Reals, around: Table2, b: int, lane: int, largest: Any, dt: Any, band: Any, of_all: Any):
+    """Distance [m] beyond which no particle of a block is in contact: by the fastest of those that may be here, ``of_all`` at most.
+
+    They were in the block or in one of the 26 around it at the last sort.
+    """
+    fastest = real(0.0)
+    for q in range((NEIGHBOURS + lane_count() - 1) // lane_count()):
+        k = q * lane_count() + lane
+        if k < NEIGHBOURS:
+            other = around[b, k]
+            if other >= 0:
+                fastest = wp.max(fastest, swift[other])
+    return wp.min(of_all, reach(largest, wp.sqrt(max_lanes(fastest)), dt, band))
+
+
+def _highest(bounds: Halves, near: int, c: int, h: Vector, far: Any):
+    """Largest offset in a cell at which a particle may be within ``far`` [m] of the ground."""
     column = 2 * ((c >> 2) & 15)
-    return real(bounds[near, column]) - real(c & 3) + height_at(reach, real(bounds[near, column + 1])) / h[2]
+    return real(bounds[near, column]) - real(c & 3) + height_at(far, real(bounds[near, column + 1])) / h[2]
 
 
 def _number_listed(
-    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, bounds: Halves, near: int, h: Vector, reach: Any
+    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, bounds: Halves, near: int, h: Vector, far: Any
 ):
     """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
 
@@ -72,7 +89,7 @@ def _number_listed(
         n = end_ahead - first
         ahead = cstart[b, (c + lane_count()) & (CELL_LANES - 1)]
         end_ahead = cstart[b, ((c + lane_count()) & (CELL_LANES - 1)) + 1]
-        limit = _highest(bounds, near, c, h, reach)
+        limit = _highest(bounds, near, c, h, far)
         n = wp.where(limit >= real(0.5), n, 0)
         sums = sum_before(n)
         wp.tile_scatter_masked(limits, c, limit, True)
@@ -110,7 +127,7 @@ def _queue_low(
 
 def _keep_touching(
     queue: Tile, begin: int, end: int, counts: Tile, spots: Tile, found: int, rec: Rows, radius: Reals, lane: int, tiles: Rows,
-    near: int, h: Vector, dt: Any, band: Any, reach: Any, pressed: Ints, pressed_begin: int,
+    near: int, h: Vector, dt: Any, band: Any, far: Any, pressed: Ints, pressed_begin: int,
 ):  # fmt: skip
     """List those that touch the ground of particles in a queue, one a lane; ``found`` before. Returns how many are found then.
 
@@ -129,7 +146,7 @@ def _keep_touching(
         size = radius[p]
         normal, gap = _ground(_around(tiles, near, c), c & 3, f, size, h)
         hit = in_contact(gap, real(0.0), dt, band)
-        if not hit and gap + size <= reach:  # most touch as they are, or are too far: their velocity is not read
+        if not hit and gap + size <= far:  # most touch as they are, or are too far: their velocity is not read
             approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
             hit = in_contact(gap, approach, dt, band)
     hits = hits_before(hit)
@@ -199,8 +216,9 @@ def _give_shares(tile: Tile, shares: Reals, bases: Tile, q: int):
 
 def find_contacts(
     rec: Rows, radius: Reals, order: Ints, cstart: Table2, flags: Ints, tally: Ints, standing: Ints, member: Ints,
-    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, touching: Ints, touched: Table2, contacts: Ints,
-    near_up: Table2, shares: Reals, arenas: Nodes, pressed: Ints, pressed_start: Table2,
+    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, largest: Real, around: Table2, swift: Reals,
+    touching: Ints, touched: Table2, contacts: Ints, near_up: Table2, shares: Reals, arenas: Nodes, pressed: Ints,
+    pressed_start: Table2,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
 
@@ -221,7 +239,8 @@ def find_contacts(
         tile = wp.tile_empty(shape=TILE, dtype=real, storage="shared")  # limits of the cells first, then sums of weights
         queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
         first = int(cstart[b, 0])
-        total = _number_listed(starts, places, tile, cstart, b, lane, bounds, place, h, clock[s, 4])
+        far = _farthest(swift, around, b, lane, largest, clock[s, 0], band, clock[s, 4])
+        total = _number_listed(starts, places, tile, cstart, b, lane, bounds, place, h, far)
         found = int(0)
         head = int(0)
         end = int(0)
@@ -231,7 +250,7 @@ def find_contacts(
             while end - head >= least:
                 found = _keep_touching(
                     queue, head, end, counts, spots, found, rec, radius, lane, tiles, place, h, clock[s, 0], band,
-                    clock[s, 4], pressed, first,
+                    far, pressed, first,
                 )  # fmt: skip
                 head = wp.min(head + lane_count(), end)
         if found > 0:

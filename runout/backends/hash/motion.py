@@ -197,10 +197,22 @@ def _is_sound(moves: Vector, scene: int, worst: int, flags: Ints, peaks: Reals):
     return False
 
 
+def _forget(swift: Reals, b: int, lane: int, dt: Any):
+    """How fast the fastest of a block was, unless it stands still."""
+    if lane == 0 and dt > real(0.0):
+        swift[b] = real(0.0)
+
+
+def _raise_both(peaks: Reals, scene: int, swift: Reals, b: int, fastest: Any):
+    """Bring the largest speeds of a scene and of a block up to those of all lanes."""
+    raise_peak(peaks, scene, fastest)
+    raise_peak(swift, b, fastest)
+
+
 def grid_to_particles(
     rec: Rows, release: Shorts, key: Ints, homes: Ints, home: Table2, ends: Ints, around: Table2, up: Table2,
     coordinates: Table2, flags: Ints, tally: Ints, member: Ints, clock: Rows, grid: Nodes,
-    mats: Materials, h: Vector, shift: Ints, limits: Doubles2, peaks: Reals, booked: Doubles2, launched: int,
+    mats: Materials, h: Vector, shift: Ints, limits: Doubles2, peaks: Reals, swift: Reals, booked: Doubles2, launched: int,
 ):  # fmt: skip
     """Velocities to particles, law, motion and next record; cells of the particles anew, and how many enter each.
 
@@ -217,7 +229,8 @@ def grid_to_particles(
         _call_up(rec, first + lane - (lane & 31), lane, last)
         scene = member[b] & NOT_NEGATIVE
         dt = clock[scene, 0]
-        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at the last block
+        _forget(swift, b, lane, dt)
+        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at the last block, and for that
         tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
         _load_wide(tile, grid, around, b, lane)
         slopes = _slopes(dt, h)
@@ -225,9 +238,7 @@ def grid_to_particles(
             seen = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
             _load_given(seen, grid, around, b, lane, clock[scene, KEPT])
         rates = _rates(dt, h)
-        bx = int(coordinates[b, 0])
-        by = int(coordinates[b, 1])
-        bz = int(coordinates[b, 2])
+        bx, by, bz = int(coordinates[b, 0]), int(coordinates[b, 1]), int(coordinates[b, 2])
         move_y = int(shift[scene])
         limit_x, limit_y = limits[scene, 0] * wp.float64(1.0), limits[scene, 1] * wp.float64(1.0)  # products: read once, here
         begins = int(home[b, 0])
@@ -263,7 +274,7 @@ def grid_to_particles(
                 if new >= 0:
                     count_in(ends, _cell_entry(new))
         if dt > real(0.0):
-            raise_peak(peaks, scene, fastest)
+            _raise_both(peaks, scene, swift, b, fastest)
             all_lost = sum_lanes(lost)
             if lane % WARP == 0:  # no warp waits for the other
                 book(booked, b, 5 * (lane // WARP), all_lost)
