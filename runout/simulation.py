@@ -124,10 +124,10 @@ def simulate(
     seed : int
         Of the particles' positions.
     cfl : float
-        Courant number, at most 0.6; 0.5 by default. A smaller one is not more accurate: the transfer damps once a step.
+        Courant number, 0.6 at most and by default. A smaller one is not more accurate: the transfer damps once a step.
     transfer : str
         "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
-        ``docs/theory``. "hash" has "mls" alone.
+        ``docs/theory``.
     flip_ratio : float
         Part of what the grid has not seen of its velocity that a particle keeps with "aflip", 0 to 1; 0 is "apic".
     f_bar : bool

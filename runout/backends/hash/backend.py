@@ -91,7 +91,7 @@ def bytes_needed(
     particle = (ROWS + 1 + 6 * (transfer != "mls")) * number + 14 + 4 * f_bar  # rows, radius, stress; release, number, key, lists
     nodes = 64 * room_for(blocks)
     grid = 4 * number * (max((1 + (transfer == "aflip")) * nodes, particles // 4) + nodes * (f_bar and not deterministic))
-    block = 508 + number + 260 * f_bar + deterministic * (TILE * 4 * number + 36)
+    block = 508 + 2 * number + 260 * f_bar + deterministic * (TILE * 4 * number + 36)
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
     contact = room_for(near) * 64 * 4 * number + tiles
     return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries

@@ -217,7 +217,7 @@ def renumber(
         b = active[a]
         if lane == 0:
             homes[a] = b
-            swift[b] = real(wp.inf)  # to the next step
+            swift[2 * b] = real(wp.inf)  # to the next step
             home[b, 0] = cstart[b, 0]
             home[b, 1] = cstart[b, CELL_LANES]
         starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")

@@ -47,6 +47,7 @@ NEIGHBOURS = 27  # blocks around one, with itself
 QUEUED = 256  # particles of a block that wait for their test, at most: a power of two, more than five times the lanes
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 max_lanes: Any = None  # the largest of the lanes' numbers, likewise
+pair_at: Any = None  # two numbers that lie beside each other, likewise
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
 take_place: Any = None  # adds one to a count and tells what it was, likewise
 
@@ -62,7 +63,8 @@ def _farthest(swift: Reals, around: Table2, b: int, lane: int, largest: Any, dt:
         if k < NEIGHBOURS:
             other = around[b, k]
             if other >= 0:
-                fastest = wp.max(fastest, swift[other])
+                both = pair_at(swift, 2 * other)
+                fastest = wp.max(fastest, wp.max(both[0], both[1]))
     return wp.min(of_all, reach(largest, wp.sqrt(max_lanes(fastest)), dt, band))
 
 

@@ -53,7 +53,8 @@ from runout.physics.tensors import dot, real, vec
 
 SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
 count_in: Any = None  # adds one to a count; the binding puts it in its place
-raise_peak: Any = None  # brings a largest value up to those of all lanes
+raise_peak: Any = None  # brings a largest value up to one of a warp
+max_lanes: Any = None  # the largest of the lanes' numbers, likewise
 sum_lanes: Any = None  # sum over the lanes of a warp
 book: Any = None  # adds to a number that no other thread adds to
 call_up: Any = None  # asks for a place in memory before it is read
@@ -197,16 +198,12 @@ def _is_sound(moves: Vector, scene: int, worst: int, flags: Ints, peaks: Reals):
     return False
 
 
-def _forget(swift: Reals, b: int, lane: int, dt: Any):
-    """How fast the fastest of a block was, unless it stands still."""
-    if lane == 0 and dt > real(0.0):
-        swift[b] = real(0.0)
-
-
-def _raise_both(peaks: Reals, scene: int, swift: Reals, b: int, fastest: Any):
-    """Bring the largest speeds of a scene and of a block up to those of all lanes."""
-    raise_peak(peaks, scene, fastest)
-    raise_peak(swift, b, fastest)
+def _note_fastest(peaks: Reals, scene: int, swift: Reals, b: int, fastest: Any, lane: int):
+    """Square of the largest speed of a warp, for its scene and for its half of a block."""
+    largest = max_lanes(fastest)
+    raise_peak(peaks, scene, largest)
+    if lane % WARP == 0:
+        swift[2 * b + lane // WARP] = largest
 
 
 def grid_to_particles(
@@ -229,8 +226,7 @@ def grid_to_particles(
         _call_up(rec, first + lane - (lane & 31), lane, last)
         scene = member[b] & NOT_NEGATIVE
         dt = clock[scene, 0]
-        _forget(swift, b, lane, dt)
-        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at the last block, and for that
+        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at the last block
         tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
         _load_wide(tile, grid, around, b, lane)
         slopes = _slopes(dt, h)
@@ -274,7 +270,7 @@ def grid_to_particles(
                 if new >= 0:
                     count_in(ends, _cell_entry(new))
         if dt > real(0.0):
-            _raise_both(peaks, scene, swift, b, fastest)
+            _note_fastest(peaks, scene, swift, b, fastest, lane)
             all_lost = sum_lanes(lost)
             if lane % WARP == 0:  # no warp waits for the other
                 book(booked, b, 5 * (lane // WARP), all_lost)

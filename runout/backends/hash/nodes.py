@@ -41,8 +41,8 @@ class NodeArrays:
         take the place of the list of all, which no kernel needs any more.
     arenas, held : (216 room,) four numbers, (room,) int32
         Sums of each block and particles that it holds, for sums in fixed order; else empty.
-    swift : (room,)
-        Square of the largest speed [m2/s2] of the particles that a block held at the last sort.
+    swift : (2 room,)
+        Square of the largest speed [m2/s2] of the particles that a block held at the last sort, of two warps.
     booked : (room, 6) float64
         Plastic dissipation and work of the ground [J], impulse of the ground [N s], plastic dissipation that a second warp adds.
     """
@@ -58,7 +58,7 @@ class NodeArrays:
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.grounded = wp.full(room, -1, dtype=wp.int32)
         self.near = wp.full(room, -1, dtype=wp.int32)
-        self.swift = wp.full(room, wp.inf, dtype=number)
+        self.swift = wp.full(2 * room, wp.inf, dtype=number)
         self.booked = wp.zeros((room, 6), dtype=wp.float64)
         self.make_room(0, 0)
 

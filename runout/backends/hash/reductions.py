@@ -60,24 +60,31 @@ def sum_lanes(value: wp.float64) -> wp.float64:  # type: ignore[valid-type, empt
     """Sum over the 32 lanes of a warp, for the first of them; on a CPU all lanes of a block are one warp."""
 
 
-MAX_LANES = """
-#if defined(__CUDA_ARCH__)
-    for (int d = 16; d > 0; d >>= 1) value = wp::max(value, __shfl_xor_sync(0xffffffffu, value, d));
-    return value;
+MAX_ON_CPU = """
 #else
     auto lanes = wp::tile<wp::float32>(value);
     auto top = wp::tile_max(lanes);
     return wp::tile_extract(top, 0);  // all lanes meet here
 #endif
 """
+MAX_LANES32 = (
+    """
+#if defined(__CUDA_ARCH__)
+    return __int_as_float(__reduce_max_sync(0xffffffffu, __float_as_int(value)));"""
+    + MAX_ON_CPU
+)
+MAX_LANES64 = """
+#if defined(__CUDA_ARCH__)
+    for (int d = 16; d > 0; d >>= 1) value = fmax(value, __shfl_xor_sync(0xffffffffu, value, d));
+    return value;""" + MAX_ON_CPU.replace("float32", "float64")
 
 
-@wp.func_native(MAX_LANES)
+@wp.func_native(MAX_LANES32)
 def max_lanes32(value: wp.float32) -> wp.float32:  # type: ignore[valid-type, empty-body]
-    """The largest of numbers that are not negative over the lanes of a block of one warp."""
+    """The largest of numbers that are not negative over the 32 lanes of a warp; on a CPU over all lanes of a block."""
 
 
-@wp.func_native(MAX_LANES.replace("float32", "float64"))
+@wp.func_native(MAX_LANES64)
 def max_lanes64(value: wp.float64) -> wp.float64:  # type: ignore[valid-type, empty-body]
     """The same."""
 
@@ -116,34 +123,23 @@ def book_four64(rows: wp.array2d(dtype=wp.float64), i: int, j: int, values: wp.v
     """The same."""
 
 
-# The largest of a warp first; numbers that are not negative have the order of their bits.
+# The first lane alone; numbers that are not negative have the order of their bits.
 PEAK32 = """
 #if defined(__CUDA_ARCH__)
-    int bits = __reduce_max_sync(0xffffffffu, __float_as_int(value));
+    int bits = __float_as_int(value);
     if ((threadIdx.x & 31) == 0 && bits > *(volatile int*)(peaks.data + i)) atomicMax((int*)(peaks.data + i), bits);
 #else
     wp::atomic_max(peaks, i, value);
 #endif
 """
-PEAK64 = """
-#if defined(__CUDA_ARCH__)
-    long long bits = __double_as_longlong(value);
-    for (int d = 16; d > 0; d >>= 1) {
-        long long other = __shfl_xor_sync(0xffffffffu, bits, d);
-        bits = other > bits ? other : bits;
-    }
-    if ((threadIdx.x & 31) == 0 && bits > *(volatile long long*)(peaks.data + i)) atomicMax((long long*)(peaks.data + i), bits);
-#else
-    wp::atomic_max(peaks, i, value);
-#endif
-"""
+PEAK64 = PEAK32.replace("int bits", "long long bits").replace("float_as_int", "double_as_longlong").replace("int*", "long long*")
 
 
 @wp.func_native(PEAK32)
 def raise_peak32(peaks: wp.array(dtype=wp.float32), i: int, value: wp.float32):  # type: ignore[valid-type, no-untyped-def]
-    """Bring a largest value up to those of all lanes."""
+    """Bring a largest value up to one of a warp."""
 
 
 @wp.func_native(PEAK64)
 def raise_peak64(peaks: wp.array(dtype=wp.float64), i: int, value: wp.float64):  # type: ignore[valid-type, no-untyped-def]
-    """Bring a largest value up to those of all lanes."""
+    """Bring a largest value up to one of a warp."""
