@@ -19,7 +19,7 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gpu_throughput import LAYERS, layer, loaded
+from gpu_throughput import LAYERS, STEP, layer, loaded
 
 STEPS = 14  # fewer than to the next sort
 log: list[tuple[str, Any]] = []
@@ -59,7 +59,7 @@ def main() -> None:
     size, upwards = (sys.argv[2:] + ["10M", "2"][len(sys.argv[2:]) :])[:2]
     scene, p = layer(*LAYERS[size], upwards=int(upwards))
     backend = loaded(sys.argv[1], scene, p)
-    dt = 0.8 * backend.stable_step()
+    dt = STEP * backend.stable_step()
     backend.steps(dt, 68)
     for _ in range(2):
         started = time.perf_counter()

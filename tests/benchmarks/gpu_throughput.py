@@ -25,6 +25,7 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from runout import DruckerPrager
+from runout.accuracy import CFL
 from runout.backends.hash.backend import bytes_needed
 from runout.backends.hash.batch import SORTS_BEFORE, Batch
 from runout.backends.protocol import get_backend
@@ -36,6 +37,7 @@ from tests.benchmarks.gpu_naive import measure_naive
 
 CELL = 2.0  # [m]
 SLOPE = np.radians(20.0)
+STEP = 0.4 / CFL  # of the stable step: the Courant number of all records
 MATERIAL = DruckerPrager(density=2000.0, youngs_modulus=1e7, poisson_ratio=0.3, friction_angle=30.0)
 LAYERS = {  # cells along x, y and through the thickness; 8 particles a cell
     "0.1M": (56, 56, 4),
@@ -210,7 +212,7 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
     backend.graphs = graph and backend.device.is_cuda
     if "steps_per_sort" in options:
         backend._steps_per_sort = lambda left: options["steps_per_sort"]
-    dt = 0.8 * backend.stable_step()
+    dt = STEP * backend.stable_step()
     backend.steps(dt, 4)
     backend.steps(dt, steps // 4)  # the graph of a step is recorded here
     record_sorts(backend)
@@ -241,7 +243,7 @@ def measure_batch(device: str, members: int, steps: int) -> dict[str, Any]:
         scenes.append((replace(scene, friction=(np.tan(np.radians(12.0 + 6.0 * n / members)),)), p))
     together = Batch(scenes, device)
     together.graphs = together.device.is_cuda
-    dt = [0.8 * together.stable_step(n) * (1.0 - 0.2 * n / members) for n in range(members)]
+    dt = [STEP * together.stable_step(n) * (1.0 - 0.2 * n / members) for n in range(members)]
     together.advance(dt, [steps // 4 + 4] * members)
     record_sorts(together)
     started = time.perf_counter()
