@@ -31,6 +31,13 @@ particle-steps (processor time). Less than one: cheaper than the defaults. A das
 or always better than their finest.
 
 {ranking}
+
+## Where the defaults lie on the Pareto front
+
+One default serves all problems. The largest cost of every other choice over that of the defaults, at equal error and in
+processor time: {rivals}.
+
+{places}
 """
 SLIGHTEST = 0.1  # order below which none is seen
 ROWS = (
@@ -68,6 +75,8 @@ def as_markdown(content: Mapping[str, Any]) -> str:
         base=f"{_count(PARTICLES_PER_CELL)} particles a cell, in solids {_count(3 * (PLAN,))}; CFL {CFL:g}, float32, backend scan",
         repeated=REPEATED_BELOW,
         ranking=rows(content),
+        rivals=_rivals(content),
+        places="\n".join(_places(content)),
         seed=content["seed"],
         **{name: versions[name] for name in ("commit", "runout", "numba", "numpy", "python")},
         **machine,
@@ -82,6 +91,28 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     parts.append("## All runs\n\nMemory: all arrays of the backend. DoE = -log10(error times processor time).\n")
     parts.append("\n".join(_points(content)) + "\n")
     return "\n".join(parts)
+
+
+def _rivals(content: Mapping[str, Any]) -> str:
+    """The largest cost in time of each choice over that of the defaults, and where."""
+    found = []
+    for name in dict.fromkeys(name for p in content["problems"] for name in p["cost_at_equal_error"]):
+        costs = {p["name"]: p["cost_at_equal_error"].get(name, {}).get("seconds", 0.0) for p in content["problems"]}
+        worst = max(costs, key=lambda problem: costs[problem])
+        if name != BASE.name and costs[worst]:
+            found.append(f"{name} {costs[worst]:.2g} ({worst})")
+    return ", ".join(found)
+
+
+def _places(content: Mapping[str, Any]) -> Iterator[str]:
+    """On how many of its grids the front of a problem has the defaults, by time and by work."""
+    yield "| problem | grids | on the front by processor time | by particle-steps |"
+    yield "|---|---|---|---|"
+    for problem in content["problems"]:
+        curves = {c["variation"]: c["points"] for c in problem["curves"]}
+        if BASE.name in curves:
+            rings = [sum(on_front(curves, cost)[BASE.name]) for cost in ("seconds", "particle_steps")]
+            yield f"| {problem['name']} | {len(curves[BASE.name])} | {rings[0]} | {rings[1]} |"
 
 
 def _count(particles: Sequence[int]) -> str:

@@ -32,8 +32,9 @@ INVARIANTS = (
     "nothing in the state is not a number; mass with what escaped is exact; momentum is that of gravity and of the ground's "
     "impulses; the sum of all energies never rises by more than 1e-3 of the drop of potential energy "
     "(in single precision and 2e-8 of the weight times a cell in each step, by rounding); no particle is faster than "
-    "sqrt(v0^2 + 2 g dz) + 2 sqrt(g H) + 5 %, nor the centre of mass than its fall allows; no particle's centre lies deeper "
-    "than a tenth of a cell in the ground, or than a cell where walls and pits are narrower than two cells; "
+    "sqrt(v0^2 + 2 g dz) + 2 sqrt(g H) + 5 %, nor the centre of mass than its fall allows; no layer of "
+    "particles has its middle deeper than a tenth of a cell in the ground, or than a cell where walls and pits are narrower "
+    "than two cells; "
     "what must rest creeps at less than 1 mm/s"
 )
 

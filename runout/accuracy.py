@@ -55,9 +55,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, (2, 2, 4), 0.6, 0.27, 0.086, 0.19),
-    "standard": Preset(1.5, (2, 2, 4), 0.6, 0.16, 0.057, 1),
-    "high": Preset(3.0, (2, 2, 4), 0.6, 0.079, 0.017, 20),
+    "screening": Preset(1.0, (2, 2, 4), 0.6, 0.25, 0.068, 0.19),
+    "standard": Preset(1.5, (2, 2, 4), 0.6, 0.14, 0.046, 1),
+    "high": Preset(3.0, (2, 2, 4), 0.6, 0.072, 0.012, 20),
 }
 
 

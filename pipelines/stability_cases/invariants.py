@@ -8,6 +8,7 @@ from pipelines.stability_cases.layout import NARROW, Layout
 from runout.backends.protocol import Backend, LedgerRow
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Scene
+from runout.release import stagger
 
 LIMITS = {  # largest value of what is measured
     "mass": 1e-12,  # change of mass with what has escaped, over the mass
@@ -15,7 +16,7 @@ LIMITS = {  # largest value of what is measured
     "energy": 1e-3,  # rise of all energy over the drop of potential energy
     "speed": 1.0,  # of a particle over its bound
     "mean speed": 1.0,  # of the centre of mass over its bound
-    "penetration": 0.1,  # of a particle's centre below the ground [cells]
+    "penetration": 0.1,  # of the middle of a layer of particles below the ground [cells]; they lie at some heights in it
     "penetration at narrow edges": 1.0,  # the same on terrains with edges that the stencil of three nodes cannot resolve
     "sinking": np.inf,  # of a particle below where it touches, half its size above the ground [cells]; reported
     "rest": 1.0,  # creep over 1 mm/s, for what must end at rest
@@ -114,5 +115,6 @@ class Watch:
         ground, east, north = self.scene.surface.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
         above = (x[:, 2] - ground) / np.sqrt(1.0 + east**2 + north**2)
         edges = " at narrow edges" if self.layout.terrain in NARROW else ""
-        self._keep(f"penetration{edges}", float(-above.min() / h.min()))
+        middle = above + (stagger.LEVELS - 1) * p.radius  # half a layer above its lower end
+        self._keep(f"penetration{edges}", float(-middle.min() / h.min()))
         self._keep("sinking", float(-(above - p.radius).min() / h.min()))

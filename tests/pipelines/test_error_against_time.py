@@ -1,6 +1,8 @@
 """Error against time: what curves say, that every choice reaches the run, and the page; nothing depends on a clock."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from pipelines.verification_cases import spreading_cap
 from pipelines.verification_cases.bodies import free_scene, lattice, particles_at
 from pipelines.verification_cases.sliding_box import BOX
 from runout import cli
+from runout.accuracy import SOURCE
 from runout.errors import ExitCode
 from runout.model.surface import Surface
 
@@ -132,6 +135,23 @@ def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
 def test_problems_that_are_not_there_are_named():
     with pytest.raises(error_against_time.ConfigError, match="choose among U7, U9"):
         measured(["U99"])
+
+
+PUBLISHED = json.loads((Path(__file__).parents[2] / SOURCE).read_text())
+
+
+def test_no_choice_of_the_published_study_is_as_cheap_as_the_defaults_on_every_problem_that_ranks():
+    ranking = [p["cost_at_equal_error"] for p in PUBLISHED["problems"] if p["name"] not in ("T1", "T5")]
+    names = {name for costs in ranking for name in costs} - {BASE.name, "hash on the CPU"}
+    assert len(names) > 12
+    for name in names:
+        assert max(costs.get(name, {}).get("seconds", 0.0) for costs in ranking) > 1.05, name
+
+
+def test_defaults_lie_on_the_published_front_of_error_over_time_but_for_the_rods():
+    for problem in PUBLISHED["problems"]:
+        curves = {c["variation"]: c["points"] for c in problem["curves"]}
+        assert any(on_front(curves, "seconds")[BASE.name]) == (problem["name"] != "F5"), problem["name"]
 
 
 def test_contact_at_nodes_is_coulomb_friction_on_the_whole_tangential_vector():
