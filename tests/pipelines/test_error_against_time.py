@@ -145,7 +145,8 @@ def test_no_choice_of_the_published_study_is_as_cheap_as_the_defaults_on_every_p
     names = {name for costs in ranking for name in costs} - {BASE.name, "hash on the CPU"}
     assert len(names) > 12
     for name in names:
-        assert max(costs.get(name, {}).get("seconds", 0.0) for costs in ranking) > 1.05, name
+        found = [costs[name]["seconds"] for costs in ranking if "seconds" in costs.get(name, {})]
+        assert not found or max(found) > 1.05, name  # none: never as accurate
 
 
 def test_defaults_lie_on_the_published_front_of_error_over_time_but_for_the_rods():
