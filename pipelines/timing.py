@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from pipelines.sloping_layer import Layer
+from runout.accuracy import CFL
 from runout.backends.protocol import get_backend
 from runout.observers import Ledger, PeakMaps
 
-STEP_SHARE = 0.95  # of the stable step at the start
+STEP_SHARE = 0.475 / CFL  # of the stable step at the start: the Courant number of all records, with room for a flow that speeds up
 UNTIMED_STEPS = 3
 WORK_OF_A_RUN = 400_000  # particle-steps between two looks at the clock
 CROSSING = 0.5  # of a cell of the raster between observations, as in runout.simulation

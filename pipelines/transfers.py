@@ -89,7 +89,7 @@ def costs(particles: int, depth: int, precision: str = "float32") -> dict[str, f
         scene, p = Layer(particles, depth=depth, precision=precision).build()
         engines[name] = get_backend("scan", threads=1)
         engines[name].load(replace(scene, **way), p)
-    dt = 0.95 * engines["mls"].stable_step()
+    dt = 0.95 * min(engine.stable_step() for engine in engines.values())
     for turn in range(ROUNDS):
         for name in list(WAYS)[:: 1 if turn % 2 else -1]:
             started = time.process_time()
