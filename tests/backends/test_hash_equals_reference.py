@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import HASH_DEVICE, IN_ORDER, SAND, box, plane, scene, single_precision, total_energy
+from scenes import HASH_DEVICE, IN_ORDER, SAND, box, loaded, plane, scene, single_precision, total_energy
 from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
 
 from runout.backends.protocol import get_backend
 from runout.model.materials import GranularFlow
+from runout.model.particles import Particles
 
 GRAINS = GranularFlow(
     density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3, static_friction=0.3, dynamic_friction=0.8, grain_size=0.5
@@ -166,3 +167,28 @@ def test_flow_whose_friction_grows_with_the_rate_gives_what_the_reference_gives_
         ends.append((backend.particles(), backend.ledger(), backend.columns()))
     assert_same(*ends, 1e-11, spacing)
     assert ends[1][1].plastic_dissipation > 0
+
+
+def test_contact_looks_as_far_as_the_fastest_around_a_block_and_misses_none_that_falls_onto_it():
+    """A mass that rests, one that falls fast upon it, and one far away: bounds of speed differ, results do not."""
+    ground, spacing = plane(0.1), np.ones(3)
+    rest, fall, far = (
+        box((x, 30.0, up), (4.0, 4.0, 2.0), spacing, surface=ground) for x, up in ((24.0, 0.05), (29.0, 0.4), (60.0, 0.05))
+    )
+    fall.velocity[:] = (-20.0, 0.0, -30.0)
+    p = Particles.concatenate([rest, fall, far])
+    a_scene = scene(ground, materials=(SAND,))
+    engines = [loaded(engine, a_scene, p) for engine in (get_backend("reference"), on_cpu(deterministic=IN_ORDER))]
+    for _ in range(30):
+        dt = 0.5 * engines[0].stable_step()
+        for engine in engines:
+            engine.step(dt)
+        a, b = (engine.ledger() for engine in engines)
+        assert a.contact_particles == b.contact_particles
+    assert a.contact_particles > 32
+    swift = np.sqrt(engines[1].nodes.swift.numpy())
+    q = engines[1].particles()
+    slow = np.linalg.norm(q.velocity[q.identity >= len(rest) + len(fall)], axis=1).max()
+    assert slow < 0.2 * a.max_speed
+    assert ((swift > 0) & (swift <= 1.001 * slow)).any()  # blocks of the slow mass, not of the scene's fastest
+    np.testing.assert_allclose(b.basal_impulse, a.basal_impulse, rtol=1e-9)
