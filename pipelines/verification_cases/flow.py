@@ -91,13 +91,13 @@ def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Par
 
 
 def staggered(along: np.ndarray, thickness: np.ndarray, width: float, layer: float, scene: Scene) -> tuple[Particles, np.ndarray]:
-    """A slice as releases are filled (:func:`layers`), and how deep below the surface its particles lie (n,) [m].
+    """A slice as releases are filled (:mod:`runout.release.stagger`), and how deep below the surface its particles lie (n,) [m].
 
     ``along`` (n,) [m]: columns of a ``width`` [m] along the floor, filled up to ``thickness`` (n,) [m] in layers of ``layer`` [m].
     """
     h, columns = scene.spacing[0], len(along)
     index = np.stack(np.meshgrid(np.arange(ACROSS), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)[:, ::-1]
-    column, above, height = layers(index, np.tile(thickness, ACROSS), layer)
+    column, above, height = stagger.layered(index, np.tile(thickness, ACROSS), layer)
     across = (index[column, 1] + 1.0) * h  # on nodes, as in slice_of
     place = np.column_stack([along[index[column, 0]], across, BASE * scene.spacing[2] + above])
     p = filled(place, scene.spacing, scene.materials[0].density, 1.0)
@@ -105,18 +105,6 @@ def staggered(along: np.ndarray, thickness: np.ndarray, width: float, layer: flo
     p.mass *= width * h * height
     p.radius[:] = stagger.half_size(height)
     return p, np.tile(thickness, ACROSS)[column] - above
-
-
-def layers(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which column (n,), height above the floor [m] and own height [m] of particles, in layers of about ``layer`` [m].
-
-    ``index`` (m, 2) of columns of a ``thickness`` (m,) [m]; particles lie in them as in releases (``runout.release.sample``).
-    """
-    count = np.maximum(1, np.floor(thickness / layer + 0.5 + 1e-9)).astype(int)
-    column = np.repeat(np.arange(len(thickness)), count)
-    row = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    height = (thickness / count)[column]
-    return column, (row + stagger.shares(index)[column]) * height, height
 
 
 def rectangle(length: float, height: float, spacing: float, start: float = 0.0) -> np.ndarray:

@@ -99,7 +99,7 @@ def whole(
     x, y = axis[index].T
     top = cap.thickness(x, y, 0.0)
     index, x, y, top = index[top > 0], x[top > 0], y[top > 0], top[top > 0]
-    column, above, height = flow.layers(index, top, cells.height / cells.depth)
+    column, above, height = stagger.layered(index, top, cells.height / cells.depth)
     east, up = lean.place(x[column], above)
     p = filled(np.column_stack([east, EXTENT[1] / 2 + y[column], up]), scene.spacing, scene.materials[0].density, 1.0)
     p.volume *= width**2 * height

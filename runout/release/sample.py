@@ -230,13 +230,10 @@ def _fill(
     rng: np.random.Generator,
 ) -> Particles:
     """Particles of one release; mass and release index are left to the caller."""
-    rows = np.maximum(1, np.floor(columns.thickness / layer + 0.5 + CLOSE)).astype(np.int64)  # round-off never tips a half
-    column = np.repeat(np.arange(len(rows)), rows)
-    row = np.arange(len(column)) - np.repeat(np.cumsum(rows) - rows, rows)
-    height = (columns.thickness / rows)[column]
+    column, above, height = stagger.layered(columns.index, columns.thickness, layer)
     plan = _plan_positions(release, columns, column, jitter, rng)
     ground, east, north = surface.evaluate(plan[:, 0], plan[:, 1])
-    position = np.column_stack((plan, ground + (row + stagger.shares(columns.index)[column]) * height))
+    position = np.column_stack((plan, ground + above))
     particles = Particles.at(position, np.asarray(spacing, np.float64))
     volume = height * (columns.size[0] * columns.size[1])
     particles.volume[:] = volume * (release.volume / volume.sum())

@@ -4,6 +4,7 @@ import numpy as np
 
 ORDER = np.array([[0, 2], [3, 1]])  # neighbours lie as far apart as can be
 LEVELS = ORDER.size
+CLOSE = 1e-9  # share of a layer by which round-off may miss
 
 
 def shares(index: np.ndarray) -> np.ndarray:
@@ -19,6 +20,25 @@ def shares(index: np.ndarray) -> np.ndarray:
         Of the columns, east and north.
     """
     return (ORDER[index[:, 0] % 2, index[:, 1] % 2] + 0.5) / LEVELS
+
+
+def layered(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which column (n,), height above its bottom [m] and own height [m] of particles that fill columns.
+
+    Parameters
+    ----------
+    index : ndarray (m, 2)
+        Of the columns, east and north.
+    thickness : ndarray (m,)
+        Of the columns [m]; each is divided into equal layers, one at least.
+    layer : float
+        About what a layer measures [m]; half of one more makes another layer.
+    """
+    rows = np.maximum(1, np.floor(thickness / layer + 0.5 + CLOSE)).astype(np.int64)  # round-off never tips a half
+    column = np.repeat(np.arange(len(rows)), rows)
+    row = np.arange(len(column)) - np.repeat(np.cumsum(rows) - rows, rows)
+    height = (thickness / rows)[column]
+    return column, (row + shares(index)[column]) * height, height
 
 
 def half_size(height: np.ndarray) -> np.ndarray:
