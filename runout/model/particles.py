@@ -44,7 +44,7 @@ class Particles:
     volume : (n,)
         Volume in the stress-free state [m3].
     radius : (n,)
-        How close to the ground the particle comes, along its normal [m]: half the thickness of what it stands for.
+        How close to the ground the particle comes, along its normal [m]: half of what lies between heights of particles there.
     release : (n,) int32
         Index of the release it belongs to.
     identity : (n,) int64
