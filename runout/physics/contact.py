@@ -24,6 +24,16 @@ def reach(radius: Any, speed: Any, dt: Any, band: Any):
     return radius + band + real(1.001) * dt * speed
 
 
+def fall(v: Any, east: Any, north: Any, more_east: Any, more_north: Any):
+    """Speed [m/s] at which a velocity may at most approach a ground with slopes within ``more_east`` of ``east`` and so northwards.
+
+    With the upward normal n = (-a, -b, 1) / sqrt(1 + a^2 + b^2) of a ground with slopes a and b, -v.n <= v1 a + v2 b - v3 where
+    that is positive.
+    """
+    fallen = v[0] * east + v[1] * north - v[2]
+    return max(real(0.0), fallen + abs(v[0]) * more_east + abs(v[1]) * more_north)
+
+
 def normal_target(un: Any, gap: Any, dt: Any):
     """Least normal velocity [m/s] that the ground admits, where it would be ``un`` without its impulse.
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import HASH_DEVICE, IN_ORDER, SAND, box, loaded, plane, scene, single_precision, total_energy
-from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
+from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, rough, run, two_bodies
 
 from runout.backends.protocol import get_backend
 from runout.model.materials import GranularFlow
@@ -186,9 +186,28 @@ def test_contact_looks_as_far_as_the_fastest_around_a_block_and_misses_none_that
         a, b = (engine.ledger() for engine in engines)
         assert a.contact_particles == b.contact_particles
     assert a.contact_particles > 32
-    swift = np.sqrt(engines[1].nodes.swift.numpy())
+    falls = engines[1].nodes.falls.numpy()
     q = engines[1].particles()
     slow = np.linalg.norm(q.velocity[q.identity >= len(rest) + len(fall)], axis=1).max()
     assert slow < 0.2 * a.max_speed
-    assert ((swift > 0) & (swift <= 1.001 * slow)).any()  # blocks of the slow mass, not of the scene's fastest
+    assert ((falls > 0) & (falls <= 1.001 * slow)).any()  # blocks of the slow mass, not of the scene's fastest
     np.testing.assert_allclose(b.basal_impulse, a.basal_impulse, rtol=0, atol=1e-9 * np.abs(a.basal_impulse).max())
+
+
+@pytest.mark.parametrize(("ground", "level"), [(plane(0.3, -0.1), True), (rough(), False)], ids=["plane", "rough"])
+def test_what_slides_fast_along_the_ground_bounds_contact_by_its_speed_towards_it(ground, level):
+    """As fast as it may be: on a plane nothing above the lowest particles is looked at; on rough ground none is missed."""
+    p = box((30.0, 30.0, 0.02), (6.0, 4.0, 3.0), np.ones(3), surface=ground)
+    p.velocity[:] = 20.0 * np.array((1.0, 0.5, 0.3 - 0.5 * 0.1)) + np.random.default_rng(3).normal(scale=0.1, size=(len(p), 3))
+    a_scene = scene(ground, materials=(SAND,), friction=(0.1,))
+    dense = a_scene if level else replace(a_scene, surface=on_nodes(ground, np.ones(3)))
+    engines = [loaded(get_backend("reference"), dense, p), loaded(on_cpu(deterministic=IN_ORDER), a_scene, p)]
+    for _ in range(20):
+        dt = 0.5 * engines[0].stable_step()
+        for engine in engines:
+            engine.step(dt)
+        a, b = (engine.ledger() for engine in engines)
+        assert a.contact_particles == b.contact_particles
+    np.testing.assert_allclose(b.basal_impulse, a.basal_impulse, rtol=0, atol=1e-9 * np.abs(a.basal_impulse).max())
+    falls = engines[1].nodes.falls.numpy()
+    assert (falls.max() < 0.2 * a.max_speed) == level

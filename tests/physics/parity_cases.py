@@ -164,6 +164,7 @@ CASES = [
         "v",
         (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.0, 1.0), between(0.01, 0.1)),
     ),
+    Case(contact.fall, "vssss", "s", (vector, number, number, step, step)),
     Case(contact.reach, "ssss", "s", (between(0.1, 2.0), speed, step, between(0.001, 0.02))),
     Case(contact.zone_friction, "sss", "s", (angle, angle, angle)),
     Case(contact.work, "vvvs", "s", (vector, vector, vector, between(0.01, 0.1))),

@@ -330,7 +330,7 @@ class Batch:
         if self.ground is not None:
             self._find_contacts()
             self._push()
-        arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.shares, i.ends, n.grid
+        arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.shares, n.ground_slopes, n.falls, i.ends, n.grid
         run(self.k.update_nodes, i.room * 64, *arguments)
 
     def _pressed(self) -> tuple[Any, Any]:
@@ -342,7 +342,7 @@ class Batch:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_each(
             k.find_contacts, n.places, WARP, s.rec, s.radius, s.order, i.cstart, self.flags, i.tally, n.standing, i.member,
-            self.clock, n.tiles, n.bounds, self.h, self.band, self.real(self.largest), i.around, n.swift, i.touching, i.touched,
+            self.clock, n.tiles, n.bounds, self.h, self.band, self.real(self.largest), i.around, n.falls, i.touching, i.touched,
             self.contacts, n.near_up, n.shares, n.arenas, *self._pressed(),
         )  # fmt: skip
         if self.deterministic:
@@ -363,7 +363,7 @@ class Batch:
         run_blocks(
             self.k.grid_to_particles, i.launched, CELL_LANES, s.rec, s.release, s.key, i.homes, i.home, i.ends, i.around, i.up,
             i.coordinates, self.flags, i.tally, i.member, self.clock, n.grid, self.mats, self.h, self.shift,
-            self.limits, self.peaks, n.swift, n.booked,
+            self.limits, self.peaks, n.booked,
         )  # fmt: skip
 
     def ledgers(self) -> list[LedgerRow]:

@@ -52,10 +52,10 @@ hits_before: Any = None  # how many of the lanes before a lane hit, and of all, 
 take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
-def _farthest(swift: Reals, around: Table2, b: int, lane: int, largest: Any, dt: Any, band: Any, of_all: Any):
-    """Distance [m] beyond which no particle of a block is in contact: by the fastest of those that may be here, ``of_all`` at most.
+def _farthest(falls: Reals, around: Table2, b: int, lane: int, largest: Any, dt: Any, band: Any, of_all: Any):
+    """Distance [m] beyond which no particle of a block is in contact: by the fastest that may be here, ``of_all`` at most.
 
-    They were in the block or in one of the 26 around it at the last sort.
+    Its velocity is a mean of those of nodes in the block and in the 26 around it, so that it falls no faster than they do.
     """
     fastest = real(0.0)
     for q in range((NEIGHBOURS + lane_count() - 1) // lane_count()):
@@ -63,9 +63,9 @@ def _farthest(swift: Reals, around: Table2, b: int, lane: int, largest: Any, dt:
         if k < NEIGHBOURS:
             other = around[b, k]
             if other >= 0:
-                both = pair_at(swift, 2 * other)
+                both = pair_at(falls, 2 * other)
                 fastest = wp.max(fastest, wp.max(both[0], both[1]))
-    return wp.min(of_all, reach(largest, wp.sqrt(max_lanes(fastest)), dt, band))
+    return wp.min(of_all, reach(largest, max_lanes(fastest), dt, band))
 
 
 def _highest(bounds: Halves, near: int, c: int, h: Vector, far: Any):
@@ -218,7 +218,7 @@ def _give_shares(tile: Tile, shares: Reals, bases: Tile, q: int):
 
 def find_contacts(
     rec: Rows, radius: Reals, order: Ints, cstart: Table2, flags: Ints, tally: Ints, standing: Ints, member: Ints,
-    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, largest: Real, around: Table2, swift: Reals,
+    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, largest: Real, around: Table2, falls: Reals,
     touching: Ints, touched: Table2, contacts: Ints, near_up: Table2, shares: Reals, arenas: Nodes, pressed: Ints,
     pressed_start: Table2,
 ):  # fmt: skip
@@ -241,7 +241,7 @@ def find_contacts(
         tile = wp.tile_empty(shape=TILE, dtype=real, storage="shared")  # limits of the cells first, then sums of weights
         queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
         first = int(cstart[b, 0])
-        far = _farthest(swift, around, b, lane, largest, clock[s, 0], band, clock[s, 4])
+        far = _farthest(falls, around, b, lane, largest, clock[s, 0], band, clock[s, 4])
         total = _number_listed(starts, places, tile, cstart, b, lane, bounds, place, h, far)
         found = int(0)
         head = int(0)

@@ -19,10 +19,12 @@ from runout.backends.hash.layout import (
     Doubles2,
     Halves,
     Ints,
+    Nodes,
     Real,
     Rows,
     Table2,
     Vector,
+    node4,
     run,
 )
 from runout.backends.hash.nodes import NodeArrays
@@ -82,25 +84,51 @@ def cut_tiles(
 def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, grounded: Ints):
     """Blocks whose particles may come within ``reach`` [m] of the ground, and the blocks of the nodes that these reach.
 
-    A spline keeps to the hull of its coefficients, and no steeper slope is found than between two of them.
+    A spline keeps to the hull of its coefficients, and no other slope is found than between two of them: the least east and north
+    and the largest are noted behind them.
     """
     b = wp.tid()
+    low = node4(real(wp.inf), real(wp.inf), -real(wp.inf), -real(wp.inf))
+    for i in range(4):
+        tiles[b, 36 + i] = low[i]
     if up[b, 0] < 0:
         return
     top = tiles[b, 0]
-    east = real(0.0)
-    north = real(0.0)
     for t in range(36):
         top = wp.max(top, tiles[b, t])
         if t >= 6:
-            east = wp.max(east, wp.abs(tiles[b, t] - tiles[b, t - 6]))
+            east = (tiles[b, t] - tiles[b, t - 6]) * h[2] / h[0]
+            low[0] = wp.min(low[0], east)
+            low[2] = wp.max(low[2], east)
         if t % 6 > 0:
-            north = wp.max(north, wp.abs(tiles[b, t] - tiles[b, t - 1]))
-    n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
+            north = (tiles[b, t] - tiles[b, t - 1]) * h[2] / h[1]
+            low[1] = wp.min(low[1], north)
+            low[3] = wp.max(low[3], north)
+    for i in range(4):
+        tiles[b, 36 + i] = low[i]
+    n = upward_normal(wp.max(wp.abs(low[0]), wp.abs(low[2])), wp.max(wp.abs(low[1]), wp.abs(low[3])))
     if distance((real(0.5) - top) * h[2], n[2]) <= reach:
         near[b] = 1
         for q in range(8):
             grounded[up[b, q]] = 1
+
+
+def note_slopes(tiles: Rows, around: Table2, slopes: Nodes):
+    """Middle of the slopes of the ground under a block and those around it, and how far any lies from it."""
+    b = wp.tid()
+    found = node4(tiles[b, 36], tiles[b, 37], tiles[b, 38], tiles[b, 39])
+    for q in range(27):
+        other = around[b, q]
+        if other >= 0:
+            for i in range(2):
+                found[i] = wp.min(found[i], tiles[other, 36 + i])
+                found[i + 2] = wp.max(found[i + 2], tiles[other, 38 + i])
+    if found[0] <= found[2]:  # else no particle comes here
+        for i in range(2):
+            middle = real(0.5) * (found[i] + found[i + 2])
+            found[i] = middle
+            found[i + 2] = found[i + 2] - middle + real(1e-5) * (real(1.0) + wp.abs(middle))  # with a reserve for rounding
+        slopes[b] = found
 
 
 def number_marked(places: Ints, marks: Ints, counts: Ints, which: int, blocks: Ints):
@@ -186,13 +214,14 @@ class Ground:
 
     def cut(self, kernels: SimpleNamespace, index: Index, nodes: NodeArrays, shift: wp.array, h: wp.array) -> None:
         """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""
-        cut, flags, counts = nodes.scratch((index.room, 36), nodes.number), index.board.flags, index.board.counts
+        cut, flags, counts = nodes.scratch((index.room, 40), nodes.number), index.board.flags, index.board.counts
         run(
             kernels.cut_tiles, (index.room, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
             index.coordinates, index.up, self.spacing, cut,
         )  # fmt: skip
         nodes.near.zero_(), nodes.grounded.zero_(), nodes.standing.fill_(-1)
         run(kernels.note_near, index.room, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
+        run(kernels.note_slopes, index.room, cut, index.around, nodes.ground_slopes)
         for marks, which, blocks in ((nodes.near, NEAR, nodes.standing), (nodes.grounded, GROUNDED, wp.empty(0, dtype=wp.int32))):
             wp.copy(index.sums, marks, count=index.room)
             wp.utils.array_scan(index.sums, index.sums, inclusive=False)

@@ -198,18 +198,10 @@ def _is_sound(moves: Vector, scene: int, worst: int, flags: Ints, peaks: Reals):
     return False
 
 
-def _note_fastest(peaks: Reals, scene: int, swift: Reals, b: int, fastest: Any, lane: int):
-    """Square of the largest speed of a warp, for its scene and for its half of a block."""
-    largest = max_lanes(fastest)
-    raise_peak(peaks, scene, largest)
-    if lane % WARP == 0:
-        swift[2 * b + lane // WARP] = largest
-
-
 def grid_to_particles(
     rec: Rows, release: Shorts, key: Ints, homes: Ints, home: Table2, ends: Ints, around: Table2, up: Table2,
     coordinates: Table2, flags: Ints, tally: Ints, member: Ints, clock: Rows, grid: Nodes,
-    mats: Materials, h: Vector, shift: Ints, limits: Doubles2, peaks: Reals, swift: Reals, booked: Doubles2, launched: int,
+    mats: Materials, h: Vector, shift: Ints, limits: Doubles2, peaks: Reals, booked: Doubles2, launched: int,
 ):  # fmt: skip
     """Velocities to particles, law, motion and next record; cells of the particles anew, and how many enter each.
 
@@ -270,7 +262,7 @@ def grid_to_particles(
                 if new >= 0:
                     count_in(ends, _cell_entry(new))
         if dt > real(0.0):
-            _note_fastest(peaks, scene, swift, b, fastest, lane)
+            raise_peak(peaks, scene, max_lanes(fastest))
             all_lost = sum_lanes(lost)
             if lane % WARP == 0:  # no warp waits for the other
                 book(booked, b, 5 * (lane // WARP), all_lost)

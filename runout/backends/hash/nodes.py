@@ -41,8 +41,10 @@ class NodeArrays:
         take the place of the list of all, which no kernel needs any more.
     arenas, held : (216 room,) four numbers, (room,) int32
         Sums of each block and particles that it holds, for sums in fixed order; else empty.
-    swift : (2 room,)
-        Square of the largest speed [m2/s2] of the particles that a block held at the last sort, of two warps.
+    ground_slopes : (room,) four numbers
+        Under a block and those around it, east and north: the middle of all slopes, then how far any lies from it.
+    falls : (2 room,)
+        Largest speed [m/s] towards that ground of the nodes of each half of a block; infinite where nobody knows it.
     booked : (room, 6) float64
         Plastic dissipation and work of the ground [J], impulse of the ground [N s], plastic dissipation that a second warp adds.
     """
@@ -58,7 +60,8 @@ class NodeArrays:
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.grounded = wp.full(room, -1, dtype=wp.int32)
         self.near = wp.full(room, -1, dtype=wp.int32)
-        self.swift = wp.full(2 * room, wp.inf, dtype=number)
+        self.ground_slopes = wp.zeros(room, dtype=self.vec4)
+        self.falls = wp.full(2 * room, wp.inf, dtype=number)
         self.booked = wp.zeros((room, 6), dtype=wp.float64)
         self.make_room(0, 0)
 

@@ -89,6 +89,34 @@ def max_lanes64(value: wp.float64) -> wp.float64:  # type: ignore[valid-type, em
     """The same."""
 
 
+# On a CPU threads take turns in the order of their numbers.
+LARGEST32 = """
+#if defined(__CUDA_ARCH__)
+    int bits = __reduce_max_sync(0xffffffffu, __float_as_int(value));
+    if ((t & 31) == 0) numbers.data[t >> 5] = __int_as_float(bits);
+#else
+    wp::float32& largest = wp::index(numbers, t >> 5);
+    if ((t & 31) == 0 || value > largest) largest = value;
+#endif
+"""
+LARGEST64 = LARGEST32.replace("float32", "float64").replace(
+    """int bits = __reduce_max_sync(0xffffffffu, __float_as_int(value));
+    if ((t & 31) == 0) numbers.data[t >> 5] = __int_as_float(bits);""",
+    """for (int d = 16; d > 0; d >>= 1) value = fmax(value, __shfl_xor_sync(0xffffffffu, value, d));
+    if ((t & 31) == 0) numbers.data[t >> 5] = value;""",
+)
+
+
+@wp.func_native(LARGEST32)
+def note_largest32(numbers: wp.array(dtype=wp.float32), t: int, value: wp.float32):  # type: ignore[valid-type, no-untyped-def]
+    """The largest of the numbers of 32 threads ``t`` that follow each other, none negative, to the place ``t / 32``."""
+
+
+@wp.func_native(LARGEST64)
+def note_largest64(numbers: wp.array(dtype=wp.float64), t: int, value: wp.float64):  # type: ignore[valid-type, no-untyped-def]
+    """The same."""
+
+
 # Each lane hands half of what it has to another that wants it: six exchanges for four sums, and they end in four lanes.
 BOOK_FOUR = """
 #if defined(__CUDA_ARCH__)

@@ -32,9 +32,11 @@ from runout.backends.hash.layout import (
     node_at,
     put_node,
 )
+from runout.physics.contact import fall
 from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
 
+note_largest: Any = None  # the largest of each 32 numbers; the binding puts it in its place
 pair_at: Any = None  # two numbers that lie beside each other, by one load; the binding puts it in its place
 
 
@@ -239,27 +241,33 @@ def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
 
 
 def update_nodes(
-    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, shares: Reals, ends: Ints, grid: Nodes
+    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, shares: Reals, ground_slopes: Nodes, falls: Reals,
+    ends: Ints, grid: Nodes,
 ):  # fmt: skip
-    """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground.
+    """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
 
-    The cells are counted anew from here on, unless F-bar still needs their lists.
+    That bounds particles of the packed form alone: what others keep of their own velocity may be faster than a node. The cells are
+    counted anew from here on, unless F-bar still needs their lists.
     """
     t = wp.tid()
     b = t >> 6
     g = node_at(grid, t)  # all under way at once, before it is known whether there is anything to do
     s = member[b]
     slot = grounded[b]
+    slopes = ground_slopes[b]
     if flags[HALT] != 0 or b >= tally[BLOCKS]:
         return
     if COUNTED_AT_ONCE:
         ends[_cell_entry(t)] = 0
+    v = vec(real(0.0), real(0.0), real(0.0))
     if g[0] > real(0.0):
         v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
         if slot >= 0:
             push = pair_at(shares, slot * SLOT + PUSHES + 2 * (t & 63))
             v = node_velocity(vec(push[0], push[1], shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
         put_node(grid, t, node4(g[0], v[0], v[1], v[2]))
+    if not GENERAL and clock[s, 0] > real(0.0):
+        note_largest(falls, t, fall(v, slopes[0], slopes[1], slopes[2], slopes[3]))
 
 
 def _sum_arenas(arenas: Nodes, held: Ints, down: Table2, t: int):

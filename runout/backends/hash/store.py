@@ -99,10 +99,10 @@ class Store:
         self._bring(k.gather_ints, k.bring_back_ints, flags, self.number, nodes, totals)
         if self.only < 0:
             self._bring(k.gather_shorts, k.bring_back_shorts, flags, self.release, nodes, totals)
-        nodes.grid.zero_(), nodes.swift.zero_()
+        nodes.grid.zero_(), nodes.falls.zero_()
         run_blocks(
             k.renumber, index.shared, WARP, flags, index.tally, index.active, index.cstart, totals, index.board.counts, index.homes,
-            index.home, self.order, self.key, nodes.swift,
+            index.home, self.order, self.key, nodes.falls,
         )  # fmt: skip
         run(k.clear_beyond, CLEARING, flags, totals, self.key)
 
