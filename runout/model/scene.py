@@ -77,7 +77,7 @@ class Scene:
     gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
     cfl: float = CFL
     precision: str = "float32"
-    contact_band: float = field(default=0.02)  # a particle closer than this [cells] is in contact
+    contact_band: float = field(default=0.001)  # a particle closer than this [cells] is in contact
     transfer: str = "mls"
     flip_ratio: float = 0.95
     f_bar: bool = False

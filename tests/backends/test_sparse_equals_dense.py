@@ -21,7 +21,7 @@ CLAY = replace(SAND, density=1600.0, cohesion=3e3, friction_angle=20.0)
 
 def two_bodies(surface, spacing):
     """Sand and clay that slide towards each other and have just begun to turn."""
-    east = box((44.3, 36.1, 0.02), (4.0, 3.0, 2.0), spacing, SAND.density, surface=surface)
+    east = box((44.3, 36.1, 0.0), (4.0, 3.0, 2.0), spacing, SAND.density, surface=surface)
     west = box((37.2, 35.6, 0.4), (3.0, 3.0, 1.5), spacing, CLAY.density, surface=surface)
     west.release[:] = 1
     p = Particles.concatenate([east, west])
