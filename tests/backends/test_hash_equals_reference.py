@@ -169,6 +169,19 @@ def test_flow_whose_friction_grows_with_the_rate_gives_what_the_reference_gives_
     assert ends[1][1].plastic_dissipation > 0
 
 
+def same_contacts(dense, sparse, particles, steps):
+    """The reference and the hash backend touch the ground with as many particles in each step; ledger of the one, and the other."""
+    engines = loaded(get_backend("reference"), dense, particles), loaded(on_cpu(deterministic=IN_ORDER), sparse, particles)
+    for _ in range(steps):
+        dt = 0.5 * engines[0].stable_step()
+        for engine in engines:
+            engine.step(dt)
+        a, b = (engine.ledger() for engine in engines)
+        assert a.contact_particles == b.contact_particles
+    np.testing.assert_allclose(b.basal_impulse, a.basal_impulse, rtol=0, atol=1e-9 * np.abs(a.basal_impulse).max())
+    return a, engines[1]
+
+
 def test_contact_looks_as_far_as_the_fastest_around_a_block_and_misses_none_that_falls_onto_it():
     """A mass that rests, one that falls fast upon it, and one far away: bounds of speed differ, results do not."""
     ground, spacing = plane(0.1), np.ones(3)
@@ -178,36 +191,20 @@ def test_contact_looks_as_far_as_the_fastest_around_a_block_and_misses_none_that
     fall.velocity[:] = (-20.0, 0.0, -30.0)
     p = Particles.concatenate([rest, fall, far])
     a_scene = scene(ground, materials=(SAND,))
-    engines = [loaded(engine, a_scene, p) for engine in (get_backend("reference"), on_cpu(deterministic=IN_ORDER))]
-    for _ in range(30):
-        dt = 0.5 * engines[0].stable_step()
-        for engine in engines:
-            engine.step(dt)
-        a, b = (engine.ledger() for engine in engines)
-        assert a.contact_particles == b.contact_particles
+    a, backend = same_contacts(a_scene, a_scene, p, 30)
     assert a.contact_particles > 32
-    falls = engines[1].nodes.falls.numpy()
-    q = engines[1].particles()
+    falls, q = backend.nodes.falls.numpy(), backend.particles()
     slow = np.linalg.norm(q.velocity[q.identity >= len(rest) + len(fall)], axis=1).max()
     assert slow < 0.2 * a.max_speed
     assert ((falls > 0) & (falls <= 1.001 * slow)).any()  # blocks of the slow mass, not of the scene's fastest
-    np.testing.assert_allclose(b.basal_impulse, a.basal_impulse, rtol=0, atol=1e-9 * np.abs(a.basal_impulse).max())
 
 
 @pytest.mark.parametrize(("ground", "level"), [(plane(0.3, -0.1), True), (rough(), False)], ids=["plane", "rough"])
 def test_what_slides_fast_along_the_ground_bounds_contact_by_its_speed_towards_it(ground, level):
-    """As fast as it may be: on a plane nothing above the lowest particles is looked at; on rough ground none is missed."""
+    """On a plane that bound is far below the speed itself; on rough ground it is not, and none is missed either."""
     p = box((30.0, 30.0, 0.02), (6.0, 4.0, 3.0), np.ones(3), surface=ground)
     p.velocity[:] = 20.0 * np.array((1.0, 0.5, 0.3 - 0.5 * 0.1)) + np.random.default_rng(3).normal(scale=0.1, size=(len(p), 3))
     a_scene = scene(ground, materials=(SAND,), friction=(0.1,))
     dense = a_scene if level else replace(a_scene, surface=on_nodes(ground, np.ones(3)))
-    engines = [loaded(get_backend("reference"), dense, p), loaded(on_cpu(deterministic=IN_ORDER), a_scene, p)]
-    for _ in range(20):
-        dt = 0.5 * engines[0].stable_step()
-        for engine in engines:
-            engine.step(dt)
-        a, b = (engine.ledger() for engine in engines)
-        assert a.contact_particles == b.contact_particles
-    np.testing.assert_allclose(b.basal_impulse, a.basal_impulse, rtol=0, atol=1e-9 * np.abs(a.basal_impulse).max())
-    falls = engines[1].nodes.falls.numpy()
-    assert (falls.max() < 0.2 * a.max_speed) == level
+    a, backend = same_contacts(dense, a_scene, p, 20)
+    assert (backend.nodes.falls.numpy().max() < 0.2 * a.max_speed) == level
