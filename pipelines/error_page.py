@@ -9,6 +9,7 @@ import numpy as np
 from pipelines.error_cases.choice import BASE, PLAN, REPEATED_BELOW
 from pipelines.error_cases.curve import Fit, on_front
 from runout.accuracy import CFL, PARTICLES_PER_CELL
+from runout.release.arrangement import LEVEL
 
 OPENING = """# Error against time
 
@@ -34,7 +35,7 @@ or always better than their finest.
 
 ## Where the defaults lie on the Pareto front
 
-One default serves all problems. The largest cost of every other choice over that of the defaults, at equal error and in
+One rule serves all problems. The largest cost of every other choice over that of the defaults, at equal error and in
 processor time: {rivals}.
 
 {places}
@@ -72,7 +73,8 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     versions, machine = content["versions"], content["machine"]
     text = OPENING.format(
         full=" --full" if content["full"] else "",
-        base=f"{_count(PARTICLES_PER_CELL)} particles a cell, in solids {_count(3 * (PLAN,))}; CFL {CFL:g}, float32, backend scan",
+        base=f"{_count(PARTICLES_PER_CELL)} particles a cell, on the level ground of F5 {_count(LEVEL)}, "
+        f"in solids {_count(3 * (PLAN,))}; CFL {CFL:g}, float32, backend scan",
         repeated=REPEATED_BELOW,
         ranking=rows(content),
         rivals=_rivals(content),

@@ -4,7 +4,7 @@ The numbers of :data:`PRESETS` come from :data:`SOURCE`; a test holds both toget
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +15,11 @@ if TYPE_CHECKING:
 
 SOURCE = "docs/benchmarks/work_precision.json"
 EXAMPLE = "two sites, flows 35 and 55 m thick, 60 s"  # what the errors were measured on, of which the larger counts
-PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # where neither a preset nor the caller says otherwise
+PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # where the caller says nothing; others where a mass stays thick (release/arrangement)
 FEWEST_ACROSS = 4.0  # cells across a release of its area
-CHOICES = ("cell_size", "particles_per_cell", "cfl")  # what a preset sets
+CHOICES = ("cell_size", "cfl")  # what a preset sets
 
 CellSize = float | tuple[float, float, float]
-ParticlesPerCell = int | tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,6 @@ class Preset:
     ----------
     cells : float
         Through the mean thickness of the release.
-    particles_per_cell : int or (nx, ny, nz)
     cfl : float
     map_error, runout_error : float
         Expected numerical error of the map of flow thickness (relative L1) and of the run-out of 99 % of the mass (relative),
@@ -41,7 +39,6 @@ class Preset:
     """
 
     cells: float
-    particles_per_cell: ParticlesPerCell
     cfl: float
     map_error: float
     runout_error: float
@@ -55,9 +52,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, (2, 2, 4), 0.6, 0.25, 0.068, 0.19),
-    "standard": Preset(1.5, (2, 2, 4), 0.6, 0.14, 0.046, 1),
-    "high": Preset(3.0, (2, 2, 4), 0.6, 0.072, 0.012, 20),
+    "screening": Preset(1.0, 0.6, 0.25, 0.068, 0.19),
+    "standard": Preset(1.5, 0.6, 0.14, 0.046, 1),
+    "high": Preset(3.0, 0.6, 0.072, 0.012, 20),
 }
 
 
@@ -75,7 +72,7 @@ def preset(accuracy: str) -> Preset:
 
 
 def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[str, Any]) -> dict[str, Any]:
-    """cell_size, particles_per_cell and cfl of a run: what is ``given`` and not None, else what the preset says, else defaults.
+    """cell_size and cfl of a run: what is ``given`` and not None, else what the preset says, else the default.
 
     Raises
     ------
@@ -86,15 +83,15 @@ def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[
     if accuracy is None:
         if "cell_size" not in stated:
             raise ConfigError("neither cell_size nor accuracy is given; give one of them, accuracy as screening, standard or high")
-        return {"particles_per_cell": PARTICLES_PER_CELL, "cfl": CFL, **stated}
+        return {"cfl": CFL, **stated}
     chosen = preset(accuracy)
     if len(stated) == len(CHOICES):
-        raise ConfigError(f"accuracy is {accuracy!r}, and {', '.join(CHOICES)} are all given too; remove accuracy, or one of them")
+        raise ConfigError(f"accuracy is {accuracy!r}, and {' and '.join(CHOICES)} are both given too; remove one of the three")
     if not releases:
-        return {"particles_per_cell": chosen.particles_per_cell, "cfl": chosen.cfl, **stated}  # the run refuses it
+        return {"cfl": chosen.cfl, **stated}  # the run refuses it
     volume, area = sum(r.volume for r in releases), sum(r.area for r in releases)
     size = chosen.cell_size(volume / area, min(r.area for r in releases))
-    return {"cell_size": size, "particles_per_cell": chosen.particles_per_cell, "cfl": chosen.cfl, **stated}
+    return {"cell_size": size, "cfl": chosen.cfl, **stated}
 
 
 def work(grid: Mapping[str, Any]) -> float:
@@ -105,8 +102,16 @@ def work(grid: Mapping[str, Any]) -> float:
     return float(particles / (dx * dy * dz) / (grid["cfl"] * min(dx, dy, dz)))
 
 
-def lines(accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str, Any]) -> list[str]:
-    """What ``runout check`` says: the cells of a run and, for each preset, its cells, its work over that of the run, its errors."""
+def lines(
+    accuracy: str | None,
+    releases: "Sequence[Release]",
+    grid: Mapping[str, Any],
+    particles: Callable[[float], tuple[int, int, int]] = lambda height: PARTICLES_PER_CELL,
+) -> list[str]:
+    """What ``runout check`` says: the cells of a run and, for each preset, its cells, its work over that of the run, its errors.
+
+    ``particles`` (px, py, pz) of a cell by its height [m], where none are stated.
+    """
     depth = sum(r.volume for r in releases) / sum(r.area for r in releases)
     size = grid["cell_size"]
     high = size[2] if isinstance(size, Sequence) else size
@@ -115,15 +120,16 @@ def lines(accuracy: str | None, releases: "Sequence[Release]", grid: Mapping[str
     said = [f"grid      {name}{cells}, {depth / high:.1f} through the mean thickness of {depth:.3g} m"]
     for other, one in PRESETS.items():
         given = choices(other, releases, {})
-        ratio = work(given) / work(grid)
+        count = particles(given["cell_size"])
+        ratio = work({**given, "particles_per_cell": count}) / work(grid)
         said.append(
-            f"          {other}: {_sizes(given['cell_size'])} with {_count(one.particles_per_cell)}, {ratio:.3g} times this work; "
+            f"          {other}: {_sizes(given['cell_size'])} with {_count(count)}, {ratio:.3g} times this work; "
             f"numerical error about {100 * one.map_error:.2g} % of the thickness map, {100 * one.runout_error:.2g} % of the run-out"
         )
     return [*said, f"          (errors measured on {EXAMPLE}; those of this site: `runout verify SITE --convergence`)"]
 
 
-def _count(particles: "ParticlesPerCell | Sequence[int]") -> str:
+def _count(particles: int | Sequence[int]) -> str:
     return " x ".join(map(str, particles)) if isinstance(particles, Sequence) else str(particles)
 
 

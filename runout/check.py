@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from runout.errors import BudgetError, CapacityError, ConfigError, DemError, Exi
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from runout.config.site import Site
+    from runout.config.site import Site, SiteData
     from runout.model.friction import FrictionZones
     from runout.model.release import Release
     from runout.model.resolution import Resolution
@@ -247,10 +248,13 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
         return ExitCode.CONFIGURATION
     if found.zones:
         console.print(found.zones.statement(), markup=False)
-    return _print_plan(console, found.site, found.releases, out, device)
+    from runout.config.site import SiteData
+
+    data = SiteData(found.releases[0].terrain, tuple(found.releases), found.zones)
+    return _print_plan(console, found.site, data, out, device)
 
 
-def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out: Path | None, device: str | None) -> int:
+def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | None, device: str | None) -> int:
     from rich.text import Text
 
     from pipelines.study import Study
@@ -259,12 +263,12 @@ def _print_plan(console: "Console", site: "Site", releases: "list[Release]", out
     from runout.status import print_stages
 
     study = Study.open(site.file, out, device=device)
-    grid = site.grid(releases)
-    for release in releases:
+    grid = site.member_arguments(data=data)
+    for release in data.releases:
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
         console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)
         console.print(f"release {release.name}: {resolution(release, study.site, grid).statement()}", markup=False)
-    for line in lines(site.settings.simulation.accuracy, releases, grid):
+    for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):
         console.print(line, markup=False)
     print_stages(console, study)
     try:

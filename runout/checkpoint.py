@@ -6,6 +6,7 @@ run is complete. A checkpoint of other inputs, of another version or half writte
 
 import hashlib
 import logging
+import os
 import time
 import zipfile
 from dataclasses import dataclass, field
@@ -15,7 +16,9 @@ from typing import Any
 import numpy as np
 
 from runout import __version__
+from runout.backends.protocol import Backend, ResumableBackend
 from runout.backends.state import State
+from runout.errors import ConfigError
 from runout.io.atomic import whole_file
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -85,6 +88,19 @@ def stored_time(path: Path) -> float | None:
             return float(archive["run.time"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
+
+
+def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Backend, key: str) -> Checkpoint | None:
+    """Where a run keeps its checkpoints; None where none is asked for, or the backend has none."""
+    if path is None:
+        return None
+    if not every >= 0:
+        raise ConfigError(f"checkpoint_every is {every:g} s; it must be 0 or more")
+    if isinstance(engine, ResumableBackend):
+        return Checkpoint(Path(path), key, every)
+    text = "%s: %s keeps no checkpoints; a run that is broken off starts from time zero (scan, hash and reference keep them)"
+    LOGGER.warning(text, path, type(engine).__name__)
+    return None
 
 
 def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:

@@ -6,14 +6,13 @@ import os
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from runout.accuracy import CFL, choices
 from runout.backends.protocol import Backend, BatchBackend, Columns, ResumableBackend, WindowBackend, get_backend
 from runout.backends.state import State, arrays_of, part, put_arrays
-from runout.checkpoint import EVERY, Checkpoint, run_key
+from runout.checkpoint import EVERY, Checkpoint, checkpoint_for, run_key
 from runout.errors import ConfigError, ReleaseError
 from runout.memory import Extent, expected_extent, expected_memory, require_memory
 from runout.model.friction import FrictionZones
@@ -113,7 +112,8 @@ def simulate(
     cell_size : float or (dx, dy, dz)
         Spacing of the grid [m]; needed where no ``accuracy`` is given.
     particles_per_cell : int or (nx, ny, nz)
-        (2, 2, 4) by default: four above each other, since flows are thin; 8 is (2, 2, 2).
+        8 is (2, 2, 2). By default (2, 2, 4), since flows are thin; (3, 3, 1) for a mass of five cells or more on ground so level
+        that it stays thick (:mod:`runout.release.arrangement`).
     end_time : float
         Latest time [s].
     backend, device : str
@@ -136,8 +136,8 @@ def simulate(
         Let what stays slower [m/s] rest until something moves beside it, on the backend "scan"; 0, the default, for nothing. Only
         where much of the mass rests while the rest flows does it save time; see ``docs/benchmarks/skip.md``.
     accuracy : str, optional
-        "screening", "standard" or "high": cell_size, particles_per_cell and cfl that follow from the mean thickness of the release
-        (:data:`runout.accuracy.PRESETS`); each may still be given and then counts.
+        "screening", "standard" or "high": cell_size and cfl that follow from the mean thickness of the release
+        (:data:`runout.accuracy.PRESETS`); either may still be given and then counts.
     threads : int, optional
         Threads of the CPU; all by default. The result does not depend on it.
     stop : bool
@@ -167,7 +167,7 @@ def simulate(
     course = Course(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
-    grid = choices(accuracy, releases, {"cell_size": cell_size, "particles_per_cell": particles_per_cell, "cfl": cfl})
+    grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
@@ -175,7 +175,7 @@ def simulate(
             expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar), engine, memory_gb
         ),
     )  # fmt: skip
-    keep = _checkpoint(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
+    keep = checkpoint_for(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
     run = Run(engine, scene, course, progress, keep)
     n_particles = len(particles)
     run.start(particles)
@@ -191,26 +191,13 @@ def simulate(
     return result
 
 
-def _checkpoint(path: str | os.PathLike[str] | None, every: float, engine: Backend, key: str) -> Checkpoint | None:
-    """Where the run keeps its checkpoints; None where none is asked for, or the backend has none."""
-    if path is None:
-        return None
-    if not every >= 0:
-        raise ConfigError(f"checkpoint_every is {every:g} s; it must be 0 or more")
-    if isinstance(engine, ResumableBackend):
-        return Checkpoint(Path(path), key, every)
-    text = "%s: %s keeps no checkpoints; a run that is broken off starts from time zero (scan, hash and reference keep them)"
-    LOGGER.warning(text, path, type(engine).__name__)
-    return None
-
-
 def build_scene(
     terrain: Terrain,
     release: Release | Sequence[Release],
     material: Material,
     basal_friction_angle: float,
     cell_size: float | tuple[float, float, float],
-    particles_per_cell: int | tuple[int, int, int] = 8,
+    particles_per_cell: int | tuple[int, int, int] | None = None,
     *,
     seed: int = 0,
     cfl: float = CFL,
@@ -226,6 +213,7 @@ def build_scene(
 
     ``accept`` is asked before the particles are made, and refuses with an error what is too large.
     """
+    from runout.release.arrangement import default_particles
     from runout.release.sample import particles_per_axis, sample_particles
     from runout.terrain import prepare, sdf
 
@@ -240,6 +228,9 @@ def build_scene(
     for r, m in zip(releases, materials, strict=True):
         m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     spacing = _spacing(cell_size)
+    if particles_per_cell is None:
+        basal = math.radians(basal_friction_angle)
+        particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
     released = np.sum([r.thickness for r in releases], axis=0)
     least = friction_zones.least_angle(min(angles)) if friction_zones else min(angles)
     prepare.require_known(terrain, prepare.reachable(terrain, released, least), "the area that the flow can reach")

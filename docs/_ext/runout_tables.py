@@ -46,20 +46,19 @@ class PresetsTable(SphinxDirective):
     def run(self) -> list[Any]:
         """Nodes of the table."""
         from runout.accuracy import PRESETS
-        from runout.release.sample import particles_per_axis
 
         rows = [
             [
                 f"`{name}`",
                 f"{p.cells:g}",
-                f"{' x '.join(map(str, particles_per_axis(p.particles_per_cell)))}, {p.cfl:g}",
+                f"{p.cfl:g}",
                 f"{p.particle_steps:.2g}",
                 f"{100 * p.map_error:.2g} %",
                 f"{100 * p.runout_error:.2g} %",
             ]
             for name, p in PRESETS.items()
         ]
-        heads = ["preset", "cells through the depth", "particles per cell, cfl", "work", "error of the map", "of the run-out"]
+        heads = ["preset", "cells through the depth", "cfl", "work", "error of the map", "of the run-out"]
         return _table(self, heads, rows)
 
 

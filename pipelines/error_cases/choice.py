@@ -32,8 +32,8 @@ class Variation:
     name : str
     per_axis : int
         Particles along each axis of a cell; in flows only in plan.
-    upwards : int
-        Particles above each other in a cell of a flow.
+    upwards : int, optional
+        Particles above each other in a cell of a flow; where none are stated, the arrangement is that of ``runout.simulate``.
     scene : mapping
         Fields of :class:`runout.model.scene.Scene` that change: ``cfl``, ``precision``.
     arguments : mapping
@@ -48,7 +48,7 @@ class Variation:
 
     name: str
     per_axis: int = PLAN
-    upwards: int = UPWARDS
+    upwards: int | None = None
     scene: Mapping[str, Any] = field(default_factory=dict)
     arguments: Mapping[str, Any] = field(default_factory=dict)
     backend: str = "scan"
@@ -57,21 +57,23 @@ class Variation:
 
     @property
     def particles(self) -> tuple[int, int, int]:
-        """Of a full cell: east, north and up."""
-        return self.per_axis, self.per_axis, self.upwards
+        """Of a full cell of a flow that thins: east, north and up."""
+        return self.per_axis, self.per_axis, self.upwards or UPWARDS
 
 
 BASE = Variation("defaults")
 ELASTIC = ("U9", "T1", "T5")  # U7 is a matter of the reference backend alone
 TERRAIN = ("terrain", "fine_terrain")
-FLOWS = ("F3", "F5", *TERRAIN)
+THINNING = ("F3", *TERRAIN)
+FLOWS = (*THINNING, "F5")
 VARIATIONS = (
     BASE,
     Variation("1 particle per axis", per_axis=1, upwards=1),
     Variation("3 particles per axis", per_axis=3, upwards=3),
     Variation("2 x 2 x 1 particles", upwards=1, only_on=FLOWS),
     Variation("2 x 2 x 2 particles", upwards=2, only_on=FLOWS),
-    Variation("3 x 3 x 1 particles", per_axis=3, upwards=1, only_on=FLOWS),
+    Variation("2 x 2 x 4 particles", upwards=UPWARDS, only_on=("F5",)),
+    Variation("3 x 3 x 1 particles", per_axis=3, upwards=1, only_on=THINNING),
     Variation("1 x 1 x 8 particles", per_axis=1, upwards=8, only_on=FLOWS),
     Variation("CFL 0.2", scene={"cfl": 0.2}),
     Variation("CFL 0.4", scene={"cfl": 0.4}),

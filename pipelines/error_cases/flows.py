@@ -16,7 +16,7 @@ from pipelines.verification_cases.dam_breaks import as_one, columns, relative
 from runout import log
 from runout.accuracy import choices
 from runout.config.site import read_site
-from runout.release.sample import particles_per_axis
+from runout.release.arrangement import particles_for
 from runout.result import Result
 from runout.simulation import simulate
 
@@ -45,7 +45,8 @@ def rods(cells: int, v: Variation) -> Outcome:
     experiment = column_collapse.measured_surface()
     if experiment is None:
         raise FileNotFoundError("the digitised experiment is in no folder that RUNOUT_DATA names")
-    wide, (along, _, up) = 1.2, v.particles
+    wide = 1.2
+    along, _, up = v.particles if v.upwards else particles_for(cells, 0.0, column_collapse.RODS.internal_friction)
     h = column_collapse.HEIGHT / cells
     scene = flow.level_scene(h, (wide, 0.0), column_collapse.RODS, column_collapse.NO_SLIP)
     places = wide / 2 + (np.arange(round(2 * column_collapse.LENGTH * along / h)) + 0.5) * h / along - column_collapse.LENGTH
@@ -72,7 +73,8 @@ def flowed(cell: float, v: Variation, site: str = SITE) -> tuple[Result, float, 
     """Run of a site with cells of ``cell`` [m], its processor time without setup [s], and its wall time in all [s]."""
     changed = {name: value for name, value in v.arguments.items() if name != "flat"}
     high = cell / v.arguments.get("flat", 1.0)
-    given = {"particles_per_cell": v.particles, "backend": v.backend, "device": "cpu", **v.scene, **changed}
+    particles = None if v.upwards is None else v.particles
+    given = {"particles_per_cell": particles, "backend": v.backend, "device": "cpu", **v.scene, **changed}
     arguments = {**site_arguments(site), "cell_size": (cell, cell, high), **given}
     started, processor = time.perf_counter(), time.process_time()
     result = simulate(**arguments)
@@ -84,8 +86,7 @@ def flowed(cell: float, v: Variation, site: str = SITE) -> tuple[Result, float, 
 def at_preset(name: str, coarser: float = 1.0, site: str = SITE) -> tuple[Result, float, float]:
     """:func:`flowed` with the choices of a preset of accuracy, its cells ``coarser`` times as large."""
     grid = choices(name, site_arguments(site)["release"], {})
-    plan, _, up = particles_per_axis(grid["particles_per_cell"])
-    return flowed(coarser * grid["cell_size"], Variation(name, plan, up, {"cfl": grid["cfl"]}), site)
+    return flowed(coarser * grid["cell_size"], Variation(name, scene={"cfl": grid["cfl"]}), site)
 
 
 def distance(one: Result, other: Result) -> float:

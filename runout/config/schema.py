@@ -161,7 +161,7 @@ def accuracy_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
     if "accuracy" not in given and "cell_size" not in given:
         yield "", "neither cell_size nor accuracy is given", "add cell_size: [m], or accuracy: standard"
     elif "accuracy" in given and given.keys() >= set(CHOICES):
-        yield "accuracy", f"{', '.join(CHOICES)} are all given, so that it sets nothing", "remove it, or one of them"
+        yield "accuracy", f"{' and '.join(CHOICES)} are both given, so that it sets nothing", "remove it, or one of them"
 
 
 def _raise_first(conflicts: Iterator[Conflict]) -> None:
@@ -273,7 +273,7 @@ class SimulationSettings(Settings):
     """How each member is computed."""
 
     accuracy: Literal["screening", "standard", "high"] | None = quantity(
-        "screening, standard or high: sets cell_size, particles_per_cell and cfl from the thickness of the release, where they are "
+        "screening, standard or high: sets cell_size and cfl from the thickness of the release, where they are "
         "not given; `runout check` says what error and cost to expect",
         None,
         examples=["standard"],
@@ -284,7 +284,12 @@ class SimulationSettings(Settings):
         unit="m",
         examples=[10.0],
     )
-    particles_per_cell: ParticlesPerCell = quantity("particles per cell, a number or [east, north, up]", list(PARTICLES_PER_CELL))
+    particles_per_cell: ParticlesPerCell | None = quantity(
+        f"particles per cell, a number or [east, north, up]; by default {list(PARTICLES_PER_CELL)}, or [3, 3, 1] for a "
+        "mass of five cells or more on level ground",
+        None,
+        examples=[list(PARTICLES_PER_CELL)],
+    )
     end_time: float = quantity("longest simulated time", unit="s", gt=0, le=86400)
     stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest", True)
     backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")
@@ -305,15 +310,12 @@ class SimulationSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _preset(cls, stated: Any) -> Any:
-        """Take particles_per_cell and cfl from the preset, where they are not stated."""
+        """Take cfl from the preset, where it is not stated."""
         if not isinstance(stated, dict):
             return stated
         _raise_first(accuracy_conflicts(stated))
         chosen = PRESETS.get(stated["accuracy"]) if isinstance(stated.get("accuracy"), str) else None
-        if chosen is None:
-            return stated
-        count = chosen.particles_per_cell
-        return {"particles_per_cell": count if isinstance(count, int) else list(count), "cfl": chosen.cfl, **stated}
+        return stated if chosen is None else {"cfl": chosen.cfl, **stated}
 
     @model_validator(mode="after")
     def _device_fits(self) -> "SimulationSettings":

@@ -1,5 +1,6 @@
 """A site: its folder, its settings, and what they make of the inputs."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout.accuracy import CHOICES, choices
+from runout.accuracy import CHOICES, CellSize, choices
 from runout.config.distributions import PARAMETERS
 from runout.config.fetch import locate
 from runout.config.read import load, site_file
@@ -146,6 +147,9 @@ class Site:
         stated = self.settings.simulation
         grid = self._grid
         angle = sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg)
+        count = _fixed(stated.particles_per_cell)
+        if count is None:
+            count = self.default_particles(data, grid["cell_size"], sampled)
         return {
             "terrain": data.terrain,
             "release": self._scaled(data.releases, sampled),
@@ -153,7 +157,7 @@ class Site:
             "basal_friction_angle": float(angle),
             "friction_zones": data.friction_zones,
             "cell_size": _fixed(grid["cell_size"]),
-            "particles_per_cell": _fixed(grid["particles_per_cell"]),
+            "particles_per_cell": count,
             "end_time": stated.end_time,
             "backend": stated.backend,
             "device": stated.device,
@@ -169,7 +173,7 @@ class Site:
         }
 
     def grid(self, releases: "Sequence[Release]") -> dict[str, Any]:
-        """cell_size [m], particles_per_cell and cfl: as stated, else from simulation.accuracy and ``releases`` of unchanged volume.
+        """cell_size [m] and cfl: as stated, else from simulation.accuracy and ``releases`` of unchanged volume.
 
         All members have the same grid, whatever their volume.
         """
@@ -178,6 +182,17 @@ class Site:
             return stated
         size = choices(self.settings.simulation.accuracy, releases, {})["cell_size"]
         return {**stated, "cell_size": size}
+
+    def default_particles(
+        self, data: SiteData, cell_size: "CellSize | Sequence[float]", sample: Mapping[str, float] | None = None
+    ) -> tuple[int, int, int]:
+        """Particles (px, py, pz) of a cell of ``cell_size`` [m] where site.yaml states none."""
+        from runout.release.arrangement import default_particles
+
+        sampled = self._known(sample)
+        angle = math.radians(sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg))
+        height = cell_size[2] if isinstance(cell_size, Sequence) else cell_size
+        return default_particles(self._scaled(data.releases, sampled), self.material(sampled), angle, height, data.friction_zones)
 
     @cached_property
     def _grid(self) -> dict[str, Any]:

@@ -91,6 +91,11 @@ class Material:
                 f"by {strain:.3g}, at most {LARGEST_COMPRESSION:g} can be carried; take {needed:.3g} Pa or more"
             )
 
+    @property
+    def internal_friction(self) -> float:
+        """Least shear stress over normal stress at which it yields, cohesion aside [1]; infinite for what never does."""
+        return math.inf
+
     def record(self) -> dict[str, float]:
         """Parameters of the law by name, SI and radians."""
         return {"lame_lambda": self.lame_lambda, "shear_modulus": self.shear_modulus}
@@ -134,6 +139,11 @@ class DruckerPrager(Material):
         except ValueError:
             raise MaterialError(f"cone is {self.cone!r}; choose one of {', '.join(Cone)}") from None
 
+    @property
+    def internal_friction(self) -> float:
+        """Tangent of the friction angle [1]."""
+        return math.tan(math.radians(self.friction_angle))
+
     def record(self) -> dict[str, float]:
         """Parameters of the law by name, SI and radians."""
         phi, c = math.radians(self.friction_angle), self.cohesion
@@ -176,6 +186,11 @@ class GranularFlow(Material):
             raise MaterialError(
                 f"dynamic_friction is {self.dynamic_friction:g}; it must be above static_friction, {self.static_friction:g}"
             )
+
+    @property
+    def internal_friction(self) -> float:
+        """That of creeping flow [1]."""
+        return self.static_friction
 
     def record(self) -> dict[str, float]:
         """Parameters of the law by name, SI and radians; the backend puts in the length of its step."""

@@ -19,11 +19,11 @@ def test_standard_has_its_cells_through_the_mean_thickness():
     found = choices("standard", [WIDE], {})
     standard = PRESETS["standard"]
     size = pytest.approx(40 / standard.cells, rel=0.05)  # rounded down
-    assert found == {"cell_size": size, "particles_per_cell": (2, 2, 4), "cfl": standard.cfl}
+    assert found == {"cell_size": size, "cfl": standard.cfl}
 
 
 def test_presets_are_finer_and_dearer_one_after_the_other_and_promise_less_error():
-    costs = [work(choices(name, [WIDE], {})) for name in PRESETS]
+    costs = [work({**choices(name, [WIDE], {}), "particles_per_cell": 8}) for name in PRESETS]
     assert list(PRESETS) == ["screening", "standard", "high"]
     assert all(b > 4 * a for a, b in pairwise(costs))
     for error in ("map_error", "runout_error"):
@@ -47,8 +47,8 @@ def test_no_cell_is_wider_than_a_quarter_of_the_smallest_release():
 def test_what_is_given_counts():
     found = choices("standard", [WIDE], {"cell_size": 25.0, "cfl": None})
     assert found["cell_size"] == 25.0
-    assert found["particles_per_cell"] == PRESETS["standard"].particles_per_cell
-    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "particles_per_cell": (2, 2, 4), "cfl": 0.6}
+    assert found["cfl"] == PRESETS["standard"].cfl
+    assert choices(None, [WIDE], {"cell_size": 25.0}) == {"cell_size": 25.0, "cfl": 0.6}
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_what_is_given_counts():
     [
         (None, {}, "neither cell_size nor accuracy is given"),
         ("best", {}, "accuracy is 'best'; choose one of screening, standard, high"),
-        ("high", {"cell_size": 5.0, "particles_per_cell": 8, "cfl": 0.4}, "are all given too; remove accuracy"),
+        ("high", {"cell_size": 5.0, "cfl": 0.4}, "cell_size and cfl are both given too; remove one of the three"),
     ],
 )
 def test_conflicts_are_refused(accuracy, given, said):
@@ -74,13 +74,16 @@ def test_work_grows_with_the_fourth_power_of_the_cells():
 
 
 def test_lines_tell_the_cells_and_what_every_preset_would_cost():
-    grid = choices("standard", [WIDE], {})
+    grid = {**choices("standard", [WIDE], {}), "particles_per_cell": (2, 2, 4)}
     said = lines("standard", [WIDE], grid)
     assert "accuracy standard: cells of 26 m with 2 x 2 x 4 particles, 1.5 through the mean thickness of 40 m" in said[0]
     assert "standard: 26 m with 2 x 2 x 4, 1 times this work" in said[2]
     assert f"{100 * PRESETS['high'].map_error:.2g} % of the thickness map" in said[3]
     flat = lines(None, [WIDE], {**grid, "cell_size": (20.0, 20.0, 10.0)})
     assert flat[0].startswith("grid      cells of 20 x 20 x 10 m with 2 x 2 x 4 particles, 4.0")
+    level = lines(None, [WIDE], grid, lambda height: (3, 3, 1) if height < 20 else (2, 2, 4))
+    assert "standard: 26 m with 2 x 2 x 4, 1 times" in level[2]
+    assert "high: 13 m with 3 x 3 x 1, 9 times" in level[3]
 
 
 def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):
@@ -89,7 +92,7 @@ def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):
     depth = sum(r.volume for r in arguments["release"]) / sum(r.area for r in arguments["release"])
     assert arguments["cell_size"] == pytest.approx(depth / PRESETS["standard"].cells, rel=0.1)
     assert arguments["cfl"] == 0.3
-    assert arguments["particles_per_cell"] == PRESETS["standard"].particles_per_cell
+    assert arguments["particles_per_cell"] == (2, 2, 4)
     assert site.resolved()["simulation"]["cell_size"] == arguments["cell_size"]
     larger = site.member_arguments({"release_volume_factor": 2.0})
     assert larger["cell_size"] == arguments["cell_size"]
@@ -110,7 +113,7 @@ def test_a_run_takes_its_cells_from_accuracy_alone(site_folder):
     [
         ("accuracy: best", "accuracy"),
         ("cfl: 0.3", "neither cell_size nor accuracy is given"),
-        ("cell_size: 10\n  accuracy: high\n  cfl: 0.4\n  particles_per_cell: 8", "are all given, so that it sets nothing"),
+        ("cell_size: 10\n  accuracy: high\n  cfl: 0.4", "are both given, so that it sets nothing"),
     ],
 )
 def test_a_site_with_conflicts_is_refused(edited, new, said):
