@@ -217,8 +217,16 @@ class Site:
     def resolved(self) -> dict[str, Any]:
         """The whole configuration as plain dicts, lists, numbers and text, defaults included, angles in degrees.
 
-        Where accuracy sets cell_size, that is in it too.
+        Where accuracy sets cell_size, and terrain and release particles_per_cell, these are in it too: as of no sampled parameter.
         """
+        content = self._stated()
+        simulation = content["simulation"]
+        if "particles_per_cell" not in simulation:
+            simulation["particles_per_cell"] = list(self.default_particles(self.data(), simulation["cell_size"]))
+        return content
+
+    def _stated(self) -> dict[str, Any]:
+        """:meth:`resolved` but for what particles_per_cell is by default."""
         content = self.settings.model_dump(mode="json", exclude_none=True)
         if "cell_size" not in content["simulation"]:
             content["simulation"]["cell_size"] = self._grid["cell_size"]
@@ -226,7 +234,7 @@ class Site:
 
     def computed(self) -> dict[str, Any]:
         """What of :meth:`resolved` makes the results: not where they are computed, since the sparse backends agree."""
-        content = self.resolved()
+        content = self._stated()
         place = content["simulation"]
         del place["device"]
         if place["backend"] != "reference":

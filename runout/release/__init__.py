@@ -2,5 +2,6 @@
 
 ``read`` makes a :class:`runout.model.release.Release`; ``polygons`` and ``crs`` check vector files, ``ground`` checks a
 release against its terrain, ``volume`` against what was stated; ``coverage`` holds the exact areas and the conservative
-regridding; ``sample`` fills the release with particles. Only ``read``, ``polygons`` and ``crs`` need GDAL.
+regridding; ``arrangement`` says how many particles a cell has by default, ``sample`` fills the release with them, at the heights of
+``stagger``. Only ``read``, ``polygons`` and ``crs`` need GDAL.
 """

@@ -94,6 +94,8 @@ def test_a_site_takes_its_grid_from_the_release_unless_it_states_one(edited):
     assert arguments["cfl"] == 0.3
     assert arguments["particles_per_cell"] == (2, 2, 4)
     assert site.resolved()["simulation"]["cell_size"] == arguments["cell_size"]
+    assert site.resolved()["simulation"]["particles_per_cell"] == [2, 2, 4]
+    assert "particles_per_cell" not in site.computed()["simulation"]  # each member has its own
     larger = site.member_arguments({"release_volume_factor": 2.0})
     assert larger["cell_size"] == arguments["cell_size"]
 
