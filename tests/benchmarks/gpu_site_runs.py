@@ -45,7 +45,6 @@ def edited(site: str, folder: Path, **values: float) -> Path:
     for name, value in values.items():
         text, found = re.subn(rf"^(\s*{name}: )\S+", rf"\g<1>{value:g}", text, flags=re.MULTILINE)
         assert found == 1, name
-    text = re.sub(r"^(\s*)(cell_size: .*)$", r"\1\2\n\1particles_per_cell: 8", text, flags=re.MULTILINE)  # as in the records
     (copy / "site.yaml").write_text(text)
     return copy
 

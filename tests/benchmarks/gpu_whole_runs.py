@@ -30,7 +30,7 @@ def site_inputs() -> dict[str, Any]:
     """Keywords of :func:`runout.simulate` for the site."""
     from runout.config.site import read_site
 
-    return read_site(SITE).member_arguments({}) | {"particles_per_cell": 8}  # those that the records were made with
+    return read_site(SITE).member_arguments({})
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:
