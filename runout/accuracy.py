@@ -52,7 +52,7 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, 0.6, 0.25, 0.068, 0.19),
+    "screening": Preset(1.0, 0.6, 0.25, 0.069, 0.19),
     "standard": Preset(1.5, 0.6, 0.14, 0.046, 1),
     "high": Preset(3.0, 0.6, 0.072, 0.012, 20),
 }
