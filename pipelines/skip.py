@@ -116,7 +116,7 @@ def jacksboro(friction: float, end_time: float, stop: bool) -> Made:
 
     with log.muted():
         arguments = read_site(SITE).member_arguments()
-    arguments |= {"basal_friction_angle": friction, "particles_per_cell": 8}  # those that the records were made with
+    arguments["basal_friction_angle"] = friction
     scene, particles = build_scene(
         **{name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
     )
