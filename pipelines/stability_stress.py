@@ -12,6 +12,7 @@ from pipelines.stability_cases.layout import Layout
 from pipelines.stability_cases.matrix import one_at_a_time, pinned, sampled
 from pipelines.stability_cases.trial import Trial, attempt
 from runout import __version__
+from runout.backends.protocol import get_backend
 from runout.errors import ExitCode
 from runout.io.atomic import write_json, write_text
 
@@ -39,7 +40,7 @@ INVARIANTS = (
 )
 
 
-def stress(out: Path | None = None, full: bool = False, backend: str = "scan") -> list[Trial]:
+def stress(out: Path | None = None, full: bool = False, backend: str = "scan", device: str = "cpu") -> list[Trial]:
     """All trials, in their order.
 
     Parameters
@@ -49,29 +50,35 @@ def stress(out: Path | None = None, full: bool = False, backend: str = "scan") -
     full : bool
         Every choice alone and the Latin hypercube (some minutes) instead of the pinned set (seconds).
     backend : str
-        "scan", "hash" or "reference", on the CPU.
+        "scan", "hash" or "reference".
+    device : str
+        "cpu", or "cuda:0" for the backend "hash".
 
     Raises
     ------
     StorageError
         If the folder cannot be written.
+    ConfigError, DeviceError
+        If there is no such backend or device: before a trial, which would count it as refused.
     """
+    get_backend(backend, device, 1)
     started, trials = time.perf_counter(), list[Trial]()
     for name, layout in [*one_at_a_time(), *sampled()] if full else pinned():
-        trials.append(attempt(name, layout, backend))
+        trials.append(attempt(name, layout, backend, device))
         LOGGER.log(logging.WARNING if trials[-1].verdict == "failed" else logging.INFO, "%s", as_line(trials[-1]))
     count = Counter(t.verdict for t in trials)
     LOGGER.info("%d survived, %d refused, %d failed", count["survived"], count["refused"], count["failed"])
     if out is not None:
-        said = " ".join(["runout stress", *(["--full"] if full else []), *([f"--backend {backend}"] if backend != "scan" else [])])
+        chosen = {"--full": full, f"--backend {backend}": backend != "scan", f"--device {device}": device != "cpu"}
+        said = " ".join(["runout stress", *(option for option, given in chosen.items() if given)])
         write_json({"version": __version__, "trials": [asdict(t) for t in trials]}, out / "stress.json")
         write_text(as_markdown(trials, f"{said} --out {out.name}", backend, time.perf_counter() - started), out / "stress.md")
     return trials
 
 
-def command(out: Path | None, full: bool, backend: str) -> ExitCode:
+def command(out: Path | None, full: bool, backend: str, device: str = "cpu") -> ExitCode:
     """What ``runout stress`` does; fails if a trial has failed."""
-    return ExitCode.FAILURE if any(t.verdict == "failed" for t in stress(out, full, backend)) else ExitCode.OK
+    return ExitCode.FAILURE if any(t.verdict == "failed" for t in stress(out, full, backend, device)) else ExitCode.OK
 
 
 def as_line(trial: Trial) -> str:

@@ -200,13 +200,14 @@ def _convergence(sites: Sequence[str], out: Path | None, device: str | None) -> 
 def stress(
     *,
     full: Annotated[bool, Parameter(negative="", help="Every choice alone and 200 at once; takes some minutes.")] = False,
-    backend: Annotated[str, Parameter(help="scan, hash or reference, on the CPU.")] = "scan",
+    backend: Annotated[str, Parameter(help="scan, hash or reference.")] = "scan",
+    device: Annotated[str, Parameter(help="cpu, or cuda:0 with --backend hash.")] = "cpu",
     session: Injected,
 ) -> int:
     """Push every choice of a run to its end and see that nothing breaks; --out DIR writes a page."""
     from pipelines.stability_stress import command
 
-    return command(session.out, full, backend)
+    return command(session.out, full, backend, device)
 
 
 def doctor(*, session: Injected) -> int:

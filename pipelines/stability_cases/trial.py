@@ -27,12 +27,12 @@ class Trial:
     seconds: float
 
 
-def attempt(name: str, layout: Layout, backend: str = "scan") -> Trial:
+def attempt(name: str, layout: Layout, backend: str = "scan", device: str = "cpu") -> Trial:
     """Run one layout on one backend (one thread on the CPU)."""
     started = time.perf_counter()
     try:
         scene, particles = layout.built()
-        engine = get_backend(backend, "cpu", 1)
+        engine = get_backend(backend, device, 1)
         engine.load(scene, particles)
     except RunoutError as refusal:
         return Trial(name, layout, backend, "refused", str(refusal), 0, 0, {}, time.perf_counter() - started)

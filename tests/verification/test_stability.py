@@ -12,6 +12,7 @@ from pipelines.stability_cases.layout import Layout
 from pipelines.stability_cases.matrix import AXES, PINNED, named, one_at_a_time, pinned, sampled
 from pipelines.stability_cases.trial import LARGEST, attempt
 from runout.backends.protocol import get_backend
+from runout.errors import RunoutError
 
 REFUSED = {  # pinned trials that must be refused, and words of the reason
     "cfl = 0.61": "unstable above 0.6",
@@ -117,11 +118,18 @@ def test_matrix_covers_every_axis_and_stays_small():
 
 def test_page_and_exit_code_tell_what_failed(tmp_path, monkeypatch):
     monkeypatch.setattr(stability_stress, "pinned", lambda: iter([("bad", Layout(cfl=0.7)), ("good", Layout(keep=1, steps=4))]))
-    monkeypatch.setattr(stability_stress, "attempt", lambda name, layout, backend: attempt(name, layout, "reference"))
+    monkeypatch.setattr(stability_stress, "attempt", lambda name, layout, *_: attempt(name, layout, "reference"))
     assert stability_stress.command(tmp_path, False, "reference") == 0
     page = (tmp_path / "stress.md").read_text()
     assert "**1 survived, 1 were refused, 0 failed.**" in page
     assert "unstable above 0.6" in page
+    assert "`runout stress --backend reference --out" in page
     failing = [replace(attempt("x", Layout(cfl=0.7)), verdict="failed", reason="mass 1")]
     monkeypatch.setattr(stability_stress, "stress", lambda *_: failing)
     assert stability_stress.command(None, False, "reference") == 1
+
+
+@pytest.mark.parametrize(("backend", "device"), [("bogus", "cpu"), ("scan", "cuda:0"), ("hash", "cuda:99")])
+def test_a_backend_or_device_that_is_not_there_is_no_refused_trial(backend, device):
+    with pytest.raises(RunoutError, match=backend if backend == "bogus" else device):
+        stability_stress.command(None, False, backend, device)
