@@ -24,7 +24,7 @@ A mass of sand on a small terrain, with every choice of the run pushed to its en
 {samples} runs of a Latin hypercube. Written by `{command}`; do not edit. Version {version}, backend {backend}, {seconds:.0f} s.
 
 Each run must end in one of two ways. It **survives**: {invariants}. Or it is **refused** in advance, before the first step, with
-a reason. Anything else has **failed**.
+a reason. Anything else has **failed**. On a GPU: {{doc}}`benchmarks/gpu`.
 
 **{survived} survived, {refused} were refused, {failed} failed.**
 
