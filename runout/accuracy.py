@@ -106,7 +106,7 @@ def lines(
     accuracy: str | None,
     releases: "Sequence[Release]",
     grid: Mapping[str, Any],
-    particles: Callable[[float], tuple[int, int, int]] = lambda height: PARTICLES_PER_CELL,
+    particles: Callable[[float], tuple[int, int, int]],
 ) -> list[str]:
     """What ``runout check`` says: the cells of a run and, for each preset, its cells, its work over that of the run, its errors.
 

@@ -19,6 +19,7 @@ from runout.io.vector import write_outlines
 from runout.model.release import Release
 from runout.model.resolution import worst
 from runout.model.terrain import Terrain
+from runout.terrain.prepare import steepness
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -120,9 +121,7 @@ def hazard_dataset(
 
 def ground_slope(terrain: Terrain) -> np.ndarray:
     """Slope of the ground (rows, columns) [degree], NaN beside unknown cells."""
-    dx, dy = terrain.cell_size
-    south, east = np.gradient(terrain.elevation, dy, dx)
-    return np.degrees(np.arctan(np.hypot(south, east)))
+    return np.degrees(np.arctan(steepness(terrain.elevation, terrain.cell_size)))
 
 
 def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float]]]:

@@ -14,7 +14,7 @@ from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.release import Placement, Release
 from runout.terrain.fill import filled
-from runout.terrain.prepare import reachable
+from runout.terrain.prepare import reachable, steepness
 
 LEVEL = (3, 3, 1)  # particles of a cell of a thick mass on level ground
 THICK = 4.5  # cells through a thick mass; in a thinner one (2, 2, 4) is as accurate or more
@@ -71,8 +71,7 @@ def _steepest(releases: Sequence[Release], friction: float) -> float:
     thickness = np.sum([r.thickness for r in releases], axis=0)
     dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
     ground = filled(terrain.elevation, terrain.cell_size) - (np.sum(dug, axis=0) if dug else 0.0)
-    dx, dy = terrain.cell_size
-    slope = np.hypot(*np.gradient(ground, dy, dx))
+    slope = steepness(ground, terrain.cell_size)
     below = float(slope[thickness > 0].max())
     if HELD * below >= friction:
         return below

@@ -181,6 +181,13 @@ def reachable(terrain: Terrain, thickness: np.ndarray, angle: float) -> np.ndarr
     return np.isin(parts, np.unique(parts[released]))
 
 
+def steepness(elevation: np.ndarray, cell_size: tuple[float, float]) -> np.ndarray:
+    """Tangent of the slope (rows, columns) [1] of elevations [m]; NaN beside unknown cells."""
+    dx, dy = cell_size
+    south, east = np.gradient(elevation, dy, dx)
+    return np.hypot(south, east)  # type: ignore[no-any-return]
+
+
 def _to_utm(raster: ElevationRaster, reason: str) -> ElevationRaster:
     from runout.terrain.reproject import to_utm
 

@@ -75,11 +75,11 @@ def test_work_grows_with_the_fourth_power_of_the_cells():
 
 def test_lines_tell_the_cells_and_what_every_preset_would_cost():
     grid = {**choices("standard", [WIDE], {}), "particles_per_cell": (2, 2, 4)}
-    said = lines("standard", [WIDE], grid)
+    said = lines("standard", [WIDE], grid, lambda height: (2, 2, 4))
     assert "accuracy standard: cells of 26 m with 2 x 2 x 4 particles, 1.5 through the mean thickness of 40 m" in said[0]
     assert "standard: 26 m with 2 x 2 x 4, 1 times this work" in said[2]
     assert f"{100 * PRESETS['high'].map_error:.2g} % of the thickness map" in said[3]
-    flat = lines(None, [WIDE], {**grid, "cell_size": (20.0, 20.0, 10.0)})
+    flat = lines(None, [WIDE], {**grid, "cell_size": (20.0, 20.0, 10.0)}, lambda height: (2, 2, 4))
     assert flat[0].startswith("grid      cells of 20 x 20 x 10 m with 2 x 2 x 4 particles, 4.0")
     level = lines(None, [WIDE], grid, lambda height: (3, 3, 1) if height < 20 else (2, 2, 4))
     assert "standard: 26 m with 2 x 2 x 4, 1 times" in level[2]
