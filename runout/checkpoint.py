@@ -24,7 +24,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 5  # of the file; raise it when the meaning of a state changes
+FORMAT = 6  # of the file; raise it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 
 

@@ -17,7 +17,7 @@ GIGABYTE = 1e9
 # cells around the first node of a square of two cells by two, west and south, there, and east and north; and above and below:
 # what the index of backend scan holds, and that of hash, whose particles move one cell between two sorts
 REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
-EXCHANGED = 224  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
+EXCHANGED = 248  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
 PER_MAP_CELL = 150  # of a cell of the raster: sums, peaks and what computing them takes
 PROGRAM = 0.35e9  # libraries and compiled code
 

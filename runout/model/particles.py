@@ -18,6 +18,7 @@ ARRAYS = {  # name: (dtype, trailing shape)
     "mass": (np.float64, ()),
     "volume": (np.float64, ()),
     "radius": (np.float64, ()),
+    "ground_force": (np.float64, (3,)),
     "release": (np.int32, ()),
     "identity": (np.int64, ()),
 }
@@ -45,6 +46,8 @@ class Particles:
         Volume in the stress-free state [m3].
     radius : (n,)
         How close to the ground the particle comes, along its normal [m]: half of what lies between heights of particles there.
+    ground_force : (n, 3)
+        Force of the ground in the last step [N], zero for a particle that did not touch it: contact starts from it.
     release : (n,) int32
         Index of the release it belongs to.
     identity : (n,) int64
@@ -60,6 +63,7 @@ class Particles:
     mass: np.ndarray
     volume: np.ndarray
     radius: np.ndarray
+    ground_force: np.ndarray
     release: np.ndarray
     identity: np.ndarray
 

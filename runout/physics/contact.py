@@ -52,24 +52,29 @@ def normal_target(un: Any, gap: Any, dt: Any):
     return target
 
 
-def impulse(u: Any, n: Any, gap: Any, compliance: Any, friction: Any, dt: Any):
-    """Impulse [N s] of the ground on a particle: unilateral, with Coulomb friction on the whole tangential vector.
+def impulse(u: Any, n: Any, gap: Any, compliance: Any, friction: Any, dt: Any, given: Any):
+    """Impulse [N s] of the ground on a particle in a step: unilateral, with Coulomb friction on the whole tangential vector.
 
-    Normal: u.n is brought to :func:`normal_target`; it never pulls. Tangential: sticks if the friction cone admits it, else
-    slides (Coulomb).
+    One sweep of projected Jacobi iteration (Moreau and Jean 1996) that starts from the impulse ``given`` [N s], which the
+    velocity ``u`` contains already; :func:`warm_start` takes it from the step before. Lumped compliances correct what all
+    neighbours share in one sweep and what differs between them in several, so that sweeps of a static load go on over the steps.
+
+    Normal: u.n is brought to :func:`normal_target`; the total never pulls. Tangential: sticks if the friction cone admits the
+    total, else slides (Coulomb).
     """
     un = dot(u, n)
-    normal = (normal_target(un, gap, dt) - un) / compliance
+    held = dot(given, n)
+    normal = held + (normal_target(un - compliance * held, gap, dt) - un) / compliance
     if normal <= real(0.0):
         return vec(real(0.0), real(0.0), real(0.0))
-    tx = u[0] - un * n[0]
-    ty = u[1] - un * n[1]
-    tz = u[2] - un * n[2]
-    slip = math.sqrt(tx * tx + ty * ty + tz * tz)
-    s = real(1.0) / compliance
-    if slip > friction * normal * compliance:
-        s = friction * normal / slip
-    return vec(normal * n[0] - s * tx, normal * n[1] - s * ty, normal * n[2] - s * tz)
+    tx = given[0] - held * n[0] - (u[0] - un * n[0]) / compliance
+    ty = given[1] - held * n[1] - (u[1] - un * n[1]) / compliance
+    tz = given[2] - held * n[2] - (u[2] - un * n[2]) / compliance
+    along = math.sqrt(tx * tx + ty * ty + tz * tz)
+    s = real(1.0)
+    if along > friction * normal:
+        s = friction * normal / along
+    return vec(normal * n[0] + s * tx, normal * n[1] + s * ty, normal * n[2] + s * tz)
 
 
 def zone_friction(friction: Any, factor: Any, own: Any):
@@ -81,13 +86,13 @@ def zone_friction(friction: Any, factor: Any, own: Any):
     return factor * friction + own
 
 
-def work(push: Any, before: Any, u: Any, compliance: Any):
-    """Work [J] of an impulse, with the mean of the particle's velocities before the step and after it.
+def work(push: Any, given: Any, before: Any, u: Any, compliance: Any):
+    """Work [J] of an impulse ``push``, with the mean of the particle's velocities before the step and after it.
 
-    ``u`` is the velocity that it would have without the impulse. Gravity, internal force and impulse act in one step;
+    ``u`` is the velocity that it would have with the impulse ``given`` alone. Gravity, internal force and impulse act in one step;
     the mean over the whole step books none of the work that the ground does against forces that it cancels.
     """
-    x = before[0] + u[0] + compliance * push[0]
-    y = before[1] + u[1] + compliance * push[1]
-    z = before[2] + u[2] + compliance * push[2]
+    x = before[0] + u[0] + compliance * (push[0] - given[0])
+    y = before[1] + u[1] + compliance * (push[1] - given[1])
+    z = before[2] + u[2] + compliance * (push[2] - given[2])
     return real(0.5) * (push[0] * x + push[1] * y + push[2] * z)

@@ -143,7 +143,8 @@ class Batch:
         self.board = Board(n, self.real)
         self.flags, self.contacts, self.peaks = self.board.flags, self.board.contacts, self.board.peaks
         self.peaks.assign(np.array([*(a.max_speed**2 for a in self.accounts), 0.0], s.dtype))
-        self.left, self.report = wp.zeros(n, dtype=wp.int32), looks.Report(n, self.device.is_cuda)
+        self.left, self.step_counts = (wp.zeros(n, dtype=wp.int32) for _ in range(2))
+        self.report = looks.Report(n, self.device.is_cuda)
         self.steps_of, self.packed = (wp.zeros(n, dtype=self.real) for _ in range(2))
         self.clock = wp.zeros((n, CLOCK), dtype=self.real)
         self.band = self.real(s.contact_band * min(s.spacing))
@@ -303,7 +304,7 @@ class Batch:
     def _begin(self) -> None:
         run(
             self.k.begin_step, len(self.scenes), self.flags, self.index.tally, self.left, self.steps_of, self.real(self.largest),
-            self.band, self.clock, self.peaks, self.contacts,
+            self.band, self.clock, self.peaks, self.contacts, self.step_counts,
         )  # fmt: skip
 
     def _list_cells(self) -> None:
@@ -330,8 +331,8 @@ class Batch:
         if self.ground is not None:
             self._find_contacts()
             self._push()
-        arguments = self.flags, i.tally, i.member, self.clock, n.grounded, n.shares, n.ground_slopes, n.falls, i.ends, n.grid
-        run(self.k.update_nodes, i.room * 64, *arguments)
+        given = self.flags, i.tally, i.member, self.clock, n.grounded, n.shares, n.ground_slopes, n.falls, i.ends, n.grid
+        run(self.k.update_nodes, i.room * 64, *given)
 
     def _pressed(self) -> tuple[Any, Any]:
         """Arrays for the list of the particles in contact by cell, and its starts: those of all, unless these are needed yet."""
@@ -345,18 +346,22 @@ class Batch:
             self.clock, n.tiles, n.bounds, self.h, self.band, self.real(self.largest), i.around, n.falls, i.touching, i.touched,
             self.contacts, n.near_up, n.shares, n.arenas, *self._pressed(),
         )  # fmt: skip
+        run_each(
+            k.begin_contacts, n.places, WARP, s.rec, s.number, s.forces, *self._pressed(), i.up, self.flags, i.tally, i.touched,
+            i.member, self.clock, self.step_counts, n.grid, n.arenas,
+        )  # fmt: skip
         if self.deterministic:
-            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.shares)
+            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.shares, n.grid)
 
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_each(
             k.solve_contacts, n.places, WARP, s.rec, s.radius, s.release, *self._pressed(), i.up, self.flags, i.tally, i.touched,
             i.member, self.clock, n.tiles, self.h, self.friction, s.only, *self.zones.tables, self.shift, i.coordinates,
-            n.near_up, n.grid, n.shares, n.arenas, n.booked,
+            n.near_up, n.grid, n.shares, n.arenas, n.booked, s.number, s.forces, self.step_counts,
         )  # fmt: skip
         if self.deterministic:
-            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.shares)
+            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.shares, n.grid)
 
     def _to_particles(self) -> None:
         i, s, n = self.index, self.store, self.nodes

@@ -36,6 +36,7 @@ def taken(engine: "HashBackend") -> State:
     state |= {f"index.{name}": getattr(i, name).numpy()[: i.nall] for name in BY_BLOCK}
     state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
+    state |= {"forces": s.forces.numpy(), "step_counts": engine.step_counts.numpy()}
     state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "kept": engine.report.kept.numpy()}
     state |= {"tiles": n.tiles.numpy(), "standing": n.standing.numpy(), "rec": s.rec.numpy()[:, : s.n]}
     sizes = {"nown": i.nown, "nall": i.nall, "room": i.room, "entries": i.table.shape[0], "launched": i.launched, "slots": n.slots}
@@ -52,6 +53,7 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
     engine.first_number = np.array([0, len(engine.identity)])
     with wp.ScopedDevice(engine.device):
         engine.peaks.assign(state["peaks"])
+        engine.step_counts.assign(state["step_counts"])
         engine.report.kept.assign(state["kept"])
         clock.write(engine, np.array([engine.accounts[0].packed_dt]))
         engine._load_ground()
@@ -69,7 +71,8 @@ def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
 
 def _store(state: State, number: Any, stressed: bool) -> Store:
     rec = state["rec"]
-    store = Store(rec.shape[1], number, stressed)
+    store = Store(rec.shape[1], number, stressed, len(state["forces"]))
+    _fill(store.forces, state["forces"])
     store.rec.assign(np.ascontiguousarray(rec))
     for name in BY_PARTICLE:
         _fill(getattr(store, name), state[f"store.{name}"])

@@ -1,4 +1,8 @@
-"""One impulse of the ground for each particle in contact with it, spread to the nodes."""
+"""One impulse of the ground for each particle in contact with it, spread to the nodes.
+
+It starts from the force of the ground in the step before: ``forces`` has for each particle, by its number, the stamp of the step in
+which it last touched the ground, and the force then [N].
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,7 @@ from runout.backends.hash.layout import (
     PIECE,
     PUSHES,
     PUSHES_UP,
+    STAMPS,
     STARTS,
     TILE,
     TOUCHED,
@@ -30,6 +35,7 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     Vector,
+    add_node,
     lane_count,
     node4,
     own_block,
@@ -121,15 +127,23 @@ def _friction_in_cell(
 
 
 def _push(
-    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Any, dt: Any
-):
-    """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]."""
+    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Any, dt: Any,
+    given: Vector,
+):  # fmt: skip
+    """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]; the nodes hold the ``given`` part."""
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
-    push = impulse(u, n, gap, compliance, friction, dt)
+    push = impulse(u, n, gap, compliance, friction, dt, given)
     m = rec[MASS, p]
     before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
-    return node4(push[0], push[1], push[2], work(push, before, u, compliance))
+    return node4(work(push, given, before, u, compliance), push[0], push[1], push[2])
+
+
+def _given(forces: Nodes, place: int, stamp: Any, dt: Any):
+    """Impulse [N s] by the force of the step with this stamp; none on a particle that did not touch the ground then."""
+    last = forces[place]
+    lasting = wp.where(last[0] == stamp, dt, real(0.0))
+    return vec(lasting * last[1], lasting * last[2], lasting * last[3])
 
 
 def _clear(tile: Tile, nothing: Any, lane: int):
@@ -137,6 +151,13 @@ def _clear(tile: Tile, nothing: Any, lane: int):
     for q in range((TILE + lane_count() - 1) // lane_count()):
         t = q * lane_count() + lane
         wp.tile_scatter_masked(tile, wp.min(t, TILE - 1), nothing, t < TILE)
+
+
+def _hold(pushes: Tile, offsets: Tile, place: int, push: Vector, f: Vector, there: bool):
+    """Note impulse and offset of a contact particle for :func:`_spread`, if it is ``there``."""
+    wp.tile_scatter_masked(pushes, place, node4(push[0], push[1], push[2], f[0]), there)
+    wp.tile_scatter_masked(offsets, place, f[1], there)
+    wp.tile_scatter_masked(offsets, HELD + place, f[2], there)
 
 
 def _spread(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool):
@@ -190,12 +211,75 @@ def _give_all(tile: Tile, shares: Reals, bases: Tile, q: int):
     _give(tile, shares, bases, 6, q)
 
 
+def _add_given(tile: Tile, grid: Nodes, bases: Tile, u: int, q: int):
+    """Impulse at a node of the tile, number ``q`` of its piece ``u``, to the momentum of that of the grid."""
+    piece = _piece(u, q)
+    s = tile[wp.max(piece[2], 0)]
+    if piece[2] >= 0 and (s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0)):
+        add_node(grid, bases[piece[0]] + piece[1], s)
+
+
+def _add_all_given(tile: Tile, arenas: Nodes, grid: Nodes, bases: Tile, b: int, lane: int):
+    """The same for all nodes; for sums in fixed order to the arena of the block, beside the sums of weights."""
+    if ORDERED:
+        for t in range(lane, TILE, lane_count()):
+            arenas[b * TILE + t] += node4(tile[t])
+    else:
+        for q in range(lane, PIECE, lane_count()):
+            for u in range(3):
+                _add_given(tile, grid, bases, u, q)
+                _add_given(tile, grid, bases, u + 3, q)
+            _add_given(tile, grid, bases, 6, q)
+
+
+def begin_contacts(
+    rec: Rows, number: Ints, forces: Nodes, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
+    touched: Table2, member: Ints, clock: Rows, counts: Ints, grid: Nodes, arenas: Nodes,
+):  # fmt: skip
+    """Impulses by the forces of the step before to the momentum of the nodes."""
+    begin, lane = wp.tid()
+    begin, lane = own_block(begin), own_lane(lane)
+    row = tally[TOUCHED] - 1 - begin
+    if flags[HALT] != 0 or row < 0:
+        return
+    b = int(touched[row, 0])
+    s = _scene_of(member, b, clock)
+    dt = clock[s, 0]
+    stamp = real((counts[s] - 1) & STAMPS)
+    starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
+    tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
+    bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+    _set_bases(bases, up, b, lane)
+    first = int(pressed_start[b, 0])
+    filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
+    many = _number_pressed(starts, filled, pressed_start, b, lane)
+    total = int(starts[CELL_LANES])
+    pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
+    offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+    for base in range(0, total, HELD):
+        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
+        for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
+            n = base + q * lane_count() + lane
+            p = pressed[first + wp.min(n, total - 1)] & NOT_NEGATIVE
+            given = _given(forces, number[p], stamp, dt)
+            f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+            _hold(pushes, offsets, n - base, given, f, n < total)
+        _clear(tile, node4(), lane)
+        for turn in range((many + lane_count() - 1) // lane_count()):
+            mine = turn * lane_count() + lane
+            _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
+        _add_all_given(tile, arenas, grid, bases, b, lane)
+
+
 def solve_contacts(
     rec: Rows, radius: Reals, release: Shorts, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
     touched: Table2, member: Ints, clock: Rows, tiles: Rows, h: Vector, friction: Reals, only: int, zones: Rows, lattice: Doubles2,
-    shift: Ints, coordinates: Table2, near_up: Table2, grid: Nodes, shares: Reals, arenas: Nodes, booked: Doubles2,
+    shift: Ints, coordinates: Table2, near_up: Table2, grid: Nodes, shares: Reals, arenas: Nodes, booked: Doubles2, number: Ints,
+    forces: Nodes, counts: Ints,
 ):  # fmt: skip
-    """One impulse per contact particle, spread to the nodes; ``booked`` (blocks, 6) adds up work [J] and impulse [N s].
+    """One impulse per contact particle; what it has more than the nodes hold already goes to them.
+
+    ``booked`` (blocks, 6) adds up work [J] and impulse [N s].
 
     A thread first owns a particle and finds its impulse, then a cell and adds up those of its particles.
     """
@@ -208,6 +292,7 @@ def solve_contacts(
     place = int(touched[row, 1])
     s = _scene_of(member, b, clock)
     dt = clock[s, 0]
+    last, stamp = real((counts[s] - 1) & STAMPS), real(counts[s] & STAMPS)
     starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
     tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
     bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
@@ -228,7 +313,7 @@ def solve_contacts(
         done = node4()
         for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
             n = base + q * lane_count() + lane
-            push = node4()
+            change = vec(real(0.0), real(0.0), real(0.0))
             f = vec(real(0.0), real(0.0), real(0.0))
             if n < total:
                 c = _cell_of(starts, n)
@@ -240,11 +325,13 @@ def solve_contacts(
                     mu = friction[int(release[p])]
                 if ZONED:
                     mu = _friction_in_cell(mu, zones, lattice, shift, coordinates, s, b, c, f)
-                push = _push(rec, radius, tiles, tile, place, c, p, f, h, mu, dt)
-                done += node4(push[3], push[0], push[1], push[2])
-            wp.tile_scatter_masked(pushes, n - base, node4(push[0], push[1], push[2], f[0]), n < total)
-            wp.tile_scatter_masked(offsets, n - base, f[1], n < total)
-            wp.tile_scatter_masked(offsets, HELD + n - base, f[2], n < total)
+                own = number[p]
+                given = _given(forces, own, last, dt)
+                push = _push(rec, radius, tiles, tile, place, c, p, f, h, mu, dt, given)
+                done += push
+                change = vec(push[1], push[2], push[3]) - given
+                forces[own] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
+            _hold(pushes, offsets, n - base, change, f, n < total)
         book_four(booked, b, 1, done)
         _clear(tile, node4(), lane)
         for turn in range((many + lane_count() - 1) // lane_count()):

@@ -58,6 +58,7 @@ MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 
 TILE = 216
 PUSHES, PUSHES_UP, SLOT = 64, 192, 256  # of what lies near the ground in a block: where impulses begin; numbers in all
 PIECE = 32  # nodes of a tile that lie in one of its blocks, or in two; a tile has seven pieces
+STAMPS = 2**23 - 1  # numbers of steps wrap here: single precision holds them exactly
 PADDED = 256  # trips of a loop that every lane of a block runs alike
 WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
 NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances

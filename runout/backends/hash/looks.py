@@ -141,7 +141,7 @@ def _brought(batch: Batch, scene: int, places: np.ndarray) -> tuple[Particles, n
         batch.k.unpack, count, s.rec, s.release, s.key, i.coordinates, i.member, batch.shift, batch.mats, batch.packed, batch.h,
         where, node, affine,
     )  # fmt: skip
-    p, number = s.brought(where, node, affine)
+    p, number = s.brought(where, node, affine, int(batch.step_counts.numpy()[scene]))
     p.release -= np.int32(batch.first_release[scene])
     return p, number
 

@@ -61,9 +61,12 @@ call_up: Any = None  # asks for a place in memory before it is read
 
 
 def begin_step(
-    flags: Ints, tally: Ints, left: Ints, steps: Reals, largest: Real, band: Real, clock: Rows, peaks: Reals, contacts: Ints
-):
+    flags: Ints, tally: Ints, left: Ints, steps: Reals, largest: Real, band: Real, clock: Rows, peaks: Reals, contacts: Ints,
+    counts: Ints,
+):  # fmt: skip
     """Open a step, unless the last one asked to halt; a thread a scene. A scene without steps left has time step 0.
+
+    ``counts`` are the steps of each scene so far, with this one.
 
     Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m]; and
     what a general scene does, see :func:`runout.backends.hash.general.choices`.
@@ -84,6 +87,7 @@ def begin_step(
     clock[s, 0] = real(0.0)
     if left[s] > 0:
         left[s] = left[s] - 1
+        counts[s] = counts[s] + 1
         clock[s, 0] = steps[s]
         clock[s, 4] = reach(largest, wp.sqrt(peaks[s]), steps[s], band)
         peaks[s] = real(0.0)

@@ -297,8 +297,11 @@ def sum_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes)
         put_node(grid, t, _sum_arenas(arenas, held, down, t))
 
 
-def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, grounded: Ints, part: int, shares: Reals):
-    """Weights of the contact particles (``part`` 0) or their impulses (1) at each node near the ground, in fixed order."""
+def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, grounded: Ints, part: int, shares: Reals, grid: Nodes):
+    """Sums over the contact particles at each node near the ground, in fixed order.
+
+    Of their weights and of the impulses that the nodes hold from the start (``part`` 0), or of what is added to these (1).
+    """
     t = wp.tid()
     slot = grounded[t >> 6]
     if flags[HALT] != 0 or slot < 0:
@@ -306,6 +309,7 @@ def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, groun
     s = _sum_arenas(arenas, touching, down, t)
     if part == 0:
         shares[slot * SLOT + (t & 63)] = s[0]
+        put_node(grid, t, node_at(grid, t) + node4(real(0.0), s[1], s[2], s[3]))
     else:
         shares[slot * SLOT + PUSHES + 2 * (t & 63)] = s[1]
         shares[slot * SLOT + PUSHES + 2 * (t & 63) + 1] = s[2]

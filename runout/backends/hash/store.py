@@ -22,6 +22,7 @@ from runout.backends.hash.layout import (
     MOMENTUM,
     OFFSET,
     ROWS,
+    STAMPS,
     STRAIN,
     VOLUME,
     WARP,
@@ -53,14 +54,17 @@ class Store:
         Kirchhoff stress [Pa] while nodes take it, if the store is ``stressed``: with transfers whose records hold none.
     number : (size,) int32
         Place in the particles as they were loaded.
+    forces : (loaded,) four numbers
+        By that place: stamp of the step in which the particle last touched the ground, and the force then [N].
     key : (size,) int32
         64 times the block plus the cell; -2 - key for a particle that has gone, -1 for no particle.
     order : (size,) int32
         Places of the particles, cell by cell; near the ground, from the middle of a step on, of those in contact alone.
     """
 
-    def __init__(self, size: int, number: Any, stressed: bool = False):
+    def __init__(self, size: int, number: Any, stressed: bool = False, loaded: int | None = None):
         self.size = self.n = size
+        self.forces = wp.zeros(size if loaded is None else loaded, dtype=wp.types.vector(length=4, dtype=number))
         self.only = -1
         self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self._take_turn(0)
@@ -74,12 +78,19 @@ class Store:
         A few rows at a time: together, the particles of many scenes are the largest thing on the host, and never lie there twice.
         """
         self.release.assign(release.astype(np.int16))
+        self._fill_forces(parts, dtype)
         self.only = -1 if (release != release[:1]).any() else int(release[0])
         with ThreadPoolExecutor(STAGED) as pool:
             for first in range(0, ROWS + 1, STAGED):
                 places = range(first, min(first + STAGED, ROWS + 1))
                 for place, row in zip(places, pool.map(partial(_row_of, parts, spacing, dtype), places), strict=True):
                     self.memory[place].assign(row)
+
+    def _fill_forces(self, parts: Sequence[Particles], dtype: Any) -> None:
+        """Forces from which contact starts, if there are any."""
+        if any(p.ground_force.any() for p in parts):
+            forces = np.concatenate([p.ground_force for p in parts])
+            self.forces.assign(np.column_stack([np.zeros(len(forces)), forces]).astype(dtype))
 
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
@@ -131,16 +142,18 @@ class Store:
         """The rows lie in the other places now: after a sort, or again if it moved nothing."""
         self._take_turn(1 - self.turn)
 
-    def brought(self, where: Any, node: Any, affine: Any) -> tuple[Particles, np.ndarray]:
-        """Particles at the places ``where`` (n,) in memory, without identity, and their numbers."""
+    def brought(self, where: Any, node: Any, affine: Any, steps: int) -> tuple[Particles, np.ndarray]:
+        """Particles at the places ``where`` (n,) in memory after so many steps, without identity, and their numbers."""
         rec = np.stack([self.rec[row][where].numpy() for row in range(ROWS)]).astype(np.float64)
-        m = rec[MASS]
+        m, number = rec[MASS], self.number[where].numpy()
+        forces = self.forces[wp.array(number, dtype=wp.int32)].numpy().astype(np.float64)
+        touched = forces[:, :1] == steps & STAMPS
         p = Particles(
             node.numpy(), rec[OFFSET : OFFSET + 3].T, (rec[MOMENTUM : MOMENTUM + 3] / m).T, affine.numpy().reshape(-1, 3, 3),
             rec[STRAIN : STRAIN + 6].T, rec[HISTORY], m, rec[VOLUME], self.radius[where].numpy().astype(np.float64),
-            self.release[where].numpy().astype(np.int32), np.zeros(len(m), np.int64),
+            np.where(touched, forces[:, 1:], 0.0), self.release[where].numpy().astype(np.int32), np.zeros(len(m), np.int64),
         )  # fmt: skip
-        return p, self.number[where].numpy()
+        return p, number
 
 
 def _row_of(parts: Sequence[Particles], spacing: tuple[float, float, float], dtype: Any, place: int) -> np.ndarray:

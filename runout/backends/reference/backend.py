@@ -155,14 +155,15 @@ class ReferenceBackend:
         gap, normal = x[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))])
         band = self.scene.contact_band * self.spacing.min()
         self.loops.find_contacts(self._p.velocity, self._p.radius, dt, band, gap, normal, touches)
-        chosen = np.flatnonzero(touches)
-        self._contacts = len(chosen)
+        self._contacts = len(chosen := np.flatnonzero(touches))
         compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
-        p, u = self._p.take(chosen), stencils.gather(velocity, chosen)
-        impulses, work = np.zeros_like(u), np.zeros(len(u))
+        p, impulses, work = self._p.take(chosen), dt * self._p.ground_force[chosen], np.zeros(len(chosen))
+        velocity += quotient(stencils.scatter(impulses, chosen), mass)
+        u, given = stencils.gather(velocity, chosen), impulses.copy()
         friction = self.scene.friction_at(p.release, *p.position(self.spacing).T[:2])
         self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, friction, dt, impulses, work)
-        velocity += quotient(stencils.scatter(impulses, chosen), mass)
+        velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
+        self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)
 

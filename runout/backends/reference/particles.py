@@ -52,14 +52,14 @@ def find_contacts(velocity: Any, radius: Any, dt: Any, band: Any, gap: Any, norm
 
 
 def take_impulses(before: Any, u: Any, normal: Any, gap: Any, compliance: Any, friction: Any, dt: Any, impulses: Any, done: Any):
-    """Ground's ``impulses`` (n, 3) [N s] on contact particles and the work ``done`` (n,) [J] by them.
+    """Ground's ``impulses`` (n, 3) [N s] on contact particles, and the work ``done`` (n,) [J] by them.
 
-    ``before`` (n, 3) [m/s] are velocities before the step, ``u`` (n, 3) those that the grid would give back.
+    ``impulses`` come in as those that ``u`` contains. ``before`` (n, 3) [m/s]: before the step; ``u`` (n, 3): what the grid gives.
     """
     for p in range(len(u)):
-        n = vec(normal[p, 0], normal[p, 1], normal[p, 2])
-        given = vec(u[p, 0], u[p, 1], u[p, 2])
-        push = impulse(given, n, gap[p], compliance[p], friction[p], dt)
-        done[p] = work(push, vec(before[p, 0], before[p, 1], before[p, 2]), given, compliance[p])
+        n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
+        given = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])
+        push = impulse(felt, n, gap[p], compliance[p], friction[p], dt, given)
+        done[p] = work(push, given, vec(before[p, 0], before[p, 1], before[p, 2]), felt, compliance[p])
         for k in range(3):
             impulses[p, k] = push[k]

@@ -337,7 +337,8 @@ class ScanBackend:
         momentum = moments.momentum_at(middle, slopes[0], slopes[1], slopes[2], rec[:, 4::4].T - 1.0)
         p = Particles(
             node, rec[:, 4::4], np.column_stack(momentum) / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
-            s.radius[who].astype(np.float64), s.label[who, 0], s.label[who, 1].astype(np.int64),
+            s.radius[who].astype(np.float64), s.ground_force(who, self.counters.steps), s.label[who, 0],
+            s.label[who, 1].astype(np.int64),
         )  # fmt: skip
         return p.take(np.argsort(p.identity))
 

@@ -39,7 +39,7 @@ WITHIN_A_STEP = (
         "giving",
     ),
 )
-SCRATCH = ("contacts", "measured", "felt", "listed")  # of a step
+SCRATCH = ("contacts", "measured", "felt", "given", "listed")  # of a step
 
 
 def taken(engine: "ScanBackend") -> State:

@@ -6,7 +6,8 @@ that vectors are full, in the region of the thread that found them; those of blo
 
     contacts[r]                     cell in the block | fx | fy | fz
     measured[r // 16, :, r % 16]    unit normal (3), gap [m], friction, velocity before the step (3) [m/s]
-    felt[r]                         compliance [1/kg] and velocity [m/s] that the grid would give, then work [J] and impulse [N s]
+    felt[r]                         compliance [1/kg] and velocity [m/s] that the grid would give, then 0 and the impulse's change
+    given[r]                        0 and the impulse [N s] that the nodes hold from the start, then work [J] and impulse [N s]
 """
 
 import numpy as np
@@ -24,7 +25,7 @@ from runout.backends.lanes import (
 )
 from runout.backends.scan.ground import _ground
 from runout.backends.scan.schedule import STRIP
-from runout.backends.scan.stencil import ARENA, _place_of, _weigh_four, local_weights, zeros
+from runout.backends.scan.stencil import ARENA, _add_weighted, _first_node, _place_of, _weigh_four, local_weights, zeros
 from runout.backends.scan.transfer import (
     PLANE_OF_SHARES,
     ROW_OF_SHARES,
@@ -83,8 +84,10 @@ def _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n):
     return b, k
 
 
-def _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, n):
+def _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, force, n):
     """What the records of candidates do not hold: ground in their columns of cells, level, size and friction."""
+    for q in range(n):
+        prefetch(force, 4 * np.int64(who[slots[q]]))
     if len(radius) > 1:
         for q in range(n):
             prefetch(radius, who[slots[q]])
@@ -148,7 +151,15 @@ def _measure(t, n, east, north, dz, dt, band):
         t[10, q] = vz
 
 
-def _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured, row, touching):
+def _take_force(given, row, force, w, last, dt):
+    """Impulse from which a contact starts: by the force of the step with the stamp ``last``, none if it did not touch then."""
+    lasting = dt if force[w, 0] == last else real(0.0)
+    given[row, 0] = real(0.0)
+    for k in range(1, 4):
+        given[row, k] = lasting * force[w, k]
+
+
+def _keep_touching(t, n, slots, blocks, cell, who, force, last, dt, listed, first, contacts, measured, given, row, touching):
     """Rows from ``row`` on for those of ``n`` candidates that touch; returns what comes next.
 
     Each writes its row, and the next one writes over it unless it touches: no processor could guess which do.
@@ -162,6 +173,7 @@ def _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured,
         contacts[row, 3] = t[FZ, q]
         for k, m in enumerate(MEASURED):
             measured[row >> 4, k, row & 15] = t[m, q]
+        _take_force(given, row, force, np.int64(who[p]), last, dt)
         listed[first[b] + touching[b]] = p
         touches = np.int64(t[TOUCHES, q])
         touching[b] += touches
@@ -179,21 +191,23 @@ def _call_up(tiles, planes, cell, b, f, held):
         prefetch(cell, p)
 
 
-def _expect(contacts, measured, shares, row, rows, share, blocks):
+def _expect(contacts, measured, given, shares, row, rows, share, blocks):
     """Ask for the memory that the rows of a strip and the shares of its blocks will be written to."""
     for r in range(row, row + rows, 16):
         for o in range(0, 64, 16):
             prefetch(contacts, 4 * r + o)
+            prefetch(given, 4 * r + o)
         for o in range(0, 128, 16):
             prefetch(measured, 8 * r + o)
     for o in range(SHARES * share, SHARES * (share + blocks), 16):
         prefetch(shares, o)
 
 
-def _share_block(shares, base, contacts, ready, row, n):
+def _share_block(shares, base, contacts, given, begins, arenas, a, ready, row, n):
     """Fill an arena with one number a node with the weights of the contacts of a block; returns the parts that they reach.
 
-    Those of the first of them are ``ready``, and at the end those of the row behind the last.
+    If the contact ``begins`` here, the impulses ``given`` are added to the momentum in the arena at place ``a``. The weights of the
+    first contact are ``ready``, and at the end those of the row behind the last.
     """
     for o in range(base, base + SHARES - 8, 16):
         store(shares, o, zeros(shares))
@@ -208,14 +222,16 @@ def _share_block(shares, base, contacts, ready, row, n):
         for i in range(3):
             x = ready[w + np.uint64(4 + i)] * z
             for j in range(3):
-                a = o + i * PLANE_OF_SHARES + j * ROW_OF_SHARES
-                store(shares, a, load4(shares, a) + ready[w + np.uint64(8 + j)] * x)
+                s = o + i * PLANE_OF_SHARES + j * ROW_OF_SHARES
+                store(shares, s, load4(shares, s) + ready[w + np.uint64(8 + j)] * x)
+        if begins:
+            _add_weighted(arenas, a + _first_node(c), ready, w, load4(given, r * np.uint64(4)))
     return _parts_of(octants)
 
 
 def _measure_strip(
-    rec, who, radius, label, cell, first, tiles, friction, dt, h, band, listed, candidates, contacts, measured, touching, low,
-    total, row,
+    rec, who, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed, candidates, contacts, measured, given,
+    touching, low, total, row,
 ):  # fmt: skip
     """Rows from ``row`` on of those of the ``total`` candidates of the blocks from ``low`` on that touch."""
     t = local_tile(rec)
@@ -228,10 +244,12 @@ def _measure_strip(
         n = min(TILE, total - done)
         groups = (n + 15) >> 4
         b, k = _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n)
-        _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, n)
+        _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, force, n)
         _load_candidates(t, rec, aside, slots, groups)
         _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, band)
-        row = _keep_touching(t, n, slots, blocks, cell, listed, first, contacts, measured, row, touching)
+        row = _keep_touching(
+            t, n, slots, blocks, cell, who, force, last, dt, listed, first, contacts, measured, given, row, touching
+        )
 
 
 def _fill_strip(
@@ -269,15 +287,16 @@ def _keep_room(cursors, thread, total, blocks, rows, places):
     return row + thread * rows, share + thread * places, fits
 
 
-def _share_strip(contacts, shares, row, share, low, end, touching, place, sharer, pressed):
-    """Weights of the contacts of a strip at the nodes; returns what comes behind the last row and share."""
+def _share_strip(contacts, given, begins, number, arenas, shares, row, share, low, end, touching, place, sharer, pressed):
+    """Weights of the contacts of a strip at the nodes, and their impulses; returns what comes behind the last row and share."""
     ready = local_weights(contacts)
     _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
     for b in range(low, end):
         place[b] = row
         if touching[b] > 0:
             sharer[b] = share
-            pressed[b] = _share_block(shares, SHARES * share, contacts, ready, row, touching[b])
+            a = ARENA * np.int64(number[b])
+            pressed[b] = _share_block(shares, SHARES * share, contacts, given, begins, arenas, a, ready, row, touching[b])
             row += touching[b]
             share += 1
     return row, share
@@ -285,17 +304,20 @@ def _share_strip(contacts, shares, row, share, low, end, touching, place, sharer
 
 def particles_to_nodes_over_ground(
     rec, who, radius, label, cell, order, starts, first, giving, nown, cuts, due, nodes, over, owners, tiles, planes, bounds,
-    friction, reach, dt, h, band, number, arenas, room, free, cursors, reached, listed, candidates, touching, pressed, contacts,
-    measured, rows, shares, places, place, sharer, down, grid, shared, inverse, dv,
+    friction, force, last, begins, reach, dt, h, band, number, arenas, room, free, cursors, reached, listed, candidates, touching,
+    pressed, contacts, measured, given, rows, shares, places, place, sharer, down, grid, shared, inverse, dv,
 ):  # fmt: skip
     """Fill the arenas, find the particles that touch the ground while a strip is in cache, and sum the nodes that are due.
 
     ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch; ``radius`` has one number where
-    all are the same. Gives the numbers (nown,) of particles that are ``touching``, which are ``listed`` then, the sums of their
-    weights over the nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``room`` for
-    arenas, ``rows`` of contacts and ``places`` for shares, and counts in ``cursors`` (threads, 8) those that it needs, and what
-    touches; where one needs more, the result is worth nothing. Returns what a thread needs of each, and the number of those that
-    touch. With no owners, ``nown`` = 0, nodes are summed alone.
+    all are the same; ``force`` (n, 4) holds forces of the ground behind the stamps of their steps. If the contact ``begins`` here,
+    the impulses by the forces of the ``last`` step go to the nodes with the momentum; else :func:`begin_contacts` adds them later.
+
+    Gives the numbers (nown,) of particles that are ``touching``, which are ``listed`` then, the sums of their weights over the
+    nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``room`` for arenas, ``rows``
+    of contacts and ``places`` for shares, and counts in ``cursors`` (threads, 8) those that it needs, and what touches; where one
+    needs more, the result is worth nothing. Returns what a thread needs of each, and the number of those that touch. With no
+    owners, ``nown`` = 0, nodes are summed alone.
     """
     _start(cursors)
     for thread in prange(len(cuts) - 1):
@@ -308,12 +330,14 @@ def particles_to_nodes_over_ground(
             )  # fmt: skip
             row, share, fits = _keep_room(cursors, thread, total, blocks, rows, places)
             if total > 0 and fits:
-                _expect(contacts, measured, shares, row, total, share, blocks)
+                _expect(contacts, measured, given, shares, row, total, share, blocks)
                 _measure_strip(
-                    rec, who, radius, label, cell, first, tiles, friction, dt, h, band, listed, candidates, contacts, measured,
-                    touching, low, total, row,
+                    rec, who, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed, candidates, contacts,
+                    measured, given, touching, low, total, row,
                 )  # fmt: skip
-                behind, after = _share_strip(contacts, shares, row, share, low, end, touching, place, sharer, pressed)
+                behind, after = _share_strip(
+                    contacts, given, begins, number, arenas, shares, row, share, low, end, touching, place, sharer, pressed
+                )
                 cursors[thread, TOUCH] += behind - row
                 cursors[thread, ROWS] = ((behind + 15) & ~15) - thread * rows
                 cursors[thread, SHARED] = after - thread * places
@@ -325,3 +349,15 @@ def particles_to_nodes_over_ground(
     for t in range(len(cursors)):
         total += cursors[t, TOUCH]
     return _most_of(cursors, TAKEN), _most_of(cursors, ROWS), _most_of(cursors, SHARED), total
+
+
+def begin_contacts(contacts, given, place, touching, nown, number, arenas):
+    """Add the impulses from which contacts start to the momentum in the arenas of their blocks."""
+    for b in prange(nown):
+        if touching[b] > 0:
+            row = np.uint64(place[b])
+            ready = local_weights(contacts)
+            for r in range(row, row + np.uint64(touching[b])):
+                _weigh_four(contacts, r * np.uint64(4), ready, np.uint64(0))
+                a = ARENA * np.int64(number[b]) + _first_node(np.int64(contacts[r, 0]))
+                _add_weighted(arenas, a, ready, np.uint64(0), load4(given, r * np.uint64(4)))

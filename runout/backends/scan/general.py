@@ -54,6 +54,8 @@ class General:
                 s.rec, s.order, i.starts, i.first, a.giving, 0, *engine.schedule.late, a.number, a.arenas, a.free.shape[1], a.free,
                 engine.cursors[: engine.threads], a.reached, i.down, self.given, self.still,
             )  # fmt: skip
+            if self.scene.surface is not None:
+                k.begin_contacts(s.contacts, s.given, a.place, a.touching, i.nown, a.number, a.arenas)
         k.add_forces(
             s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, engine.mats, self._cells(engine), a.number,
             a.arenas, engine.buffers[0],

@@ -1,7 +1,7 @@
 """Impulses of the ground on the particles that touch it, and by their weights on the nodes: see :mod:`runout.physics.contact`.
 
-The rows of contacts are those of :mod:`runout.backends.scan.contact`. Nodes ignore the work that lies before an impulse: it is
-added up where they had their mass, which nothing reads any more in this step.
+The rows of contacts are those of :mod:`runout.backends.scan.contact`. The nodes hold the impulses ``given`` from the start; they
+get the differences from these.
 """
 
 import numpy as np
@@ -13,8 +13,7 @@ from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     ARENA,
     EVERY,
-    PLANE,
-    ROW,
+    _add_weighted,
     _clear,
     _expect_nodes,
     _first_node,
@@ -28,13 +27,12 @@ from runout.backends.scan.stencil import (
     local_nodes,
     local_weights,
     odd_groups,
-    repeated,
     second_group,
     weights_of_z,
 )
 from runout.backends.scan.transfer import _leave_arenas, _push_block, _start, _strip_of, _take_arena, four_zeros
 from runout.physics.contact import impulse, work
-from runout.physics.tensors import vec
+from runout.physics.tensors import real, vec
 
 local_columns = local_array((4, 16))
 load_felt, store_felt = record_vectors(4)
@@ -56,20 +54,6 @@ def _weighted_mean(ready, w, rows):
     return first_group(s) + second_group(s)
 
 
-def _add_weighted(arena, o, ready, w, numbers):
-    """Add four numbers of the contact whose weights are at place ``w`` to the arena from its first node on, weighted."""
-    q = repeated(numbers) * weights_of_z(load16(ready, w))
-    u0 = ready[w + np.uint64(8)] * q
-    u1 = ready[w + np.uint64(9)] * q
-    u2 = ready[w + np.uint64(10)] * q
-    for i in range(3):
-        x = ready[w + np.uint64(4 + i)]
-        a = o + i * PLANE
-        store(arena, a, load16(arena, a) + x * u0)
-        store(arena, a + ROW, load16(arena, a + ROW) + x * u1)
-        store(arena, a + 2 * ROW, load16(arena, a + 2 * ROW) + x * u2)
-
-
 def _meet_grid(contacts, ready, felt, nodes, row, n):
     """Compliance and velocity that the grid would give to each contact of a block; ``ready`` are the weights of the first."""
     for r in range(np.uint64(row), np.uint64(row + n)):
@@ -78,29 +62,45 @@ def _meet_grid(contacts, ready, felt, nodes, row, n):
         store(felt, r * np.uint64(4), _weighted_mean(ready, _place_of(r), rows))
 
 
-def _push(t, measured, g, dt):
-    """Work and impulse of 16 contacts in place of what they feel."""
+def _push(t, begun, measured, g, dt):
+    """Of 16 contacts the change of their impulses in place of what they feel, and work and impulse in place of those ``begun``."""
     for q in range(np.uint64(16)):
         compliance = t[0, q]
         u = vec(t[1, q], t[2, q], t[3, q])
         normal = vec(measured[g, NORMAL, q], measured[g, NORMAL + 1, q], measured[g, NORMAL + 2, q])
         before = vec(measured[g, BEFORE, q], measured[g, BEFORE + 1, q], measured[g, BEFORE + 2, q])
-        push = impulse(u, normal, measured[g, GAP, q], compliance, measured[g, GRIP, q], dt)
-        t[0, q] = work(push, before, u, compliance)
-        t[1, q] = push[0]
-        t[2, q] = push[1]
-        t[3, q] = push[2]
+        given = vec(begun[1, q], begun[2, q], begun[3, q])
+        push = impulse(u, normal, measured[g, GAP, q], compliance, measured[g, GRIP, q], dt, given)
+        t[0, q] = real(0.0)
+        t[1, q] = push[0] - given[0]
+        t[2, q] = push[1] - given[1]
+        t[3, q] = push[2] - given[2]
+        begun[0, q] = work(push, given, before, u, compliance)
+        begun[1, q] = push[0]
+        begun[2, q] = push[1]
+        begun[3, q] = push[2]
 
 
-def _spread_block(contacts, ready, felt, row, n, arenas, a, parts, ground, b):
-    """Fill the arena at place ``a`` with the impulses of its contacts, and sum them up; ``ready`` are the weights of the first."""
+def _keep_forces(given, row, n, listed, f, who, force, stamp, dt):
+    """Note the forces of the ground on the ``n`` contacts of a block, which are listed from place ``f`` on."""
+    for q in range(n):
+        w = np.int64(who[listed[f + q]])
+        force[w, 0] = stamp
+        for k in range(1, 4):
+            force[w, k] = given[row + q, k] / dt
+
+
+def _spread_block(contacts, ready, felt, given, row, n, arenas, a, parts, ground, b):
+    """Fill the arena at place ``a`` with the changes of its contacts' impulses, and sum up work and impulse.
+
+    ``ready`` are the weights of the first.
+    """
     _clear(arenas, a, parts)
     total = four_zeros(ground)
     for r in range(np.uint64(row), np.uint64(row + n)):
         _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
-        push = load4(felt, r * np.uint64(4))
-        total = total + in_double(push)
-        _add_weighted(arenas, a + _first_node(np.int64(contacts[r, 0])), ready, _place_of(r), push)
+        total = total + in_double(load4(given, r * np.uint64(4)))
+        _add_weighted(arenas, a + _first_node(np.int64(contacts[r, 0])), ready, _place_of(r), load4(felt, r * np.uint64(4)))
     store(ground, 4 * b, total)
 
 
@@ -114,8 +114,8 @@ def _total_ground(ground, touching, asleep, nown, total):
                 total[k] += ground[b, k]
 
 
-def _solve_strip(contacts, measured, felt, place, touching, pressed, grid, up, dt, low, end, total):
-    """Work and impulse of the ``total`` contacts of the owners ``low`` to ``end``, in ``felt``."""
+def _solve_strip(contacts, measured, felt, given, place, touching, pressed, grid, up, dt, low, end, total):
+    """Work and impulse of the ``total`` contacts of the owners ``low`` to ``end``, in ``given``; in ``felt`` its change."""
     nodes = local_nodes(contacts)
     _clear(nodes, 0, EVERY)
     row = place[low]
@@ -129,21 +129,25 @@ def _solve_strip(contacts, measured, felt, place, touching, pressed, grid, up, d
             _load_nodes(nodes, grid, up, b, pressed[b])
             _meet_grid(contacts, ready, felt, nodes, place[b], touching[b])
     t = local_columns(contacts)
+    begun = local_columns(contacts)
     for g in range(row >> 4, (row + total + 15) >> 4):
         store_4_rows(t, 0, load_felt(felt, 64 * g))
-        _push(t, measured, g, dt)
+        store_4_rows(begun, 0, load_felt(given, 64 * g))
+        _push(t, begun, measured, g, dt)
         store_felt(felt, 64 * g, load_4_rows(t, 0))
+        store_felt(given, 64 * g, load_4_rows(begun, 0))
 
 
 def solve_contacts(
-    contacts, measured, felt, place, touching, pressed, nown, cuts, due, nodes, over, owners, grid, up, down, dt, lent, arenas,
-    room, free, cursors, shared, inverse, asleep, ground, sums,
+    contacts, measured, felt, given, place, touching, pressed, listed, first, who, force, stamp, nown, cuts, due, nodes, over,
+    owners, grid, up, down, dt, lent, arenas, room, free, cursors, shared, inverse, asleep, ground, sums,
 ):  # fmt: skip
-    """One impulse per contact, spread to an arena of its block, and by it to the nodes that are due.
+    """One impulse per contact; its change is spread to an arena of the block, and by it to the nodes that are due.
 
-    ``lent`` are the numbers of these arenas, ``ground`` (nown, 4) the contacts' work [J] and sum [N s]; ``sums`` are over all
-    blocks but those that are ``asleep``. Who reads the velocity of a node reaches it too, so that nobody does once it is due.
-    With no owners, ``nown`` = 0, nodes are pushed alone.
+    The contacts of block b are ``listed`` from place ``first[b]`` on; ``force`` (n, 4) gets the ``stamp`` of this step and the
+    force of the ground on each. ``lent`` are the numbers of the arenas, ``ground`` (nown, 4) the contacts' work [J] and sum [N s];
+    ``sums`` are over all blocks but those that are ``asleep``. Who reads the velocity of a node reaches it too, so that nobody does
+    once it is due. With no owners, ``nown`` = 0, nodes are pushed alone.
     """
     _start(cursors)
     for thread in prange(len(cuts) - 1):
@@ -154,14 +158,15 @@ def solve_contacts(
             for b in range(low, end):
                 total += touching[b]
             if total > 0:
-                _solve_strip(contacts, measured, felt, place, touching, pressed, grid, up, dt, low, end, total)
+                _solve_strip(contacts, measured, felt, given, place, touching, pressed, grid, up, dt, low, end, total)
                 ready = local_weights(contacts)
                 _weigh_four(contacts, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
                 for b in range(low, end):
                     if touching[b] > 0:
                         lent[b] = _take_arena(cursors, thread, room, free)
                         a = ARENA * np.int64(lent[b])
-                        _spread_block(contacts, ready, felt, place[b], touching[b], arenas, a, pressed[b], ground, b)
+                        _spread_block(contacts, ready, felt, given, place[b], touching[b], arenas, a, pressed[b], ground, b)
+                        _keep_forces(given, place[b], touching[b], listed, first[b], who, force, stamp, dt)
             for k in range(due[s], due[s + 1]):
                 n = np.int64(nodes[k])
                 if shared[n]:

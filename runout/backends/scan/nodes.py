@@ -6,7 +6,7 @@ that every node is summed by the same machine code, and the same bits come out o
 
 from typing import TYPE_CHECKING, Any
 
-from runout.backends.scan.store import PADDING
+from runout.backends.scan.store import PADDING, stamp_of
 from runout.physics import contact as contact_law
 
 if TYPE_CHECKING:
@@ -79,17 +79,26 @@ def _arguments_over_ground(engine: "ScanBackend", dt: float) -> tuple[tuple[Any,
     reach = scene.dtype(contact_law.reach(engine.largest_radius, engine.max_speed, dt, band))
     radius = s.radius[:1] if engine.of_one_size else s.radius
     return (s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving), (
-        *(a.tiles, a.planes, a.bounds, engine.friction, reach, engine.dt, engine.h, scene.dtype(band)),
+        *(a.tiles, a.planes, a.bounds, engine.friction, s.force, _stamp(engine, -1), not scene.keeps),
+        *(reach, engine.dt, engine.h, scene.dtype(band)),
         *(a.number, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads], a.reached),
-        *(s.listed, a.candidates, a.touching, a.pressed, s.contacts, s.measured, _rows(engine), a.shares, _shares(engine)),
+        *(s.listed, a.candidates, a.touching, a.pressed, s.contacts, s.measured, s.given, _rows(engine), a.shares, _shares(engine)),
         *(a.place, a.sharer, i.down, a.grid, a.shared, a.inverse, engine.dv),
     )
+
+
+def _stamp(engine: "ScanBackend", later: int) -> Any:
+    """Stamp of the present step, or of one so much later."""
+    return engine.scene.dtype(stamp_of(engine.counters.steps + later))
 
 
 def push(engine: "ScanBackend") -> None:
     """Add the impulses of the contacts to the velocities of the nodes; their sums are in ``room.total``."""
     i, s, a, kernel = engine.index, engine.store, engine.room, engine.k.solve_contacts
-    before = s.contacts, s.measured, s.felt, a.place, a.touching, a.pressed
+    before = (
+        *(s.contacts, s.measured, s.felt, s.given, a.place, a.touching, a.pressed),
+        *(s.listed, i.first, s.who, s.force, _stamp(engine, 0)),
+    )
     behind = (
         *(a.grid, i.up, i.down, engine.dt, a.lent, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads]),
         *(a.shared, a.inverse, a.asleep, a.ground),

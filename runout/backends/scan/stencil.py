@@ -115,6 +115,20 @@ def _place_of(t):
     return (t & np.uint64(1)) * np.uint64(ALL)
 
 
+def _add_weighted(arena, o, ready, w, numbers):
+    """Add four ``numbers`` of a contact to the arena from its first node ``o`` on, by its weights at place ``w`` of ``ready``."""
+    q = repeated(numbers) * weights_of_z(load16(ready, w))
+    u0 = ready[w + np.uint64(8)] * q
+    u1 = ready[w + np.uint64(9)] * q
+    u2 = ready[w + np.uint64(10)] * q
+    for i in range(3):
+        x = ready[w + np.uint64(4 + i)]
+        a = o + i * PLANE
+        store(arena, a, load16(arena, a) + x * u0)
+        store(arena, a + ROW, load16(arena, a + ROW) + x * u1)
+        store(arena, a + 2 * ROW, load16(arena, a + 2 * ROW) + x * u2)
+
+
 def _nothing(array):
     """Nine empty rows."""
     z = zeros(array)

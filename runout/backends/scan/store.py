@@ -41,8 +41,10 @@ class Store:
         Slots of the block's particles by cell.
     listed : (slots,) int32
         Contact particles; later in the step, particles that leave the block.
-    contacts, measured, felt : (rows, 4), (rows / 16, 8, 16), (rows, 4)
+    contacts, measured, felt, given : (rows, 4), (rows / 16, 8, 16), (rows, 4), (rows, 4)
         Rows of contact particles during a step (:mod:`runout.backends.scan.contact`).
+    force : (n, 4)
+        Stamp of the step in which the particle last touched the ground (:func:`stamp_of`), and the ground's force then [N].
     radius : (n,) [m]
     label : (n, 2) int32
         Release and identity.
@@ -57,6 +59,8 @@ class Store:
     contacts: np.ndarray
     measured: np.ndarray
     felt: np.ndarray
+    given: np.ndarray
+    force: np.ndarray
     radius: np.ndarray
     label: np.ndarray
 
@@ -65,10 +69,12 @@ class Store:
         """Particles in given slots (n,); the records hold no stress yet (time step 0)."""
         n = slots + PADDING
         rec, state = _zeros(n, 16, scene.dtype), _zeros(n, 8, scene.dtype)
-        rows = _rows_of_contacts(0, scene.dtype)
+        contacts, measured, felt, given = _rows_of_contacts(0, scene.dtype)
         who, order, listed = (np.zeros(n, np.int32) for _ in range(3))
         label = np.stack([p.release, p.identity], axis=1).astype(np.int32)
-        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, *rows, p.radius.astype(scene.dtype), label)
+        radius, force = p.radius.astype(scene.dtype), _zeros(len(p), 4, scene.dtype)
+        force[:, 1:] = p.ground_force
+        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, contacts, measured, felt, given, force, radius, label)
         store.who[slot] = np.arange(len(p), dtype=np.int32)
         store._fill(slot, p, scene)
         return store
@@ -92,7 +98,12 @@ class Store:
 
     def make_contacts(self, wanted: int) -> None:
         """Room for so many rows of contacts; the old ones are forgotten."""
-        self.contacts, self.measured, self.felt = _rows_of_contacts(wanted, self.rec.dtype)
+        self.contacts, self.measured, self.felt, self.given = _rows_of_contacts(wanted, self.rec.dtype)
+
+    def ground_force(self, who: np.ndarray, steps: int) -> np.ndarray:
+        """Force of the ground [N] on particles (n,) in the last of so many steps: (n, 3), zero for those that did not touch it."""
+        force = self.force[who].astype(np.float64)
+        return np.where(force[:, :1] == stamp_of(steps), force[:, 1:], 0.0)
 
     def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
         self.rec[slot, 0] = p.mass
@@ -108,9 +119,15 @@ class Store:
         return {f.name: int(getattr(self, f.name).nbytes) for f in fields(self)}
 
 
-def _rows_of_contacts(rows: int, dtype: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def stamp_of(step: int) -> int:
+    """Number of a step as single precision holds it exactly."""
+    return step % 2**23
+
+
+def _rows_of_contacts(rows: int, dtype: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     n = (rows + PADDING) & ~15
-    return _zeros(n, 4, dtype), _zeros(n // 16, 128, dtype).reshape(-1, 8, 16), _zeros(n, 4, dtype)
+    measured = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16)
+    return _zeros(n, 4, dtype), measured, _zeros(n, 4, dtype), _zeros(n, 4, dtype)
 
 
 def _zeros(n: int, width: int, dtype: Any) -> np.ndarray:
