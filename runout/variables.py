@@ -7,6 +7,7 @@ debris, deposit, impact pressure or arrival, and none is borrowed from floods.
 from dataclasses import dataclass
 
 FILL = -9999.0
+PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> unit for people, and how many of the first make one of it
 FILL_BY_DTYPE = {"float32": FILL, "float64": None, "int16": -9999, "int32": -9999, "int64": None, "uint8": 255, "str": None}
 
 
@@ -46,6 +47,11 @@ class Variable:
     def fill(self) -> float | int | None:
         """Value that marks a missing one; None where none may be missing."""
         return FILL_BY_DTYPE[self.dtype]
+
+    @property
+    def printed(self) -> tuple[str, float]:
+        """Unit in which people read the variable, and the divisor from :attr:`units` to it."""
+        return PRINTED.get(self.units, (self.units, 1.0))
 
     def attributes(self) -> dict[str, str]:
         """Text attributes of the variable in a file."""

@@ -1,7 +1,7 @@
 """The products of an ensemble: hazard.nc, members.nc, maps/*.tif with styles, outlines.gpkg and run.json."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -9,35 +9,22 @@ import numpy as np
 
 from runout.errors import PartialEnsembleError, StorageError
 from runout.hazard.exceedance import QUANTITIES, aggregate
+from runout.hazard.maps import write_maps
 from runout.hazard.members import Ensemble, write_members
-from runout.hazard.style import class_edges, qml
 from runout.io import netcdf
-from runout.io.atomic import write_json, write_text
-from runout.io.geotiff import write_cog
+from runout.io.atomic import write_json
 from runout.io.provenance import provenance
 from runout.io.vector import write_outlines
 from runout.model.release import Release
 from runout.model.resolution import worst
 from runout.model.terrain import Terrain
 from runout.terrain.prepare import steepness
-from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
     from runout.config.site import Site
-
-HEADLINE_MAPS = (
-    "inundation_probability",
-    "peak_flow_thickness",
-    "peak_speed",
-    "peak_pressure",
-    "first_arrival_time",
-    "mean_deposit_thickness",
-    "peak_deposit_thickness",
-    "members_reached",
-)
 
 
 class EnsembleReport(Protocol):
@@ -91,7 +78,7 @@ def write_products(
     paths = [
         netcdf.write(hazard, results / "hazard.nc"),
         write_members(ensemble, results / "members.nc", hazard.attrs | {"title": f"{_title(site)}: members of the ensemble"}),
-        *_write_maps(hazard, results / "maps"),
+        *write_maps(hazard, results / "maps"),
         _write_outlines(hazard, ensemble, site, terrain, releases, results / "outlines.gpkg"),
     ]
     paths.append(_write_origin(origin, paths, results))
@@ -122,35 +109,6 @@ def hazard_dataset(
 def ground_slope(terrain: Terrain) -> np.ndarray:
     """Slope of the ground (rows, columns) [degree], NaN beside unknown cells."""
     return np.degrees(np.arctan(steepness(terrain.elevation, terrain.cell_size)))
-
-
-def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float]]]:
-    """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
-    for name in HEADLINE_MAPS:
-        yield name, name, {}
-    for quantity in QUANTITIES:
-        dimension, variable = f"{quantity}_threshold", f"{quantity}_exceedance_probability"
-        for value in hazard[dimension].values if dimension in hazard.coords else ():
-            yield f"{variable}_over_{value:g}", variable, {dimension: float(value)}
-        for value in hazard["percentile"].values:
-            variable = QUANTITIES[quantity].percentile
-            yield f"{variable}_{value:g}", variable, {"percentile": float(value)}
-
-
-def _write_maps(hazard: "xr.Dataset", folder: Path) -> list[Path]:
-    paths = []
-    for stem, name, selection in map_layers(hazard):
-        paths.append(write_cog(hazard, name, folder / f"{stem}.tif", **selection))
-        largest = float(np.nanmax(hazard[name].values, initial=0.0))
-        style = qml(class_edges(name, _thresholds_of(hazard, name), largest or 1.0), VARIABLES[name].units, name)
-        paths.append(write_text(style, folder / f"{stem}.qml"))
-    return paths
-
-
-def _thresholds_of(hazard: "xr.Dataset", name: str) -> list[float]:
-    """Thresholds of the quantity that a map shows; none for times and counts."""
-    quantity = next((q for q in QUANTITIES if q in name), None)
-    return hazard[f"{quantity}_threshold"].values.tolist() if f"{quantity}_threshold" in hazard.coords else []
 
 
 def _write_outlines(

@@ -1,39 +1,93 @@
-"""QGIS styles of the maps: classes at the thresholds of the site, transparent where nothing happens."""
+"""QGIS styles of the maps: classes at the thresholds of the site that span the values, transparent where nothing happens."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import count
 from xml.etree import ElementTree
+
+import numpy as np
 
 from runout.io.vector import PROBABILITY_LEVELS
 
-_RAMPS = {"probability": "YlOrRd", "arrival": "viridis_r", "members": "YlOrRd"}
+PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+_RAMPS = {"standard_error": "Purples", "probability": "YlOrRd", "arrival": "viridis_r", "members": "YlOrRd"}
+_RAMPS |= {"elevation": "cividis", "slope": "YlOrBr"}
 _DEFAULT_RAMP = "plasma_r"
-_PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+_OPAQUE = ("arrival", "elevation", "slope")  # their least value is one like any other
+_CLASSES = 8
+_MOST_STEPS = 8  # above the last threshold
+_LINEAR = 4.0  # ratio of the largest value to the last threshold from which steps grow like 1, 2, 5
 
 
-def class_edges(name: str, thresholds: Sequence[float], largest: float) -> list[float]:
-    """Lower edges of the coloured classes of a map.
+def class_edges(name: str, thresholds: Sequence[float], smallest: float, largest: float) -> list[float]:
+    """Lower edges of the coloured classes of a map; a value on an edge belongs to the class above it.
 
     Parameters
     ----------
     name : str
         Name of the map.
     thresholds : sequence of float
-        Thresholds of its quantity; used for thickness, speed and pressure.
-    largest : float
-        Largest value of the map.
+        Thresholds of its quantity; used for thickness, speed and pressure. Round numbers follow above the last one that is
+        reached.
+    smallest, largest : float
+        Range of the values, in the unit of the thresholds.
     """
-    from matplotlib.ticker import MaxNLocator
-
+    if "standard_error" in name:
+        return _ticks(0.0, largest)
     if "probability" in name:
         return [0.0, *PROBABILITY_LEVELS]
-    if thresholds:
-        return [0.0, *sorted(thresholds)]
-    ticks = MaxNLocator(6, integer="members" in name).tick_values(0.0, largest)
-    return [float(tick) for tick in ticks[:-1]]
+    if name == "elevation":
+        return _ticks(smallest, largest)
+    if "members" in name:
+        return _counts(largest)
+    reached = [limit for limit in sorted(thresholds) if limit <= largest]
+    if not reached:
+        return _ticks(0.0, largest)
+    return [0.0, *reached, *_beyond(reached[-1], largest)]
+
+
+def _ticks(low: float, high: float, classes: int = _CLASSES) -> list[float]:
+    """Round numbers from ``low`` or below it to below ``high``."""
+    from matplotlib.ticker import MaxNLocator
+
+    locator = MaxNLocator(classes, steps=[1, 2, 2.5, 5, 10])
+    ticks = [float(f"{tick:.9g}") for tick in locator.tick_values(low, high if high > low else low + 1.0)]
+    return [tick for tick in ticks if tick < high] or ticks[:1]
+
+
+def _counts(largest: float) -> list[float]:
+    """Whole numbers from 1 to at most ``largest``."""
+    if largest > _CLASSES:
+        return [1.0, *_ticks(0.0, largest)[1:]]
+    return [float(number) for number in range(1, max(1, int(largest)) + 1)]
+
+
+def _beyond(last: float, largest: float) -> list[float]:
+    """Round numbers above the last threshold, up to the largest value."""
+    if largest < _LINEAR * last:
+        return [tick for tick in _ticks(last, largest, classes=3) if tick > 1.1 * last]
+    steps = list(_series(last, largest, (1.0, 2.0, 5.0)))
+    return steps if len(steps) <= _MOST_STEPS else list(_series(last, largest, (1.0,)))
+
+
+def _series(last: float, largest: float, digits: Sequence[float]) -> Iterator[float]:
+    """Digits times powers of ten from half as much again as ``last`` to ``largest``."""
+    for power in count(int(np.floor(np.log10(last)))):
+        for digit in digits:
+            step = float(f"{digit:g}e{power}")
+            if step > largest:
+                return
+            if step >= 1.5 * last:
+                yield step
+
+
+def below(edge: float) -> float:
+    """Number between ``edge`` as float32 and the next smaller float32: what is not above it lies below the edge."""
+    stored = np.float32(edge)
+    return 0.5 * (float(stored) + float(np.nextafter(stored, np.float32(-np.inf))))
 
 
 def qml(edges: Sequence[float], unit: str, name: str) -> str:
-    """Text of a QGIS style with one colour a class; values up to the first edge are transparent, save times of arrival.
+    """Text of a QGIS style with one colour a class; 0 is transparent where it means that nothing happens.
 
     Parameters
     ----------
@@ -66,25 +120,38 @@ def qml(edges: Sequence[float], unit: str, name: str) -> str:
         minimumValue=f"{edges[0]:g}",
         maximumValue="inf",
     )
-    _add_classes(shader, list(edges), "" if unit == "1" else f" {unit}", _ramp(name), transparent="arrival" not in name)
+    transparent = not any(word in name for word in _OPAQUE)
+    _add_classes(shader, list(edges), "" if unit == "1" else f" {unit}", _ramp(name), transparent)
     ElementTree.indent(root)
-    return _PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
+    return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
 def _add_classes(shader: ElementTree.Element, edges: list[float], unit: str, ramp: str, transparent: bool) -> None:
+    """Items of the shader: QGIS gives a value the colour of the first item whose value it does not pass."""
+    if transparent:
+        ElementTree.SubElement(shader, "item", value="0", color="#ffffff", alpha="0", label=f"0{unit}")
+    colours = class_colours(ramp, len(edges))
+    for k, (lower, colour) in enumerate(zip(edges, colours, strict=True)):
+        upper = edges[k + 1] if k + 1 < len(edges) else None
+        value = "inf" if upper is None else repr(below(upper))
+        label = _label(lower, upper, unit, transparent)
+        ElementTree.SubElement(shader, "item", value=value, color=colour, alpha="255", label=label)
+
+
+def _label(lower: float, upper: float | None, unit: str, transparent: bool) -> str:
+    """Words of a class from ``lower`` to below ``upper``; 0 itself is not in it where that is transparent."""
+    least = "above 0" if transparent and lower == 0 else f"{lower:g}"
+    if upper is not None:
+        return f"{least} to {upper:g}{unit}"
+    return f"{least}{unit}" if least.startswith("above") else f"{least}{unit} or more"
+
+
+def class_colours(ramp: str, classes: int) -> list[str]:
+    """Colours of classes as hexadecimal numbers, from light to dark or as the ramp of matplotlib goes."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    if transparent:
-        ElementTree.SubElement(
-            shader, "item", value=f"{edges[0]:.9g}", color="#ffffff", alpha="0", label=f"up to {edges[0]:g}{unit}"
-        )
-    for k, lower in enumerate(edges):
-        last = k == len(edges) - 1
-        colour = to_hex(colormaps[ramp](0.15 + 0.85 * k / max(1, len(edges) - 1)))
-        label = f"above {lower:g}{unit}" if last else f"{lower:g} to {edges[k + 1]:g}{unit}"
-        value = "inf" if last else f"{edges[k + 1]:.9g}"
-        ElementTree.SubElement(shader, "item", value=value, color=colour, alpha="255", label=label)
+    return [to_hex(colormaps[ramp](0.15 + 0.85 * k / max(1, classes - 1))) for k in range(classes)]
 
 
 def _ramp(name: str) -> str:

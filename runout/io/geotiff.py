@@ -4,6 +4,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from runout.io.atomic import storage_error, whole_file
 from runout.variables import FILL_BY_DTYPE, VARIABLES
 
@@ -13,10 +15,14 @@ if TYPE_CHECKING:
     from rasterio.transform import Affine
 
 _CREATION = {"driver": "COG", "compress": "DEFLATE", "predictor": "YES", "blocksize": 256, "bigtiff": "IF_SAFER"}
+_AVERAGED = ("elevation", "ground_slope")  # in overviews; a mean over other maps may be a value of no cell, as on the rim of a flow
 
 
 def write_cog(dataset: "xr.Dataset", name: str, path: str | os.PathLike[str], **selection: float) -> Path:
     """The path, after writing one map of a dataset as a whole cloud-optimised GeoTIFF, north up.
+
+    Values are in the unit for people (:attr:`runout.variables.Variable.printed`): pressure in kPa. Overviews hold values of single
+    cells, but means of the ground. The band states its least, largest and mean value and its standard deviation.
 
     Parameters
     ----------
@@ -59,11 +65,14 @@ def _encoded(layer: "xr.DataArray", crs: "CRS | None", tags: dict[str, Any]) -> 
     from rasterio.errors import RasterioError
     from rasterio.io import MemoryFile
 
-    dtype = VARIABLES[str(layer.name)].dtype
-    fill = FILL_BY_DTYPE[dtype]
-    cells = layer.fillna(fill).values.astype(dtype)
+    name = str(layer.name)
+    variable = VARIABLES[name]
+    dtype, fill = variable.dtype, FILL_BY_DTYPE[variable.dtype]
+    assert fill is not None  # every map has one
+    values = layer.values.astype(np.float64) / variable.printed[1]
+    cells = np.where(np.isnan(values), fill, values).astype(dtype)
     shape = {"height": cells.shape[0], "width": cells.shape[1], "count": 1, "dtype": dtype, "nodata": fill}
-    shape |= {"overview_resampling": "AVERAGE" if dtype.startswith("float") else "NEAREST"}
+    shape |= {"overview_resampling": "AVERAGE" if name in _AVERAGED else "NEAREST"}
     try:
         with MemoryFile() as memory:
             with memory.open(**_CREATION, **shape, crs=crs, transform=raster_transform(layer.to_dataset())) as raster:
@@ -71,9 +80,19 @@ def _encoded(layer: "xr.DataArray", crs: "CRS | None", tags: dict[str, Any]) -> 
                 raster.set_band_description(1, tags["long_name"])
                 raster.set_band_unit(1, tags["units"])
                 raster.update_tags(**tags)
+                raster.update_tags(1, **statistics(cells[cells != fill], cells.size))
             return bytes(memory.getbuffer())
     except RasterioError as cause:
         raise storage_error(str(layer.name), cause) from cause
+
+
+def statistics(known: np.ndarray, cells: int) -> dict[str, str]:
+    """Statistics of the known values (n,) among ``cells``, under the names of GDAL; empty where no value is known."""
+    if known.size == 0:
+        return {}
+    found = {"MINIMUM": known.min(), "MAXIMUM": known.max(), "MEAN": known.mean(dtype=np.float64)}
+    found |= {"STDDEV": known.std(dtype=np.float64), "VALID_PERCENT": 100.0 * known.size / cells}
+    return {f"STATISTICS_{name}": f"{float(value):.14g}" for name, value in found.items()}
 
 
 def _tags(dataset: "xr.Dataset", layer: "xr.DataArray", selection: dict[str, float]) -> dict[str, Any]:
@@ -83,5 +102,11 @@ def _tags(dataset: "xr.Dataset", layer: "xr.DataArray", selection: dict[str, flo
         for key in ("title", "source", "license", "ensemble", "configuration_sha256")
         if key in dataset.attrs
     }
-    chosen = {dim: f"{value:g} {VARIABLES[dim].units}" for dim, value in selection.items()}
-    return {"TIFFTAG_IMAGEDESCRIPTION": variable.long_name} | variable.attributes() | chosen | stated
+    chosen = {dim: _printed(dim, value) for dim, value in selection.items()}
+    described = variable.attributes() | {"units": variable.printed[0]}
+    return {"TIFFTAG_IMAGEDESCRIPTION": variable.long_name} | described | chosen | stated
+
+
+def _printed(name: str, value: float) -> str:
+    units, divisor = VARIABLES[name].printed
+    return f"{value / divisor:g} {units}"

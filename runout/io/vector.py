@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from shapely import MultiPolygon
 
 PROBABILITY_LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
-_ROUNDING = 1e-6  # a probability of 0.95 as float32 is still 0.95
 
 
 def write_outlines(
@@ -67,6 +66,11 @@ def write_outlines(
         except RuntimeError as cause:  # pyogrio's errors of a data source, layer or feature
             raise storage_error(path, cause) from cause
     return Path(path)
+
+
+def reaches(probability: np.ndarray, level: float) -> np.ndarray:
+    """Cells of at least a level [1], both as float32: as in files, and so as the classes of a style have them."""
+    return np.asarray(probability, np.float32) >= np.float32(level)
 
 
 def outline(mask: np.ndarray, terrain: Terrain) -> "MultiPolygon":
@@ -117,7 +121,7 @@ def _inundation_frame(
 ) -> "gpd.GeoDataFrame":
     rows = []
     for level in sorted(levels):
-        inundated = probability >= level - _ROUNDING
+        inundated = reaches(probability, level)
         if inundated.any():
             area = float(inundated.sum() * terrain.cell_area)
             rows.append({"probability": level, "area_m2": area, **attributes, "geometry": outline(inundated, terrain)})

@@ -9,7 +9,7 @@ from ruamel.yaml import YAML
 
 import runout
 from runout.config.schema import SiteSettings
-from runout.hazard.products import HEADLINE_MAPS
+from runout.hazard.maps import HEADLINE_MAPS
 from runout.variables import VARIABLES
 
 

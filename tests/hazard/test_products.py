@@ -24,9 +24,11 @@ from synthetic_ensemble import (
 )
 
 from runout.errors import ExitCode, PartialEnsembleError, StorageError
-from runout.hazard.products import HEADLINE_MAPS, ground_slope, map_layers, write_products
+from runout.hazard.maps import HEADLINE_MAPS, TERRAIN_MAPS, map_layers
+from runout.hazard.products import ground_slope, write_products
 from runout.io import netcdf
 from runout.model.terrain import Terrain
+from runout.variables import VARIABLES
 
 SYSTEMS = pytest.mark.parametrize("system", ["products", "local_products"])
 CORNER = {
@@ -82,19 +84,33 @@ def test_every_cog_holds_the_map_of_hazard_nc_with_a_style(system: str, request:
     made: Products = request.getfixturevalue(system)
     hazard = netcdf.read(made.results / "hazard.nc")
     layers = list(map_layers(hazard))
-    assert len(layers) == len(HEADLINE_MAPS) + 3 + 2 + 2 + 3 * 3
+    assert len(layers) == len(HEADLINE_MAPS) + len(TERRAIN_MAPS) + 2 * (3 + 2 + 2) + 3 * (3 + 1)
     for stem, name, selection in layers:
         with rasterio.open(made.results / "maps" / f"{stem}.tif") as raster:
             require_in_place(raster, made.site.terrain())
             assert raster.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
             assert "3 of 5 members are valid" in raster.tags()["ensemble"]
-            np.testing.assert_array_equal(
-                raster.read(1, masked=True).astype(np.float64).filled(np.nan), hazard[name].sel(selection).values
-            )
+            divisor = 1000.0 if VARIABLES[name].units == "Pa" else 1.0
+            assert raster.units[0] == ("kPa" if VARIABLES[name].units == "Pa" else VARIABLES[name].units)
+            expected = (hazard[name].sel(selection).values / divisor).astype(np.float32)
+            read = raster.read(1, masked=True)
+            np.testing.assert_array_equal(read.astype(np.float32).filled(np.nan), expected)
+            assert float(raster.tags(1)["STATISTICS_MAXIMUM"]) == pytest.approx(read.max())
         style = ElementTree.parse(made.results / "maps" / f"{stem}.qml").getroot()
         values = [float(item.get("value", "")) for item in style.iter("item")]
         assert values == sorted(values)
         assert values[-1] == np.inf
+
+
+def test_pressure_is_in_kilopascal_in_the_rasters_their_names_and_their_styles(products: Products) -> None:
+    maps = products.results / "maps"
+    with rasterio.open(maps / "peak_pressure.tif") as raster:
+        assert raster.read(1)[0, 0] == pytest.approx(72.0)
+    labels = [item.get("label") for item in ElementTree.parse(maps / "peak_pressure.qml").getroot().iter("item")]
+    assert labels[:3] == ["0 kPa", "above 0 to 3 kPa", "3 to 30 kPa"]
+    with rasterio.open(maps / "pressure_exceedance_probability_over_30kPa.tif") as raster:
+        assert raster.tags()["pressure_threshold"] == "30 kPa"
+    assert float(netcdf.read(products.results / "hazard.nc")["peak_pressure"].max()) == pytest.approx(72_000.0), "SI in NetCDF"
 
 
 def test_the_products_are_those_that_are_promised(products: Products) -> None:
@@ -190,7 +206,8 @@ def test_maps_of_thresholds_that_are_no_longer_asked_for_vanish(tmp_path: Path) 
     settings = SimpleNamespace(**vars(site.settings) | {"hazard": changed})
     write_products(replace(site, settings=settings), results, make_table(), None)
     assert [p.name for p in sorted((results / "maps").glob("speed_exceedance*.tif"))] == [
-        "speed_exceedance_probability_over_2.5.tif"
+        "speed_exceedance_probability_over_2.5.tif",
+        "speed_exceedance_standard_error_over_2.5.tif",
     ]
     assert own.exists()
 

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
+import pytest
 import rasterio
 
 from runout.io import netcdf
@@ -43,3 +44,46 @@ def test_a_layer_is_chosen_by_its_threshold(tmp_path: Path) -> None:
     with rasterio.open(path) as raster:
         assert (raster.read(1) == 0.25).all()
         assert raster.tags()["speed_threshold"] == "5 m s-1"
+
+
+@pytest.mark.parametrize(
+    "name", ["inundation_probability", "speed_exceedance_standard_error", "peak_pressure", "deposit_thickness_percentile"]
+)
+def test_overviews_invent_no_value(name: str, tmp_path: Path) -> None:
+    own = np.random.default_rng(3).choice([0.0, 0.05, 0.25, 0.5, 1.0], (700, 600)).astype(np.float32)
+    own[:, :40] = np.nan
+    terrain = Terrain(np.ones(own.shape), (1.0, 1.0), 5e5, 5e6)
+    path = write_cog(netcdf.map_dataset(terrain, {name: own}, title="t"), name, tmp_path / "a.tif")
+    with rasterio.open(path) as raster:
+        values = set(np.unique(raster.read(1)))
+    with rasterio.open(path, overview_level=0) as overview:
+        coarse = overview.read(1)
+    assert coarse.shape == (350, 300)
+    assert set(np.unique(coarse)) == values
+
+
+def test_overviews_of_the_ground_are_means(tmp_path: Path) -> None:
+    elevation = 100.0 + np.indices((700, 600)).sum(axis=0) % 2
+    terrain = Terrain(elevation, (1.0, 1.0), 5e5, 5e6)
+    path = write_cog(netcdf.map_dataset(terrain, {"elevation": elevation}, title="t"), "elevation", tmp_path / "a.tif")
+    with rasterio.open(path, overview_level=0) as overview:
+        assert (overview.read(1) == 100.5).all()
+
+
+def test_statistics_are_those_of_the_known_cells(tmp_path: Path) -> None:
+    terrain = Terrain(np.ones((3, 4)), (1.0, 1.0))
+    speed = np.arange(12.0).reshape(3, 4)
+    speed[0, :3] = np.nan
+    path = write_cog(netcdf.map_dataset(terrain, {"max_speed": speed}, title="t"), "max_speed", tmp_path / "a.tif")
+    with rasterio.open(path) as raster:
+        found = {name: float(value) for name, value in raster.tags(1).items() if name.startswith("STATISTICS")}
+    assert found == {
+        "STATISTICS_MINIMUM": 3.0,
+        "STATISTICS_MAXIMUM": 11.0,
+        "STATISTICS_MEAN": 7.0,
+        "STATISTICS_STDDEV": pytest.approx(np.std(np.arange(3, 12))),
+        "STATISTICS_VALID_PERCENT": 75.0,
+    }
+    nothing = netcdf.map_dataset(terrain, {"max_speed": np.full((3, 4), np.nan)}, title="t")
+    with rasterio.open(write_cog(nothing, "max_speed", tmp_path / "b.tif")) as raster:
+        assert not [name for name in raster.tags(1) if name.startswith("STATISTICS")]
