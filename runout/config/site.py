@@ -89,6 +89,20 @@ class Site:
             [read_zones(locate(z.polygons, self.folder), terrain, **z.model_dump(exclude={"polygons"})) for z in stated]
         )
 
+    def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
+        """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
+
+        Raises
+        ------
+        DemError
+            If obstacles cannot be used.
+        """
+        from runout.terrain.obstacles import obstacle_parts
+
+        stated = self.settings.terrain.obstacles or []
+        parts = [obstacle_parts(terrain, locate(o.polygons, self.folder), o.height, o.layer) for o in stated]
+        return [part for several in parts for part in several]
+
     def releases(self, terrain: "Terrain", sample: Mapping[str, float] | None = None) -> "list[Release]":
         """The releases on the terrain, in the order of site.yaml.
 

@@ -11,6 +11,7 @@ from runout.errors import PartialEnsembleError, StorageError
 from runout.hazard.exceedance import QUANTITIES, aggregate
 from runout.hazard.maps import write_maps
 from runout.hazard.members import Ensemble, write_members
+from runout.hazard.outline_style import outline_styles
 from runout.io import netcdf
 from runout.io.atomic import write_json
 from runout.io.provenance import provenance
@@ -47,8 +48,8 @@ def write_products(
     Parameters
     ----------
     site : Site
-        Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``friction_zones(terrain)``, ``inputs()`` and
-        ``resolved()`` are used.
+        Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``friction_zones(terrain)``, ``obstacles(terrain)``,
+        ``inputs()`` and ``resolved()`` are used.
     results : Path
         Folder that holds ``members/0003.nc`` and takes the products.
     members : pandas.DataFrame
@@ -115,8 +116,16 @@ def _write_outlines(
     hazard: "xr.Dataset", ensemble: Ensemble, site: "Site", terrain: Terrain, releases: Sequence[Release], path: Path
 ) -> Path:
     attributes = {"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | ensemble.counts()
-    zones = site.friction_zones(terrain)
-    return write_outlines(path, terrain, releases, hazard["inundation_probability"].values, attributes=attributes, zones=zones)
+    return write_outlines(
+        path,
+        terrain,
+        releases,
+        hazard["inundation_probability"].values,
+        attributes=attributes,
+        zones=site.friction_zones(terrain),
+        obstacles=site.obstacles(terrain),
+        styles=outline_styles(),
+    )
 
 
 def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release]) -> dict[str, Any]:

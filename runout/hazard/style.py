@@ -12,7 +12,9 @@ PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 _RAMPS = {"standard_error": "Purples", "probability": "YlOrRd", "arrival": "viridis_r", "members": "YlOrRd"}
 _RAMPS |= {"elevation": "cividis", "slope": "YlOrBr"}
 _DEFAULT_RAMP = "plasma_r"
-_OPAQUE = ("arrival", "elevation", "slope")  # their least value is one like any other
+_GROUND = ("elevation", "slope")  # coloured without steps
+_OPAQUE = ("arrival", *_GROUND)  # their least value is one like any other
+_LEGEND_UNITS = {"1": "", "m s-1": " m/s", "degree": "°"}
 _CLASSES = 8
 _MOST_STEPS = 8  # above the last threshold
 _LINEAR = 4.0  # ratio of the largest value to the last threshold from which steps grow like 1, 2, 5
@@ -89,6 +91,8 @@ def below(edge: float) -> float:
 def qml(edges: Sequence[float], unit: str, name: str) -> str:
     """Text of a QGIS style with one colour a class; 0 is transparent where it means that nothing happens.
 
+    The ground has colours between the edges, without steps.
+
     Parameters
     ----------
     edges : sequence of float
@@ -114,14 +118,17 @@ def qml(edges: Sequence[float], unit: str, name: str) -> str:
     shader = ElementTree.SubElement(
         ElementTree.SubElement(renderer, "rastershader"),
         "colorrampshader",
-        colorRampType="DISCRETE",
+        colorRampType="INTERPOLATED" if any(word in name for word in _GROUND) else "DISCRETE",
         classificationMode="1",
         clip="0",
         minimumValue=f"{edges[0]:g}",
         maximumValue="inf",
     )
-    transparent = not any(word in name for word in _OPAQUE)
-    _add_classes(shader, list(edges), "" if unit == "1" else f" {unit}", _ramp(name), transparent)
+    legend_unit = _LEGEND_UNITS.get(unit, f" {unit}")
+    if shader.get("colorRampType") == "INTERPOLATED":
+        _add_stops(shader, edges, legend_unit, _ramp(name))
+    else:
+        _add_classes(shader, list(edges), legend_unit, _ramp(name), transparent=not any(word in name for word in _OPAQUE))
     ElementTree.indent(root)
     return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -136,6 +143,12 @@ def _add_classes(shader: ElementTree.Element, edges: list[float], unit: str, ram
         value = "inf" if upper is None else repr(below(upper))
         label = _label(lower, upper, unit, transparent)
         ElementTree.SubElement(shader, "item", value=value, color=colour, alpha="255", label=label)
+
+
+def _add_stops(shader: ElementTree.Element, edges: Sequence[float], unit: str, ramp: str) -> None:
+    """Items of the shader between which QGIS mixes colours."""
+    for value, colour in zip(edges, class_colours(ramp, len(edges)), strict=True):
+        ElementTree.SubElement(shader, "item", value=f"{value:g}", color=colour, alpha="255", label=f"{value:g}{unit}")
 
 
 def _label(lower: float, upper: float | None, unit: str, transparent: bool) -> str:

@@ -1,9 +1,10 @@
-"""Outlines of a release and of inundation as a GeoPackage."""
+"""Outlines of releases, inundation, obstacles and friction zones as a GeoPackage, with their styles."""
 
 import math
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     import geopandas as gpd
     from shapely import MultiPolygon
 
+_GEOPACKAGE: dict[str, Any] = {"driver": "GPKG", "dataset_options": {"VERSION": "1.2"}}  # one that older programs open in silence
 PROBABILITY_LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
@@ -31,11 +33,13 @@ def write_outlines(
     levels: Iterable[float] = PROBABILITY_LEVELS,
     attributes: dict[str, Any] | None = None,
     zones: FrictionZones | None = None,
+    obstacles: Sequence[tuple[Any, float]] = (),
+    styles: Mapping[str, str] | None = None,
 ) -> Path:
     """The path, after writing a GeoPackage with the layers ``release`` and ``inundation`` in the terrain's system.
 
     Where there are friction ``zones``, the layer ``friction_zones`` has their outlines, each with its ``factor`` [1] or
-    ``basal_friction_angle_deg``.
+    ``basal_friction_angle_deg``; where there are ``obstacles``, the layer ``obstacles`` has theirs, with ``height_m``.
 
     Parameters
     ----------
@@ -46,6 +50,10 @@ def write_outlines(
         cell reaches are left out.
     attributes : dict, optional
         Further columns of the layer ``inundation``, the same for every level.
+    obstacles : sequence of (shapely geometry, float)
+        Outlines in map coordinates, each with its height [m].
+    styles : mapping of str to str, optional
+        QGIS styles (QML) of layers by their names. They go to the table ``layer_styles``, where QGIS finds them.
 
     Raises
     ------
@@ -56,13 +64,16 @@ def write_outlines(
         "release": _release_frame(terrain, releases),
         "inundation": _inundation_frame(terrain, np.asarray(probability), levels, attributes or {}),
     }
+    if obstacles:
+        layers["obstacles"] = _frame([{"height_m": height, "geometry": _multi(part)} for part, height in obstacles], terrain)
     if zones:
         layers["friction_zones"] = _zone_frame(terrain, zones)
     with whole_file(path) as temporary, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="'crs' was not provided")  # a local system has none
         try:
             for name, frame in layers.items():
-                frame.to_file(temporary, layer=name, driver="GPKG", engine="pyogrio", geometry_type="MultiPolygon")
+                frame.to_file(temporary, layer=name, engine="pyogrio", geometry_type="MultiPolygon", **_GEOPACKAGE)
+            _write_styles(temporary, {name: text for name, text in (styles or {}).items() if name in layers})
         except RuntimeError as cause:  # pyogrio's errors of a data source, layer or feature
             raise storage_error(path, cause) from cause
     return Path(path)
@@ -84,6 +95,33 @@ def outline(mask: np.ndarray, terrain: Terrain) -> "MultiPolygon":
     cells = np.ascontiguousarray(mask, dtype=np.uint8)
     merged = union_all([shape(polygon) for polygon, _ in shapes(cells, mask=cells > 0, transform=transform)])
     return merged if merged.geom_type == "MultiPolygon" else MultiPolygon([] if merged.is_empty else [merged])
+
+
+def _write_styles(path: Path, styles: Mapping[str, str]) -> None:
+    """Add the table ``layer_styles``, in which QGIS keeps the styles of a GeoPackage; nothing without styles."""
+    import pandas as pd
+    import pyogrio
+
+    if not styles:
+        return
+    rows = [
+        {
+            "f_table_catalog": "",
+            "f_table_schema": "",
+            "f_table_name": name,
+            "f_geometry_column": "geom",
+            "styleName": name,
+            "styleQML": text,
+            "styleSLD": "",
+            "useAsDefault": True,
+            "description": "",
+            "owner": "",
+            "ui": None,
+        }
+        for name, text in styles.items()
+    ]
+    frame = pd.DataFrame(rows).assign(update_time=pd.Timestamp(datetime.now(UTC)))
+    pyogrio.write_dataframe(frame, path, layer="layer_styles", layer_options={"FID": "id"}, **_GEOPACKAGE)
 
 
 def _release_frame(terrain: Terrain, releases: Sequence[Release]) -> "gpd.GeoDataFrame":
@@ -137,6 +175,7 @@ def _frame(rows: list[dict[str, Any]], terrain: Terrain, columns: Sequence[str] 
 
 
 def _multi(geometry: Any) -> "MultiPolygon":
-    from shapely import MultiPolygon
+    """The polygons of a geometry; lines and points, which remain where a border only touches the rim, are left out."""
+    from shapely import MultiPolygon, get_parts
 
-    return geometry if geometry.geom_type == "MultiPolygon" else MultiPolygon([geometry])
+    return MultiPolygon([part for part in get_parts(get_parts(geometry)) if part.geom_type == "Polygon"])

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pyproj
+import shapely
 
 from runout.io import netcdf
 from runout.io.atomic import write_json
@@ -87,6 +88,10 @@ class FakeSite:
 
     def friction_zones(self, terrain: Terrain) -> None:
         """None."""
+
+    def obstacles(self, terrain: Terrain) -> list:
+        """A dam of 4 m south of the release."""
+        return [(shapely.box(WEST + 60.0, SOUTH + 200.0, WEST + 120.0, SOUTH + 240.0), 4.0)]
 
     def inputs(self) -> list[Path]:
         """The elevation raster."""

@@ -54,7 +54,9 @@ def test_elevations_are_coloured_from_the_lowest_to_the_highest() -> None:
     edges = class_edges("elevation", [], 1210.0, 1790.0)
     assert 1110 <= edges[0] <= 1210
     assert 1690 <= edges[-1] < 1790
+    assert [c["value"] for c in items("elevation", edges)] == [f"{edge:g}" for edge in edges]
     assert all(c["alpha"] == "255" for c in items("elevation", edges))
+    assert items("ground_slope", [0.0, 5.0], "degree")[-1]["label"] == "5°"
 
 
 def test_counts_of_members_have_whole_classes() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pyogrio
 import pyproj
 import pytest
-from shapely import Polygon, box
+from shapely import GeometryCollection, LineString, Polygon, box
 
 from runout.io.vector import outline, write_outlines
 from runout.model.release import Release
@@ -64,3 +64,15 @@ def test_cells_that_touch_at_a_corner_make_valid_polygons(terrain: Terrain) -> N
     assert polygons.is_valid
     assert len(polygons.geoms) == 2
     assert all(isinstance(polygon, Polygon) and polygon.area == pytest.approx(terrain.cell_area) for polygon in polygons.geoms)
+
+
+def test_obstacles_are_polygons_with_their_height_and_without_what_only_touches_the_rim(
+    terrain: Terrain, release: Release, tmp_path: Path
+) -> None:
+    west, south, _, _ = terrain.extent
+    dam = box(west, south, west + 30, south + 20)
+    with_line = GeometryCollection([dam, LineString([(west, south), (west, south + 50)])])
+    path = write_outlines(tmp_path / "o.gpkg", terrain, [release], np.zeros(terrain.shape), obstacles=[(with_line, -2.5)])
+    frame = gpd.read_file(path, layer="obstacles")
+    assert frame["height_m"].tolist() == [-2.5]
+    assert frame.geometry[0].equals(dam)
