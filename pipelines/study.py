@@ -15,13 +15,14 @@ if TYPE_CHECKING:
     from runout.ensemble.run import EnsembleReport
     from runout.model.terrain import Terrain
 
+HEAD = ("name", "title", "description", "metadata")
 FLOW = ("terrain", "release", "material", "basal_friction_angle_deg", "simulation", "ensemble")
 PLAN = (
     Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
     Stage("release", "read and check the release", ("name", "terrain", "release")),
     Stage("ensemble", "run the members", FLOW),
-    Stage("hazard", "aggregate the members into maps", ("name", "title", "description", *FLOW, "hazard")),
-    Stage("report", "write the report", ("name", "title", "description", *FLOW, "hazard", "budget")),  # all that it prints
+    Stage("hazard", "aggregate the members into maps", (*HEAD, *FLOW, "hazard")),
+    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "budget")),  # all that it prints
 )
 STAGES = tuple(stage.name for stage in PLAN)
 

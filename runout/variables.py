@@ -4,7 +4,7 @@ Files are described from this table alone. A standard name is given only where t
 debris, deposit, impact pressure or arrival, and none is borrowed from floods.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 FILL = -9999.0
 PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> unit for people, and how many of the first make one of it
@@ -32,6 +32,8 @@ class Variable:
         these are no coordinates of a map.
     comment : str or None
         What a reader has to know to use the values.
+    content : str
+        ACDD's ``coverage_content_type``: what kind of content it is.
     """
 
     units: str
@@ -42,6 +44,7 @@ class Variable:
     valid_max: float | None = None
     cell_methods: str | None = None
     comment: str | None = None
+    content: str = "modelResult"
 
     @property
     def fill(self) -> float | int | None:
@@ -61,6 +64,7 @@ class Variable:
             "standard_name": self.standard_name,
             "cell_methods": self.cell_methods,
             "comment": self.comment,
+            "coverage_content_type": self.content,
         }
         return {key: text for key, text in named.items() if text}
 
@@ -187,4 +191,17 @@ _LEDGER = {
     "dt": _series("s", "time step"),
 }
 
-VARIABLES: dict[str, Variable] = {**_MEMBER_MAPS, **_TERRAIN_MAPS, **_HAZARD_MAPS, **_ENSEMBLE, **_COORDINATES, **_LEDGER}
+
+def _of(content: str, variables: dict[str, Variable]) -> dict[str, Variable]:
+    return {name: replace(variable, content=content) for name, variable in variables.items()}
+
+
+VARIABLES: dict[str, Variable] = {
+    **_MEMBER_MAPS,
+    **_of("referenceInformation", _TERRAIN_MAPS),
+    **_HAZARD_MAPS,
+    **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith("standard_error")}),
+    **_of("auxiliaryInformation", _ENSEMBLE),
+    **_of("coordinate", _COORDINATES),
+    **_LEDGER,
+}

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from runout.result import Result
 
 # sections of site.yaml that do not change what a member computes (its own parameters and seed are in the key)
-NOT_IN_KEY = ("name", "title", "description", "ensemble", "hazard", "budget")
+NOT_IN_KEY = ("name", "title", "description", "metadata", "ensemble", "hazard", "budget")
 
 
 @dataclass(frozen=True)

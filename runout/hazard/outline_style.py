@@ -12,7 +12,7 @@ _OBSTACLE = "#6b4a2b"
 _ZONE = "#22282f"
 _PROBABILITY_RAMP = "YlOrRd"
 _OBSTACLE_LABEL = "if(\"height_m\" < 0, '', '+') || \"height_m\" || ' m'"
-_ZONE_LABEL = 'if("factor" is null, round("basal_friction_angle_deg", 1) || \'°\', \'friction × \' || "factor")'
+_ZONE_LABEL = 'if("factor" is null, round("basal_friction_angle_deg", 1) || \'°\', \'friction times \' || "factor")'
 
 
 def outline_styles() -> dict[str, str]:

@@ -13,8 +13,9 @@ from runout.hazard.maps import write_maps
 from runout.hazard.members import Ensemble, write_members
 from runout.hazard.outline_style import outline_styles
 from runout.io import netcdf
+from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
-from runout.io.provenance import provenance
+from runout.io.provenance import file_record, provenance
 from runout.io.vector import write_outlines
 from runout.model.release import Release
 from runout.model.resolution import worst
@@ -142,37 +143,50 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     changes = [*terrain.changes, *(change for release in releases for change in release.changes)]
     resolution = worst(netcdf.read_attributes(path) for path in ensemble.files.values())
     origin |= {"resolution": resolution} if resolution else {}
+    stated = stated_metadata(site)
+    origin |= {"metadata": stated} if stated else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
 
 
 def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> dict[str, Any]:
     description = getattr(site.settings, "description", None) or ""
+    checksum = origin["configuration_sha256"]
+    changes = {"changes_of_inputs": "; ".join(origin["changes"])} if origin["changes"] else {}
     return {
+        "id": f"{site.name}-{checksum[:16]}",
         "summary": f"{description} ".lstrip()
         + "Hazard maps of a gravitational mass movement from an ensemble of three-dimensional material point simulations. "
         "Probabilities are conditional on the release and on the stated distributions of the parameters.",
+        "processing_level": "maps over the members of an ensemble of simulations",
+        "history": f"{origin['created']} {origin['command']} (runout {origin['runout']})",
         "site": site.name,
         "ensemble": ensemble.statement(),
         "seed": np.int64(origin["seed"] or 0),
-        "configuration_sha256": origin["configuration_sha256"],
+        "configuration_sha256": checksum,
         "inputs": json.dumps(origin["inputs"]),
-        "changes_of_inputs": "; ".join(origin["changes"]) or "none",
         "versions": json.dumps(origin["versions"]),
         "device": origin["device"],
         "command": origin["command"],
-    }
+    } | (changes | study_attributes(stated_metadata(site)))
+
+
+def stated_metadata(site: "Site") -> dict[str, str]:
+    """What site.yaml says under ``metadata``; empty where it says nothing."""
+    stated = site.settings.metadata
+    return stated.model_dump(exclude_none=True) if stated else {}
 
 
 def _write_origin(origin: Mapping[str, Any], products: Iterable[Path], results: Path) -> Path:
-    names = [path.relative_to(results).as_posix() for path in products]
-    return write_json(dict(origin) | {"products": names}, results / "run.json")
+    records = [file_record(path, results) for path in products]
+    return write_json(dict(origin) | {"products": records}, results / "run.json")
 
 
 def _earlier_products(results: Path) -> set[Path]:
     """Maps that an earlier run of other thresholds wrote here, as its ``run.json`` lists them."""
     try:
-        names = json.loads((results / "run.json").read_text(encoding="utf-8"))["products"]
-        return {results / "maps" / Path(name).name for name in names if Path(name).parent.name == "maps"}
+        products = json.loads((results / "run.json").read_text(encoding="utf-8"))["products"]
+        names = [Path(entry["name"] if isinstance(entry, dict) else entry) for entry in products]
+        return {results / "maps" / name.name for name in names if name.parent.name == "maps"}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
 

@@ -15,6 +15,17 @@ if TYPE_CHECKING:
     from rasterio.transform import Affine
 
 _CREATION = {"driver": "COG", "compress": "DEFLATE", "predictor": "YES", "blocksize": 256, "bigtiff": "IF_SAFER"}
+_CARRIED = (
+    "title",
+    "source",
+    "date_created",
+    "creator_name",
+    "institution",
+    "project",
+    "license",
+    "ensemble",
+    "configuration_sha256",
+)
 _AVERAGED = ("elevation", "ground_slope")  # in overviews; a mean over other maps may be a value of no cell, as on the rim of a flow
 
 
@@ -97,11 +108,7 @@ def statistics(known: np.ndarray, cells: int) -> dict[str, str]:
 
 def _tags(dataset: "xr.Dataset", layer: "xr.DataArray", selection: dict[str, float]) -> dict[str, Any]:
     variable = VARIABLES[str(layer.name)]
-    stated = {
-        key: dataset.attrs[key]
-        for key in ("title", "source", "license", "ensemble", "configuration_sha256")
-        if key in dataset.attrs
-    }
+    stated = {key: dataset.attrs[key] for key in _CARRIED if key in dataset.attrs}
     chosen = {dim: _printed(dim, value) for dim, value in selection.items()}
     described = variable.attributes() | {"units": variable.printed[0]}
     return {"TIFFTAG_IMAGEDESCRIPTION": variable.long_name} | described | chosen | stated

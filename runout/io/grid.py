@@ -28,7 +28,8 @@ def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
 
 def _axis(name: str, long_name: str) -> dict[str, str]:
     standard_name = f"projection_{name}_coordinate"  # without it a checker takes an axis for longitude or latitude
-    return {"units": "m", "axis": name.upper(), "standard_name": standard_name, "long_name": long_name}
+    described = {"units": "m", "axis": name.upper(), "standard_name": standard_name, "long_name": long_name}
+    return described | {"coverage_content_type": "coordinate"}
 
 
 def geo_transform(terrain: Terrain) -> str:
@@ -64,21 +65,38 @@ def horizontal_crs(crs: str) -> "pyproj.CRS":
 
 
 def extent_attributes(terrain: Terrain) -> dict[str, Any]:
-    """Geographic extent and vertical datum for the global attributes; empty for a local system."""
+    """Geographic extent for the global attributes, and the vertical datum where it is stated; empty for a local system."""
     from pyproj import CRS, Transformer
 
     if terrain.crs is None:
-        return {"geospatial_bounds_crs": "none: local coordinates in metres"}
+        return {}
     to_geographic = Transformer.from_crs(horizontal_crs(terrain.crs), CRS("EPSG:4326"), always_xy=True)
     west, south, east, north = to_geographic.transform_bounds(*terrain.extent)
-    system = CRS.from_user_input(terrain.crs)
-    vertical = system.sub_crs_list[1].name if system.is_compound else "as in the elevation raster; not stated"
     return {
         "geospatial_lat_min": south,
         "geospatial_lat_max": north,
         "geospatial_lat_units": "degrees_north",
+        "geospatial_lat_resolution": f"{terrain.cell_size[1]:g} m",
         "geospatial_lon_min": west,
         "geospatial_lon_max": east,
         "geospatial_lon_units": "degrees_east",
-        "vertical_datum": vertical,
-    }
+        "geospatial_lon_resolution": f"{terrain.cell_size[0]:g} m",
+        "geospatial_bounds": _corners(terrain.extent, to_geographic),
+        "geospatial_bounds_crs": "EPSG:4326",
+    } | _vertical_datum(CRS.from_user_input(terrain.crs))
+
+
+def _corners(extent: tuple[float, float, float, float], to_geographic: "pyproj.Transformer") -> str:
+    """Polygon of the corners as WKT, latitude first as EPSG:4326 has it."""
+    west, south, east, north = extent
+    easting, northing = [west, east, east, west, west], [south, south, north, north, south]
+    longitude, latitude = to_geographic.transform(easting, northing)
+    return "POLYGON ((" + ", ".join(f"{y:.7f} {x:.7f}" for x, y in zip(longitude, latitude, strict=True)) + "))"
+
+
+def _vertical_datum(system: "pyproj.CRS") -> dict[str, str]:
+    if not system.is_compound:
+        return {}
+    vertical = system.sub_crs_list[1]
+    authority = vertical.to_authority()
+    return {"vertical_datum": vertical.name, "geospatial_bounds_vertical_crs": ":".join(authority) if authority else vertical.name}

@@ -11,6 +11,7 @@ import numpy as np
 
 from runout import __version__
 from runout.errors import StorageError
+from runout.io.acdd import STANDARD_NAMES, vertical_attributes
 from runout.io.atomic import storage_error, whole_file
 from runout.io.grid import extent_attributes, grid_coordinates
 from runout.model.terrain import Terrain
@@ -69,21 +70,22 @@ def add_map(dataset: "xr.Dataset", name: str, values: np.ndarray, dims: tuple[st
 
 
 def global_attributes(terrain: Terrain, title: str) -> dict[str, Any]:
-    """Global attributes that every file carries (CF and ACDD)."""
+    """Global attributes that every file carries (CF and ACDD); what is not known is absent."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return {
         "Conventions": CONVENTIONS,
         "title": title,
         "summary": "Runout of a gravitational mass movement, simulated with a three-dimensional material point method",
         "source": f"runout {__version__}, material point method",
-        "institution": "not stated",
-        "references": "see run.json beside this file",
         "comment": "thicknesses are vertical; y descends from north to south",
-        "license": "not stated; the licences of the inputs apply",
         "keywords": "landslide, runout, hazard",
+        "standard_name_vocabulary": STANDARD_NAMES,
+        "cdm_data_type": "Grid",
         "date_created": now,
+        "date_modified": now,
+        "date_metadata_modified": now,
         "history": f"{now} written by runout {__version__}",
-    } | extent_attributes(terrain)
+    } | (extent_attributes(terrain) | vertical_attributes(terrain))
 
 
 def write(

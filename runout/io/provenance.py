@@ -66,12 +66,17 @@ def provenance(
     }
 
 
-def input_record(path: Path, folder: Path) -> dict[str, Any]:
-    """Name, size [bytes] and SHA-256 of an input file."""
+def file_record(path: Path, folder: Path) -> dict[str, Any]:
+    """Name, size [bytes] and SHA-256 of a file; the name is relative to ``folder`` where the file lies in it."""
     inside = path.resolve().is_relative_to(folder.resolve())
     name = path.resolve().relative_to(folder.resolve()).as_posix() if inside else path.name
+    return {"name": name, "size": path.stat().st_size, "sha256": sha256(path)}
+
+
+def input_record(path: Path, folder: Path) -> dict[str, Any]:
+    """:func:`file_record` of an input; StorageError if it cannot be read."""
     try:
-        return {"name": name, "size": path.stat().st_size, "sha256": sha256(path)}
+        return file_record(path, folder)
     except OSError as cause:
         raise StorageError(f"{path}: this input cannot be read ({cause.strerror}); restore it and run again") from cause
 

@@ -153,3 +153,14 @@ def test_release_volume_is_the_same_on_a_coarser_terrain(edited):
 def test_resolution_finer_than_the_raster_is_refused(edited):
     with pytest.raises(ConfigError, match=r"terrain\.resolution: 2 m is finer than the raster's own cells of 10 m x 10 m"):
         read_site(edited("  crs:", "  resolution: 2\n  crs:")).terrain()
+
+
+def test_metadata_is_part_of_the_configuration_and_not_of_what_a_member_computes(edited):
+    from runout.ensemble.member import plan_members
+
+    before = plan_members(read_site(edited("title: A", "title: A")))
+    site = read_site(edited("title: A", "metadata: {author: A. Name, email: name@example.org}\ntitle: A"))
+    assert site.resolved()["metadata"] == {"author": "A. Name", "email": "name@example.org"}
+    assert plan_members(site) == before
+    with pytest.raises(ConfigError, match=r"name@example\.org"):
+        read_site(edited("name@example.org", "nobody"))

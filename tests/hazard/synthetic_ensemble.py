@@ -65,6 +65,7 @@ class FakeSite:
         default_factory=lambda: SimpleNamespace(
             title="A made-up valley",
             description="A hypothetical release.",
+            metadata=None,
             hazard=SimpleNamespace(
                 thickness_thresholds=[0.1, 1.0, 2.0],
                 speed_thresholds=[1.0, 5.0],
