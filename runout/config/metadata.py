@@ -21,3 +21,10 @@ class MetadataSettings(Settings):
     license: str | None = _text("licence of the products, for example CC-BY-4.0")
     references: str | None = _text("reports and papers that describe the case")
     acknowledgement: str | None = _text("who is to be named as the source of the inputs")
+
+
+METADATA = quantity(
+    "who made the study and what for: author, email, url, institution, project, purpose, license, references, acknowledgement",
+    None,
+    examples=[{"author": "A. Name", "institution": "Survey", "purpose": "screening"}],
+)

@@ -18,7 +18,7 @@ from runout.config.distributions import (
     sampled_parameters,
     shape,
 )
-from runout.config.metadata import MetadataSettings
+from runout.config.metadata import METADATA, MetadataSettings
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
@@ -380,11 +380,7 @@ class SiteSettings(Settings):
     name: str = quantity("short name of the site", pattern=NAME, hint="letters, digits, - and _")
     title: str = quantity("title of maps and report", "")
     description: str = quantity("what is modelled, and what is hypothetical", "")
-    metadata: MetadataSettings | None = quantity(
-        "who made the study and what for: author, email, url, institution, project, purpose, license, references, acknowledgement",
-        None,
-        examples=[{"author": "A. Name", "institution": "Survey", "purpose": "screening"}],
-    )
+    metadata: MetadataSettings | None = METADATA
     terrain: TerrainSettings = quantity("the terrain")
     release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
     material: MaterialSettings = quantity("the material")
