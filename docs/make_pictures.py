@@ -16,7 +16,7 @@ from runout.report.study import Study, read_study
 
 HERE = Path(__file__).parent
 RESULTS = HERE.parent / "sites" / "jacksboro" / "results"
-SHOWN = ("Flow thickness above", "Peak flow speed, 95th")
+SHOWN = ("Probability", "Peak flow speed, 95th")
 
 
 def side_by_side(study: Study, sheets: list[Sheet]) -> np.ndarray:
@@ -25,7 +25,7 @@ def side_by_side(study: Study, sheets: list[Sheet]) -> np.ndarray:
     pictures = []
     for sheet in sheets:
         figure = draw_map(study.basemap, sheet.values, STYLES[sheet.style], window, sheet.title)
-        pictures.append(imread(BytesIO(png(figure, dpi=110))))
+        pictures.append(imread(BytesIO(png(figure, dpi=160))))
     return np.concatenate(pictures, axis=1)
 
 

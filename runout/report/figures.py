@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.report.maps import INK
+from runout.report.maps import NORMAL, SMALL, WIDE
+from runout.report.marks import INK
 from runout.report.members import FIGURES, representative
 from runout.variables import VARIABLES
 
@@ -24,18 +25,26 @@ ACCENT = "#d7263d"
 ENERGY_PREFIXES = ((1e15, "PJ"), (1e12, "TJ"), (1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
 
 
-def ledger_figure(ledgers: "dict[int, xr.Dataset]", members: "pd.DataFrame") -> Any:
-    """Figure of two panels: the energy budget of the representative member, and kinetic energy of all members."""
+def budget_figure(ledgers: "dict[int, xr.Dataset]", members: "pd.DataFrame") -> Any:
+    """Figure of the energy budget of the representative member."""
+    figure, axes = _panel(4.2)
+    draw_budget(axes, ledgers[representative(members)])
+    return figure
+
+
+def kinetic_figure(ledgers: "dict[int, xr.Dataset]", members: "pd.DataFrame") -> Any:
+    """Figure of the kinetic energy of all members, the representative one in colour."""
+    figure, axes = _panel(3.2)
+    draw_kinetic(axes, ledgers, representative(members))
+    return figure
+
+
+def _panel(height: float) -> Any:
+    """Figure and axes of the width of a map and a height [inch]."""
     from matplotlib.figure import Figure
 
-    chosen = representative(members)
-    figure = Figure(figsize=(11.2, 4.1), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    draw_budget(left, ledgers[chosen])
-    left.set_title(f"Where the energy goes: member {chosen} (median runout)", loc="left", fontsize=10, color=INK)
-    draw_kinetic(right, ledgers, chosen)
-    right.set_title("Kinetic energy of every member", loc="left", fontsize=10, color=INK)
-    return figure
+    figure = Figure(figsize=(WIDE, height), layout="constrained")
+    return figure, figure.subplots()
 
 
 def energy_budget(ledger: "xr.Dataset") -> dict[str, np.ndarray]:
@@ -54,9 +63,12 @@ def draw_budget(axes: Any, ledger: "xr.Dataset") -> None:
         time, stacked, colors=[BUDGET[n][1] for n in parts], labels=[BUDGET[n][0] for n in parts], linewidth=0.3, edgecolor="white"
     )
     axes.plot(time, released / scale, color=INK, linewidth=1.3, linestyle=(0, (4, 2)), label="potential energy released")
-    axes.legend(*(reversed(part) for part in axes.get_legend_handles_labels()), fontsize=7.5, frameon=False, loc="upper left")
+    handles, labels = (part[::-1] for part in axes.get_legend_handles_labels())
+    axes.figure.legend(
+        handles, labels, fontsize=SMALL, frameon=False, loc="outside upper left", ncols=2, columnspacing=1.0, handlelength=1.4
+    )
     axes.set(xlim=(time[0], time[-1]), ylabel=f"energy [{prefix}]")
-    axes.set_ylim(0, 1.45 * max(released.max() / scale, 1e-9))
+    axes.set_ylim(0, 1.05 * max(released.max() / scale, 1e-9))
     tidy(axes)
 
 
@@ -70,7 +82,7 @@ def draw_kinetic(axes: Any, ledgers: "dict[int, xr.Dataset]", chosen: int) -> No
     own = ledgers[chosen]
     axes.plot(own["time"], own["kinetic_energy"] / scale, color="#1f6f8b", linewidth=2.0, label=f"member {chosen}")
     axes.plot([], [], color="#8a939d", linewidth=0.8, label="the others")
-    axes.legend(fontsize=7.5, frameon=False, loc="upper right")
+    axes.legend(fontsize=SMALL, frameon=False, loc="upper right")
     axes.set(xlim=(0, None), ylim=(0, None), ylabel=f"kinetic energy [{prefix}]")
     tidy(axes)
 
@@ -83,24 +95,14 @@ def energy_unit(largest: float) -> tuple[float, str]:
     return 1.0, "J"
 
 
-def parameter_figure(members: "pd.DataFrame", parameters: list[str], figure_name: str = "runout_distance") -> Any:
-    """Figure of one panel a parameter: a result figure of the valid members against the sampled value."""
-    from matplotlib.figure import Figure
-
-    columns = min(3, len(parameters))
-    rows = -(-len(parameters) // columns)
-    figure = Figure(figsize=(11.2, 3.1 * rows), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
+def parameter_figure(members: "pd.DataFrame", parameter: str, figure_name: str = "runout_distance") -> Any:
+    """Figure of a result of the valid members against a sampled parameter."""
+    figure, axes = _panel(3.0)
     column = FIGURES[figure_name]
-    for axes, name in zip(panels.flat, parameters, strict=False):
-        axes.scatter(members[name], members[figure_name], s=34, color="#1f6f8b", edgecolor="white", linewidth=0.7, zorder=3)
-        axes.set_xlabel(parameter_label(name), fontsize=9, color=INK)
-        tidy(axes, time=False)
-    for axes in panels.flat[len(parameters) :]:
-        axes.set_visible(False)
-    for axes in panels[:, 0]:
-        axes.set_ylabel(f"{column.heading.lower()} [{column.units}]", fontsize=9, color=INK)
-        axes.set_ylim(0, 1.12 * max(float(members[figure_name].max()), 1e-9))
+    axes.scatter(members[parameter], members[figure_name], s=34, color="#1f6f8b", edgecolor="white", linewidth=0.7, zorder=3)
+    axes.set_ylabel(f"{column.heading.lower()} [{column.units}]")
+    axes.set_ylim(0, 1.12 * max(float(members[figure_name].max()), 1e-9))
+    tidy(axes, parameter_label(parameter))
     return figure
 
 
@@ -112,14 +114,14 @@ def parameter_label(name: str) -> str:
     return words if units in ("", "1") else f"{words} [{units}]"
 
 
-def tidy(axes: Any, time: bool = True) -> None:
-    """Light grid, small ticks, no frame above and right."""
-    if time:
-        axes.set_xlabel("time since release [s]", fontsize=9, color=INK)
-    axes.yaxis.label.set(fontsize=9, color=INK)
+def tidy(axes: Any, across: str = "time since release [s]") -> None:
+    """Light grid, no frame above and right, ``across`` as the label of the horizontal axis."""
+    axes.set_xlabel(across)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set(fontsize=NORMAL, color=INK)
     axes.grid(color="#dfe3e8", linewidth=0.6, zorder=0)
     axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8, colors=INK, length=3, width=0.6)
+    axes.tick_params(labelsize=SMALL, colors=INK, length=3, width=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set(linewidth=0.6, color=INK)

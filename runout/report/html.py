@@ -7,6 +7,7 @@ from typing import Any
 
 from runout.report import figures, sheets, tables
 from runout.report.maps import png
+from runout.report.members import representative
 from runout.report.study import Study, read_study
 
 REPORT = "report.html"
@@ -44,11 +45,12 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "title": settings.get("title") or site.name,
         "name": site.name,
         "description": settings.get("description") or "",
+        "heading": tables.heading(study),
         "cards": tables.key_figures(study, settings),
         "warnings": tables.warnings(study, settings),
         "headline": [_printed(sheet, study, window) for sheet in headline],
         "further": [_printed(sheet, study, window) for sheet in further],
-        "zones": ", dashed lines are those of friction zones" if study.basemap.zones else "",
+        "legend": _legend(study),
         "location": _embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study.convergence),
@@ -60,12 +62,28 @@ def page(site: Any, study: Study) -> dict[str, Any]:
     }
 
 
-def _plots(study: Study) -> dict[str, str | None]:
-    parameters = tables.sampled_parameters(study)
-    some = len(study.valid) > 0
+def _legend(study: Study) -> str:
+    """What the lines of the maps are, in a sentence."""
+    lines = ["a red line is the outline of a release"]
+    if study.basemap.obstacles:
+        lines.append("hatched areas are obstacles, with what they add to the ground")
+    if study.basemap.zones:
+        lines.append("dashed lines are those of friction zones, with their factor or angle of friction")
+    return "; ".join(lines).capitalize()
+
+
+def _plots(study: Study) -> dict[str, Any]:
+    valid, ledgers = study.valid, study.ledgers
+    if not len(valid):
+        return {"budget": None, "kinetic": None, "representative": None, "dependence": []}
     return {
-        "ledger": _embedded(png(figures.ledger_figure(study.ledgers, study.valid))) if some else None,
-        "dependence": _embedded(png(figures.parameter_figure(study.valid, parameters))) if some and parameters else None,
+        "budget": _embedded(png(figures.budget_figure(ledgers, valid))),
+        "kinetic": _embedded(png(figures.kinetic_figure(ledgers, valid))),
+        "representative": representative(valid),
+        "dependence": [
+            (figures.parameter_label(name), _embedded(png(figures.parameter_figure(valid, name))))
+            for name in tables.sampled_parameters(study)
+        ],
     }
 
 

@@ -1,23 +1,26 @@
-"""One map: cells of the raster over hillshade, north up, with colour bar, scale and the outline of the release."""
+"""One map: cells of the raster over hillshade, north up, with colour bar, scale and what lies on the ground.
+
+Letters are at least 9 pt on a sheet of 4.2 inch, so that they are 10 pixels high where a phone shows it 350 pixels wide.
+"""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from runout.report.marks import INK, Mark, draw_marks
+
 Window = tuple[slice, slice]  # rows and columns of the raster
 
-INK = "#22282f"
-OUTLINE = "#d7263d"
 SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315, 42
 FEWEST_CELLS = 24  # a window is never narrower
 WIDTH_TO_HEIGHT = 1.0
-SHEET = (6.4, 5.6)  # [inch]
-MARGINS = (0.55, 0.5, 0.95, 0.2)  # [inch] left, bottom, right (with the colour bar), top
-TITLE_HEIGHT = 0.15  # [inch] beyond the margin
-BAR = (0.13, 0.17)  # [inch] gap and width of the colour bar
+WIDE, HIGHEST = 4.2, 3.7  # [inch] sheet, and the map on it
+MARGINS = (0.5, 0.46, 0.14, 0.1)  # [inch] left, bottom, right, top of the map
+BAR = (0.14, 0.5)  # [inch] height of the colour bar, and of the numbers and the label below it
+TITLE_HEIGHT = 0.2  # [inch] beyond the margin
+SMALL, NORMAL = 9.0, 9.5  # [pt]
 PNG_METADATA = {"Software": None}  # the same map gives the same bytes
 
 
@@ -52,9 +55,9 @@ class MapStyle:
     scale: float = 1.0
 
 
-TENTHS = tuple(i / 10 for i in range(11))
+TENTHS = tuple(float(np.float32(i / 10)) for i in range(11))  # as files hold them: a value on a bound is in the class above
 STYLES = {
-    "probability": MapStyle("fraction of the members [1]", "magma_r", steps=TENTHS),
+    "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
     "thickness": MapStyle("vertical thickness [m]", "viridis_r"),
     "speed": MapStyle("speed [m s⁻¹]", "plasma_r"),
     "pressure": MapStyle("pressure \u03c1v² [kPa]", "inferno_r", scale=1e-3, logarithmic=True),
@@ -75,15 +78,16 @@ class Basemap:
         Elevation [m], NaN where unknown.
     outlines : list of shapely geometries
         Outlines of the releases in map coordinates.
-    zones : list of shapely geometries
-        Friction zones in map coordinates.
+    obstacles, zones : list of Mark
+        Obstacles and friction zones, with their labels.
     """
 
     easting: np.ndarray
     northing: np.ndarray
     elevation: np.ndarray
     outlines: list[Any] = field(default_factory=list)
-    zones: list[Any] = field(default_factory=list)
+    obstacles: list[Mark] = field(default_factory=list)
+    zones: list[Mark] = field(default_factory=list)
 
     @property
     def cell_size(self) -> tuple[float, float]:
@@ -133,8 +137,8 @@ def _centred(middle: float, length: float, available: int) -> slice:
 def draw_map(basemap: Basemap, values: np.ndarray, style: MapStyle, window: Window | None = None, title: str = "") -> Any:
     """Figure of ``values`` (rows, columns) over hillshade; cells that are NaN or at most ``style.faintest`` are transparent."""
     window = window or basemap.whole
-    figure, axes, beside = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0)
-    axes.set_title(title, loc="left", fontsize=10.5, color=INK, pad=7)
+    figure, axes, below = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0)
+    axes.set_title(title, loc="left", fontsize=NORMAL, color=INK, pad=6)
     draw_ground(axes, basemap, window)
     shown = np.ma.masked_invalid(np.asarray(values, np.float64)[window])
     shown = np.ma.masked_less_equal(shown, style.faintest) * style.scale
@@ -142,24 +146,25 @@ def draw_map(basemap: Basemap, values: np.ndarray, style: MapStyle, window: Wind
         shown, extent=basemap.extent(window), interpolation="nearest", alpha=0.86, zorder=2, **colour_scale(shown, style)
     )
     draw_frame(axes, basemap, window)
-    _colour_bar(figure, painted, beside, shown, style)
+    _colour_bar(figure, painted, below, shown, style)
     return figure
 
 
 def _sheet(extent: tuple[float, float, float, float], above: float = 0.0) -> tuple[Any, Any, Any]:
-    """Figure, axes in the shape of the extent (west, east, south, north) with room [inch] above, axes of the colour bar."""
+    """Figure, axes in the shape of the extent (west, east, south, north) with room [inch] above, axes of the colour bar below."""
     from matplotlib.figure import Figure
 
     left, bottom, right, top = MARGINS
+    bar, words = BAR
     ratio = (extent[1] - extent[0]) / (extent[3] - extent[2])
-    width = min(SHEET[0] - left - right, (SHEET[1] - bottom - top) * ratio)
+    width = min(WIDE - left - right, HIGHEST * ratio)
     height = width / ratio
-    size = SHEET[0], height + bottom + top + above
-    left += (size[0] - left - right - width) / 2
-    figure = Figure(figsize=size)
-    axes = figure.add_axes((left / size[0], bottom / size[1], width / size[0], height / size[1]))
-    beside = figure.add_axes(((left + width + BAR[0]) / size[0], bottom / size[1], BAR[1] / size[0], height / size[1]))
-    return figure, axes, beside
+    high = height + bottom + top + above + bar + words
+    figure = Figure(figsize=(WIDE, high))
+    middle = left + (WIDE - left - right - width) / 2
+    axes = figure.add_axes((middle / WIDE, (bottom + bar + words) / high, width / WIDE, height / high))
+    below = figure.add_axes((left / WIDE, words / high, (WIDE - left - right) / WIDE, bar / high))
+    return figure, axes, below
 
 
 def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = True) -> None:
@@ -182,10 +187,10 @@ def _contours(axes: Any, basemap: Basemap, window: Window) -> None:
     from matplotlib.ticker import MaxNLocator
 
     z = basemap.elevation[window]
-    levels = MaxNLocator(11, steps=[1, 2, 5, 10]).tick_values(float(np.nanmin(z)), float(np.nanmax(z)))
+    levels = MaxNLocator(9, steps=[1, 2, 5, 10]).tick_values(float(np.nanmin(z)), float(np.nanmax(z)))
     x, y = basemap.easting[window[1]], basemap.northing[window[0]]
     lines = axes.contour(x, y, z, levels=levels, colors="#4a5560", linewidths=0.4, alpha=0.55, zorder=1)
-    axes.clabel(lines, levels[::2], fontsize=6, fmt=lambda v: f"{v:.0f} m", inline_spacing=2)
+    axes.clabel(lines, levels[::3], fontsize=SMALL, fmt=lambda v: f"{v:.0f} m", inline_spacing=2)
 
 
 def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
@@ -209,42 +214,43 @@ def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
     return {"cmap": colours, "norm": Normalize(0.0, top, clip=True)}
 
 
-def _colour_bar(figure: Any, painted: Any, beside: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
+def _colour_bar(figure: Any, painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
     above = shown.count() > 0 and not (style.steps or style.classes) and float(shown.max()) > painted.norm.vmax
-    bar = figure.colorbar(painted, cax=beside, extend="max" if above else "neither", extendfrac=0.035)
+    bar = figure.colorbar(painted, cax=below, orientation="horizontal", extend="max" if above else "neither", extendfrac=0.03)
     bar.solids.set_alpha(1.0)
-    bar.set_label(style.label, fontsize=9, color=INK)
-    bar.ax.tick_params(labelsize=8, colors=INK, length=3)
+    largest = f", largest {_short(float(shown.max()))}" if above else ""
+    bar.set_label(style.label + largest, fontsize=NORMAL, color=INK)
+    if style.logarithmic and shown.count():
+        ticks = _logarithmic_ticks(painted.norm.vmin, painted.norm.vmax)
+        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        bar.minorticks_off()
+    bar.ax.tick_params(labelsize=NORMAL, colors=INK, length=3)
     bar.outline.set_linewidth(0.5)
-    if above:
-        bar.ax.set_title(f"max {_short(float(shown.max()))}", fontsize=7.5, color=INK, pad=14)
+
+
+def _logarithmic_ticks(low: float, high: float) -> list[float]:
+    """At most seven round numbers from ``low`` to ``high``."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for digits in ((1, 2, 5), (1, 3), (1,)):
+        ticks = [digit * 10.0**power for power in powers for digit in digits]
+        ticks = [tick for tick in ticks if low <= tick <= high]
+        if len(ticks) <= 7:
+            return ticks
+    return ticks
 
 
 def _short(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
-def draw_frame(axes: Any, basemap: Basemap, window: Window) -> None:
-    """Outlines of releases and friction zones, coordinates in km, scale bar and north arrow."""
-    for x, y in _rings(basemap.zones):
-        axes.plot(x, y, color="white", linewidth=1.8, alpha=0.6, zorder=3)
-        axes.plot(x, y, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), zorder=3)
-    for x, y in _rings(basemap.outlines):
-        axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
-        axes.plot(x, y, color=OUTLINE, linewidth=1.3, zorder=4)
+def draw_frame(axes: Any, basemap: Basemap, window: Window, labels: bool = True) -> None:
+    """Outlines of releases, obstacles and friction zones, their labels, coordinates in km, scale bar and north arrow."""
     west, east, south, north = basemap.extent(window)
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
+    draw_marks(axes, basemap.outlines, basemap.obstacles, basemap.zones, labels)
     _coordinates(axes, max(east - west, north - south))
     _scale_bar(axes, east - west)
     _north_arrow(axes)
-
-
-def _rings(polygons: list[Any]) -> Iterator[tuple[Any, Any]]:
-    """Coordinates of all rings."""
-    for polygon in polygons:
-        for part in getattr(polygon, "geoms", [polygon]):
-            for ring in [part.exterior, *part.interiors]:
-                yield ring.xy
 
 
 def _coordinates(axes: Any, width: float) -> None:
@@ -252,11 +258,11 @@ def _coordinates(axes: Any, width: float) -> None:
 
     decimals = max(0, min(3, 3 - math.floor(math.log10(width / 4))))
     for axis, name in ((axes.xaxis, "Easting [km]"), (axes.yaxis, "Northing [km]")):
-        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
+        axis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10], prune="both"))
         axis.set_major_formatter(lambda v, _: f"{v / 1e3:.{decimals}f}")
-        axis.set_label_text(name, fontsize=8.5, color=INK)
-        axis.labelpad = 2
-    axes.tick_params(labelsize=7.5, colors=INK, length=3, width=0.6)
+        axis.set_label_text(name, fontsize=SMALL, color=INK)
+        axis.labelpad = 1
+    axes.tick_params(labelsize=SMALL, pad=2, colors=INK, length=3, width=0.6)
     for label in axes.get_yticklabels():
         label.set(rotation=90, va="center")
     for spine in axes.spines.values():
@@ -277,7 +283,7 @@ def _scale_bar(axes: Any, width: float) -> None:
     label = f"{bar / 1e3:g} km" if bar >= 1000 else f"{bar:g} m"
     artist = AnchoredSizeBar(
         axes.transData, bar, label, "lower left", pad=0.35, borderpad=0.6, sep=3, color=INK,
-        size_vertical=width * 0.004, fontproperties=FontProperties(size=8),
+        size_vertical=width * 0.004, fontproperties=FontProperties(size=SMALL),
     )  # fmt: skip
     artist.patch.set(alpha=0.8, linewidth=0)
     artist.set_zorder(5)
@@ -287,7 +293,7 @@ def _scale_bar(axes: Any, width: float) -> None:
 def _north_arrow(axes: Any) -> None:
     box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "linewidth": 0}
     axes.annotate(
-        "N", xy=(0.962, 0.86), xytext=(0.962, 0.955), xycoords="axes fraction", ha="center", va="center", fontsize=8.5,
+        "N", xy=(0.962, 0.86), xytext=(0.962, 0.955), xycoords="axes fraction", ha="center", va="center", fontsize=SMALL,
         color=INK, bbox=box, zorder=5, arrowprops={"arrowstyle": "<|-", "color": INK, "linewidth": 1.3, "shrinkA": 1},
     )  # fmt: skip
 
@@ -296,20 +302,20 @@ def draw_location(basemap: Basemap, window: Window) -> Any:
     """Figure of the whole terrain with the frame of the maps."""
     from matplotlib.patches import Rectangle
 
-    figure, axes, beside = _sheet(basemap.extent(basemap.whole))
+    figure, axes, below = _sheet(basemap.extent(basemap.whole))
     draw_ground(axes, basemap, basemap.whole, contours=False)
     z = np.ma.masked_invalid(basemap.elevation)
     tint = axes.imshow(z, cmap="cividis", extent=basemap.extent(basemap.whole), alpha=0.45, zorder=1)
-    draw_frame(axes, basemap, basemap.whole)
+    draw_frame(axes, basemap, basemap.whole, labels=False)
     west, east, south, north = basemap.extent(window)
     axes.add_patch(Rectangle((west, south), east - west, north - south, fill=False, color=INK, linewidth=1.4, zorder=5))
-    bar = figure.colorbar(tint, cax=beside)
-    bar.set_label("elevation [m]", fontsize=9, color=INK)
-    bar.ax.tick_params(labelsize=8, colors=INK, length=3)
+    bar = figure.colorbar(tint, cax=below, orientation="horizontal")
+    bar.set_label("elevation [m]", fontsize=NORMAL, color=INK)
+    bar.ax.tick_params(labelsize=NORMAL, colors=INK, length=3)
     return figure
 
 
-def png(figure: Any, dpi: int = 140) -> bytes:
+def png(figure: Any, dpi: int = 200) -> bytes:
     """PNG of a figure."""
     from io import BytesIO
 

@@ -9,16 +9,17 @@ import numpy as np
 from runout.report.maps import STYLES, Window, draw_location, draw_map, png
 from runout.report.study import Study
 from runout.report.wording import number, quantity
+from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
 HEADLINE_THICKNESS = 0.5  # [m] the threshold nearest to it heads the report
 LARGEST_SHARE = 0.5  # of the raster; a window below it gets a map of where it lies
-EXCEEDANCES = {  # variable before _exceedance_probability: words, unit of the threshold
-    "thickness": ("Flow thickness", "m"),
-    "speed": ("Flow speed", "m s-1"),
-    "pressure": ("Dynamic pressure", "Pa"),
+EXCEEDANCES = {  # variable before _exceedance_probability: words before the threshold
+    "thickness": "Probability of a flow thicker than",
+    "speed": "Probability of a flow faster than",
+    "pressure": "Probability of a dynamic pressure above",
 }
 
 
@@ -93,15 +94,15 @@ def further_sheets(study: Study, headline: list[Sheet]) -> list[Sheet]:
 
 
 def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
-    """Map of the fraction of members whose maximum passes ``level`` (in the unit of the variable)."""
-    words, units = EXCEEDANCES[name]
-    shown = quantity(level / 1e3, "kPa") if name == "pressure" else quantity(level, units)
+    """Map of the probability that the maximum passes ``level`` (in the unit of the variable)."""
+    units, divisor = VARIABLES[f"{name}_threshold"].printed
+    shown = quantity(level / divisor, units)
     at = {f"{name}_threshold": level}
     error = float(hazard[f"{name}_exceedance_standard_error"].sel(at).max())
     return Sheet(
-        f"{words} above {shown}",
-        f"Weighted fraction of the members whose maximum passes {shown}, given that the release happens. "
-        f"Its standard error from the number of members alone is up to {number(error, 2)}.",
+        f"{EXCEEDANCES[name]} {shown}",
+        f"Conditional probability: the weighted fraction of the members whose maximum passes {shown}, given that the release "
+        f"happens. Its standard error from the number of members alone is up to {number(error, 2)}.",
         hazard[f"{name}_exceedance_probability"].sel(at).values,
         "probability",
     )

@@ -1,13 +1,17 @@
 """What the other stages left in the results folder, read for the report."""
 
 import json
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import StorageError
 from runout.report.maps import Basemap
+from runout.report.marks import Mark
 from runout.report.members import member_figures
+from runout.report.wording import MINUS, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,8 +67,14 @@ def read_study(results: Path) -> Study:
         table = member_table(_required(results, "members.nc"))
         figures, ledgers = _valid_members(results, table, hazard)
     drawn = _required(results, "outlines.gpkg")
-    lines = outlines(drawn, "release"), outlines(drawn, "friction_zones")
-    basemap = Basemap(hazard["x"].values, hazard["y"].values, hazard["elevation"].values, *lines)
+    basemap = Basemap(
+        hazard["x"].values,
+        hazard["y"].values,
+        hazard["elevation"].values,
+        [feature["geometry"] for feature in features(drawn, "release")],
+        [Mark(feature["geometry"], obstacle_label(feature)) for feature in features(drawn, "obstacles")],
+        [Mark(feature["geometry"], zone_label(feature)) for feature in features(drawn, "friction_zones")],
+    )
     error = Path(results) / "convergence.json"
     return Study(
         hazard,
@@ -112,13 +122,27 @@ def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 
-def outlines(path: Path, layer: str) -> list[Any]:
-    """Polygons of a layer of a GeoPackage in map coordinates; none if it has no such layer."""
+def features(path: Path, layer: str) -> list[dict[str, Any]]:
+    """Attributes and ``geometry`` (shapely, map coordinates) of the features of a layer; none if there is no such layer."""
     import geopandas
     import pyogrio
 
     layers = {name for name, _ in pyogrio.list_layers(path)}
-    return list(geopandas.read_file(path, layer=layer).geometry) if layer in layers else []
+    return geopandas.read_file(path, layer=layer).to_dict("records") if layer in layers else []
+
+
+def obstacle_label(feature: Mapping[str, Any]) -> str:
+    """How much an obstacle raises or lowers the ground."""
+    height = float(feature["height_m"])
+    return f"{'+' if height > 0 else MINUS}{number(abs(height))} m"
+
+
+def zone_label(feature: Mapping[str, Any]) -> str:
+    """What a friction zone does to the friction."""
+    factor = float(feature["factor"]) if feature["factor"] is not None else math.nan
+    if math.isfinite(factor):
+        return f"friction \u00d7 {number(factor)}"
+    return f"friction {number(float(feature['basal_friction_angle_deg']))}°"
 
 
 def _provenance(path: Path, command: str = "hazard") -> dict[str, Any]:

@@ -5,20 +5,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.model.resolution import FEWEST_CELLS, worst
+from runout.model.resolution import FEWEST_CELLS
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
-from runout.variables import VARIABLES
+from runout.variables import PRINTED, VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
 BOOKKEEPING = ("weight", "seed", "status", "failure_reason")
 # entries of run.json that the report prints in another place
-ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes")
+ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes", "metadata", "resolution")
 ABBREVIATIONS = {
     "crs": "CRS",
     "dem": "DEM",
@@ -39,7 +39,7 @@ SETTING_UNITS = {
     "cohesion": "Pa",
     "thickness_thresholds": "m",
     "speed_thresholds": "m s-1",
-    "pressure_thresholds": "Pa",
+    "pressure_thresholds": "kPa",
     "percentiles": "%",
     "hours": "h",
 }
@@ -67,10 +67,20 @@ def key_figures(study: Study, settings: dict[str, Any]) -> list[tuple[str, str, 
         ("Released volume", released, f"times {span(list(factor))} in the members" if factor is not None else "in every member"),
         ("Runout", span(runouts, "m"), "plan distance beyond the release"),
         ("Angle of reach", span(angles, "°"), "from the top of the release"),
-        ("Reached by any", reached, f"thickness over {threshold}"),
-        ("Reached by half", quantity(likely, "km²"), f"of the members, thickness over {threshold}"),
+        ("Area reached", reached, f"by any member, thickness over {threshold}"),
+        ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members pass {threshold}"),
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
+
+
+def heading(study: Study) -> list[tuple[str, str]]:
+    """Who made the study, when, with what and what for: words and values; what is not stated is left out."""
+    stated = study.run.get("metadata", {})
+    author = ", ".join(stated[key] for key in ("author", "institution", "email") if key in stated)
+    created, version = study.run.get("created", ""), study.run.get("runout", "")
+    when = created.replace("T", " ").replace("+00:00", " UTC") + (f", runout {version}" if version else "")
+    lines = [("Made by", author), ("Date", when), ("Project", stated.get("project", "")), ("Purpose", stated.get("purpose", ""))]
+    return [(words, value) for words, value in lines if value]
 
 
 def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
@@ -80,7 +90,7 @@ def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
 
 def warnings(study: Study, settings: dict[str, Any]) -> list[str]:
     """What a reader must know before the maps are used, one sentence each."""
-    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *_coarse(study, settings), *_unclosed(study)]
+    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *_coarse(study), *_unclosed(study)]
 
 
 def _incomplete(study: Study) -> list[str]:
@@ -129,36 +139,24 @@ def _still_moving(ledger: "xr.Dataset") -> bool:
     return bool(kinetic[-1] > 0.01 * kinetic.max())
 
 
-def _coarse(study: Study, settings: dict[str, Any]) -> list[str]:
-    cells = cells_through_depth(study, settings)
-    if not math.isfinite(cells) or cells >= FEWEST_CELLS:
+def _coarse(study: Study) -> list[str]:
+    found = resolution(study)
+    if not found or found["cells_through_depth"] >= FEWEST_CELLS:
         return []
     return [
-        f"The flow is {number(cells, 2)} grid cells deep on average over its volume; "
-        f"below {FEWEST_CELLS} cells the velocity profile is not resolved "
-        f"and speeds are damped{_damping(study)}. Use smaller cells, or a depth-averaged method for thin flows."
+        f"The member that is resolved least has {number(found['cells_through_depth'], 2)} grid cells through its depth; "
+        f"below {FEWEST_CELLS} cells the velocity profile is not resolved and speeds are damped (the scheme stops shear through "
+        f"the depth in {quantity(found['shear_decay_time'], 's', 2)}). "
+        "Use smaller cells, or a depth-averaged method for thin flows."
     ]
 
 
-def _damping(study: Study) -> str:
-    """How soon the scheme damps the shear of the least resolved member, in words; nothing where no ledger tells."""
-    found = resolution(study)
-    return f" (the scheme stops shear through the depth in {quantity(found['shear_decay_time'], 's', 2)})" if found else ""
-
-
 def resolution(study: Study) -> dict[str, float]:
-    """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the least resolved member, or nothing."""
-    return worst(ledger.attrs for ledger in study.ledgers.values())
+    """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the member that is resolved least.
 
-
-def cells_through_depth(study: Study, settings: dict[str, Any]) -> float:
-    """Grid cells through the depth: largest thickness of any member, averaged over its volume, by cell size; NaN if unknown."""
-    size = settings.get("simulation", {}).get("cell_size")
-    thickness = study.hazard["peak_flow_thickness"].fillna(0.0).values.astype(np.float64)
-    if size is None or thickness.sum() == 0:
-        return math.nan
-    vertical = float(np.atleast_1d(size)[-1])
-    return float((thickness**2).sum() / thickness.sum()) / vertical
+    As ``run.json`` has them; empty where it has none.
+    """
+    return dict(study.run.get("resolution", {}))
 
 
 def _unclosed(study: Study) -> list[str]:
@@ -195,7 +193,7 @@ def balance(study: Study) -> dict[str, str]:
 
 
 def _resolved(found: dict[str, float]) -> str:
-    """The resolution in a sentence; empty where no ledger tells."""
+    """The resolution in a sentence; empty where ``run.json`` does not tell."""
     if not found:
         return ""
     viscosity, time = quantity(found["numerical_viscosity"], "m2 s-1", 2), quantity(found["shear_decay_time"], "s", 2)
@@ -278,6 +276,8 @@ def _value(key: str, value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, int | float):
         return quantity(value, SETTING_UNITS.get(key, "1"), 10)
+    if key == "pressure_thresholds":
+        value = [limit / PRINTED["Pa"][1] for limit in value]
     if isinstance(value, list):
         listed = ", ".join(_value("", v) for v in value)
         return f"{listed} {unit(SETTING_UNITS[key])}" if key in SETTING_UNITS else listed

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import shapely
 import xarray as xr
 
 ROWS, COLUMNS, CELL = 130, 150, 20.0
@@ -12,6 +13,13 @@ WEST, SOUTH = 735000.0, 4040000.0
 FRICTION = np.linspace(12.0, 22.0, 8)
 FAILED = 5
 CHANGES = ["rows were turned to north up"]
+METADATA = {"author": "A. Name", "institution": "A survey", "purpose": "screening <of> a road"}
+RESOLUTION = {"cells_through_depth": 1.5, "numerical_viscosity": 4.0, "shear_decay_time": 0.15}
+DAM = shapely.box(WEST + 1400.0, SOUTH + 1000.0, WEST + 1700.0, SOUTH + 1060.0)
+ZONES = [
+    shapely.box(WEST + 900.0, SOUTH + 1300.0, WEST + 1300.0, SOUTH + 1600.0),
+    shapely.box(WEST + 1600.0, SOUTH + 1300.0, WEST + 2000.0, SOUTH + 1600.0),
+]
 REASON = "StabilityError: speed 950 m/s at step 12; lower simulation.cfl"
 
 
@@ -118,8 +126,6 @@ def outline():
 
 def release_thickness(x, y):
     """15 m inside the outline."""
-    import shapely
-
     return np.where(shapely.contains_xy(outline(), *np.meshgrid(x, y)), 15.0, 0.0)
 
 
@@ -152,8 +158,13 @@ def results(tmp_path_factory):
     hazard_dataset(maps).to_netcdf(folder / "hazard.nc")
     releases = geopandas.GeoDataFrame({"name": ["scar"]}, geometry=[outline()], crs="EPSG:32616")
     releases.to_file(folder / "outlines.gpkg", layer="release")
+    dams = geopandas.GeoDataFrame({"height_m": [8.0]}, geometry=[DAM], crs="EPSG:32616")
+    dams.to_file(folder / "outlines.gpkg", layer="obstacles")
+    zones = {"factor": [1.5, None], "basal_friction_angle_deg": [None, 8.0]}
+    geopandas.GeoDataFrame(zones, geometry=ZONES, crs="EPSG:32616").to_file(folder / "outlines.gpkg", layer="friction_zones")
     inputs = [{"name": "inputs/dem.tif", "size": 81234, "sha256": "ab" * 32}]
     ensemble = {"members_valid": 7, "failures": {"5": REASON}, "statement": "7 of 8 members are valid"}
     run = {"inputs": inputs, "ensemble": ensemble, "changes": CHANGES, "versions": {"runout": "0.1.0", "numpy": "2.4"}, "seed": 1}
+    run |= {"created": "2026-05-04T10:20:30+00:00", "runout": "0.1.0", "metadata": METADATA, "resolution": RESOLUTION}
     (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
     return folder

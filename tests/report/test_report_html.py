@@ -35,13 +35,6 @@ def change_ledger(results, member, **series):
     ledger.to_netcdf(path, mode="a", group="ledger")
 
 
-def change_attributes(results, member, **attributes):
-    """Add attributes to a member's ledger."""
-    with xr.open_dataset(results / "members" / f"{member:04d}.nc", group="ledger") as opened:
-        ledger = opened.load().assign_attrs(attributes)
-    ledger.to_netcdf(results / "members" / f"{member:04d}.nc", mode="a", group="ledger")
-
-
 def test_the_page_is_one_file_that_asks_for_nothing_else(text):
     sources = re.findall(r'(?:src|href)="([^"]{0,60})', text)
     assert sources
@@ -81,13 +74,13 @@ def test_the_title_of_the_site_is_escaped(text):
 
 
 def test_the_headline_maps_are_there_with_their_thresholds(text):
-    for title in ("Flow thickness above 0.5\u202fm", "Peak flow thickness, median of the members", "First arrival"):
+    for title in ("Probability of a flow thicker than 0.5\u202fm", "Peak flow thickness, median of the members", "First arrival"):
         assert f"<h3>{title}</h3>" in text
     for title in (
         "Deposit, mean of the members",
-        "Flow thickness above 0.1\u202fm",
-        "Flow speed above 5\u202fm s⁻¹",
-        "Dynamic pressure above 30\u202fkPa",
+        "Probability of a flow thicker than 0.1\u202fm",
+        "Probability of a flow faster than 5\u202fm s⁻¹",
+        "Probability of a dynamic pressure above 30\u202fkPa",
     ):
         assert f"<h3>{title}</h3>" in text
 
@@ -157,21 +150,54 @@ def test_lost_energy_is_warned_of_and_printed(site, copy):
     assert any("numerical dissipation" in w for w in tables.warnings(study, site.resolved()))
 
 
-def test_a_flow_of_few_cells_is_warned_of_and_a_deep_one_is_not(site, results):
-    study = read_study(results)
-    fine = {"simulation": {"cell_size": [5.0, 5.0, 0.5]}}
-    assert any("grid cells deep" in w for w in tables.warnings(study, site.resolved()))
-    assert not any("grid cells deep" in w for w in tables.warnings(study, fine))
+def test_cells_through_the_depth_are_those_of_the_record(site, copy):
+    def change(**resolution):
+        run = json.loads((copy / "run.json").read_text(encoding="utf-8"))
+        (copy / "run.json").write_text(json.dumps(run | {"resolution": {**run["resolution"], **resolution}}), encoding="utf-8")
+        return read_study(copy)
 
-
-def test_a_ledger_that_tells_its_resolution_is_quoted_with_the_least_resolved_member(site, copy):
-    assert tables.balance(read_study(copy))["resolution"] == ""
-    for member, cells in ((0, 3.0), (1, 1.5), (2, 2.0), (3, 5.0)):
-        change_attributes(copy, member, cells_through_depth=cells, numerical_viscosity=6.0 / cells, shear_decay_time=0.1 * cells)
-    study = read_study(copy)
+    study = change(cells_through_depth=1.5)
     assert "has 1.5 cells through its depth" in tables.balance(study)["resolution"]
     assert "a viscosity of 4\u202fm² s⁻¹, which stops shear through the depth in 0.15\u202fs" in tables.balance(study)["resolution"]
-    assert any("the scheme stops shear through the depth in 0.15\u202fs" in w for w in tables.warnings(study, site.resolved()))
+    (said,) = [w for w in tables.warnings(study, site.resolved()) if "through its depth" in w]
+    assert "has 1.5 grid cells through its depth" in said
+    assert "the scheme stops shear through the depth in 0.15\u202fs" in said
+    deep = change(cells_through_depth=5.0)
+    assert not any("through its depth" in w for w in tables.warnings(deep, site.resolved()))
+    assert "has 5 cells through its depth" in tables.balance(deep)["resolution"]
+
+
+def test_a_record_without_a_resolution_says_nothing_of_it(site, copy):
+    run = json.loads((copy / "run.json").read_text(encoding="utf-8"))
+    del run["resolution"]
+    (copy / "run.json").write_text(json.dumps(run), encoding="utf-8")
+    assert tables.balance(read_study(copy))["resolution"] == ""
+    assert not any("through its depth" in w for w in tables.warnings(read_study(copy), site.resolved()))
+
+
+def test_who_when_with_what_and_what_for_head_the_page(text, copy, site):
+    head = text[text.index("<header>") : text.index("</header>")]
+    for words, value in (
+        ("Made by", "A. Name, A survey"),
+        ("Date", "2026-05-04 10:20:30 UTC, runout 0.1.0"),
+        ("Purpose", "screening &lt;of&gt; a road"),
+    ):
+        assert f"<dt>{words}</dt><dd>{value}</dd>" in head
+    assert "Project" not in head, "nobody stated one"
+    assert "probabilities" in head
+
+
+def test_obstacles_and_zones_are_labelled_and_explained(text, results):
+    basemap = read_study(results).basemap
+    assert [mark.label for mark in basemap.obstacles] == ["+8 m"]
+    assert [mark.label for mark in basemap.zones] == ["friction × 1.5", "friction 8°"]  # noqa: RUF001
+    assert "hatched areas are obstacles" in text
+    assert "dashed lines are those of friction zones" in text
+
+
+def test_pressure_thresholds_are_printed_in_kilopascal():
+    lines = dict(tables.settings({"hazard": {"pressure_thresholds": [3e3, 3e4]}})[1][1])
+    assert lines == {"Pressure thresholds": "3, 30 kPa"}
 
 
 def test_a_folder_without_maps_names_the_command_that_makes_them(copy):

@@ -3,9 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from shapely.geometry import box
+from matplotlib.text import Text
+from shapely.geometry import Point, box
 
 from runout.report.maps import STYLES, Basemap, colour_scale, draw_location, draw_map, png, round_length
+from runout.report.marks import Mark
 
 N = 60
 
@@ -76,6 +78,37 @@ def test_probability_has_classes_of_a_tenth_and_speed_a_scale_from_zero():
     assert colour_scale(shown, STYLES["probability"])["norm"].boundaries == pytest.approx(np.arange(11) / 10)
     speed = colour_scale(shown, STYLES["speed"])["norm"]
     assert (speed.vmin, speed.vmax) == (0.0, pytest.approx(29.7, abs=0.1))
+
+
+def test_a_probability_on_a_bound_is_in_the_class_above_as_files_hold_it():
+    scale = colour_scale(np.ma.array([0.5]), STYLES["probability"])
+    colours = [scale["norm"](float(np.float32(k / 10))) for k in range(10)]
+    inside = [scale["norm"](k / 10 + 0.05) for k in range(10)]
+    assert colours == inside
+
+
+def test_obstacles_and_zones_are_drawn_with_their_labels_where_they_are_in_the_window(basemap):
+    dam, zone, away = box(5300, 8600, 5360, 8620), box(5400, 8650, 5500, 8750), box(9000, 9000, 9100, 9100)
+    marked = replace(basemap, obstacles=[Mark(dam, "+8 m")], zones=[Mark(zone, "friction 8°"), Mark(away, "elsewhere")])
+    figure = draw_map(marked, np.zeros((N, N)), STYLES["thickness"])
+    placed = {text.get_text(): text.xy for text in figure.axes[0].texts if text.get_text() in ("+8 m", "friction 8°", "elsewhere")}
+    assert set(placed) == {"+8 m", "friction 8°"}
+    assert dam.contains(Point(placed["+8 m"]))
+    assert zone.contains(Point(placed["friction 8°"]))
+    plain = draw_map(basemap, np.zeros((N, N)), STYLES["thickness"])
+    assert np.abs(rgb_at(figure, 5400.0, 8700.0) - rgb_at(plain, 5400.0, 8700.0)).max() > 0.1
+
+
+@pytest.mark.parametrize("width", [0.3, 1.0, 3.0])
+def test_every_letter_of_a_map_is_ten_pixels_high_on_a_phone(basemap, width):
+    marked = replace(basemap, obstacles=[Mark(box(5300, 8600, 5360, 8620), "+8 m")])
+    window = slice(0, N), slice(0, max(3, round(N * width)))
+    for figure in (draw_map(marked, np.ones((N, N)), STYLES["speed"], window, "Speed"), draw_location(marked, window)):
+        figure.canvas.draw()
+        shown = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+        assert len(shown) >= 8
+        pixels_per_inch = 350 / figure.get_figwidth()
+        assert min(text.get_fontsize() for text in shown) / 72 * pixels_per_inch >= 10.0
 
 
 def test_pressure_is_shown_in_kilopascal_over_at_most_three_decades():
