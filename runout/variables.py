@@ -104,17 +104,17 @@ def _exceedance(quantity: str) -> dict[str, Variable]:
     return {
         f"{quantity}_exceedance_probability": Variable(
             "1",
-            f"conditional probability that the maximum {quantity} exceeds the threshold",
+            f"conditional probability that the maximum {quantity} reaches or exceeds the threshold",
             valid_min=0.0,
             valid_max=1.0,
             comment=_FRACTION,
         ),
         f"{quantity}_exceedance_standard_error": Variable(
             "1",
-            f"standard error of the conditional probability that the maximum {quantity} exceeds the threshold",
+            f"standard error of the conditional probability that the maximum {quantity} reaches or exceeds the threshold",
             valid_min=0.0,
             valid_max=1.0,
-            comment="sampling error alone, sqrt(p (1 - p) / effective_sample_size); it is 0 where no or every member exceeds",
+            comment="sampling error alone, sqrt(p (1 - p) / effective_sample_size); it is 0 where no member or every member does",
         ),
     }
 
@@ -122,7 +122,7 @@ def _exceedance(quantity: str) -> dict[str, Variable]:
 _HAZARD_MAPS = {
     "inundation_probability": Variable(
         "1",
-        "conditional probability that the maximum flow thickness exceeds the lowest threshold",
+        "conditional probability that the maximum flow thickness reaches or exceeds the lowest threshold",
         valid_min=0.0,
         valid_max=1.0,
         comment=_FRACTION,
@@ -141,7 +141,7 @@ _HAZARD_MAPS = {
     "mean_deposit_thickness": _positive("m", "weighted mean over the members of the deposit's thickness"),
     "first_arrival_time": _positive("s", "earliest arrival of any member", comment="missing where no member arrives"),
     "members_reached": _count(
-        "number of valid members that inundate the cell", "maximum flow thickness above the lowest threshold"
+        "number of valid members that inundate the cell", "maximum flow thickness of at least the lowest threshold"
     ),
 }
 

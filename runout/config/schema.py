@@ -358,10 +358,10 @@ Percentiles = Annotated[list[Annotated[float, Field(gt=0, lt=100)]], Field(min_l
 class HazardSettings(Settings):
     """What the maps show."""
 
-    thickness_thresholds: Thresholds = quantity("probability that the flow becomes thicker", [0.1, 0.5, 1.0, 2.0], unit="m")
-    speed_thresholds: Thresholds = quantity("probability that it becomes faster", [1.0, 5.0], unit="m s-1")
+    thickness_thresholds: Thresholds = quantity("probability of at least this thickness", [0.1, 0.5, 1.0, 2.0], unit="m")
+    speed_thresholds: Thresholds = quantity("probability of at least this speed", [1.0, 5.0], unit="m s-1")
     pressure_thresholds: Pressures = quantity(
-        "probability that its pressure (density times speed squared) becomes higher", [3e3, 3e4], unit="Pa", hint="3 kPa is 3.0e3"
+        "probability of at least this pressure (density times speed squared)", [3e3, 3e4], unit="Pa", hint="3 kPa is 3.0e3"
     )
     percentiles: Percentiles = quantity("percentiles over the members", [5.0, 50.0, 95.0], unit="%")
 

@@ -46,7 +46,7 @@ def aggregate(
     """Hazard maps of the members' files, on their grid.
 
     Members are read in blocks of rows, so that memory is bounded by ``block_bytes`` and the maps themselves. Probability
-    is the summed weight of the members whose maximum lies above the threshold, with the standard error
+    is the summed weight of the members whose maximum reaches the threshold, with the standard error
     ``sqrt(p (1 - p) / N_eff)``, ``N_eff = 1 / sum(w^2)``; a percentile is the smallest value at which the summed
     weight reaches it. A cell that any member leaves undefined (NaN) is undefined.
 
@@ -120,14 +120,14 @@ def _aggregate_quantity(dataset: "xr.Dataset", members: Sequence[Path], w: np.nd
     values = stack[:, wet]
     if f"{name}_threshold" in dataset.coords:
         limits = dataset[f"{name}_threshold"].values.astype(stack.dtype)
-        p = np.stack([np.clip(w @ (values > limit), 0.0, 1.0) for limit in limits])
+        p = np.stack([np.clip(w @ (values >= limit), 0.0, 1.0) for limit in limits])
         error = np.sqrt(p * (1.0 - p) / effective_sample_size(w))
         _place(dataset, f"{name}_exceedance_probability", p, wet, unknown, block)
         _place(dataset, f"{name}_exceedance_standard_error", error, wet, unknown, block)
     _place(dataset, quantity.percentile, weighted_percentiles(values, w, dataset["percentile"].values), wet, unknown, block)
     _place(dataset, quantity.peak, values.max(axis=0), wet, unknown, block)
     if name == "thickness":
-        _place(dataset, "members_reached", (values > limits[0]).sum(axis=0), wet, np.zeros_like(unknown), block)
+        _place(dataset, "members_reached", (values >= limits[0]).sum(axis=0), wet, np.zeros_like(unknown), block)
 
 
 def _aggregate_deposit(dataset: "xr.Dataset", members: Sequence[Path], w: np.ndarray, block: slice) -> None:

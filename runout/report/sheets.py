@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 HEADLINE_THICKNESS = 0.5  # [m] the threshold nearest to it heads the report
 LARGEST_SHARE = 0.5  # of the raster; a window below it gets a map of where it lies
 EXCEEDANCES = {  # variable before _exceedance_probability: words before the threshold
-    "thickness": "Probability of a flow thicker than",
-    "speed": "Probability of a flow faster than",
-    "pressure": "Probability of a dynamic pressure above",
+    "thickness": "Probability of a flow thickness of",
+    "speed": "Probability of a flow speed of",
+    "pressure": "Probability of a dynamic pressure of",
 }
 
 
@@ -94,14 +94,14 @@ def further_sheets(study: Study, headline: list[Sheet]) -> list[Sheet]:
 
 
 def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
-    """Map of the probability that the maximum passes ``level`` (in the unit of the variable)."""
+    """Map of the probability that the maximum reaches ``level`` (in the unit of the variable)."""
     units, divisor = VARIABLES[f"{name}_threshold"].printed
     shown = quantity(level / divisor, units)
     at = {f"{name}_threshold": level}
     error = float(hazard[f"{name}_exceedance_standard_error"].sel(at).max())
     return Sheet(
-        f"{EXCEEDANCES[name]} {shown}",
-        f"Conditional probability: the weighted fraction of the members whose maximum passes {shown}, given that the release "
+        f"{EXCEEDANCES[name]} {shown} or more",
+        f"Conditional probability: the weighted fraction of the members whose maximum reaches {shown}, given that the release "
         f"happens. Its standard error from the number of members alone is up to {number(error, 2)}.",
         hazard[f"{name}_exceedance_probability"].sel(at).values,
         "probability",

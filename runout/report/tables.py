@@ -67,8 +67,8 @@ def key_figures(study: Study, settings: dict[str, Any]) -> list[tuple[str, str, 
         ("Released volume", released, f"times {span(list(factor))} in the members" if factor is not None else "in every member"),
         ("Runout", span(runouts, "m"), "plan distance beyond the release"),
         ("Angle of reach", span(angles, "°"), "from the top of the release"),
-        ("Area reached", reached, f"by any member, thickness over {threshold}"),
-        ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members pass {threshold}"),
+        ("Area reached", reached, f"by any member, {threshold} thick or more"),
+        ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}"),
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
 

@@ -74,13 +74,17 @@ def test_the_title_of_the_site_is_escaped(text):
 
 
 def test_the_headline_maps_are_there_with_their_thresholds(text):
-    for title in ("Probability of a flow thicker than 0.5\u202fm", "Peak flow thickness, median of the members", "First arrival"):
+    for title in (
+        "Probability of a flow thickness of 0.5\u202fm or more",
+        "Peak flow thickness, median of the members",
+        "First arrival",
+    ):
         assert f"<h3>{title}</h3>" in text
     for title in (
         "Deposit, mean of the members",
-        "Probability of a flow thicker than 0.1\u202fm",
-        "Probability of a flow faster than 5\u202fm s⁻¹",
-        "Probability of a dynamic pressure above 30\u202fkPa",
+        "Probability of a flow thickness of 0.1\u202fm or more",
+        "Probability of a flow speed of 5\u202fm s⁻¹ or more",
+        "Probability of a dynamic pressure of 30\u202fkPa or more",
     ):
         assert f"<h3>{title}</h3>" in text
 
