@@ -1,5 +1,6 @@
 """Rasters of single maps for a GIS, each with its style."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +27,7 @@ HEADLINE_MAPS = (
     "members_reached",
 )
 TERRAIN_MAPS = ("elevation", "ground_slope", "release_thickness")
+OWN_MAP = re.compile(rf"({'|'.join(VARIABLES)})(_over)?(_[-+.0-9e]+(kPa)?)?\.(tif|qml|tif\.aux\.xml)")  # names of map_layers
 PERCENTILES = (*(quantity.percentile for quantity in QUANTITIES.values()), "deposit_thickness_percentile")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from runout.errors import PartialEnsembleError, StorageError
 from runout.hazard.exceedance import QUANTITIES, aggregate
-from runout.hazard.maps import write_maps
+from runout.hazard.maps import OWN_MAP, write_maps
 from runout.hazard.members import Ensemble, write_members
 from runout.hazard.outline_style import outline_styles
 from runout.io import netcdf
@@ -182,13 +182,8 @@ def _write_origin(origin: Mapping[str, Any], products: Iterable[Path], results: 
 
 
 def _earlier_products(results: Path) -> set[Path]:
-    """Maps that an earlier run of other thresholds wrote here, as its ``run.json`` lists them."""
-    try:
-        products = json.loads((results / "run.json").read_text(encoding="utf-8"))["products"]
-        names = [Path(entry["name"] if isinstance(entry, dict) else entry) for entry in products]
-        return {results / "maps" / name.name for name in names if name.parent.name == "maps"}
-    except (OSError, ValueError, KeyError, TypeError):
-        return set()
+    """Maps that earlier runs wrote here, whether they ended or not, with what a GIS noted of them; no files of other names."""
+    return {path for path in (results / "maps").glob("*") if OWN_MAP.fullmatch(path.name)}
 
 
 def _states(report: EnsembleReport | Mapping[int, str] | None) -> Mapping[int, str] | None:

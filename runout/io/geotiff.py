@@ -80,7 +80,8 @@ def _encoded(layer: "xr.DataArray", crs: "CRS | None", tags: dict[str, Any]) -> 
     variable = VARIABLES[name]
     dtype, fill = variable.dtype, FILL_BY_DTYPE[variable.dtype]
     assert fill is not None  # every map has one
-    values = layer.values.astype(np.float64) / variable.printed[1]
+    divisor = variable.printed[1]
+    values = layer.values if divisor == 1.0 else layer.values / np.float32(divisor)
     cells = np.where(np.isnan(values), fill, values).astype(dtype)
     shape = {"height": cells.shape[0], "width": cells.shape[1], "count": 1, "dtype": dtype, "nodata": fill}
     shape |= {"overview_resampling": "AVERAGE" if name in _AVERAGED else "NEAREST"}

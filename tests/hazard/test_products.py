@@ -218,9 +218,13 @@ def test_maps_of_thresholds_that_are_no_longer_asked_for_vanish(tmp_path: Path) 
     write_products(site, results, make_table(), None)
     own = results / "maps" / "drawn by hand.tif"
     own.write_bytes(b"")
-    changed = SimpleNamespace(**vars(site.settings.hazard) | {"speed_thresholds": [2.5]})
+    (results / "maps" / "pressure_exceedance_probability_over_3kPa.tif.aux.xml").write_bytes(b"")
+    changed = SimpleNamespace(**vars(site.settings.hazard) | {"speed_thresholds": [2.5], "pressure_thresholds": [5e3]})
     settings = SimpleNamespace(**vars(site.settings) | {"hazard": changed})
     write_products(replace(site, settings=settings), results, make_table(), None)
+    assert [p.name for p in sorted((results / "maps").glob("pressure_exceedance_probability*"))] == [
+        f"pressure_exceedance_probability_over_5kPa.{kind}" for kind in ("qml", "tif")
+    ]
     assert [p.name for p in sorted((results / "maps").glob("speed_exceedance*.tif"))] == [
         "speed_exceedance_probability_over_2.5.tif",
         "speed_exceedance_standard_error_over_2.5.tif",
