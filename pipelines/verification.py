@@ -122,7 +122,8 @@ def run_plane(
     started = time.perf_counter()
     found = sliding_box.summary(plane)
     LOGGER.info("sliding box at %g deg, azimuth %g deg, %g h off a node: %s", slope, azimuth, offset, found)
-    setup = {**asdict(plane), "size": sliding_box.SIZE, "friction_angle_deg": sliding_box.FRICTION_ANGLE, **asdict(sliding_box.BOX)}
+    stated = asdict(plane)
+    setup = {"size": sliding_box.SIZE, "friction_angle_deg": sliding_box.FRICTION_ANGLE, **stated.pop("body"), **stated}
     return {"case": "sliding-box", **found, "setup": setup, "seconds": time.perf_counter() - started}
 
 
