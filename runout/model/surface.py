@@ -1,10 +1,17 @@
 """A smooth surface over the plan: C1 biquadratic B-spline whose coefficients sit on a lattice."""
 
 from dataclasses import dataclass
+from types import FunctionType
 
 import numpy as np
 
 from runout.physics import bspline, heightfield
+
+# formulas with extrema, for arrays
+_smoothness, _spline_coefficient = (
+    FunctionType(formula.__code__, {**formula.__globals__, "min": np.minimum, "max": np.maximum})
+    for formula in (heightfield.smoothness, heightfield.spline_coefficient)
+)
 
 
 @dataclass(frozen=True)
@@ -28,11 +35,19 @@ class Surface:
     origin: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def through(cls, elevation: np.ndarray, spacing: tuple[float, float], origin: tuple[float, float] = (0.0, 0.0)) -> "Surface":
-        """Surface through lattice elevations (nx, ny) [m]: exact for planes and parabolas away from the rim."""
-        z = np.pad(np.asarray(elevation, np.float64), 1, mode="reflect", reflect_type="odd")
-        c = heightfield.quasi_interpolant(z[:-2], z[1:-1], z[2:])
-        c = heightfield.quasi_interpolant(c[:, :-2], c[:, 1:-1], c[:, 2:])
+    def through(
+        cls,
+        elevation: np.ndarray,
+        spacing: tuple[float, float],
+        origin: tuple[float, float] = (0.0, 0.0),
+        averaged: tuple[int, int] = (1, 1),
+    ) -> "Surface":
+        """Surface through lattice elevations (nx, ny) [m]: exact for planes and parabolas away from the rim.
+
+        Each elevation is the mean of ``averaged`` point values along each axis.
+        """
+        c = _coefficients(np.asarray(elevation, np.float64), averaged[0])
+        c = _coefficients(c.T, averaged[1]).T
         return cls(np.ascontiguousarray(c), (float(spacing[0]), float(spacing[1])), (float(origin[0]), float(origin[1])))
 
     def elevation(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -57,3 +72,13 @@ class Surface:
         first = np.clip(np.floor(q - 0.5).astype(np.int64), 0, self.coefficients.shape[axis] - 3)
         f = q - first
         return first, bspline.weights(f), bspline.weight_slopes(f)
+
+
+def _coefficients(z: np.ndarray, averaged: int) -> np.ndarray:
+    """Spline coefficients along axis 0 of elevations, each the mean of ``averaged`` values; beyond the rim the ground goes on straight."""
+    after = 0.5 * np.diff(z, axis=0)
+    before = -np.concatenate([after[:1], after])
+    after = np.concatenate([after, after[-1:]])
+    bends = np.pad(heightfield.second_difference(z[:-2], z[1:-1], z[2:]), ((3, 3), (0, 0)), mode="edge")
+    smooth = _smoothness(*(bends[k : k + len(z)] for k in range(5)))
+    return _spline_coefficient(z, before, after, smooth, heightfield.weight_of_means(averaged))  # type: ignore[no-any-return]

@@ -1,7 +1,7 @@
 """Height field as a biquadratic B-spline: elevation, normal and distance at a point.
 
-The spline is C1, so that normals are continuous; it is exact for planes and, with coefficients from
-:func:`quasi_interpolant`, for parabolas (de Boor 2001, A Practical Guide to Splines, ch. XII).
+The spline is C1, so that normals are continuous. With coefficients from :func:`spline_coefficient` it is exact for planes and
+parabolas (de Boor 2001, A Practical Guide to Splines, ch. XII), and it has no lip at the edge of a cliff and no moat at its toe.
 """
 
 import math
@@ -11,9 +11,58 @@ from runout.physics.bspline import weight_slopes, weights
 from runout.physics.tensors import real, vec
 
 
-def quasi_interpolant(before: Any, here: Any, after: Any):
-    """Spline coefficient [m] at the middle of three equally spaced elevations [m]."""
-    return here - real(0.125) * (before - real(2.0) * here + after)
+def weight_of_means(count: Any):
+    """Weight [1] in :func:`spline_coefficient` of elevations that are means of ``count`` point values.
+
+    A coefficient of a parabola lies 1/8 of the second difference below the middle of its cell; the mean of ``count`` values lies
+    (1 - 1/count^2)/24 of it above the middle.
+    """
+    return real(1.0) / real(3.0) - real(1.0) / (real(12.0) * count * count)
+
+
+def second_difference(before: Any, here: Any, after: Any):
+    """Second difference of three values at equal distances."""
+    return before - real(2.0) * here + after
+
+
+def smoothness(farther_before: Any, before: Any, here: Any, after: Any, farther_after: Any):
+    """1 where five second differences are those of smooth ground, 0 at an edge, from the edge to the smooth ground continuous.
+
+    Smooth: the three in the middle have one sign and differ by a factor of 1.6 at most, and the outer two do not outweigh those
+    beside them with the other sign. All parabolas are smooth, and waves of at least nine spacings.
+    """
+    low = min(min(before, after), min(here, min(farther_before + before, after + farther_after)))
+    high = max(max(before, after), max(here, max(farther_before + before, after + farther_after)))
+    least = max(real(0.0), max(low, -high))
+    largest = max(abs(here), max(abs(before), abs(after)))
+    return min(real(1.0), max(real(0.0), real(8.0) * least / (largest + real(1.0e-30)) - real(4.0)))
+
+
+def spline_coefficient(here: Any, before: Any, after: Any, smooth: Any, weight: Any):
+    """Spline coefficient [m] at an elevation ``here`` [m]; the surface gets no extremum that the elevations do not have.
+
+    On smooth ground c = z - weight (``before`` + ``after``), exact for parabolas. Elsewhere the coefficient is bounded: it rises by
+    at most 0.8 of the higher difference and falls by at most 0.8 of the lower one. So none rises above a level edge, and the
+    surface half-way to the neighbour stays between both. At a crest or a bottom the surface passes through the elevation if the
+    bounds admit it, which takes a weight of 1/3.
+
+    Parameters
+    ----------
+    here : float
+        Elevation [m] at the place of the coefficient.
+    before, after : float
+        Half of what the elevation one spacing before and after exceeds it by [m]; with the weight 1/2 all of what that half a
+        spacing before and after does.
+    smooth : float
+        :func:`smoothness` [1].
+    weight : float
+        1/4 for point values at the spacing, see :func:`weight_of_means`; 1/2 for point values at half of it.
+    """
+    change = -weight * (before + after)
+    both = max(real(0.0), min(before, after)) + min(real(0.0), max(before, after))  # the smaller one, 0 for two signs
+    bounded = change - real(2.0) * max(real(0.0), real(1.0) / real(3.0) - weight) * both
+    bounded = max(min(bounded, real(0.8) * abs(max(before, after))), real(-0.8) * abs(min(before, after)))
+    return here + smooth * change + (real(1.0) - smooth) * bounded
 
 
 def interpolate(w: Any, a: Any, b: Any, c: Any):
@@ -34,6 +83,19 @@ def distance(height_above: Any, n_z: Any):
 def height_at(separation: Any, n_z: Any):
     """Height above the surface [m] of a point at a first-order distance [m] from it: what :func:`distance` undoes."""
     return separation / n_z
+
+
+def value_and_bends(c: Any, fx: Any, fy: Any):
+    """Value and its second differences along both coordinates, over one spacing, from nine coefficients by rows of x."""
+    wx = weights(fx)
+    wy = weights(fy)
+    r0 = interpolate(wy, c[0], c[1], c[2])
+    r1 = interpolate(wy, c[3], c[4], c[5])
+    r2 = interpolate(wy, c[6], c[7], c[8])
+    b0 = second_difference(c[0], c[1], c[2])
+    b1 = second_difference(c[3], c[4], c[5])
+    b2 = second_difference(c[6], c[7], c[8])
+    return vec(interpolate(wx, r0, r1, r2), second_difference(r0, r1, r2), interpolate(wx, b0, b1, b2))
 
 
 def surface_at(c: Any, fx: Any, fy: Any):

@@ -19,8 +19,8 @@ def sliding_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, sp
     """Surface on which the mass slides: elevation minus what is excavated.
 
     Cells finer than ``spacing`` are averaged in whole blocks to just below it: the grid cannot resolve what is smaller, and
-    noisy normals disturb contact. The means are turned into values at the blocks' middles, so that planes and parabolas
-    stay exact and averaging costs no accuracy. Cells without an elevation take that of the nearest known one; whoever runs
+    noisy normals disturb contact. Planes and parabolas stay exact (:func:`runout.physics.heightfield.weight_of_means`), and no
+    cliff or dam gets a lip or a moat that the raster does not have. Cells without an elevation take that of the nearest known one; whoever runs
     physics there has to refuse them first, see :func:`runout.terrain.prepare.reachable`.
 
     Parameters
@@ -40,13 +40,10 @@ def sliding_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, sp
         raise DemError(f"{terrain.source}: spacing of the sliding surface is {spacing} m; both numbers must be positive")
     z = filled(terrain.elevation, terrain.cell_size) - _excavated(terrain, thickness_excavated)
     lattice = z[::-1].T  # (nx, ny), index 0 west and south
-    sizes = []
-    for axis in (0, 1):
-        cell = terrain.cell_size[axis]
-        count = min(max(1, int(spacing[axis] / cell * (1.0 + 1e-9))), lattice.shape[axis] // 3)
-        lattice = np.moveaxis(_block_middles(np.moveaxis(lattice, axis, 0), count), 0, axis)
-        sizes.append(count * cell)
-    return Surface.through(lattice, (sizes[0], sizes[1]), (sizes[0] / 2, sizes[1] / 2))
+    count = [min(max(1, int(h / cell * (1.0 + 1e-9))), n // 3) for h, cell, n in zip(spacing, terrain.cell_size, lattice.shape, strict=True)]
+    sizes = count[0] * terrain.cell_size[0], count[1] * terrain.cell_size[1]
+    means = _block_means(_block_means(lattice, count[0]).T, count[1]).T
+    return Surface.through(means, sizes, (sizes[0] / 2, sizes[1] / 2), (count[0], count[1]))
 
 
 def distance(surface: Surface, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -88,19 +85,10 @@ def _excavated(terrain: Terrain, thickness: np.ndarray | None) -> np.ndarray:
     return t
 
 
-def _block_middles(values: np.ndarray, count: int) -> np.ndarray:
-    """Values at the middles of blocks of ``count`` cells along axis 0; the last block may reach beyond the raster.
-
-    The mean of point values of a parabola over a block exceeds its middle by (1 - 1/count^2)/24 of its second difference
-    from block to block.
-    """
-    if count == 1:
-        return values
-    missing = -len(values) % count
-    values = np.pad(values, ((0, missing), (0, 0)), mode="reflect", reflect_type="odd")
-    means = values.reshape(-1, count, values.shape[1]).mean(axis=1)
-    around = np.pad(means, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
-    return means - (1.0 - 1.0 / count**2) / 24.0 * (around[:-2] - 2.0 * means + around[2:])
+def _block_means(values: np.ndarray, count: int) -> np.ndarray:
+    """Means of blocks of ``count`` cells along axis 0; the last block may reach beyond the raster."""
+    values = np.pad(values, ((0, -len(values) % count), (0, 0)), mode="reflect", reflect_type="odd")
+    return values.reshape(-1, count, values.shape[1]).mean(axis=1)  # type: ignore[no-any-return]
 
 
 def _tangent_plane(surface: Surface, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:

@@ -30,30 +30,38 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.nodes import NodeArrays
 from runout.model.surface import Surface
 from runout.physics.bspline import first_node as first_node64
-from runout.physics.bspline import weights as weights64
 from runout.physics.heightfield import distance, upward_normal
-from runout.physics.heightfield import interpolate as interpolate64
-from runout.physics.heightfield import quasi_interpolant as quasi_interpolant64
+from runout.physics.heightfield import smoothness as smoothness64
+from runout.physics.heightfield import spline_coefficient as spline_coefficient64
+from runout.physics.heightfield import value_and_bends as value_and_bends64
 from runout.physics.tensors import real
+from runout.physics.tensors import tens as tens64
 
 
-def _surface_value(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64):
-    """Elevation [m] at lattice position (qx, qy) of the surface whose nx x ny coefficients start at ``first``."""
-    wx = weights64(qx - wp.float64(wp.clamp(first_node64(qx), 0, nx - 3)))
-    wy = weights64(qy - wp.float64(wp.clamp(first_node64(qy), 0, ny - 3)))
-    o = first + wp.clamp(first_node64(qx), 0, nx - 3) * ny + wp.clamp(first_node64(qy), 0, ny - 3)
-    r0 = interpolate64(wy, coefficients[o], coefficients[o + 1], coefficients[o + 2])
-    o += ny
-    r1 = interpolate64(wy, coefficients[o], coefficients[o + 1], coefficients[o + 2])
-    o += ny
-    r2 = interpolate64(wy, coefficients[o], coefficients[o + 1], coefficients[o + 2])
-    return interpolate64(wx, r0, r1, r2)
+def _sample(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64):
+    """Elevation [m] at lattice position (qx, qy) of the surface whose nx x ny coefficients start at ``first``.
+
+    Behind it stand its second differences [m] over the lattice's spacing.
+    """
+    i = wp.clamp(first_node64(qx), 0, nx - 3)
+    j = wp.clamp(first_node64(qy), 0, ny - 3)
+    a = first + i * ny + j
+    b = a + ny
+    c = b + ny
+    nine = tens64(
+        coefficients[a], coefficients[a + 1], coefficients[a + 2], coefficients[b], coefficients[b + 1], coefficients[b + 2],
+        coefficients[c], coefficients[c + 1], coefficients[c + 2],
+    )  # fmt: skip
+    return value_and_bends64(nine, qx - wp.float64(i), qy - wp.float64(j))
 
 
-def _north_south(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64, ay: wp.float64):
-    south = _surface_value(coefficients, first, nx, ny, qx, qy - ay)
-    here = _surface_value(coefficients, first, nx, ny, qx, qy)
-    return quasi_interpolant64(south, here, _surface_value(coefficients, first, nx, ny, qx, qy + ay))
+def _along_north(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64, ay: wp.float64):
+    """Coefficient along the north axis from samples ``ay`` apart, and the second difference along the east axis."""
+    here = _sample(coefficients, first, nx, ny, qx, qy)
+    south = _sample(coefficients, first, nx, ny, qx, qy - ay)
+    north = _sample(coefficients, first, nx, ny, qx, qy + ay)
+    smooth = smoothness64(south[2], south[2], here[2], north[2], north[2])
+    return spline_coefficient64(here[0], south[0] - here[0], north[0] - here[0], smooth, wp.float64(0.5)), here[1]
 
 
 def cut_tiles(
@@ -73,11 +81,13 @@ def cut_tiles(
     ny = shapes[s, 2]
     qx = (wp.float64(4 * coordinates[b, 0] + t // 6) * h[0] - lattices[s, 0]) / lattices[s, 2]
     qy = (wp.float64(4 * coordinates[b, 1] - shift[s] + t % 6) * h[1] - lattices[s, 1]) / lattices[s, 3]
-    ax = h[0] / lattices[s, 2]
-    ay = h[1] / lattices[s, 3]
-    west = _north_south(coefficients, first, nx, ny, qx - ax, qy, ay)
-    here = _north_south(coefficients, first, nx, ny, qx, qy, ay)
-    e = quasi_interpolant64(west, here, _north_south(coefficients, first, nx, ny, qx + ax, qy, ay))
+    ax = wp.float64(0.5) * h[0] / lattices[s, 2]
+    ay = wp.float64(0.5) * h[1] / lattices[s, 3]
+    here, bend = _along_north(coefficients, first, nx, ny, qx, qy, ay)
+    west, bend_west = _along_north(coefficients, first, nx, ny, qx - ax, qy, ay)
+    east, bend_east = _along_north(coefficients, first, nx, ny, qx + ax, qy, ay)
+    smooth = smoothness64(bend_west, bend_west, bend, bend_east, bend_east)
+    e = spline_coefficient64(here, west - here, east - here, smooth, wp.float64(0.5))
     tiles[b, t] = real(e / h[2] - wp.float64(4 * coordinates[b, 2]))
 
 

@@ -5,40 +5,51 @@ from numba import prange
 
 from runout.backends.lanes import local_array
 from runout.physics.bspline import first_node, weights
-from runout.physics.heightfield import distance, interpolate, normal_z, quasi_interpolant, surface_at, upward_normal
+from runout.physics.heightfield import (
+    distance,
+    interpolate,
+    normal_z,
+    smoothness,
+    spline_coefficient,
+    surface_at,
+    upward_normal,
+    value_and_bends,
+)
 from runout.physics.tensors import real
 
 BELOW, ABOVE = 12, 14  # places of the blocks below and above among the neighbours
 local_elevations = local_array((36,))
 
 
-def _surface_value(coefficients, qx, qy):
-    """Elevation [m] at lattice position (qx, qy)."""
+def _sample(coefficients, qx, qy):
+    """Elevation [m] at lattice position (qx, qy) and its second differences [m] over the lattice's spacing."""
     i = min(max(first_node(qx), 0), coefficients.shape[0] - 3)
     j = min(max(first_node(qy), 0), coefficients.shape[1] - 3)
-    wx = weights(qx - i)
-    wy = weights(qy - j)
-    r0 = interpolate(wy, coefficients[i, j], coefficients[i, j + 1], coefficients[i, j + 2])
-    r1 = interpolate(wy, coefficients[i + 1, j], coefficients[i + 1, j + 1], coefficients[i + 1, j + 2])
-    r2 = interpolate(wy, coefficients[i + 2, j], coefficients[i + 2, j + 1], coefficients[i + 2, j + 2])
-    return interpolate(wx, r0, r1, r2)
+    a, b, c = coefficients[i], coefficients[i + 1], coefficients[i + 2]
+    nine = (a[j], a[j + 1], a[j + 2], b[j], b[j + 1], b[j + 2], c[j], c[j + 1], c[j + 2])
+    return value_and_bends(nine, qx - i, qy - j)
 
 
-def _north_south(coefficients, qx, qy, ay):
-    south = _surface_value(coefficients, qx, qy - ay)
-    return quasi_interpolant(south, _surface_value(coefficients, qx, qy), _surface_value(coefficients, qx, qy + ay))
+def _along_north(coefficients, qx, qy, ay):
+    """Coefficient along the north axis from samples ``ay`` apart, and the second difference along the east axis."""
+    here = _sample(coefficients, qx, qy)
+    south = _sample(coefficients, qx, qy - ay)
+    north = _sample(coefficients, qx, qy + ay)
+    smooth = smoothness(south[2], south[2], here[2], north[2], north[2])
+    return spline_coefficient(here[0], south[0] - here[0], north[0] - here[0], smooth, real(0.5)), here[1]
 
 
 def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
-    """Coefficient at a node whose spline passes the surface at the nodes: the quasi-interpolant in both axes."""
+    """Coefficient at a node of the spline on the nodes that follows the surface, from samples half a cell apart."""
     qx = (x - ox) / sx
     qy = (y - oy) / sy
-    ax = dx / sx
-    ay = dy / sy
-    west = _north_south(coefficients, qx - ax, qy, ay)
-    here = _north_south(coefficients, qx, qy, ay)
-    east = _north_south(coefficients, qx + ax, qy, ay)
-    return quasi_interpolant(west, here, east)
+    ax = real(0.5) * dx / sx
+    ay = real(0.5) * dy / sy
+    here = _along_north(coefficients, qx, qy, ay)
+    west = _along_north(coefficients, qx - ax, qy, ay)
+    east = _along_north(coefficients, qx + ax, qy, ay)
+    smooth = smoothness(west[1], west[1], here[1], east[1], east[1])
+    return spline_coefficient(here[0], west[0] - here[0], east[0] - here[0], smooth, real(0.5))
 
 
 def _bound_column(tile, o, plane, a):
