@@ -2,15 +2,23 @@
 
 from dataclasses import dataclass
 from types import FunctionType
+from typing import Any
 
 import numpy as np
 
 from runout.physics import bspline, heightfield
 
-# formulas with extrema, for arrays
-_smoothness, _spline_coefficient = (
-    FunctionType(formula.__code__, {**formula.__globals__, "min": np.minimum, "max": np.maximum})
-    for formula in (heightfield.smoothness, heightfield.spline_coefficient)
+_EXTREMA = {"min": np.minimum, "max": np.maximum}
+
+
+def _for_arrays(formula: Any, **formulas: Any) -> FunctionType:
+    """A formula with extrema, for arrays; ``formulas`` are what it calls, for arrays."""
+    return FunctionType(formula.__code__, {**formula.__globals__, **_EXTREMA, **formulas})
+
+
+_smoothness, _spline_coefficient = _for_arrays(heightfield.smoothness), _for_arrays(heightfield.spline_coefficient)
+_resampled_coefficient = _for_arrays(
+    heightfield.resampled_coefficient, smoothness=_smoothness, spline_coefficient=_spline_coefficient
 )
 
 
@@ -50,6 +58,18 @@ class Surface:
         c = _coefficients(c.T, averaged[1]).T
         return cls(np.ascontiguousarray(c), (float(spacing[0]), float(spacing[1])), (float(origin[0]), float(origin[1])))
 
+    def resampled(self, spacing: tuple[float, float], origin: tuple[float, float], shape: tuple[int, int]) -> "Surface":
+        """The surface as contact sees it: the spline on a lattice of the grid's nodes that follows it.
+
+        Exact for planes and parabolas, and for a surface on that lattice.
+        """
+        x, y = (o + h * (0.5 * np.arange(2 * n + 1) - 0.5) for o, h, n in zip(origin, spacing, shape, strict=True))
+        value, east, north = self.evaluate(x[:, None], y[None, :])
+        south, here, beyond = slice(None, -2, 2), slice(1, None, 2), slice(2, None, 2)
+        c = _resampled_coefficient(*(f[:, k] for k in (south, here, beyond) for f in (value, north)))
+        c = _resampled_coefficient(*(f[k] for k in (south, here, beyond) for f in (c, east[:, here])))
+        return Surface(c, spacing, origin)
+
     def elevation(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Elevation [m] at local positions [m]."""
         return self.evaluate(x, y)[0]
@@ -75,7 +95,7 @@ class Surface:
 
 
 def _coefficients(z: np.ndarray, averaged: int) -> np.ndarray:
-    """Spline coefficients along axis 0 of elevations, each the mean of ``averaged`` values; beyond the rim the ground goes on straight."""
+    """Spline coefficients along axis 0 of elevations, each the mean of ``averaged`` values; the ground goes on beyond the rim."""
     after = 0.5 * np.diff(z, axis=0)
     before = -np.concatenate([after[:1], after])
     after = np.concatenate([after, after[-1:]])

@@ -65,6 +65,17 @@ def spline_coefficient(here: Any, before: Any, after: Any, smooth: Any, weight: 
     return here + smooth * change + (real(1.0) - smooth) * bounded
 
 
+def resampled_coefficient(before: Any, slope_before: Any, here: Any, slope: Any, after: Any, slope_after: Any):
+    """Coefficient [m] of a spline that follows a surface, from elevations [m] and slopes half a spacing before, here and after.
+
+    Exact for a surface that is such a spline itself; bounded as :func:`spline_coefficient` is.
+    """
+    bend_before = slope - slope_before
+    bend_after = slope_after - slope
+    smooth = smoothness(bend_before, bend_before, real(0.5) * (bend_before + bend_after), bend_after, bend_after)
+    return spline_coefficient(here, before - here, after - here, smooth, real(0.5))
+
+
 def interpolate(w: Any, a: Any, b: Any, c: Any):
     """Weighted sum of three values along one axis."""
     return w[0] * a + w[1] * b + w[2] * c
@@ -83,19 +94,6 @@ def distance(height_above: Any, n_z: Any):
 def height_at(separation: Any, n_z: Any):
     """Height above the surface [m] of a point at a first-order distance [m] from it: what :func:`distance` undoes."""
     return separation / n_z
-
-
-def value_and_bends(c: Any, fx: Any, fy: Any):
-    """Value and its second differences along both coordinates, over one spacing, from nine coefficients by rows of x."""
-    wx = weights(fx)
-    wy = weights(fy)
-    r0 = interpolate(wy, c[0], c[1], c[2])
-    r1 = interpolate(wy, c[3], c[4], c[5])
-    r2 = interpolate(wy, c[6], c[7], c[8])
-    b0 = second_difference(c[0], c[1], c[2])
-    b1 = second_difference(c[3], c[4], c[5])
-    b2 = second_difference(c[6], c[7], c[8])
-    return vec(interpolate(wx, r0, r1, r2), second_difference(r0, r1, r2), interpolate(wx, b0, b1, b2))
 
 
 def surface_at(c: Any, fx: Any, fy: Any):

@@ -19,9 +19,9 @@ def sliding_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, sp
     """Surface on which the mass slides: elevation minus what is excavated.
 
     Cells finer than ``spacing`` are averaged in whole blocks to just below it: the grid cannot resolve what is smaller, and
-    noisy normals disturb contact. Planes and parabolas stay exact (:func:`runout.physics.heightfield.weight_of_means`), and no
-    cliff or dam gets a lip or a moat that the raster does not have. Cells without an elevation take that of the nearest known one; whoever runs
-    physics there has to refuse them first, see :func:`runout.terrain.prepare.reachable`.
+    noisy normals disturb contact. Planes and parabolas stay exact (:func:`runout.physics.heightfield.weight_of_means`); cliffs
+    and dams get no lip and no moat that the raster does not have. Cells without an elevation take that of the nearest known one;
+    whoever runs physics there has to refuse them first, see :func:`runout.terrain.prepare.reachable`.
 
     Parameters
     ----------
@@ -40,7 +40,8 @@ def sliding_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, sp
         raise DemError(f"{terrain.source}: spacing of the sliding surface is {spacing} m; both numbers must be positive")
     z = filled(terrain.elevation, terrain.cell_size) - _excavated(terrain, thickness_excavated)
     lattice = z[::-1].T  # (nx, ny), index 0 west and south
-    count = [min(max(1, int(h / cell * (1.0 + 1e-9))), n // 3) for h, cell, n in zip(spacing, terrain.cell_size, lattice.shape, strict=True)]
+    axes = zip(spacing, terrain.cell_size, lattice.shape, strict=True)
+    count = [min(max(1, int(h / cell * (1.0 + 1e-9))), n // 3) for h, cell, n in axes]
     sizes = count[0] * terrain.cell_size[0], count[1] * terrain.cell_size[1]
     means = _block_means(_block_means(lattice, count[0]).T, count[1]).T
     return Surface.through(means, sizes, (sizes[0] / 2, sizes[1] / 2), (count[0], count[1]))

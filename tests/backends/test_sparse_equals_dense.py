@@ -38,11 +38,9 @@ def rough(seed=9):
 
 
 def on_nodes(surface, spacing):
-    """The surface as the sparse backend sees it: through its own elevations at the nodes of the grid."""
+    """The surface as the sparse backend sees it: resampled to the nodes of the grid."""
     first, count = -12, 120
-    x, y = (h * (first + np.arange(count)) for h in spacing[:2])
-    grid = np.meshgrid(x, y, indexing="ij")
-    return Surface.through(surface.elevation(*grid), spacing[:2], (x[0], y[0]))
+    return surface.resampled(tuple(spacing[:2]), (first * spacing[0], first * spacing[1]), (count, count))
 
 
 def run(backend, a_scene, particles, steps, dt):

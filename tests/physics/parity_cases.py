@@ -195,7 +195,7 @@ CASES = [
     Case(heightfield.second_difference, "sss", "s", (number, number, number)),
     Case(heightfield.smoothness, "sssss", "s", (number, number, number, number, number)),
     Case(heightfield.spline_coefficient, "sssss", "s", (number, number, number, angle, between(0.25, 0.5))),
-    Case(heightfield.value_and_bends, "tss", "v", (between(-3.0, 3.0, 9), between(0.5, 1.5), between(0.5, 1.5))),
+    Case(heightfield.resampled_coefficient, "ssssss", "s", (number, number, number, number, number, number)),
     Case(heightfield.interpolate, "vsss", "s", (vector, number, number, number)),
     Case(heightfield.normal_z, "ss", "s", (number, number)),
     Case(heightfield.surface_at, "tss", "v", (between(-3.0, 3.0, 9), between(0.5, 1.5), between(0.5, 1.5))),

@@ -31,18 +31,14 @@ from runout.backends.hash.nodes import NodeArrays
 from runout.model.surface import Surface
 from runout.physics.bspline import first_node as first_node64
 from runout.physics.heightfield import distance, upward_normal
-from runout.physics.heightfield import smoothness as smoothness64
-from runout.physics.heightfield import spline_coefficient as spline_coefficient64
-from runout.physics.heightfield import value_and_bends as value_and_bends64
+from runout.physics.heightfield import resampled_coefficient as resampled_coefficient64
+from runout.physics.heightfield import surface_at as surface_at64
 from runout.physics.tensors import real
 from runout.physics.tensors import tens as tens64
 
 
 def _sample(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64):
-    """Elevation [m] at lattice position (qx, qy) of the surface whose nx x ny coefficients start at ``first``.
-
-    Behind it stand its second differences [m] over the lattice's spacing.
-    """
+    """Elevation [m] at lattice position (qx, qy) and its slopes by qx and qy [m]; nx x ny coefficients start at ``first``."""
     i = wp.clamp(first_node64(qx), 0, nx - 3)
     j = wp.clamp(first_node64(qy), 0, ny - 3)
     a = first + i * ny + j
@@ -52,16 +48,15 @@ def _sample(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64,
         coefficients[a], coefficients[a + 1], coefficients[a + 2], coefficients[b], coefficients[b + 1], coefficients[b + 2],
         coefficients[c], coefficients[c + 1], coefficients[c + 2],
     )  # fmt: skip
-    return value_and_bends64(nine, qx - wp.float64(i), qy - wp.float64(j))
+    return surface_at64(nine, qx - wp.float64(i), qy - wp.float64(j))
 
 
 def _along_north(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64, ay: wp.float64):
-    """Coefficient along the north axis from samples ``ay`` apart, and the second difference along the east axis."""
-    here = _sample(coefficients, first, nx, ny, qx, qy)
+    """Coefficient along the north axis from samples ``ay`` apart, and the slope along the east axis."""
     south = _sample(coefficients, first, nx, ny, qx, qy - ay)
+    here = _sample(coefficients, first, nx, ny, qx, qy)
     north = _sample(coefficients, first, nx, ny, qx, qy + ay)
-    smooth = smoothness64(south[2], south[2], here[2], north[2], north[2])
-    return spline_coefficient64(here[0], south[0] - here[0], north[0] - here[0], smooth, wp.float64(0.5)), here[1]
+    return resampled_coefficient64(south[0], south[2], here[0], here[2], north[0], north[2]), here[1]
 
 
 def cut_tiles(
@@ -83,11 +78,10 @@ def cut_tiles(
     qy = (wp.float64(4 * coordinates[b, 1] - shift[s] + t % 6) * h[1] - lattices[s, 1]) / lattices[s, 3]
     ax = wp.float64(0.5) * h[0] / lattices[s, 2]
     ay = wp.float64(0.5) * h[1] / lattices[s, 3]
-    here, bend = _along_north(coefficients, first, nx, ny, qx, qy, ay)
-    west, bend_west = _along_north(coefficients, first, nx, ny, qx - ax, qy, ay)
-    east, bend_east = _along_north(coefficients, first, nx, ny, qx + ax, qy, ay)
-    smooth = smoothness64(bend_west, bend_west, bend, bend_east, bend_east)
-    e = spline_coefficient64(here, west - here, east - here, smooth, wp.float64(0.5))
+    west, slope_west = _along_north(coefficients, first, nx, ny, qx - ax, qy, ay)
+    here, slope = _along_north(coefficients, first, nx, ny, qx, qy, ay)
+    east, slope_east = _along_north(coefficients, first, nx, ny, qx + ax, qy, ay)
+    e = resampled_coefficient64(west, slope_west, here, slope, east, slope_east)
     tiles[b, t] = real(e / h[2] - wp.float64(4 * coordinates[b, 2]))
 
 

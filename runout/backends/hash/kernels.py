@@ -69,8 +69,8 @@ def _bound(law: str, precision: str, sources: tuple[Any, ...], module_of: Any, *
         physics, sources, module_of, **_argument_types(real, record), **flags,
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
         **natives.of(precision),
-        first_node64=wide.bspline.first_node, tens64=wide.names["tens"], value_and_bends64=wide.heightfield.value_and_bends,
-        smoothness64=wide.heightfield.smoothness, spline_coefficient64=wide.heightfield.spline_coefficient,
+        first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
+        resampled_coefficient64=wide.heightfield.resampled_coefficient,
         gradient_column64=wide.moments.gradient_column,
         kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
     )  # fmt: skip

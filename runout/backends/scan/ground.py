@@ -5,16 +5,7 @@ from numba import prange
 
 from runout.backends.lanes import local_array
 from runout.physics.bspline import first_node, weights
-from runout.physics.heightfield import (
-    distance,
-    interpolate,
-    normal_z,
-    smoothness,
-    spline_coefficient,
-    surface_at,
-    upward_normal,
-    value_and_bends,
-)
+from runout.physics.heightfield import distance, interpolate, normal_z, resampled_coefficient, surface_at, upward_normal
 from runout.physics.tensors import real
 
 BELOW, ABOVE = 12, 14  # places of the blocks below and above among the neighbours
@@ -22,21 +13,20 @@ local_elevations = local_array((36,))
 
 
 def _sample(coefficients, qx, qy):
-    """Elevation [m] at lattice position (qx, qy) and its second differences [m] over the lattice's spacing."""
+    """Elevation [m] at lattice position (qx, qy) and its slopes by qx and qy [m]."""
     i = min(max(first_node(qx), 0), coefficients.shape[0] - 3)
     j = min(max(first_node(qy), 0), coefficients.shape[1] - 3)
     a, b, c = coefficients[i], coefficients[i + 1], coefficients[i + 2]
     nine = (a[j], a[j + 1], a[j + 2], b[j], b[j + 1], b[j + 2], c[j], c[j + 1], c[j + 2])
-    return value_and_bends(nine, qx - i, qy - j)
+    return surface_at(nine, qx - i, qy - j)
 
 
 def _along_north(coefficients, qx, qy, ay):
-    """Coefficient along the north axis from samples ``ay`` apart, and the second difference along the east axis."""
-    here = _sample(coefficients, qx, qy)
+    """Coefficient along the north axis from samples ``ay`` apart, and the slope along the east axis."""
     south = _sample(coefficients, qx, qy - ay)
+    here = _sample(coefficients, qx, qy)
     north = _sample(coefficients, qx, qy + ay)
-    smooth = smoothness(south[2], south[2], here[2], north[2], north[2])
-    return spline_coefficient(here[0], south[0] - here[0], north[0] - here[0], smooth, real(0.5)), here[1]
+    return resampled_coefficient(south[0], south[2], here[0], here[2], north[0], north[2]), here[1]
 
 
 def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
@@ -45,11 +35,10 @@ def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
     qy = (y - oy) / sy
     ax = real(0.5) * dx / sx
     ay = real(0.5) * dy / sy
-    here = _along_north(coefficients, qx, qy, ay)
     west = _along_north(coefficients, qx - ax, qy, ay)
+    here = _along_north(coefficients, qx, qy, ay)
     east = _along_north(coefficients, qx + ax, qy, ay)
-    smooth = smoothness(west[1], west[1], here[1], east[1], east[1])
-    return spline_coefficient(here[0], west[0] - here[0], east[0] - here[0], smooth, real(0.5))
+    return resampled_coefficient(west[0], west[1], here[0], here[1], east[0], east[1])
 
 
 def _bound_column(tile, o, plane, a):
