@@ -17,9 +17,8 @@ def _for_arrays(formula: Any, **formulas: Any) -> FunctionType:
 
 
 _smoothness, _spline_coefficient = _for_arrays(heightfield.smoothness), _for_arrays(heightfield.spline_coefficient)
-_resampled_coefficient = _for_arrays(
-    heightfield.resampled_coefficient, smoothness=_smoothness, spline_coefficient=_spline_coefficient
-)
+_bend_smoothness = _for_arrays(heightfield.bend_smoothness, smoothness=_smoothness)
+_resampled_coefficient = _for_arrays(heightfield.resampled_coefficient, spline_coefficient=_spline_coefficient)
 
 
 @dataclass(frozen=True)
@@ -63,11 +62,10 @@ class Surface:
 
         Exact for planes and parabolas, and for a surface on that lattice.
         """
-        x, y = (o + h * (0.5 * np.arange(2 * n + 1) - 0.5) for o, h, n in zip(origin, spacing, shape, strict=True))
+        x, y = (o + h * (0.5 * np.arange(2 * n + 3) - 1.0) for o, h, n in zip(origin, spacing, shape, strict=True))
         value, east, north = self.evaluate(x[:, None], y[None, :])
-        south, here, beyond = slice(None, -2, 2), slice(1, None, 2), slice(2, None, 2)
-        c = _resampled_coefficient(*(f[:, k] for k in (south, here, beyond) for f in (value, north)))
-        c = _resampled_coefficient(*(f[k] for k in (south, here, beyond) for f in (c, east[:, here])))
+        c = _resampled(value.T, north.T).T
+        c = _resampled(c, east[:, 2:-2:2])
         return Surface(c, spacing, origin)
 
     def elevation(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -102,3 +100,10 @@ def _coefficients(z: np.ndarray, averaged: int) -> np.ndarray:
     bends = np.pad(heightfield.second_difference(z[:-2], z[1:-1], z[2:]), ((3, 3), (0, 0)), mode="edge")
     smooth = _smoothness(*(bends[k : k + len(z)] for k in range(5)))
     return _spline_coefficient(z, before, after, smooth, heightfield.weight_of_means(averaged))  # type: ignore[no-any-return]
+
+
+def _resampled(value: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Coefficients (n, m) along axis 0 from elevations [m] and slopes (2 n + 3, m) half a spacing apart."""
+    last = len(value) - 4
+    smooth = _bend_smoothness(*(slope[k : last + k : 2] for k in range(5)))
+    return _resampled_coefficient(*(value[k : last + k : 2] for k in (1, 2, 3)), smooth)  # type: ignore[no-any-return]

@@ -65,14 +65,18 @@ def spline_coefficient(here: Any, before: Any, after: Any, smooth: Any, weight: 
     return here + smooth * change + (real(1.0) - smooth) * bounded
 
 
-def resampled_coefficient(before: Any, slope_before: Any, here: Any, slope: Any, after: Any, slope_after: Any):
-    """Coefficient [m] of a spline that follows a surface, from elevations [m] and slopes half a spacing before, here and after.
+def bend_smoothness(slope_2: Any, slope_1: Any, slope: Any, slope_3: Any, slope_4: Any):
+    """:func:`smoothness` of a surface with these five slopes one spacing before, half of one before, here, and likewise after."""
+    before = slope - slope_1
+    after = slope_3 - slope
+    return smoothness(slope_1 - slope_2, before, real(0.5) * (before + after), after, slope_4 - slope_3)
 
-    Exact for a surface that is such a spline itself; bounded as :func:`spline_coefficient` is.
+
+def resampled_coefficient(before: Any, here: Any, after: Any, smooth: Any):
+    """Coefficient [m] of a spline that follows a surface, from its elevations [m] half a spacing before, here and after.
+
+    Exact for a smooth surface that is such a spline itself; bounded as :func:`spline_coefficient` is.
     """
-    bend_before = slope - slope_before
-    bend_after = slope_after - slope
-    smooth = smoothness(bend_before, bend_before, real(0.5) * (bend_before + bend_after), bend_after, bend_after)
     return spline_coefficient(here, before - here, after - here, smooth, real(0.5))
 
 

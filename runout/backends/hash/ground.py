@@ -30,6 +30,7 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.nodes import NodeArrays
 from runout.model.surface import Surface
 from runout.physics.bspline import first_node as first_node64
+from runout.physics.heightfield import bend_smoothness as bend_smoothness64
 from runout.physics.heightfield import distance, upward_normal
 from runout.physics.heightfield import resampled_coefficient as resampled_coefficient64
 from runout.physics.heightfield import surface_at as surface_at64
@@ -53,10 +54,13 @@ def _sample(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64,
 
 def _along_north(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.float64, qy: wp.float64, ay: wp.float64):
     """Coefficient along the north axis from samples ``ay`` apart, and the slope along the east axis."""
+    before = _sample(coefficients, first, nx, ny, qx, qy - ay - ay)
     south = _sample(coefficients, first, nx, ny, qx, qy - ay)
     here = _sample(coefficients, first, nx, ny, qx, qy)
     north = _sample(coefficients, first, nx, ny, qx, qy + ay)
-    return resampled_coefficient64(south[0], south[2], here[0], here[2], north[0], north[2]), here[1]
+    after = _sample(coefficients, first, nx, ny, qx, qy + ay + ay)
+    smooth = bend_smoothness64(before[2], south[2], here[2], north[2], after[2])
+    return resampled_coefficient64(south[0], here[0], north[0], smooth), here[1]
 
 
 def cut_tiles(
@@ -78,10 +82,13 @@ def cut_tiles(
     qy = (wp.float64(4 * coordinates[b, 1] - shift[s] + t % 6) * h[1] - lattices[s, 1]) / lattices[s, 3]
     ax = wp.float64(0.5) * h[0] / lattices[s, 2]
     ay = wp.float64(0.5) * h[1] / lattices[s, 3]
+    before = _sample(coefficients, first, nx, ny, qx - ax - ax, qy)
     west, slope_west = _along_north(coefficients, first, nx, ny, qx - ax, qy, ay)
     here, slope = _along_north(coefficients, first, nx, ny, qx, qy, ay)
     east, slope_east = _along_north(coefficients, first, nx, ny, qx + ax, qy, ay)
-    e = resampled_coefficient64(west, slope_west, here, slope, east, slope_east)
+    after = _sample(coefficients, first, nx, ny, qx + ax + ax, qy)
+    smooth = bend_smoothness64(before[1], slope_west, slope, slope_east, after[1])
+    e = resampled_coefficient64(west, here, east, smooth)
     tiles[b, t] = real(e / h[2] - wp.float64(4 * coordinates[b, 2]))
 
 

@@ -70,7 +70,7 @@ def _bound(law: str, precision: str, sources: tuple[Any, ...], module_of: Any, *
         law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
         **natives.of(precision),
         first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
-        resampled_coefficient64=wide.heightfield.resampled_coefficient,
+        bend_smoothness64=wide.heightfield.bend_smoothness, resampled_coefficient64=wide.heightfield.resampled_coefficient,
         gradient_column64=wide.moments.gradient_column,
         kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
     )  # fmt: skip

@@ -5,7 +5,15 @@ from numba import prange
 
 from runout.backends.lanes import local_array
 from runout.physics.bspline import first_node, weights
-from runout.physics.heightfield import distance, interpolate, normal_z, resampled_coefficient, surface_at, upward_normal
+from runout.physics.heightfield import (
+    bend_smoothness,
+    distance,
+    interpolate,
+    normal_z,
+    resampled_coefficient,
+    surface_at,
+    upward_normal,
+)
 from runout.physics.tensors import real
 
 BELOW, ABOVE = 12, 14  # places of the blocks below and above among the neighbours
@@ -23,10 +31,12 @@ def _sample(coefficients, qx, qy):
 
 def _along_north(coefficients, qx, qy, ay):
     """Coefficient along the north axis from samples ``ay`` apart, and the slope along the east axis."""
+    farther = _sample(coefficients, qx, qy - ay - ay)
     south = _sample(coefficients, qx, qy - ay)
     here = _sample(coefficients, qx, qy)
     north = _sample(coefficients, qx, qy + ay)
-    return resampled_coefficient(south[0], south[2], here[0], here[2], north[0], north[2]), here[1]
+    smooth = bend_smoothness(farther[2], south[2], here[2], north[2], _sample(coefficients, qx, qy + ay + ay)[2])
+    return resampled_coefficient(south[0], here[0], north[0], smooth), here[1]
 
 
 def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
@@ -35,10 +45,12 @@ def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
     qy = (y - oy) / sy
     ax = real(0.5) * dx / sx
     ay = real(0.5) * dy / sy
+    farther = _sample(coefficients, qx - ax - ax, qy)
     west = _along_north(coefficients, qx - ax, qy, ay)
     here = _along_north(coefficients, qx, qy, ay)
     east = _along_north(coefficients, qx + ax, qy, ay)
-    return resampled_coefficient(west[0], west[1], here[0], here[1], east[0], east[1])
+    smooth = bend_smoothness(farther[1], west[1], here[1], east[1], _sample(coefficients, qx + ax + ax, qy)[1])
+    return resampled_coefficient(west[0], here[0], east[0], smooth)
 
 
 def _bound_column(tile, o, plane, a):
