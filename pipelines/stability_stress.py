@@ -36,7 +36,8 @@ INVARIANTS = (
     "sqrt(v0^2 + 2 g dz) + 2 sqrt(g H) + 5 %, nor the centre of mass than its fall allows; no layer of "
     "particles has its middle deeper than a tenth of a cell in the ground, or than a cell where walls and pits are narrower "
     "than two cells; "
-    "what must rest creeps at less than 1 mm/s"
+    "what must rest creeps at less than 1 mm/s; "
+    "of a mass on a plane that ends in a cliff at most 3 % stay behind the edge"
 )
 
 

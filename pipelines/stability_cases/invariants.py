@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipelines.stability_cases.layout import NARROW, Layout
+from pipelines.stability_cases.layout import EDGE, NARROW, Layout
 from runout.backends.protocol import Backend, LedgerRow
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Scene
@@ -20,6 +20,7 @@ LIMITS = {  # largest value of what is measured
     "penetration at narrow edges": 1.0,  # the same on terrains with edges that the stencil of three nodes cannot resolve
     "sinking": np.inf,  # of a particle below where it touches, half its size above the ground [cells]; reported
     "rest": 1.0,  # creep over 1 mm/s, for what must end at rest
+    "passage": 0.03,  # share of the mass that stays behind the edge of a cliff, for what must pass it
 }
 FIELDS = ("offset", "velocity", "affine", "strain", "history")
 
@@ -63,6 +64,10 @@ class Watch:
             p = engine.particles()
             creep = float(np.abs(p.mass @ p.velocity / p.mass.sum()).max())
             self.worst["rest"] = creep / 1e-3
+        if self.layout.passes:
+            p = engine.particles()
+            behind = p.position(np.array(self.scene.spacing))[:, 0] < EDGE * self.layout.h
+            self.worst["passage"] = float(p.mass[behind].sum() / self.first.mass)
 
     @property
     def broken(self) -> list[str]:

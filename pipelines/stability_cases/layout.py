@@ -15,6 +15,7 @@ from runout.simulation import build_scene
 
 CELLS = 40  # of the terrain, an axis
 FIRST, WIDTH = 8, 8  # cells of the release, counted from the west
+EDGE = 18.0  # of the cliffs [cells]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,8 @@ class Layout:
     """Choices of one run; lengths in cells of ``h`` [m], angles in degrees, the rest in SI units.
 
     ``terrain`` names one of :data:`TERRAINS`; ``keep`` is how many particles stay, all when None; ``speed`` [m/s] is that of
-    the mass at the start, down the slope; ``rests`` says that it must end at rest.
+    the mass at the start, down the slope; ``rests`` says that it must end at rest, ``passes`` that it must leave the plane above
+    a cliff.
     """
 
     terrain: str = "plane"
@@ -46,6 +48,7 @@ class Layout:
     keep: int | None = None
     steps: int = 400
     rests: bool = False
+    passes: bool = False
     transfer: str = "mls"
     flip_ratio: float = 0.95
     f_bar: bool = False
@@ -101,7 +104,7 @@ def _bumps(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
 
 def _cliff(drop: float, width: float) -> Callable[[np.ndarray, np.ndarray, float], np.ndarray]:
     def elevation(x: np.ndarray, y: np.ndarray, tangent: float) -> np.ndarray:
-        return -tangent * x - drop * np.clip((x - 18.0) / width, 0.0, 1.0)
+        return -tangent * x - drop * np.clip((x - EDGE) / width, 0.0, 1.0)
 
     return elevation
 
@@ -135,4 +138,5 @@ TERRAINS: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
     "unknown cells": _unknown(np.nan),
     "cells of -9999": _unknown(-9999.0),
 }
-NARROW = ("cliff of 80 deg", "cliff of 87 deg", "step down in one cell", "wall of 80 deg", "pit of one cell")
+CLIFFS = ("cliff of 80 deg", "cliff of 87 deg", "step down in one cell")
+NARROW = (*CLIFFS, "wall of 80 deg", "pit of one cell")

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from pipelines.stability_cases.layout import TERRAINS, Layout
+from pipelines.stability_cases.layout import CLIFFS, TERRAINS, Layout
 from pipelines.stability_cases.trial import LARGEST
 
 SAMPLES, SEED = 200, 20
+PASSAGE: dict[str, Any] = {"passes": True, "basal": 10.0, "steps": 1500}
 AXES: dict[str, tuple[dict[str, Any], ...]] = {
     "Courant number": tuple({"cfl": c} for c in (0.1, 0.2, 0.4, 0.5, 0.6, 0.61, 0.8, 1.0, 1.5)),
     "Young's modulus": tuple({"youngs_modulus": e} for e in (1e4, 1e5, 1e6, 1e7, 1e8, 1e9)),
@@ -31,6 +32,7 @@ AXES: dict[str, tuple[dict[str, Any], ...]] = {
     "size of a cell [m]": tuple({"h": h} for h in (1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3)),
     "height of a cell": tuple({"flatness": f} for f in (0.25, 0.5, 2.0)),
     "terrain": (*({"terrain": t} for t in TERRAINS), *({"terrain": t, "slope": 0.0} for t in ("bumps", "wall of 80 deg"))),
+    "passage": tuple({"terrain": t, **PASSAGE} for t in CLIFFS),
     "slope [deg]": tuple({"slope": s} for s in (0.0, 10.0, 45.0, 60.0, 75.0)),
     "basal friction angle [deg]": tuple({"basal": b} for b in (0.0, 30.0, 45.0, 60.0, 61.0)),
     "thickness [cells]": tuple({"thickness": t} for t in (0.1, 0.25, 0.5, 1.0, 4.0)),
@@ -62,6 +64,7 @@ PINNED: tuple[dict[str, Any], ...] = (
     {"terrain": "bumps"},
     {"terrain": "cliff of 80 deg"},
     {"terrain": "step down in one cell"},
+    {"terrain": "step down in one cell", **PASSAGE},
     {"terrain": "edge"},
     {"terrain": "unknown cells"},
     {"terrain": "cells of -9999"},
