@@ -1,4 +1,4 @@
-"""T8: distance and normal of smooth hills from an elevation raster, and what asking for them costs near and far."""
+"""T8: distance and normal of smooth hills from an elevation raster, refined and as contact takes them, and what they cost."""
 
 import time
 
@@ -9,12 +9,15 @@ from pipelines.verification_cases.finding import Bound, Case, Convergence, Resul
 from runout.model.materials import Elastic
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
+from runout.physics import heightfield
 from runout.terrain.sdf import distance, sliding_surface
 
 AMPLITUDE, WAVELENGTH, SIZE = 30.0, 200.0, 600.0  # [m] of the hills, and of the raster
 K = 2 * np.pi / WAVELENGTH
 QUERIES = 1_000_000
 BODY = Elastic(density=2000.0, youngs_modulus=1e7, poisson_ratio=0.3)
+REACH = 0.5  # [cells] from the ground within which contact asks for the distance, with room
+CONTACT_BOUNDS = ((10.0, 5.0, 0.0016, 1.15), (10.0, 10.0, 0.0016, 1.15), (5.0, 2.5, 0.0008, 0.6), (5.0, 10.0, 0.001, 0.6))
 ABOVE = 12.0  # [cells] of the body that is far from the ground
 STEPS = 40
 
@@ -24,11 +27,11 @@ def hills(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return AMPLITUDE * np.sin(K * x) * np.cos(K * y)
 
 
-def points(spacing: float, count: int = 5000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (3, n) [m] within two cells of the hills, their exact distances [m] and unit normals (n, 3) at the foot."""
+def points(spacing: float, count: int = 5000, reach: float = 2.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (3, n) [m] within ``reach`` [cells] of the hills, their exact distances [m] and unit normals (n, 3) at the foot."""
     random = np.random.default_rng(0)
     u, v = random.uniform(WAVELENGTH, 2 * WAVELENGTH, (2, count))
-    exact = random.uniform(-2 * spacing, 2 * spacing, count)
+    exact = random.uniform(-reach * spacing, reach * spacing, count)
     east, north = AMPLITUDE * K * np.cos(K * u) * np.cos(K * v), -AMPLITUDE * K * np.sin(K * u) * np.sin(K * v)
     normal = np.stack([-east, -north, np.ones(count)], -1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -48,6 +51,21 @@ def errors(spacing: float, cell: float) -> tuple[float, float, float]:
     off = (found - exact) / spacing
     turned = np.degrees(np.arccos(np.clip((direction * normal).sum(-1), -1, 1)))
     return float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()), float(np.sqrt(np.mean(turned**2)))
+
+
+def errors_of_contact(spacing: float, cell: float) -> tuple[float, float]:
+    """RMS error of the distance [cells of the grid] and of the normal's direction [deg] that a backend takes for contact.
+
+    That is the distance of first order, from the surface on the nodes of the grid, within :data:`REACH` of the ground.
+    """
+    places, exact, normal = points(spacing, reach=REACH)
+    nodes = int(SIZE / spacing) + 1
+    ground = sliding_surface(raster(cell), None, (spacing, spacing)).resampled((spacing, spacing), (0.0, 0.0), (nodes, nodes))
+    height, east, north = ground.evaluate(places[0], places[1])
+    direction = np.stack([-east, -north, np.ones_like(east)]) / np.sqrt(1.0 + east**2 + north**2)
+    off = (heightfield.distance(places[2] - height, direction[2]) - exact) / spacing
+    turned = np.degrees(np.arccos(np.clip((direction.T * normal).sum(-1), -1, 1)))
+    return float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(turned**2)))
 
 
 def of_a_plane() -> float:
@@ -102,6 +120,11 @@ def measure(full: bool) -> list[Result]:
     sizes = (10.0, 5.0, 2.5)
     found = tuple(errors(h, 1.25)[0] * h / WAVELENGTH for h in sizes)
     results.append(Convergence("distance, RMS over the wavelength", tuple(WAVELENGTH / h for h in sizes), found, 3.0))
+    for h, cell, rms, degrees in CONTACT_BOUNDS:
+        distance_off, turned = errors_of_contact(h, cell)
+        place = f"h = {h:g} m, raster of {cell:g} m"
+        results.append(Bound(f"distance of first order that contact takes, RMS [h], {place}", distance_off, rms))
+        results.append(Bound(f"normal that contact takes, RMS [deg], {place}", turned, degrees))
     results.append(Bound("distance to a plane, largest error [m]", of_a_plane(), 1e-12))
     near, touched = contact_cost(0.0, 64 if full else 16)
     far, none = contact_cost(ABOVE, 64 if full else 16)
@@ -124,8 +147,11 @@ CASE = Case(
     "T8",
     "distance to terrain",
     f"hills z = {AMPLITUDE:g} sin(2 pi x/{WAVELENGTH:g}) cos(2 pi y/{WAVELENGTH:g}) m on a raster; 5000 points within two cells h"
-    " of it; costs on one thread, contact on a block four cells high with eight particles a cell, in float64",
+    f" of it, for what contact takes within {REACH:g} h; costs on one thread,"
+    " contact on a block four cells high with eight particles a cell, in float64",
     measure,
+    "The refined distance, to the tangent plane at a foot point, is that of `runout.terrain.sdf.distance`. Contact takes the"
+    " distance of first order, gap times n_z, and the normal under the particle, from the surface on the nodes of the grid. "
     "The backends ask only for particles below a bound of the ground in their column of cells: above it the stage costs a look at "
     "the bounds of each block. Times are the shortest of one machine and bind nothing.",
 )

@@ -67,9 +67,8 @@ def spline_coefficient(here: Any, before: Any, after: Any, smooth: Any, weight: 
 
 def bend_smoothness(slope_2: Any, slope_1: Any, slope: Any, slope_3: Any, slope_4: Any):
     """:func:`smoothness` of a surface with these five slopes one spacing before, half of one before, here, and likewise after."""
-    before = slope - slope_1
-    after = slope_3 - slope
-    return smoothness(slope_1 - slope_2, before, real(0.5) * (before + after), after, slope_4 - slope_3)
+    here = real(0.5) * (slope_3 - slope_1)
+    return smoothness(slope - slope_1, slope_1 - slope_2, here, slope_4 - slope_3, slope_3 - slope)
 
 
 def resampled_coefficient(before: Any, here: Any, after: Any, smooth: Any):

@@ -51,7 +51,8 @@ def distance(surface: Surface, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> t
     """Signed distance [m] from a surface, positive above, and its upward unit normal.
 
     First order, gap times n_z, leads to a foot point; the distance to the tangent plane of the surface there is the result.
-    Within two cells h of a surface with slopes to 43 deg and a radius of curvature of 3.4 h (6.8 h) the error is 0.0013 h
+    Contact does without the foot point: within half a cell of the ground the first order is as good (verification T8). Within two
+    cells h of a surface with slopes to 43 deg and a radius of curvature of 3.4 h (6.8 h) the error is 0.0013 h
     (0.0002 h) rms. Exact for planes.
 
     Parameters

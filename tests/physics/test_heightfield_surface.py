@@ -47,6 +47,36 @@ def test_parabola_and_saddle_are_exact_inside():
     np.testing.assert_allclose(north, -0.1 - 0.04 * y + 0.05 * x, atol=1e-11)
 
 
+@given(st.lists(st.floats(-100, 100), min_size=7, max_size=7), st.integers(1, 20))
+def test_surface_half_way_between_two_elevations_lies_between_them_where_the_ground_is_not_smooth(z, averaged):
+    """No new extremum: the bounds of two neighbours leave their mean between both."""
+    w = heightfield.weight_of_means(averaged)
+    c = [heightfield.spline_coefficient(z[k], (z[k - 1] - z[k]) / 2, (z[k + 1] - z[k]) / 2, 0.0, w) for k in range(1, 6)]
+    for k in range(4):
+        low, high = sorted(z[k + 1 : k + 3])
+        assert low - 1e-9 <= (c[k] + c[k + 1]) / 2 <= high + 1e-9
+
+
+@given(st.floats(-100, 100), st.floats(1e-3, 1e3), st.floats(-1e3, 1e3), st.floats(-0.05, 0.05))
+def test_parabola_is_smooth_and_a_step_is_not_however_it_is_tilted(tilt, bend, drop, noise):
+    assert heightfield.smoothness(bend, bend * (1 + noise), bend, bend * (1 - noise), bend) == 1.0
+    assert heightfield.smoothness(-bend, -bend, -bend * (1 + noise), -bend, -bend) == 1.0
+    for face in ((0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.3, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0)):
+        z = [tilt * k + drop * share for k, share in enumerate(face)]
+        bends = [heightfield.second_difference(*z[k : k + 3]) for k in range(5)]
+        if abs(drop) > 1e-3:
+            assert heightfield.smoothness(*bends) < 1e-3
+
+
+def test_resampled_surface_is_the_surface_where_it_is_smooth_and_on_the_same_lattice():
+    x = 5.0 * np.arange(41)
+    hills = Surface.through(3 * np.sin(x / 25)[:, None] * np.cos(x / 30)[None, :], (5.0, 5.0))
+    same = hills.resampled((5.0, 5.0), (0.0, 0.0), (41, 41))
+    np.testing.assert_allclose(same.coefficients[2:-2, 2:-2], hills.coefficients[2:-2, 2:-2], atol=1e-3)
+    q = np.random.default_rng(3).uniform(30, 170, (2, 500))
+    np.testing.assert_allclose(hills.resampled((2.0, 3.0), (0.7, 0.1), (100, 66)).elevation(*q), hills.elevation(*q), atol=0.01)
+
+
 def test_slopes_are_continuous_where_patches_meet():
     rng = np.random.default_rng(6)
     surface = Surface.through(rng.normal(size=(NX, NY)), SPACING, ORIGIN)

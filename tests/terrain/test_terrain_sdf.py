@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipelines.verification_cases import terrain_distance
 from runout import DemError, Terrain
 from runout.terrain import sdf
 
@@ -50,6 +51,12 @@ def test_distance_and_normal_of_hills_are_exact_to_a_thousandth_of_a_cell(h, cel
     assert np.sqrt(np.mean(turned**2)) < degrees
 
 
+@pytest.mark.parametrize(("h", "cell", "rms"), [(10.0, 5.0, 0.0016), (10.0, 3.0, 0.0016), (10.0, 10.0, 0.0016), (5.0, 2.5, 0.0008)])
+def test_distance_that_contact_takes_is_as_good_near_the_ground(h, cell, rms):
+    """First order, on the nodes of the grid, within half a cell; measured 0.0014 and 0.0007 h."""
+    assert terrain_distance.errors_of_contact(h, cell)[0] < rms
+
+
 def test_distance_converges_with_the_cube_of_the_grid_spacing():
     errors = []
     for h in (10.0, 5.0, 2.5):
@@ -70,6 +77,66 @@ def test_plane_is_exact_to_rounding(cell, h):
     distance, found = sdf.distance(surface, x, y, 40 + slopes[0] * x + slopes[1] * y + height)
     np.testing.assert_allclose(distance, height * normal[2], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found, np.broadcast_to(normal, found.shape), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("curvature", [1e-6, 0.02, 30.0])
+@pytest.mark.parametrize(("cell", "h"), [(10.0, 10.0), (2.5, 10.0), (3.0, 10.0), (10.0, 4.0)])
+def test_parabola_of_any_size_is_exact_on_the_surface_and_on_the_nodes_of_the_grid(cell, h, curvature):
+    def parabola(x, y):
+        return curvature * ((x - 310) ** 2 - 0.7 * (y - 280) ** 2 + 0.3 * (x - 310) * (y - 280)) / 100
+
+    surface = sdf.sliding_surface(terrain_of(parabola, cell), None, (h, h))
+    x, y = np.random.default_rng(1).uniform(60, 540, (2, 2000))
+    nodes = surface.resampled((h, h), (0.0, 0.0), (int(600 / h) + 1,) * 2)
+    for ground in (surface, nodes):
+        np.testing.assert_allclose(ground.elevation(x, y), parabola(x, y), rtol=0, atol=1e-9 * curvature * 900)
+
+
+LATTICES = [(2.0, 2.0), (2.0, 1.0), (2.0, 0.5), (2.0, 1.2), (2.0, 3.0), (1.5, 2.0), (1.0, 4.0)]
+
+
+def both_grounds(elevation, h, cell, size=80.0):
+    """The surface of elevations on a raster of 80 m, and that on the nodes of the grid."""
+    surface = sdf.sliding_surface(terrain_of(elevation, cell, size), None, (h, h))
+    return surface, surface.resampled((h, h), (0.0, 0.0), (int(size / h),) * 2)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 20.0, 45.0])
+@pytest.mark.parametrize("face_deg", [60.0, 85.0])
+@pytest.mark.parametrize(("h", "cell"), [(2.0, 2.0), (2.0, 0.5), (2.0, 1.2), (1.5, 2.0)])
+def test_cliff_has_no_lip_and_no_moat(h, cell, face_deg, azimuth_deg):
+    """Measured before: 6.8 to 9.6 % of the drop. On the slope above the edge the surface rises by 0.4 of a cell's drop at most."""
+    east, north = np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg))
+    x, y = np.meshgrid(np.linspace(12, 68, 141), np.linspace(12, 68, 71))
+    for slope in (0.0, 0.4):
+        for shift in (0.0, 0.7):
+
+            def cliff(x, y, slope=slope, edge=shift * h):
+                along = (x - 40) * east + (y - 40) * north
+                return -slope * along - np.clip((along - edge) * np.tan(np.radians(face_deg)), 0, 30)
+
+            above = -slope * ((x - 40) * east + (y - 40) * north)
+            for ground in both_grounds(cliff, h, cell):
+                z = ground.elevation(x, y)
+                assert (z - above).max() < 0.4 * slope * max(h, cell) + 1e-9
+                assert (z - above).min() > -30 - 0.4 * slope * max(h, cell) - 1e-9
+
+
+@pytest.mark.parametrize(("h", "cell"), LATTICES)
+def test_crest_of_a_dam_two_cells_wide_has_its_height(h, cell):
+    """Within 2 % wherever the dam stands; before 0.97 to 1.17. On the nodes of the grid it never comes out higher."""
+    width, height = 2 * max(h, cell), 5.0
+    x = np.linspace(30, 50, 4001)
+    for shift in np.linspace(0, 1, 9)[:-1] * max(h, cell):
+        west = 38 + shift
+
+        def dam(x, y, west=west):
+            covered = np.minimum(x + cell / 2, west + width) - np.maximum(x - cell / 2, west)
+            return height * np.clip(covered, 0, cell) / cell + 0 * y
+
+        surface, nodes = (ground.elevation(x, np.full_like(x, 40.0)).max() / height for ground in both_grounds(dam, h, cell))
+        assert 0.98 < surface < 1.02
+        assert 0.85 < nodes < 1.02
 
 
 def test_fine_cells_are_averaged_to_just_below_the_spacing():

@@ -107,6 +107,12 @@ def test_judge_notices_energy_from_nowhere_and_creep():
     assert any(reason.startswith("rest") for reason in watch.broken)
 
 
+def test_judge_notices_what_stays_behind_the_edge_of_a_cliff():
+    watch, engine = watched(terrain="step down in one cell", passes=True)
+    watch.finish(engine)
+    assert watch.broken == ["passage 1"]
+
+
 def test_matrix_covers_every_axis_and_stays_small():
     assert len(list(one_at_a_time())) == sum(len(choices) for choices in AXES.values())
     samples = [layout for _, layout in sampled(200)]
