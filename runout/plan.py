@@ -99,21 +99,21 @@ def forecast(
     BudgetError, CapacityError
         If the members that run at once need more memory than the budget allows, or than there is; nothing large has been made.
     """
-    from runout.ensemble.crew import crew_for
     from runout.ensemble.member import plan_members
+    from runout.ensemble.workers import workers_for
 
     members = [member for member in plan_members(site) if member.number in set(left)]
     if not members:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     largest = _largest(members)
-    crew = min(crew_for(site.settings.simulation.device, workers, 1)[0], len(members))
+    together = min(workers_for(site.settings.simulation.device, workers, 1)[0], len(members))
     memory: list[float] = []  # one number, known before the particles are made
-    particles, steps, seconds = _calibrated(site, largest, progress, lambda needed: memory.append(_fitting(site, needed, crew)))
+    particles, steps, seconds = _calibrated(site, largest, progress, lambda needed: memory.append(_fitting(site, needed, together)))
     work = seconds * sum(_relative_work(member.parameters, largest.parameters) for member in members)
     disk = 2.0 * len(members) * MEMBER_MAPS * 4 * site.terrain().elevation.size  # members/*.nc and members.nc, before compression
-    disk += crew * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]
-    total = work if crew == 1 else START_SECONDS + CROWDING * max(work / crew, seconds)
-    return Forecast(len(members), crew, particles, steps, seconds, total, memory[0], disk)
+    disk += together * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]
+    total = work if together == 1 else START_SECONDS + CROWDING * max(work / together, seconds)
+    return Forecast(len(members), together, particles, steps, seconds, total, memory[0], disk)
 
 
 def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> None:
@@ -217,16 +217,16 @@ def _timed_steps(scene: "Scene", particles: "Particles", arguments: Mapping[str,
     return first, (time.process_time() - started) / TIMED_STEPS
 
 
-def _fitting(site: "Site", needed: MemoryForecast, crew: int) -> float:
-    """Memory of ``crew`` members [byte], if budget and machine allow it."""
-    total, budget = crew * needed.total, getattr(site.settings, "budget", None)
+def _fitting(site: "Site", needed: MemoryForecast, together: int) -> float:
+    """Memory of ``together`` members [byte], if budget and machine allow it."""
+    total, budget = together * needed.total, getattr(site.settings, "budget", None)
     limit = getattr(budget, "memory_gb", None)
     if limit is not None and total > limit * GIGABYTE:
         raise BudgetError(_over("memory_gb", limit, total / GIGABYTE))
     free = available_bytes()
     if free is not None and total > free:
         raise CapacityError(
-            f"{crew} members at a time need about {total / GIGABYTE:.2g} GB of memory, {free / GIGABYTE:.2g} GB are available; "
+            f"{together} members at a time need about {total / GIGABYTE:.2g} GB of memory, {free / GIGABYTE:.2g} GB are available; "
             "use fewer workers, larger cells or fewer particles per cell"
         )
     return total

@@ -29,8 +29,6 @@ HEAVY = (
     "geopandas",
     "shapely",
     "pyproj",
-    "dask",
-    "distributed",
     "matplotlib",
     "scipy",
     "pydantic",
@@ -102,7 +100,7 @@ def test_import_of_the_core_loads_no_compiler_and_no_raster_library(statement):
 
 
 def test_import_of_the_time_loop_loads_no_raster_or_plotting_library():
-    assert loaded_by("import runout.simulation") & {"rasterio", "geopandas", "dask", "distributed", "matplotlib", "warp"} == set()
+    assert loaded_by("import runout.simulation") & {"rasterio", "geopandas", "matplotlib", "warp"} == set()
 
 
 def test_every_public_name_can_be_imported():

@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.ensemble.crew import Group, Outcome, Task, crew_for, in_cluster, in_process
 from runout.ensemble.member import Member, members_folder, plan_members, simulate_alone, simulate_together
 from runout.ensemble.status import LASTING, Failure, State, member_state
+from runout.ensemble.worker import Group, Task
+from runout.ensemble.workers import Outcome, in_process, in_workers, workers_for
 from runout.errors import RunoutError, StorageError
 from runout.io.atomic import remove_stale, storage_error
 
@@ -96,8 +97,8 @@ def run_ensemble(
     """Report of an ensemble after running all members that have no valid result yet.
 
     Results go to ``results/members/0003.nc``, reasons of failure to ``results/members/0003.failed.json``. May be killed at any
-    moment and called again. With more than one worker the members run in processes of a local cluster, so the
-    calling script needs ``if __name__ == "__main__":``.
+    moment and called again. With more than one worker the members run in processes of their own, so the calling script
+    needs ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -129,13 +130,13 @@ def run_ensemble(
         remove_stale(folder)
         tally = _Tally(members, results, retry_failed, progress)
         if tally.waiting:
-            crew, devices = crew_for(site.settings.simulation.device, workers, threads_per_worker)
-            task, groups = _work(site, tally.waiting, results, simulate, crew, threads_per_worker, bool(devices))
-            LOGGER.info("%d of %d members to simulate, %d at a time", len(tally.waiting), len(members), min(crew, len(groups)))
-            if crew == 1:
+            number, devices = workers_for(site.settings.simulation.device, workers, threads_per_worker)
+            task, groups = _work(site, tally.waiting, results, simulate, number, threads_per_worker, bool(devices))
+            LOGGER.info("%d of %d members to simulate, %d at a time", len(tally.waiting), len(members), min(number, len(groups)))
+            if number == 1:
                 run = in_process(task, groups, tally.advance, devices)
             else:
-                run = in_cluster(task, groups, crew, threads_per_worker, tally.advance, devices)
+                run = in_workers(task, groups, number, threads_per_worker, tally.advance, devices)
             with closing(run) as outcomes:
                 tally.collect(outcomes)
     LOGGER.info("%s", tally.report())
@@ -147,24 +148,24 @@ def _work(
     waiting: list[Member],
     results: Path,
     simulate: "Callable[..., Result] | None",
-    crew: int,
+    workers: int,
     threads: int,
     on_gpus: bool,
 ) -> tuple[Task, list[Group]]:
     """What is to be done with members, and the groups in which it is: on hash they share launches, a group a worker."""
     if simulate is None and (on_gpus or site.settings.simulation.backend == "hash"):
-        return partial(simulate_together, site, results=results), dealt(waiting, crew)
+        return partial(simulate_together, site, results=results), dealt(waiting, workers)
     task = partial(simulate_alone, site, results=results, simulate=simulate, threads=threads)
     return task, [(member,) for member in waiting]
 
 
-def dealt(members: list[Member], crew: int) -> list[Group]:
-    """Members in at most ``crew`` groups of about the same work, which grows with the volume that is released.
+def dealt(members: list[Member], workers: int) -> list[Group]:
+    """Members in at most ``workers`` groups of about the same work, which grows with the volume that is released.
 
     Each in turn, the largest first, comes to the group that has least; a group keeps the order of the numbers. Members that release
     as much follow each other in the order of their other parameters, so that groups share those that run long too.
     """
-    groups: list[list[Member]] = [[] for _ in range(min(crew, len(members)))]
+    groups: list[list[Member]] = [[] for _ in range(min(workers, len(members)))]
     work = [0.0] * len(groups)
     for member in sorted(members, key=lambda m: (-_volume_factor(m), *(m.parameters[name] for name in sorted(m.parameters)))):
         least = work.index(min(work))

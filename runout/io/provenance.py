@@ -14,7 +14,7 @@ from typing import Any
 from runout import __version__
 from runout.errors import StorageError
 
-_PACKAGES = ("numpy", "numba", "warp-lang", "scipy", "xarray", "netCDF4", "rasterio", "pyproj", "geopandas", "shapely", "dask")
+_PACKAGES = ("numpy", "numba", "warp-lang", "scipy", "xarray", "netCDF4", "rasterio", "pyproj", "geopandas", "shapely")
 
 
 def provenance(

@@ -11,7 +11,7 @@ from runout import __version__, cli, log
 from runout.errors import BudgetError, ConfigError, ExitCode, PartialEnsembleError, Problem
 
 HEAVY = (
-    *("numpy", "scipy", "pandas", "xarray", "numba", "warp", "dask", "distributed"),
+    *("numpy", "scipy", "pandas", "xarray", "numba", "warp"),
     *("rasterio", "geopandas", "shapely", "matplotlib", "pydantic"),
 )
 COMMANDS = (

@@ -72,7 +72,7 @@ class FakeResult:
         import xarray as xr
 
         environment = {"numba_threads": os.environ.get("NUMBA_NUM_THREADS", "unset"), "pid": os.getpid()}
-        environment |= {"threads": self.threads, "device": self.device, "trim": os.environ.get("MALLOC_TRIM_THRESHOLD_", "unset")}
+        environment |= {"threads": self.threads, "device": self.device}
         xr.Dataset({"max_speed": (("y", "x"), np.full((3, 4), self.value))}, attrs={**environment, **attrs}).to_netcdf(path)
 
 
@@ -147,11 +147,10 @@ def calls(site):
 
 def main():
     """Run a slow ensemble of two workers; started as a process of its own, to be killed."""
-    import dask.system
-
+    from runout.ensemble import machine
     from runout.ensemble.run import run_ensemble
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored when the tests themselves run in the background of a shell
-    dask.system.CPU_COUNT = 2
+    machine.core_count = lambda: 2
     folder, pause = Path(sys.argv[1]), float(sys.argv[2])
     run_ensemble(site(folder, pause=pause), folder / "results", workers=2, simulate=simulate)

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
-import dask.system
 import numpy as np
 import pytest
 from netCDF4 import Dataset
 
 import runout
 from runout.config.site import SiteData
+from runout.ensemble import machine
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import member_status
@@ -71,7 +71,7 @@ class SlopeSite:
 
 
 def test_members_of_a_slope_run_faster_with_less_friction_and_bad_ones_are_recorded(tmp_path, monkeypatch):
-    monkeypatch.setattr(dask.system, "CPU_COUNT", 2)
+    monkeypatch.setattr(machine, "core_count", lambda: 2)
     site = SlopeSite(tmp_path)
     report = run_ensemble(site, tmp_path / "results", workers=2)
     speeds = {}
@@ -89,7 +89,7 @@ def test_members_of_a_slope_run_faster_with_less_friction_and_bad_ones_are_recor
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_members_that_share_launches_give_what_each_gives_alone_and_bad_ones_are_recorded(tmp_path, monkeypatch, workers):
-    monkeypatch.setattr(dask.system, "CPU_COUNT", 2)
+    monkeypatch.setattr(machine, "core_count", lambda: 2)
     site, results = SlopeSite(tmp_path, backend="hash"), tmp_path / "results"
     seen = []
     report = run_ensemble(site, results, workers=workers, progress=seen.append)

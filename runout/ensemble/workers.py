@@ -1,0 +1,194 @@
+"""Who runs the members: this process, or worker processes that nobody else can reach (:mod:`runout.ensemble.worker`)."""
+
+import logging
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+
+from runout.backends.protocol import devices_of
+from runout.ensemble import machine
+from runout.ensemble.member import Member
+from runout.ensemble.worker import END_SECONDS, Done, Group, Progress, Ready, Task, Worker, done, start_worker
+from runout.errors import CapacityError, ConfigError, DeviceError
+
+LOGGER = logging.getLogger(__name__)
+MEMORY_SHARE = 0.9  # of the machine, for all workers together
+MEMORY_END = 0.95  # of its share at which a worker is ended
+LOOK_SECONDS = 0.2  # between two looks at the memory of the workers
+THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A member that is finished, with its error if it failed."""
+
+    member: Member
+    error: BaseException | None = None
+
+
+class WorkerDeathError(CapacityError):
+    """A member whose worker process died, most often because memory ran out."""
+
+
+def worker_count(workers: int | None, threads_per_worker: int) -> int:
+    """Number of workers that the cores allow, at most ``workers``.
+
+    Raises
+    ------
+    ConfigError
+        If a number is below 1.
+    """
+    for name, number in (("workers", workers), ("threads_per_worker", threads_per_worker)):
+        if number is not None and number < 1:
+            raise ConfigError(f"{name} is {number}; at least 1 is needed")
+    cores = machine.core_count()
+    most = max(1, cores // threads_per_worker)
+    if workers is not None and workers > most:
+        text = "%d workers of %d threads need more than the %d cores; %d are used"
+        LOGGER.warning(text, workers, threads_per_worker, cores, most)
+    return most if workers is None else min(workers, most)
+
+
+def workers_for(device: str, workers: int | None, threads_per_worker: int) -> tuple[int, tuple[str, ...]]:
+    """Number of workers for members on a ``device``, one per GPU if nothing else is asked for, and the GPUs that they share.
+
+    Raises
+    ------
+    ConfigError, DeviceError
+        If a number is below 1, or the device is not there.
+    """
+    devices = devices_of(device)
+    return worker_count(workers or len(devices) or None, threads_per_worker), devices
+
+
+def in_process(
+    task: Task, groups: Sequence[Group], advance: Callable[[int, float], None], devices: Sequence[str] = ()
+) -> Generator[Outcome, None, None]:
+    """Outcomes of ``task`` for every member, run here group by group; ``advance`` hears a member's number and fraction."""
+    device = devices[0] if devices else None
+    for group in groups:
+        yield from _outcomes(group, done(task, group, advance, device))
+
+
+def _outcomes(group: Group, ended: Done) -> Iterator[Outcome]:
+    """Outcomes of members whose group ended with an error, or with errors of its own of some of them."""
+    for member in group:
+        yield Outcome(member, ended.error or ended.errors.get(member.number))
+
+
+def in_workers(
+    task: Task,
+    groups: Sequence[Group],
+    workers: int,
+    threads: int,
+    advance: Callable[[int, float], None],
+    devices: Sequence[str] = (),
+) -> Generator[Outcome, None, None]:
+    """Outcomes of ``task`` for every member as they come, run in worker processes of ``threads`` threads each.
+
+    ``advance`` is called in this thread with the number of a member that runs and its fraction. The workers share the GPUs
+    ``devices``, each keeping to one.
+
+    Raises
+    ------
+    DeviceError
+        If no worker process can be started.
+    """
+    workers = min(workers, len(groups))
+    memory = int(MEMORY_SHARE * machine.memory_bytes() / workers)
+    with _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _Workforce(task, workers, tuple(devices), memory) as force:
+        yield from _feed(force, groups, advance)
+
+
+class _Workforce:
+    """Worker processes; each that dies is replaced, and all end with the block."""
+
+    def __init__(self, task: Task, workers: int, devices: tuple[str, ...], memory: int):
+        self.task, self.devices, self.memory = task, devices, memory
+        self.number, self.workers = workers, list[Worker]()
+
+    def __enter__(self) -> "_Workforce":
+        try:
+            self.workers += map(self._start, range(self.number))
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for worker in self.workers:
+            worker.dismiss()  # all at the same time
+        for worker in self.workers:
+            worker.end()
+
+    def _start(self, number: int) -> Worker:
+        return start_worker(number, self.task, self.devices[number % len(self.devices)] if self.devices else None)
+
+    def replace(self, worker: Worker) -> None:
+        """A new worker in place of a dead one; DeviceError if that one had not even started."""
+        worker.process.join(END_SECONDS)  # it has hung up
+        worker.end()
+        if not worker.ready:
+            raise DeviceError(
+                f"a worker process ended with exit code {worker.process.exitcode} while it started; run again with --workers 1 "
+                '(a Python script that runs an ensemble needs `if __name__ == "__main__":`)'
+            )
+        self.workers[worker.number] = self._start(worker.number)
+
+    def speaking(self) -> list[Worker]:
+        """Workers that have something to say or have died, after a short wait; those that take too much memory are ended."""
+        closed = [worker for worker in self.workers if worker.pipe.closed]
+        by_pipe = {worker.pipe: worker for worker in self.workers if not worker.pipe.closed}
+        heard = wait(list(by_pipe), 0.0 if closed else LOOK_SECONDS)
+        for worker in self.workers:
+            if worker.group and machine.resident_bytes(worker.process.pid or 0) > MEMORY_END * self.memory:
+                worker.process.kill()
+        return closed + [worker for pipe, worker in by_pipe.items() if pipe in heard]
+
+
+def _feed(force: _Workforce, groups: Sequence[Group], advance: Callable[[int, float], None]) -> Generator[Outcome, None, None]:
+    """Outcomes of members, one group at a time for each worker; a member whose worker dies is tried once more, alone."""
+    waiting, died = deque(groups), set[int]()
+    while waiting or any(worker.group for worker in force.workers):
+        for idle in [worker for worker in force.workers if not worker.group][: len(waiting)]:
+            idle.give(waiting.popleft())
+        for worker in force.speaking():
+            said, group = worker.hear(), worker.group
+            if isinstance(said, Ready):
+                worker.ready = True
+            elif isinstance(said, Progress):
+                for number, fraction in said.fractions.items():
+                    advance(number, fraction)
+            elif isinstance(said, Done):
+                worker.group = ()
+                yield from _outcomes(group, said)
+            else:
+                force.replace(worker)
+                LOGGER.warning("the worker of %s died", ", ".join(f"member {member.number}" for member in group))
+                yield from (Outcome(member, _death(force.memory)) for member in group if member.number in died)
+                again = [member for member in group if member.number not in died]
+                died.update(member.number for member in again)
+                waiting.extend((member,) for member in again)
+
+
+def _death(memory: int) -> WorkerDeathError:
+    return WorkerDeathError(
+        f"its process died twice, most often because memory ran out (each worker may use {memory / 2**30:.1f} GiB); "
+        "use fewer workers, a larger cell_size or fewer particles_per_cell"
+    )
+
+
+@contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Set environment variables that new processes see when they start; all are undone."""
+    before = dict(os.environ)
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name in set(os.environ) - set(before):
+            del os.environ[name]
+        os.environ.update(before)
