@@ -12,6 +12,8 @@ from pipelines.stages import Stage
 from pipelines.study import PLAN, STAGES, Study
 from runout import log
 from runout.errors import ExitCode
+from runout.io.lock import exclusive
+from runout.io.part import remove_stale
 
 LOGGER = logging.getLogger("runout.hazard_map")
 
@@ -65,6 +67,7 @@ def run(
     """
     study = Study.open(site_path, out, workers, retry_failed, device)
     with log.to_file(study.results / "run.log"):
+        remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
 
 
@@ -77,13 +80,21 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
             continue
         LOGGER.info("%s: %s (%s)", stage.name, stage.purpose, reason)
         started = time.perf_counter()
-        files = MAKERS[stage.name](study)
-        study.record.finished(stage.name, study.key(stage), files)
+        _make(study, stage)
         LOGGER.info("%s: done in %.1f s", stage.name, time.perf_counter() - started, extra={"stage": stage.name})
         done.append(stage.name)
     if not done:
         LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
     return _outcome(study, stages, tuple(done))
+
+
+def _make(study: Study, stage: Stage) -> None:
+    """Do a stage; while it is under way, and after a kill, the record does not hold it."""
+    with exclusive(study.results, f".locks/{stage.name}"):
+        study.record.withdraw(stage.name)
+        files = MAKERS[stage.name](study)
+        study.require_inputs()
+        study.record.finished(stage.name, study.key(stage), files)
 
 
 def _outcome(study: Study, stages: Sequence[Stage], done: tuple[str, ...]) -> Outcome:

@@ -3,12 +3,14 @@
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from runout import __version__
 from runout.io.atomic import write_json
+from runout.io.fingerprint import Fingerprint
+from runout.io.lock import locked_folder
 
 RECORD = "stages.json"
 
@@ -43,7 +45,10 @@ def stage_key(stage: Stage, resolved: Mapping[str, Any], inputs: str, state: Any
 
 
 class StageRecord:
-    """What the finished stages of one results folder were made from, in ``stages.json``.
+    """What the finished stages of one results folder were made from and what they made, in ``stages.json``.
+
+    A stage is withdrawn from the record before its files are replaced, so that a run that is killed meanwhile leaves a stage
+    that is not done. A record that cannot be read, or an entry of it, counts as absent.
 
     Parameters
     ----------
@@ -56,23 +61,61 @@ class StageRecord:
         self.path = results / RECORD
 
     def why_stale(self, stage: str, key: str) -> str | None:
-        """Why the stage has to be done; None when it is up to date."""
+        """Why the stage has to be done; None when it is up to date and its files hold what it wrote."""
         entry = self._entries().get(stage)
         if entry is None:
             return "not done yet"
-        if entry["key"] != key:
+        if entry.key is None:
+            return "it was broken off"
+        if entry.key != key:
             return "inputs, configuration or version changed"
-        missing = [name for name in entry["files"] if not (self.results / name).exists()]
-        return f"{missing[0]} is missing" if missing else None
+        faults = (f"{name} {fault}" for name, file in entry.files.items() if (fault := file.fault(self.results / name)))
+        return next(faults, None)
+
+    def checksums(self, stage: str) -> dict[str, str]:
+        """Checksums of the files of a finished stage, by name; none of one that is not."""
+        entry = self._entries().get(stage)
+        return {name: file.sha256 for name, file in entry.files.items()} if entry else {}
+
+    def withdraw(self, stage: str) -> None:
+        """Note that the files of a stage are about to be replaced."""
+        self._replace(stage, Entry())
 
     def finished(self, stage: str, key: str, files: Iterable[Path]) -> None:
-        """Note that a stage is done; the record is replaced as a whole, so a kill leaves the old one."""
-        names = sorted(str(path.relative_to(self.results)) for path in files)
-        entries = {**self._entries(), stage: {"key": key, "files": names}}
-        write_json(entries, self.path)
+        """Note that a stage is done, and what its files hold."""
+        made = {path.relative_to(self.results).as_posix(): Fingerprint.of(path) for path in files}
+        self._replace(stage, Entry(key, dict(sorted(made.items()))))
 
-    def _entries(self) -> dict[str, dict[str, Any]]:
+    def _replace(self, stage: str, entry: "Entry") -> None:
+        self.results.mkdir(parents=True, exist_ok=True)
+        with locked_folder(self.results):  # another process may make another stage
+            write_json({name: one.stored() for name, one in {**self._entries(), stage: entry}.items()}, self.path)
+
+    def _entries(self) -> "dict[str, Entry]":
         try:
-            return json.loads(self.path.read_text())
-        except (FileNotFoundError, json.JSONDecodeError):
+            stored = json.loads(self.path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
             return {}
+        found = {name: Entry.read(one) for name, one in stored.items()} if isinstance(stored, dict) else {}
+        return {name: entry for name, entry in found.items() if entry is not None}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the record says of one stage: its key, None while it is being made, and its files."""
+
+    key: str | None = None
+    files: dict[str, Fingerprint] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, stored: Any) -> "Entry | None":
+        """The entry of a record; None if it is none."""
+        if not isinstance(stored, dict) or not isinstance(stored.get("files"), dict):
+            return None
+        key, files = stored.get("key"), {name: Fingerprint.read(one) for name, one in stored["files"].items()}
+        sound = {name: file for name, file in files.items() if file is not None}
+        return cls(key, sound) if (key is None or isinstance(key, str)) and len(sound) == len(files) else None
+
+    def stored(self) -> dict[str, Any]:
+        """For the record in JSON."""
+        return {"key": self.key, "files": {name: file.stored() for name, file in self.files.items()}}

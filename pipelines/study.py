@@ -1,18 +1,20 @@
 """One site and the folder of its results: which stages of its study are up to date, and why not."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.stages import Stage, StageRecord, digest_files, stage_key
 from runout.errors import PartialEnsembleError, StorageError
+from runout.io.fingerprint import Unchanged
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from runout.config.site import Site
     from runout.ensemble.run import EnsembleReport
+    from runout.ensemble.written import Written
     from runout.model.terrain import Terrain
 
 HEAD = ("name", "title", "description", "metadata")
@@ -35,6 +37,7 @@ class Study:
     results: Path
     workers: int | None = None
     retry_failed: bool = False
+    _watched: Unchanged | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def open(
@@ -63,8 +66,14 @@ class Study:
 
     @cached_property
     def inputs(self) -> str:
-        """Checksum of all input files."""
-        return digest_files(self.site.inputs())
+        """Checksum of all input files, as they are when this is first asked."""
+        self._watched = Unchanged(self.site.inputs())
+        return digest_files(self._watched.seen)
+
+    def require_inputs(self) -> None:
+        """InputError if an input was changed since :attr:`inputs` was first asked."""
+        if self._watched:
+            self._watched.require()
 
     @cached_property
     def terrain(self) -> "Terrain":
@@ -87,7 +96,21 @@ class Study:
 
     def refresh(self) -> None:
         """Look at the members anew."""
-        self.__dict__.pop("status", None)
+        for name in ("status", "written"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
+    def written(self) -> "Written":
+        """What the files of the members held when they were written."""
+        from runout.ensemble.written import Written
+
+        return Written(self.results)
+
+    def member_files(self, state: str) -> list[Path]:
+        """Files of the members of a state."""
+        from runout.ensemble.member import members_folder
+
+        return [members_folder(self.results) / f"{member:04d}.nc" for member in self.status.index[self.status["state"] == state]]
 
     @property
     def failed(self) -> dict[int, str]:
@@ -120,21 +143,31 @@ class Study:
         return EnsembleReport(skipped=done, failed=self.failed)
 
     def require_maps(self) -> None:
-        """StorageError unless the hazard stage has been done."""
-        if not (self.results / "hazard.nc").exists():
-            raise StorageError(f"{self.results / 'hazard.nc'}: not there; run `runout hazard {self.site.folder}` first")
+        """StorageError unless the hazard stage is up to date: a report shows maps and settings that belong together."""
+        reason = self.why_stale(next(stage for stage in PLAN if stage.name == "hazard"))
+        if reason:
+            raise StorageError(f"{self.results / 'hazard.nc'}: {reason}; run `runout hazard {self.site.folder}` first")
 
     def key(self, stage: Stage) -> str:
         """Key of a stage as the site and its members stand now."""
-        state: Any = self.status["state"].to_dict() if stage.name in ("hazard", "report") else None
+        return stage_key(stage, self.site.computed(), self.inputs, self._start(stage.name))
+
+    def _start(self, stage: str) -> Any:
+        """What a stage starts from besides inputs and configuration: the members, and what the report shows."""
+        if stage not in ("hazard", "report"):
+            return None
+        members = [self.status["state"].to_dict(), [self.written.checksum(file) for file in self.member_files("done")]]
+        if stage == "hazard":
+            return members
         error = self.results / "convergence.json"
-        if stage.name == "report" and error.is_file():
-            state = [state, digest_files([error])]
-        return stage_key(stage, self.site.computed(), self.inputs, state)
+        return [members, self.record.checksums("hazard"), digest_files([error] if error.is_file() else [])]
 
     def why_stale(self, stage: Stage) -> str | None:
         """Why a stage has to be done; None when it is up to date."""
         if stage.name != "ensemble":
             return self.record.why_stale(stage.name, self.key(stage))
         left = len(self.left)
-        return f"{left} of {len(self.status)} members to simulate" if left else None
+        if left:
+            return f"{left} of {len(self.status)} members to simulate"
+        unknown = sum(not self.written.has(file) for file in self.member_files("done"))
+        return f"{unknown} of {len(self.status)} members to enter into the record" if unknown else None

@@ -90,6 +90,10 @@ class StorageError(RunoutError):
     """A file or cache that cannot be written or read."""
 
 
+class DiskFullError(StorageError):
+    """A disk or quota without space for what has to be written."""
+
+
 class PartialEnsembleError(RunoutError):
     """An ensemble of which some members failed."""
 

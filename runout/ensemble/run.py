@@ -4,7 +4,7 @@ import logging
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -14,8 +14,11 @@ from runout.ensemble.member import Member, members_folder, plan_members, simulat
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.ensemble.worker import Group, Task
 from runout.ensemble.workers import Outcome, in_process, in_workers, workers_for
-from runout.errors import RunoutError, StorageError
-from runout.io.atomic import remove_stale, storage_error
+from runout.ensemble.written import Written
+from runout.errors import DiskFullError, InputError, RunoutError
+from runout.io.fingerprint import Unchanged
+from runout.io.lock import exclusive
+from runout.io.part import remove_stale
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -125,10 +128,11 @@ def run_ensemble(
         If an input of the site cannot be read, or the ensemble has no member.
     """
     results = Path(results)
-    members = plan_members(site)
-    with _exclusive(members_folder(results)) as folder:
+    inputs = Unchanged(site.inputs())
+    members, folder = plan_members(site), members_folder(results)
+    with exclusive(folder):
         remove_stale(folder)
-        tally = _Tally(members, results, retry_failed, progress)
+        tally = _Tally(members, results, retry_failed, progress, inputs)
         if tally.waiting:
             number, devices = workers_for(site.settings.simulation.device, workers, threads_per_worker)
             task, groups = _work(site, tally.waiting, results, simulate, number, threads_per_worker, bool(devices))
@@ -139,6 +143,7 @@ def run_ensemble(
                 run = in_workers(task, groups, number, threads_per_worker, tally.advance, devices)
             with closing(run) as outcomes:
                 tally.collect(outcomes)
+        tally.written.save()
     LOGGER.info("%s", tally.report())
     return tally.report()
 
@@ -183,8 +188,14 @@ class _Tally:
     """Books members and tells how far the run is."""
 
     def __init__(
-        self, members: list[Member], results: Path, retry_failed: bool, progress: Callable[[EnsembleProgress], None] | None
+        self,
+        members: list[Member],
+        results: Path,
+        retry_failed: bool,
+        progress: Callable[[EnsembleProgress], None] | None,
+        inputs: Unchanged,
     ):
+        self.inputs, self.written = inputs, Written(results)
         self.results, self.progress, self.of = results, progress, len(members)
         self.start, self.finished_now = time.perf_counter(), 0
         self.done: list[int] = []
@@ -197,7 +208,15 @@ class _Tally:
         self._tell()
 
     def _sort(self, member: Member, retry_failed: bool) -> None:
-        state, reason = member_state(member, self.results)
+        file = member.file(self.results)
+        found = self.written.look(file)
+        if found.fault and file.exists():
+            LOGGER.warning("member %d: its file %s; it is simulated again", member.number, found.fault)
+        if found.fault:
+            self.written.forget(file)
+        elif found.key and not found.noted:
+            self.written.note(file, found.key)
+        state, reason = member_state(member, self.results, self.written)
         failure = Failure.read(member.failure_file(self.results)) if state is State.FAILED else None
         if state is State.DONE:
             self.skipped.append(member.number)
@@ -208,23 +227,47 @@ class _Tally:
             self.waiting.append(member)
 
     def collect(self, outcomes: Iterator[Outcome]) -> None:
-        """Book every outcome as it comes."""
-        for outcome in outcomes:
-            number = outcome.member.number
-            self.finished_now += 1
-            self.under_way.pop(number, None)
-            if outcome.error is None:
-                self.done.append(number)
-                self._clear(outcome.member)
-            else:
-                failure = _failure(outcome.member, outcome.error)
-                self.failed[number] = failure.reason
-                failure.write(outcome.member.failure_file(self.results))
-                outcome.member.file(self.results).unlink(missing_ok=True)  # of an older configuration
-                if failure.lasting:
-                    outcome.member.forget_checkpoints(self.results)
-                LOGGER.warning("member %d failed: %s", number, failure.reason)
-            self._tell()
+        """Book every outcome as it comes.
+
+        Raises
+        ------
+        DiskFullError
+            That of a member: the next one could not be written either.
+        InputError
+            If an input was changed meanwhile.
+        """
+        try:
+            for outcome in outcomes:
+                self.finished_now += 1
+                self.under_way.pop(outcome.member.number, None)
+                if isinstance(outcome.error, DiskFullError):
+                    raise outcome.error
+                if outcome.error is None:
+                    self._book(outcome.member)
+                else:
+                    self._book_failure(outcome.member, _failure(outcome.member, outcome.error))
+                self._tell()
+        finally:
+            self.written.save()
+
+    def _book(self, member: Member) -> None:
+        file = member.file(self.results)
+        try:
+            self.inputs.require()
+        except InputError:
+            self.written.forget(file)
+            raise
+        self.written.note(file, member.key)
+        self.done.append(member.number)
+        self._clear(member)
+
+    def _book_failure(self, member: Member, failure: Failure) -> None:
+        self.failed[member.number] = failure.reason
+        failure.write(member.failure_file(self.results))
+        self.written.forget(member.file(self.results))  # of an older configuration
+        if failure.lasting:
+            member.forget_checkpoints(self.results)
+        LOGGER.warning("member %d failed: %s", member.number, failure.reason)
 
     def advance(self, member: int, fraction: float) -> None:
         """Note the fraction, 0 to 1, of a member that is running."""
@@ -265,22 +308,3 @@ def _failure(member: Member, error: BaseException) -> Failure:
         seed=member.seed,
         traceback="" if known else "".join(traceback.format_exception(error)),
     )
-
-
-@contextmanager
-def _exclusive(folder: Path) -> Iterator[Path]:
-    """The folder, made when absent and locked against a second run; the lock ends with this process, however it ends."""
-    import locket
-
-    lock = locket.lock_file(str(folder / ".lock"), timeout=0)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock.acquire()
-    except locket.LockError:
-        raise StorageError(f"{folder}: another run is working there; wait for it, or choose another folder with --out") from None
-    except OSError as cause:
-        raise storage_error(folder, cause) from cause
-    try:
-        yield folder
-    finally:
-        lock.release()

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.checkpoint import stored_time
-from runout.ensemble.member import Member, plan_members, stored_key
+from runout.ensemble.member import Member, plan_members
+from runout.ensemble.written import Found, Written
 from runout.errors import InputError, StabilityError
 from runout.io.atomic import write_json
 
@@ -66,15 +67,16 @@ class Failure:
     def read(cls, path: Path) -> "Failure | None":
         """The failure of a file; None if there is none that can be read."""
         try:
-            return cls(**json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
+            found = cls(**json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError, RecursionError):
             return None
+        return found if isinstance(found.reason, str) and isinstance(found.key, str) else None
 
 
-def member_state(member: Member, results: Path) -> tuple[State, str]:
-    """State of a member and its reason (empty when done)."""
-    key = stored_key(member.file(results))
-    if key == member.key:
+def member_state(member: Member, results: Path, written: Written) -> tuple[State, str]:
+    """State of a member and its reason (empty when done); ``written`` tells a file that was damaged since."""
+    found = written.look(member.file(results))
+    if found.key == member.key:
         return State.DONE, ""
     failure = Failure.read(member.failure_file(results))
     if failure and failure.key == member.key:
@@ -82,15 +84,21 @@ def member_state(member: Member, results: Path) -> tuple[State, str]:
     kept = stored_time(member.checkpoint_file(results))
     if kept is not None:
         return State.LEFT, f"broken off or running, kept at {kept:.4g} s; a run goes on from there"
-    return State.LEFT, "inputs, settings or parameters changed since it was run" if key or failure else "not run yet"
+    return State.LEFT, _why_left(found, failure)
+
+
+def _why_left(found: Found, failure: Failure | None) -> str:
+    if found.fault:
+        return f"its file {found.fault}; it is simulated again"
+    return "inputs, settings or parameters changed since it was run" if found.key or failure else "not run yet"
 
 
 def member_status(site: "Site", results: Path) -> "pd.DataFrame":
     """Table of all members: their parameters, ``state`` (done, failed, left) and ``reason``; indexed by ``member``."""
     import pandas as pd
 
-    members = plan_members(site)
-    states = [member_state(m, results) for m in members]
+    members, written = plan_members(site), Written(results)
+    states = [member_state(m, results, written) for m in members]
     table = pd.DataFrame([m.parameters for m in members], index=pd.Index([m.number for m in members], name="member"))
     table["state"] = [str(state) for state, _ in states]
     table["reason"] = [reason for _, reason in states]
@@ -99,4 +107,5 @@ def member_status(site: "Site", results: Path) -> "pd.DataFrame":
 
 def member_files(site: "Site", results: Path) -> dict[int, Path]:
     """Files of the members that are done, by number; files of an older configuration are not among them."""
-    return {m.number: m.file(results) for m in plan_members(site) if stored_key(m.file(results)) == m.key}
+    written = Written(results)
+    return {m.number: m.file(results) for m in plan_members(site) if written.look(m.file(results)).key == m.key}

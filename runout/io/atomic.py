@@ -3,18 +3,19 @@
 import errno
 import json
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from runout.errors import StorageError
+from runout.errors import DiskFullError, StorageError
+from runout.io.part import part_folder
 
-STALE = ".*.part"  # folders that a killed process leaves behind match this pattern
+PROBE = 2**20  # bytes that are written to find out whether a disk is full
 
 _FREE = "free some space or choose another folder with --out, then run again (finished work is kept)"
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 _REMEDY = {
     errno.ENOSPC: f"the disk is full; {_FREE}",
     errno.EDQUOT: f"your disk quota is used up; {_FREE}",
@@ -30,10 +31,25 @@ _REMEDY = {
 
 def storage_error(path: str | os.PathLike[str], cause: Exception) -> StorageError:
     """The error to raise when ``path`` cannot be written, with the remedy."""
-    number = getattr(cause, "errno", None)
-    reason = os.strerror(number) if number and number > 0 else str(cause)
-    remedy = _REMEDY.get(number or 0, f"the disk may be full; {_FREE}")
-    return StorageError(f"{path}: cannot be written ({reason}); {remedy}")
+    number = getattr(cause, "errno", None) or 0
+    if number not in _REMEDY:  # libraries have their own numbers, or none
+        refusal = _refusal(Path(path).parent)
+        number = refusal if refusal in _REMEDY else number
+    reason = os.strerror(number) if number > 0 else str(cause)
+    remedy = _REMEDY.get(number, f"the disk may be full; {_FREE}")
+    kind = DiskFullError if number in _FULL else StorageError
+    return kind(f"{path}: cannot be written ({reason}); {remedy}")
+
+
+def _refusal(folder: Path) -> int:
+    """Number of the error with which the system refuses to write to a folder now; 0 if it does not."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(PROBE))
+            os.fsync(file.fileno())
+    except OSError as error:
+        return error.errno or 0
+    return 0
 
 
 @contextmanager
@@ -49,18 +65,23 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         If the folder cannot be made or written, or the disk is full. An older file of that name stays as it is.
     """
     path = Path(path)
-    folder: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        folder = tempfile.mkdtemp(prefix=f".{path.name}.", suffix=STALE[2:], dir=path.parent)
-        temporary = Path(folder) / path.name
-        yield temporary
-        os.replace(temporary, path)
+        with part_folder(path) as folder, _refused(path):  # the error is made while the half file still takes its space
+            temporary = folder / path.name
+            yield temporary
+            os.replace(temporary, path)
     except OSError as cause:
         raise storage_error(path, cause) from cause
-    finally:
-        if folder:
-            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Block whose errors of the system are those of a file that cannot be written."""
+    try:
+        yield
+    except OSError as cause:
+        raise storage_error(path, cause) from cause
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
@@ -77,11 +98,3 @@ def write_json(content: Mapping[str, Any], path: str | os.PathLike[str]) -> Path
 
 def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else str(value)
-
-
-def remove_stale(folder: str | os.PathLike[str]) -> int:
-    """Number of temporary folders of killed processes removed from ``folder``; call it while nobody writes there."""
-    stale = [p for p in Path(folder).glob(STALE) if p.is_dir()]
-    for p in stale:
-        shutil.rmtree(p, ignore_errors=True)
-    return len(stale)

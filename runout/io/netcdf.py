@@ -172,6 +172,20 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise StorageError(f"{path}: cannot be read ({cause}); remove it and run again") from cause
 
 
+def unreadable(path: str | os.PathLike[str]) -> str | None:
+    """Why a file cannot be read to its end; None if every value of every group can."""
+    import netCDF4
+
+    try:
+        with LOCK, netCDF4.Dataset(path) as file:
+            for group in (file, *file.groups.values()):
+                for variable in group.variables.values():
+                    variable[...]
+    except (OSError, RuntimeError, ValueError) as cause:
+        return f"cannot be read ({cause})"
+    return None
+
+
 def read_rows(path: str | os.PathLike[str], name: str, rows: slice) -> np.ndarray:
     """Some rows (rows, columns) of one map of a file, NaN where there is no value.
 

@@ -146,8 +146,11 @@ def zone_label(feature: Mapping[str, Any]) -> str:
 
 
 def _provenance(path: Path, command: str = "hazard") -> dict[str, Any]:
+    remedy = f"run `runout {command}` for this site again"
     try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as cause:
-        raise StorageError(f"{path}: not valid JSON ({cause}); run `runout {command}` for this site again") from None
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as cause:
+        raise StorageError(f"{path}: not valid JSON ({cause}); {remedy}") from None
+    if not isinstance(content, dict):
+        raise StorageError(f"{path}: not what was written there; {remedy}")
     return content

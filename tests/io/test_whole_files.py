@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from runout.errors import StorageError
-from runout.io import atomic, netcdf
+from runout.io import atomic, netcdf, part
 from runout.io.geotiff import write_cog
 from runout.io.vector import write_outlines
 from runout.model.release import Release
@@ -90,7 +90,7 @@ def test_a_folder_that_forbids_writing_is_reported(
     def forbidden(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
-    monkeypatch.setattr(atomic.tempfile, "mkdtemp", forbidden)
+    monkeypatch.setattr(part.tempfile, "mkdtemp", forbidden)
     with pytest.raises(StorageError, match=r"Permission denied\); no permission to write there; change the permissions"):
         writer(tmp_path / name)
     assert os.listdir(tmp_path) == []
@@ -135,5 +135,5 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", writing], check=False)
     assert list(tmp_path.glob("*.nc")) == [], "half a file is never taken for a member"
     assert len(os.listdir(tmp_path)) == 1
-    assert atomic.remove_stale(tmp_path) == 1
+    assert part.remove_stale(tmp_path) == 1
     assert os.listdir(tmp_path) == []

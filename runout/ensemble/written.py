@@ -1,0 +1,102 @@
+"""What the files of the members held when they were written, so that a damaged one is found and simulated again."""
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from runout.ensemble.member import stored_key
+from runout.io.atomic import write_json
+from runout.io.fingerprint import Fingerprint
+from runout.io.provenance import sha256
+
+RECORD = "checksums.json"
+SAVE_SECONDS = 1.0  # at least, between two times that the record is written while members finish
+
+
+@dataclass(frozen=True)
+class Found:
+    """A member's file as it is now.
+
+    Attributes
+    ----------
+    key : str or None
+        Key of the member that it holds; None without a sound file.
+    fault : str or None
+        What is wrong with the file; None if it is sound, or if there is none and none is expected.
+    noted : bool
+        Whether its checksum is in the record.
+    """
+
+    key: str | None = None
+    fault: str | None = None
+    noted: bool = False
+
+
+class Written:
+    """Keys and fingerprints of members' files, in ``checksums.json``; one that cannot be read counts as empty.
+
+    Parameters
+    ----------
+    results : Path
+        The results folder; need not exist.
+    """
+
+    def __init__(self, results: Path):
+        self.path = Path(results) / RECORD
+        self.entries: dict[str, tuple[str, Fingerprint]] = {}
+        self.saved = time.monotonic()
+        for name, entry in _stored(self.path).items():
+            found = Fingerprint.read(entry.get("file")) if isinstance(entry, dict) else None
+            if found and isinstance(entry.get("key"), str):
+                self.entries[name] = (entry["key"], found)
+
+    def look(self, path: Path) -> Found:
+        """What a file is now; one without a note, left by a run that was killed, is read as a whole."""
+        if path.name in self.entries:
+            noted, written = self.entries[path.name]
+            fault = written.fault(path)
+            return Found(None if fault else noted, fault, noted=True)
+        if not path.is_file():
+            return Found()
+        from runout.io.netcdf import unreadable
+
+        key = stored_key(path)
+        fault = "is not the file of a member" if key is None else unreadable(path)
+        return Found(None if fault else key, fault)
+
+    def has(self, path: Path) -> bool:
+        """Whether the record holds a file, or there is none to hold."""
+        return path.name in self.entries or not path.is_file()
+
+    def checksum(self, path: Path) -> str:
+        """Checksum of a sound file; empty where there is none."""
+        if path.name in self.entries:
+            return self.entries[path.name][1].sha256
+        return sha256(path) if path.is_file() else ""
+
+    def note(self, path: Path, key: str) -> None:
+        """Note a file that was just written, or found sound; the record is saved now and then."""
+        self.entries[path.name] = (key, Fingerprint.of(path))
+        if time.monotonic() - self.saved > SAVE_SECONDS:
+            self.save()
+
+    def forget(self, path: Path) -> None:
+        """Remove a file, and its note."""
+        self.entries.pop(path.name, None)
+        path.unlink(missing_ok=True)
+
+    def save(self) -> None:
+        """Write the record."""
+        entries = sorted(self.entries.items())
+        write_json({name: {"key": key, "file": written.stored()} for name, (key, written) in entries}, self.path)
+        self.saved = time.monotonic()
+
+
+def _stored(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
