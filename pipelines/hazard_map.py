@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from pipelines.stages import Stage
 from pipelines.study import PLAN, STAGES, Study
 from runout import log
 from runout.errors import ExitCode
+from runout.interrupt import at_end
 from runout.io.lock import exclusive
-from runout.io.part import remove_stale
+from runout.io.part import end_writing, remove_stale
+from runout.lifetime import end_workers
 
 LOGGER = logging.getLogger("runout.hazard_map")
 
@@ -66,7 +69,7 @@ def run(
         done.
     """
     study = Study.open(site_path, out, workers, retry_failed, device)
-    with log.to_file(study.results / "run.log"):
+    with log.to_file(study.results / "run.log"), at_end(partial(end_writing, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
 

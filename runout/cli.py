@@ -9,10 +9,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Group, Parameter
-
-from runout import __version__, log
+from runout import __version__, interrupt
 from runout.errors import ConfigError, ExitCode, RunoutError
+
+with interrupt.ended_at_once():  # it takes a moment
+    from cyclopts import App, CycloptsError, Group, Parameter
+
+    from runout import log
 
 LOGGER = logging.getLogger(__name__)
 INTERRUPTED = 130  # what shells give for a command that Ctrl-C ended
@@ -244,11 +247,13 @@ def launch(
 
 
 def main(tokens: Sequence[str] | None = None) -> int:
-    """Exit code of the command with the arguments ``tokens`` (of the process when None)."""
+    """Exit code of the command with the arguments ``tokens``; of the process when None, which an interrupt then ends at once."""
     from runout import caches
 
-    caches.prepare()
+    if tokens is None:
+        interrupt.end_at_once()
     try:
+        caches.prepare()
         command, bound, _ = _parsed(app.meta, sys.argv[1:] if tokens is None else tokens)
         return int(command(*bound.args, **bound.kwargs) or ExitCode.OK)
     except CycloptsError as error:
@@ -260,7 +265,7 @@ def main(tokens: Sequence[str] | None = None) -> int:
         LOGGER.debug("traceback", exc_info=error)
         return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", ExitCode.FAILURE)
     except KeyboardInterrupt:
-        return _say("interrupted; what is finished is kept, the same command goes on from there", INTERRUPTED)
+        return _say(interrupt.MESSAGE, INTERRUPTED)
 
 
 def _parsed(application: App, tokens: Sequence[str]) -> tuple[Callable[..., Any], Any, dict[str, Any]]:

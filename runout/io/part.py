@@ -41,10 +41,11 @@ def remove_stale(folder: str | os.PathLike[str]) -> int:
     return sum(_remove(part) for part in Path(folder).rglob(PATTERN) if part.is_dir())
 
 
-def remove_own(folder: str | os.PathLike[str]) -> None:
-    """Remove what this process is writing in ``folder`` and those in it: it is about to end at once."""
+def end_writing(folder: str | os.PathLike[str]) -> None:
+    """Remove what this process and dead ones are writing in ``folder`` and those in it: this one is about to end at once."""
     for part in Path(folder).rglob(f".*.{os.getpid()}-*.part"):
         shutil.rmtree(part, ignore_errors=True)
+    remove_stale(folder)
 
 
 def _new(path: Path) -> tuple[Path, int | None]:

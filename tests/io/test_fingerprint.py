@@ -85,9 +85,9 @@ def test_inputs_must_not_change_while_they_are_used(file):
 
 
 def test_a_lock_is_held_once(tmp_path):
-    twice = ExitStack()
-    with twice, pytest.raises(StorageError, match="another run is working there"):
-        for _ in range(2):
+    with ExitStack() as twice:
+        twice.enter_context(exclusive(tmp_path / "results"))
+        with pytest.raises(StorageError, match="another run is working there"):
             twice.enter_context(exclusive(tmp_path / "results"))
     with exclusive(tmp_path / "results"):
         pass

@@ -20,6 +20,7 @@ import numpy as np
 
 from runout.backends.compile import cache_root, source_key
 from runout.backends.scan.general import is_general
+from runout.lifetime import end_with_parent, interrupts_kept
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
@@ -74,23 +75,36 @@ def _stamp(source: ModuleType) -> str:
 
 def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str, kind: str) -> bool:
     """Whether another process has compiled all kernels."""
-    job = base64.b64encode(pickle.dumps((materials[:2], precision, kind))).decode()
+    job = base64.b64encode(pickle.dumps((materials[:2], precision, kind, os.getpid()))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
     environment = {**os.environ, REHEARSAL: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
     command = [sys.executable, "-P", "-c", f"from {__name__} import rehearse; rehearse()"]
     try:
-        ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        with interrupts_kept():
+            process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        said = _ended(process)
     except OSError as error:
         LOGGER.debug("no process to compile in: %s", error)
         return False
-    if ended.returncode:
-        LOGGER.debug("compiling in a process of its own failed: %s", ended.stderr)
-    return ended.returncode == 0
+    if process.returncode:
+        LOGGER.debug("compiling in a process of its own failed: %s", said)
+    return process.returncode == 0
+
+
+def _ended(process: "subprocess.Popen[str]") -> str:
+    """What a process said of its errors, when it has ended; it ends if this one is interrupted."""
+    with process:
+        try:
+            return process.communicate()[1]
+        except BaseException:
+            process.kill()
+            raise
 
 
 def rehearse() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
-    materials, precision, kind = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
+    materials, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
+    end_with_parent(parent)
     scene, particles = _small_slope(materials, precision)
     for choices in VARIANTS[kind]:
         if "sleep_speed" in choices:
