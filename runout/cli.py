@@ -263,7 +263,9 @@ def main(tokens: Sequence[str] | None = None) -> int:
         return _say(str(error), error.exit_code)
     except OSError as error:  # a disk that is full, a folder that may not be written: the reader's to mend
         LOGGER.debug("traceback", exc_info=error)
-        return _say(f"{error.filename or 'input or output'}: {error.strerror or error}", ExitCode.FAILURE)
+        from runout.io.atomic import reason
+
+        return _say(f"{error.filename or 'input or output'}: {reason(error)}", ExitCode.FAILURE)
     except KeyboardInterrupt:
         return _say(interrupt.MESSAGE, INTERRUPTED)
 

@@ -4,13 +4,13 @@ import json
 import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.errors import StorageError
+from runout.io.atomic import storage_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -116,7 +116,7 @@ def to_file(path: Path) -> Iterator[None]:
         path.parent.mkdir(parents=True, exist_ok=True)
         handler = logging.FileHandler(path, encoding="utf-8")
     except OSError as error:
-        raise StorageError(f"{path}: cannot be written ({error.strerror}); choose another folder with --out") from error
+        raise storage_error(path, error) from error
     handler.setFormatter(JsonLines())
     for terminal in _terminals():
         terminal.said.clear()
@@ -133,7 +133,8 @@ def to_file(path: Path) -> Iterator[None]:
         LOGGER.setLevel(before)
         for logger in (LOGGER, WARNINGS):
             logger.removeHandler(handler)
-        handler.close()
+        with suppress(OSError):  # a full disk, which the products tell of
+            handler.close()
 
 
 @contextmanager

@@ -32,13 +32,19 @@ _REMEDY = {
 def storage_error(path: str | os.PathLike[str], cause: Exception) -> StorageError:
     """The error to raise when ``path`` cannot be written, with the remedy."""
     number = getattr(cause, "errno", None) or 0
-    if number not in _REMEDY:  # libraries have their own numbers, or none
-        refusal = _refusal(Path(path).parent)
-        number = refusal if refusal in _REMEDY else number
+    refusal = _refusal(Path(path).parent)  # libraries have their own numbers or none, or say that writing is not permitted
+    if refusal in _FULL or (number not in _REMEDY and refusal in _REMEDY):
+        number = refusal
     reason = os.strerror(number) if number > 0 else str(cause)
     remedy = _REMEDY.get(number, f"the disk may be full; {_FREE}")
     kind = DiskFullError if number in _FULL else StorageError
     return kind(f"{path}: cannot be written ({reason}); {remedy}")
+
+
+def reason(cause: OSError) -> str:
+    """What the system says of an error, with the remedy where there is one."""
+    remedy = _REMEDY.get(cause.errno or 0)
+    return (cause.strerror or str(cause)) + (f"; {remedy}" if remedy else "")
 
 
 def _refusal(folder: Path) -> int:

@@ -86,7 +86,9 @@ def test_every_error_has_its_exit_code_and_is_said_once(monkeypatch, capsys, tmp
     said = capsys.readouterr().err
     assert said.count("error:") == 1
     assert "Traceback" not in said
-    assert (str(error) if not isinstance(error, OSError) else "results/terrain.nc: No space left on device") in said
+    assert (
+        str(error) if not isinstance(error, OSError) else "results/terrain.nc: No space left on device; the disk is full"
+    ) in said
 
 
 def test_global_options_hold_before_and_after_the_command(monkeypatch, tmp_path):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.errors import MaterialError, StorageError
+from runout.errors import DiskFullError, MaterialError, StorageError
 
 # ensemble members sample each of these values exactly once (see test_ensemble_design)
 EIGHT = SimpleNamespace(distribution="discrete", values=[float(v) for v in range(8)], frequencies=[0.125] * 8)
@@ -109,6 +109,10 @@ def _storage():
     raise StorageError("members: the disk is full")
 
 
+def _full():
+    raise DiskFullError("0003.nc: the disk is full")
+
+
 def _bug():
     return {}["no such key"]
 
@@ -127,7 +131,15 @@ def _interrupt():
     raise KeyboardInterrupt
 
 
-FAULTS = {"material": _material, "storage": _storage, "bug": _bug, "exit": _exit, "memory": _memory, "interrupt": _interrupt}
+FAULTS = {
+    "material": _material,
+    "storage": _storage,
+    "full": _full,
+    "bug": _bug,
+    "exit": _exit,
+    "memory": _memory,
+    "interrupt": _interrupt,
+}
 
 
 def site(folder, **choices):

@@ -19,7 +19,7 @@ from runout.ensemble import machine, workers
 from runout.ensemble.member import Member, plan_members, stored_key
 from runout.ensemble.run import dealt, run_ensemble
 from runout.ensemble.status import member_files, member_status
-from runout.errors import ConfigError, InputError, StorageError
+from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 
 HERE = Path(__file__).parent
 ANGLE = "basal_friction_angle_deg"
@@ -167,6 +167,15 @@ def test_interrupt_ends_the_run_and_it_resumes(tmp_path):
     assert 0 < finished < 8
     report = run(site(tmp_path))
     assert (len(report.skipped), len(report.done), report.failed) == (finished, 8 - finished, {})
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_full_disk_ends_the_run_before_more_is_simulated_in_vain(tmp_path, two_cores, number):
+    with pytest.raises(DiskFullError, match="the disk is full"):
+        run(site(tmp_path, faults={float(v): "full" for v in range(8)}, pause=0.1), workers=number)
+    assert len(calls(site(tmp_path))) <= 2
+    assert not list((tmp_path / "results" / "members").glob("*.json"))
+    assert len(run(site(tmp_path)).done) == 8
 
 
 def test_progress_tells_how_far_the_run_is_and_what_is_left(tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from runout.errors import StorageError
+from runout.errors import DiskFullError, StorageError
 from runout.io import atomic, netcdf, part
 from runout.io.geotiff import write_cog
 from runout.io.vector import write_outlines
@@ -51,7 +51,7 @@ def test_a_full_disk_is_reported_and_the_old_file_stays(name: str, writer: Calla
         from pathlib import Path
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         import test_whole_files as t
-        from runout.errors import StorageError
+        from runout.errors import DiskFullError, StorageError
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
         try:
@@ -112,6 +112,22 @@ def test_a_file_appears_whole_in_a_new_folder_and_replaces_an_older_one(name: st
     writer(path)
     assert path.stat().st_size == first > 3
     assert os.listdir(path.parent) == [name]
+
+
+@pytest.mark.parametrize("error", [RuntimeError("NetCDF: HDF error"), PermissionError(errno.EACCES, "Permission denied")])
+def test_a_full_disk_that_a_library_calls_otherwise_is_called_full(error: Exception, tmp_path: Path, monkeypatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def fail(*_: object, **__: object) -> None:
+        monkeypatch.setattr(atomic.tempfile, "TemporaryFile", full)
+        raise error
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    with pytest.raises(
+        DiskFullError, match=r"a\.nc: cannot be written \(No space left on device\); the disk is full; free some space"
+    ):
+        make_netcdf(tmp_path / "a.nc")
 
 
 def test_an_error_of_the_library_that_is_no_os_error_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,118 @@
+"""Ctrl-C at any moment: one line, exit code 130, no process and no half file left."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import psutil
+import pytest
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+LINE = "error: interrupted; what is finished is kept, the same command goes on from there\n"
+START = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in the background of a shell
+MOMENTS = {
+    "libraries are loaded": """
+        import builtins
+        load = builtins.__import__
+        def slow(name, *rest):
+            if name == "cyclopts": wait()
+            return load(name, *rest)
+        builtins.__import__ = slow
+    """,
+    "an exception would be lost": """
+        import pipelines.hazard_map as study
+        def lossy(*_, **__):
+            try: wait()
+            except BaseException: pass
+            time.sleep(60)
+        study.run = lossy
+    """,
+    "a thread computes": """
+        import threading, pipelines.hazard_map as study
+        def run(*_, **__):
+            thread = threading.Thread(target=wait); thread.start(); thread.join()
+        study.run = run
+    """,
+    "a file is written": """
+        from pathlib import Path
+        import pipelines.hazard_map as study
+        from runout.io.atomic import whole_file
+        def write(study, *_):
+            with whole_file(study.results / "maps" / "a.tif") as temporary:
+                temporary.write_text("half")
+                wait()
+        class Study: results = Path(sys.argv[2]) / "results"
+        study.Study.open = lambda *_, **__: Study
+        study._run = write
+    """,
+    "a worker process computes": """
+        from pathlib import Path
+        import pipelines.hazard_map as study
+        from runout.ensemble.worker import start_worker
+        def run(study, *_):
+            workers = [start_worker(k, time.sleep, None) for k in range(2)]
+            for worker in workers: worker.hear(), worker.give(60)
+            wait()
+        class Study: results = Path(sys.argv[2]) / "results"
+        study.Study.open = lambda *_, **__: Study
+        study._run = run
+    """,
+    "kernels are compiled": """
+        import pipelines.hazard_map as study, runout.backends.scan.ahead as ahead
+        from runout.lifetime import interrupts_kept
+        def run(*_, **__):
+            with interrupts_kept():
+                watched = "import os, time, runout.lifetime as life; life.end_with_parent(os.getppid()); time.sleep(60)"
+                child = subprocess.Popen([sys.executable, "-c", watched])
+            threading.Timer(0.5, print, ["now"], {"flush": True}).start()
+            ahead._ended(child)
+        study.run = run
+    """,
+}
+
+
+def started(folder, moment):
+    program = START + "import subprocess, sys, threading, time\ndef wait():\n    print('now', flush=True)\n    time.sleep(60)\n"
+    program += textwrap.dedent(MOMENTS[moment]) + "from runout.__main__ import main\nsys.exit(main())"
+    command = [sys.executable, "-c", program, "run", str(folder)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_an_interrupt_is_one_line_while(tmp_path, moment):
+    process = started(tmp_path, moment)
+    assert process.stdout.readline() == "now\n"
+    children = psutil.Process(process.pid).children(recursive=True)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (130, LINE)
+    assert psutil.wait_procs(children, timeout=3)[1] == []
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_request_to_end_is_one_line_too(tmp_path):
+    process = started(tmp_path, "a file is written")
+    process.stdout.readline()
+    process.terminate()
+    _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (143, LINE.replace("interrupted", "terminated"))
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_an_interrupt_that_is_ignored_stays_ignored(tmp_path):
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import time\nfrom runout.interrupt import end_at_once\nend_at_once()\nprint('now', flush=True)\ntime.sleep(1)",
+        ],
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+        stdout=subprocess.PIPE,
+    )
+    process.stdout.readline()
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
