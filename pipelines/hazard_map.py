@@ -75,6 +75,7 @@ def run(
 
 
 def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
+    _require_sound(study, stages)
     done = []
     for stage in stages:
         reason = study.why_stale(stage) or ("asked for by --force" if force and stage.name != "ensemble" else None)
@@ -89,6 +90,16 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
     if not done:
         LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
     return _outcome(study, stages, tuple(done))
+
+
+def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
+    """ConfigError with every problem that `runout check` names, before a run that is to simulate anything."""
+    if "ensemble" not in [stage.name for stage in stages] or not any(study.why_stale(stage) for stage in PLAN[:3]):
+        return
+    from runout.check import require_sound
+
+    with log.muted():
+        require_sound(study.site.file)
 
 
 def _make(study: Study, stage: Stage) -> None:

@@ -63,7 +63,7 @@ def new(
 
 def check(site: SiteArgument, *, device: Device = None, session: Injected) -> int:
     """List every problem of a site and forecast its run; change nothing."""
-    from runout.check import check_site
+    from runout.preview import check_site
 
     return check_site(site, session.out, device)
 

@@ -4,6 +4,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from inspect import signature
 from typing import TYPE_CHECKING, Any
@@ -99,14 +100,9 @@ def forecast(
     BudgetError, CapacityError
         If the members that run at once need more memory than the budget allows, or than there is; nothing large has been made.
     """
-    from runout.ensemble.member import plan_members
-    from runout.ensemble.workers import workers_for
-
-    members = [member for member in plan_members(site) if member.number in set(left)]
-    if not members:
+    if not left:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
-    largest = _largest(members)
-    together = min(workers_for(site.settings.simulation.device, workers, 1)[0], len(members))
+    members, largest, together = _planned(site, left, workers)
     memory: list[float] = []  # one number, known before the particles are made
     particles, steps, seconds = _calibrated(site, largest, progress, lambda needed: memory.append(_fitting(site, needed, together)))
     work = seconds * sum(_relative_work(member.parameters, largest.parameters) for member in members)
@@ -117,10 +113,18 @@ def forecast(
 
 
 def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> None:
-    """BudgetError if the members ``left`` need more than the site's budget; sites without one are not calibrated."""
+    """BudgetError if the members ``left`` need more than the site's budget; sites without one are not calibrated.
+
+    Raises
+    ------
+    BudgetError, CapacityError
+        The latter if members that run at once need more memory than there is, with a budget or without one.
+    """
     budget = site.settings.budget
-    if budget is None or not left:
+    if not left:
         return
+    if budget is None:
+        return _require_memory(site, left, workers)
     with log.progress("calibration") as bar:
         expected = forecast(site, left, workers=workers, progress=bar)
     for line in expected.lines():
@@ -128,6 +132,31 @@ def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = N
     over = expected.over_budget(budget)
     if over:
         raise BudgetError("\n".join(over))
+
+
+class _Fits(Exception):
+    """The memory of a member is known and allowed; nothing large has been made."""
+
+
+def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> None:
+    """CapacityError if the members that run at once need more memory than there is."""
+    largest, together = _planned(site, left, workers)[1:]
+
+    def accept(needed: MemoryForecast) -> None:
+        _fitting(site, needed, together)
+        raise _Fits
+
+    with suppress(_Fits):
+        _scene({**site.member_arguments(largest.parameters), "seed": largest.seed}, accept)
+
+
+def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[list[Member], Member, int]":
+    """Members of the numbers ``left``, the largest of them, and how many run at once."""
+    from runout.ensemble.member import plan_members
+    from runout.ensemble.workers import workers_for
+
+    members = [member for member in plan_members(site) if member.number in set(left)]
+    return members, _largest(members), min(workers_for(site.settings.simulation.device, workers, 1)[0], len(members))
 
 
 def duration(seconds: float) -> str:
