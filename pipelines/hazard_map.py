@@ -12,7 +12,7 @@ import numpy as np
 from pipelines.stages import Stage
 from pipelines.study import PLAN, STAGES, Study
 from runout import log
-from runout.errors import ExitCode
+from runout.errors import ConfigError, ExitCode
 from runout.interrupt import at_end
 from runout.io.lock import exclusive
 from runout.io.part import end_writing, remove_stale
@@ -68,7 +68,12 @@ def run(
         An input cannot be used; the device is not there; the members that are left need more than the budget; not one member is
         done.
     """
-    study = Study.open(site_path, out, workers, retry_failed, device)
+    try:
+        study = Study.open(site_path, out, workers, retry_failed, device)
+    except ConfigError:
+        if "ensemble" in stages:
+            _inspected(Path(site_path))  # which names the problems of the inputs as well
+        raise
     with log.to_file(study.results / "run.log"), at_end(partial(end_writing, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
@@ -96,10 +101,14 @@ def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
     """ConfigError with every problem that `runout check` names, before a run that is to simulate anything."""
     if "ensemble" not in [stage.name for stage in stages] or not any(study.why_stale(stage) for stage in PLAN[:3]):
         return
+    _inspected(study.site.file)
+
+
+def _inspected(site_path: Path) -> None:
     from runout.check import require_sound
 
     with log.muted():
-        require_sound(study.site.file)
+        require_sound(site_path)
 
 
 def _make(study: Study, stage: Stage) -> None:

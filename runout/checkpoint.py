@@ -9,6 +9,7 @@ import logging
 import os
 import time
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from runout.model.scene import Scene
 LOGGER = logging.getLogger(__name__)
 FORMAT = 6  # of the file; raise it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
+# errors of a damaged archive; RuntimeError is one that seems to be encrypted, or packed by an unknown method
+DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass
@@ -71,7 +74,7 @@ class Checkpoint:
                 if str(archive["key"]) == self.key:
                     return {name: archive[name] for name in archive.files if name != "key"}
             reason = "it belongs to other inputs or another version of runout"
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             reason = f"it cannot be read ({error})"
         LOGGER.warning("%s: checkpoint not used, %s; the run starts from time zero", self.path, reason)
         return None
@@ -86,7 +89,7 @@ def stored_time(path: Path) -> float | None:
     try:
         with np.load(path, allow_pickle=False) as archive:
             return float(archive["run.time"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except DAMAGED:
         return None
 
 

@@ -156,5 +156,5 @@ def _stated_reason(path: Path) -> str | None:
         return str(json.loads(path.read_text(encoding="utf-8"))["reason"])
     except FileNotFoundError:
         return None
-    except (ValueError, KeyError, TypeError):  # written by something else
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # written by something else
         return ""

@@ -17,6 +17,7 @@ def hole_in_the_way():
 
 BAD = {
     "keys": {"text": SITE.replace("end_time", "end_tiem").replace("ensemble:", "budgt: 3\nensemble:")},
+    "keys and data": {"text": SITE.replace("end_time", "end_tiem"), "thickness": -slab()},
     "overlap": {"text": SECOND},
     "overlap and negative thickness": {"text": SECOND, "thickness": -slab()},
     "hole in the way of the flow": {"elevation": hole_in_the_way()},
