@@ -15,7 +15,7 @@ from runout import log
 from runout.errors import ConfigError, ExitCode
 from runout.interrupt import at_end
 from runout.io.lock import exclusive
-from runout.io.part import end_writing, remove_stale
+from runout.io.part import remove_stale
 from runout.lifetime import end_workers
 
 LOGGER = logging.getLogger("runout.hazard_map")
@@ -74,7 +74,7 @@ def run(
         if "ensemble" in stages:
             _inspected(Path(site_path))  # which names the problems of the inputs as well
         raise
-    with log.to_file(study.results / "run.log"), at_end(partial(end_writing, study.results)), at_end(end_workers):
+    with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
 

@@ -52,7 +52,7 @@ def _end(number: int, frame: FrameType | None) -> None:
     text = MESSAGE if number == signal.SIGINT else MESSAGE.replace("interrupted", "terminated")
     with suppress(OSError):  # a terminal that was closed
         os.write(2, (CURSOR if os.isatty(2) else b"") + f"error: {text}\n".encode())
-    for act in reversed(_AT_END):
+    for act in reversed(_AT_END[:]):
         with suppress(OSError):
             act()
     os._exit(128 + number)

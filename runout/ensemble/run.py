@@ -141,8 +141,11 @@ def run_ensemble(
                 run = in_process(task, groups, tally.advance, devices)
             else:
                 run = in_workers(task, groups, number, threads_per_worker, tally.advance, devices)
-            with closing(run) as outcomes:
-                tally.collect(outcomes)
+            try:
+                with closing(run) as outcomes:
+                    tally.collect(outcomes)
+            finally:
+                remove_stale(folder)  # of workers that were killed
         tally.written.save()
     LOGGER.info("%s", tally.report())
     return tally.report()

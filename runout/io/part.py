@@ -8,7 +8,10 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+
+from runout.interrupt import at_end
 
 try:
     import fcntl
@@ -28,10 +31,12 @@ def part_folder(path: Path) -> Iterator[Path]:
         If it cannot be made.
     """
     folder, lock = _new(path)
+    remove = partial(shutil.rmtree, folder, ignore_errors=True)
     try:
-        yield folder
+        with at_end(remove):
+            yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        remove()
         if lock is not None:
             os.close(lock)
 
@@ -41,17 +46,10 @@ def remove_stale(folder: str | os.PathLike[str]) -> int:
     return sum(_remove(part) for part in Path(folder).rglob(PATTERN) if part.is_dir())
 
 
-def end_writing(folder: str | os.PathLike[str]) -> None:
-    """Remove what this process and dead ones are writing in ``folder`` and those in it: this one is about to end at once."""
-    for part in Path(folder).rglob(f".*.{os.getpid()}-*.part"):
-        shutil.rmtree(part, ignore_errors=True)
-    remove_stale(folder)
-
-
 def _new(path: Path) -> tuple[Path, int | None]:
     """A new folder and what keeps its lock; another process may have taken it for stale before it was locked."""
     while True:
-        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.{os.getpid()}-", suffix=PATTERN[2:], dir=path.parent))
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=PATTERN[2:], dir=path.parent))
         lock = lock_folder(folder, wait=True)
         if folder.is_dir():
             return folder, lock
