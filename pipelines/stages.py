@@ -9,7 +9,7 @@ from typing import Any
 
 from runout import __version__
 from runout.io.atomic import write_json
-from runout.io.fingerprint import Fingerprint
+from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.lock import locked_folder
 
 RECORD = "stages.json"
@@ -83,7 +83,7 @@ class StageRecord:
 
     def finished(self, stage: str, key: str, files: Iterable[Path]) -> None:
         """Note that a stage is done, and what its files hold."""
-        made = {path.relative_to(self.results).as_posix(): Fingerprint.of(path) for path in files}
+        made = {path.relative_to(self.results).as_posix(): file for path, file in fingerprints(files).items()}
         self._replace(stage, Entry(key, dict(sorted(made.items()))))
 
     def _replace(self, stage: str, entry: "Entry") -> None:

@@ -208,6 +208,7 @@ class _Tally:
         self.under_way: dict[int, float] = {}
         for member in members:
             self._sort(member, retry_failed)
+        self.written.withdraw(member.file(results) for member in self.waiting)
         self._tell()
 
     def _sort(self, member: Member, retry_failed: bool) -> None:

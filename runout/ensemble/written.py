@@ -2,13 +2,14 @@
 
 import json
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from runout.ensemble.member import stored_key
 from runout.io.atomic import write_json
-from runout.io.fingerprint import Fingerprint
+from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.provenance import sha256
 
 RECORD = "checksums.json"
@@ -46,6 +47,7 @@ class Written:
     def __init__(self, results: Path):
         self.path = Path(results) / RECORD
         self.entries: dict[str, tuple[str, Fingerprint]] = {}
+        self.new: dict[str, tuple[str, Path]] = {}  # keys and places of files whose checksums are not computed yet
         self.saved = time.monotonic()
         for name, entry in _stored(self.path).items():
             found = Fingerprint.read(entry.get("file")) if isinstance(entry, dict) else None
@@ -54,6 +56,8 @@ class Written:
 
     def look(self, path: Path) -> Found:
         """What a file is now; one without a note, left by a run that was killed, is read as a whole."""
+        if path.name in self.new:
+            return Found(self.new[path.name][0], noted=True)
         if path.name in self.entries:
             noted, written = self.entries[path.name]
             fault = written.fault(path)
@@ -68,7 +72,7 @@ class Written:
 
     def has(self, path: Path) -> bool:
         """Whether the record holds a file, or there is none to hold."""
-        return path.name in self.entries or not path.is_file()
+        return path.name in self.entries or path.name in self.new or not path.is_file()
 
     def checksum(self, path: Path) -> str:
         """Checksum of a sound file; empty where there is none."""
@@ -78,17 +82,28 @@ class Written:
 
     def note(self, path: Path, key: str) -> None:
         """Note a file that was just written, or found sound; the record is saved now and then."""
-        self.entries[path.name] = (key, Fingerprint.of(path))
+        self.new[path.name] = (key, path)
         if time.monotonic() - self.saved > SAVE_SECONDS:
+            self.save()
+
+    def withdraw(self, paths: Iterable[Path]) -> None:
+        """Remove the notes of files that are about to be replaced."""
+        names = {path.name for path in paths} & set(self.entries)
+        if names:
+            self.entries = {name: entry for name, entry in self.entries.items() if name not in names}
             self.save()
 
     def forget(self, path: Path) -> None:
         """Remove a file, and its note."""
         self.entries.pop(path.name, None)
+        self.new.pop(path.name, None)
         path.unlink(missing_ok=True)
 
     def save(self) -> None:
-        """Write the record."""
+        """Write the record, with what was noted."""
+        files = fingerprints(path for _, path in self.new.values() if path.is_file())
+        self.entries |= {name: (key, files[path]) for name, (key, path) in self.new.items() if path in files}
+        self.new.clear()
         entries = sorted(self.entries.items())
         write_json({name: {"key": key, "file": written.stored()} for name, (key, written) in entries}, self.path)
         self.saved = time.monotonic()

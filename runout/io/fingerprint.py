@@ -1,8 +1,8 @@
 """What files held when they were written, and whether they still do.
 
-The checksum decides. It is computed anew unless the file's size, inode, time of content and time of status are the same, and were
-older than two seconds when the checksum was taken: every change of the content changes one of them, and no program can set the
-time of status. A second run over gigabytes of results that nobody touched therefore reads none of them.
+The checksum decides. It is computed anew unless the file's size, inode, time of content and time of status are the same, and the
+times were older than a step of the file system's clock when the checksum was taken: every later change of the content changes one
+of them, and no program can set the time of status. A second run over gigabytes of results that nobody touched reads none of them.
 """
 
 import os
@@ -15,7 +15,8 @@ from typing import Any
 from runout.errors import InputError
 from runout.io.provenance import sha256
 
-SETTLED = 2_000_000_000  # [ns] the coarsest steps in which a file system counts time
+SECOND = 1_000_000_000  # [ns]
+STEP, COARSE_STEP = SECOND // 25, 2 * SECOND  # [ns] of the clocks of file systems that count parts of a second, and of others
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Fingerprint:
     @classmethod
     def of(cls, path: Path) -> "Fingerprint":
         """That of a file as it is; OSError if it cannot be read."""
-        noted, status = time.time_ns(), os.stat(path)
+        noted, status = time.time_ns(), os.stat(path)  # a change from here on has a later time
         return cls(sha256(path), status.st_size, status.st_ino, status.st_mtime_ns, status.st_ctime_ns, noted)
 
     @classmethod
@@ -66,13 +67,28 @@ class Fingerprint:
             if status.st_size != self.size:
                 return f"has {status.st_size} bytes where {self.size} were written"
             same = (self.inode, self.modified, self.changed) == (status.st_ino, status.st_mtime_ns, status.st_ctime_ns)
-            if same and max(self.modified, self.changed) + SETTLED < self.noted:
+            if same and _settled(status) < self.noted:
                 return None
             return None if sha256(path) == self.sha256 else "does not hold what was written"
         except FileNotFoundError:
             return "is missing"
         except OSError as error:
             return f"cannot be read ({error.strerror})"
+
+
+def fingerprints(paths: Iterable[Path]) -> dict[Path, Fingerprint]:
+    """Those of files that were just written, after a step of the clock."""
+    listed = list(paths)
+    wait = max((_settled(os.stat(path)) for path in listed), default=0) - time.time_ns()
+    if 0 <= wait <= STEP:
+        time.sleep((wait + SECOND // 1000) / SECOND)
+    return {path: Fingerprint.of(path) for path in listed}
+
+
+def _settled(status: os.stat_result) -> int:
+    """Time [ns] from which on a change of a file shows in its times."""
+    whole_seconds = status.st_mtime_ns % SECOND == status.st_ctime_ns % SECOND == 0
+    return max(status.st_mtime_ns, status.st_ctime_ns) + (COARSE_STEP if whole_seconds else STEP)
 
 
 class Unchanged:

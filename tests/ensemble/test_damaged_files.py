@@ -46,6 +46,7 @@ def test_a_damaged_member_is_found_with_and_without_its_checksum(tmp_path):
     data.to_netcdf(path, encoding={"max_speed": {"zlib": True}})
     whole, written = path.read_bytes(), Written(tmp_path)
     written.note(path, "k")
+    written.save()
     assert written.look(path).key == "k"
     for _ in range(150):
         path.write_bytes(damaged(whole, choose))

@@ -19,6 +19,7 @@ from runout.ensemble import machine, workers
 from runout.ensemble.member import Member, plan_members, stored_key
 from runout.ensemble.run import dealt, run_ensemble
 from runout.ensemble.status import member_files, member_status
+from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 
 HERE = Path(__file__).parent
@@ -105,6 +106,23 @@ def test_change_that_matters_to_all_reruns_all(tmp_path, monkeypatch, change):
     place = site(tmp_path, members=2, **{"setting": {"cell_size": 10.0}, "seed": {"seed": 2}}.get(change, {}))
     assert member_status(place, tmp_path / "results")["reason"].str.contains("changed").all()
     assert run(place).done == (0, 1)
+
+
+def test_members_that_a_killed_run_replaced_are_kept(tmp_path, monkeypatch):
+    run(site(tmp_path))
+    changed = site(tmp_path, cell_size=10.0)
+    with monkeypatch.context() as killed:
+        killed.setattr(Written, "note", lambda *_: None)
+        killed.setattr(Written, "save", once(Written.save))
+        run(changed)
+    again = run(changed)
+    assert (again.done, again.skipped) == ((), tuple(range(8)))
+
+
+def once(function):
+    """The function at its first call, nothing later."""
+    calls = []
+    return lambda *arguments: None if calls else calls.append(function(*arguments))
 
 
 def test_change_of_the_title_reruns_nothing(tmp_path):

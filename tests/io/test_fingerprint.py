@@ -13,7 +13,7 @@ import pytest
 from runout.errors import InputError, StorageError
 from runout.io import fingerprint, part
 from runout.io.atomic import whole_file
-from runout.io.fingerprint import SETTLED, Fingerprint, Unchanged
+from runout.io.fingerprint import COARSE_STEP, Fingerprint, Unchanged, fingerprints
 from runout.io.lock import exclusive
 
 
@@ -26,11 +26,13 @@ def file(tmp_path):
 
 def settled(written: Fingerprint) -> Fingerprint:
     """As if it had been noted some time after the file was written."""
-    return replace(written, noted=written.changed + SETTLED + 1)
+    return replace(written, noted=written.changed + COARSE_STEP + 1)
 
 
 def test_an_untouched_file_is_not_read_again(file, monkeypatch):
-    written = settled(Fingerprint.of(file))
+    written = fingerprints([file])[file]
+    if max(written.modified, written.changed) % fingerprint.SECOND == 0:
+        pytest.skip("this file system counts whole seconds")
     monkeypatch.setattr(fingerprint, "sha256", lambda _: pytest.fail("it was read"))
     assert written.fault(file) is None
 
