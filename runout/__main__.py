@@ -14,4 +14,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    sys.argv[0] = "runout"  # as products name the command
     sys.exit(main())
