@@ -143,7 +143,7 @@ def make_release(study: Study) -> Iterable[Path]:
     releases = study.site.releases(study.terrain)
     for release in releases:
         LOGGER.info("release %s: %.4g m3 on %.4g m2, %s", release.name, release.volume, release.area, release.placement)
-    thickness = np.sum([release.thickness for release in releases], axis=0)
+    thickness = study.terrain.where_known(np.sum([release.thickness for release in releases], axis=0))
     maps = netcdf.map_dataset(study.terrain, {"release_thickness": thickness}, title=f"{study.site.name}: release")
     return [netcdf.write(maps, study.results / "release.nc")]
 

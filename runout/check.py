@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.errors import ConfigError, DemError, InputError, RunoutError
+from runout.errors import ConfigError, InputError, RunoutError
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -189,17 +189,17 @@ def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
 
 
 def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Unknown cells where the mass may come, and edges that it may leave over."""
-    from runout.terrain import prepare
+    """Edges of the DEM, and cells of it without elevation, over which the mass may leave."""
+    from runout.terrain import open_edge, prepare
 
     if not found.releases:
         return
     thickness = np.sum([release.thickness for release in found.releases], axis=0)
     reach = prepare.reachable(terrain, thickness, least_friction(site, found.releases, found.zones))
-    try:
-        prepare.require_known(terrain, reach, "the area that the mass can reach")
-    except DemError as error:
-        found.note(error)
+    found.notes += open_edge.note(terrain)
+    cells = open_edge.open_cells(terrain, reach)
+    if cells.any():
+        found.warnings.append(open_edge.statement(terrain, cells))
     rims = {"north": reach[0], "south": reach[-1], "west": reach[:, 0], "east": reach[:, -1]}
     sides = [side for side, rim in rims.items() if rim.any()]
     if sides:

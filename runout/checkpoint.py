@@ -116,6 +116,8 @@ def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
     arrays = [] if ground is None else [ground.coefficients]
     if scene.friction_zones:
         arrays += [scene.friction_zones.factor, scene.friction_zones.coefficient]
+    if scene.unknown is not None:
+        arrays += [scene.unknown]
     for values in (*arrays, *vars(particles).values()):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()

@@ -49,11 +49,12 @@ class Result:
         """Maps on the cells of the elevation raster, with its coordinate system.
 
         ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``arrival_time`` [s] (missing where
-        the flow never came) and ``deposit_thickness`` [m]; thickness is vertical.
+        the flow never came) and ``deposit_thickness`` [m]; thickness is vertical. Cells without elevation have no value.
         """
         from runout.io.netcdf import map_dataset
 
-        return map_dataset(self.terrain, self.fields, title="Runout of one scenario", attrs=self._attributes())
+        known = {name: self.terrain.where_known(values) for name, values in self.fields.items()}
+        return map_dataset(self.terrain, known, title="Runout of one scenario", attrs=self._attributes())
 
     @cached_property
     def ledger(self) -> "xr.Dataset":
@@ -94,8 +95,8 @@ class Result:
 
         dataset = map_dataset(self.terrain, {}, title="Snapshots of one scenario")
         dataset = dataset.assign_coords(time=("time", [t for t, _, _ in self.snapshots]))
-        add_map(dataset, "flow_thickness", np.array([h for _, h, _ in self.snapshots]), ("time",))
-        add_map(dataset, "speed", np.array([v for _, _, v in self.snapshots]), ("time",))
+        for name, frames in (("flow_thickness", [h for _, h, _ in self.snapshots]), ("speed", [v for _, _, v in self.snapshots])):
+            add_map(dataset, name, self.terrain.where_known(np.array(frames)), ("time",))
         return dataset
 
     def to_netcdf(self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None) -> None:

@@ -215,7 +215,7 @@ def build_scene(
     """
     from runout.release.arrangement import default_particles
     from runout.release.sample import particles_per_axis, sample_particles
-    from runout.terrain import prepare, sdf
+    from runout.terrain import open_edge, prepare, sdf
 
     releases = [release] if isinstance(release, Release) else list(release)
     if not releases:
@@ -231,9 +231,7 @@ def build_scene(
     if particles_per_cell is None:
         basal = math.radians(basal_friction_angle)
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
-    released = np.sum([r.thickness for r in releases], axis=0)
-    least = friction_zones.least_angle(min(angles)) if friction_zones else min(angles)
-    prepare.require_known(terrain, prepare.reachable(terrain, released, least), "the area that the flow can reach")
+    prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
     dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if dug else None, spacing[:2])
     if accept:
@@ -244,6 +242,7 @@ def build_scene(
     scene = Scene(
         spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
+        unknown=open_edge.unknown_cells(terrain),
     )  # fmt: skip
     return scene, particles
 

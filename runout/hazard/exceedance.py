@@ -9,6 +9,7 @@ import numpy as np
 
 from runout.errors import StorageError
 from runout.io import netcdf
+from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -127,7 +128,7 @@ def _aggregate_quantity(dataset: "xr.Dataset", members: Sequence[Path], w: np.nd
     _place(dataset, quantity.percentile, weighted_percentiles(values, w, dataset["percentile"].values), wet, unknown, block)
     _place(dataset, quantity.peak, values.max(axis=0), wet, unknown, block)
     if name == "thickness":
-        _place(dataset, "members_reached", (values >= limits[0]).sum(axis=0), wet, np.zeros_like(unknown), block)
+        _place(dataset, "members_reached", (values >= limits[0]).sum(axis=0), wet, unknown, block)
 
 
 def _aggregate_deposit(dataset: "xr.Dataset", members: Sequence[Path], w: np.ndarray, block: slice) -> None:
@@ -149,7 +150,7 @@ def _wet_and_unknown(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _place(dataset: "xr.Dataset", name: str, values: np.ndarray, wet: np.ndarray, unknown: np.ndarray, block: slice) -> None:
     target = dataset[name].values[..., block, :]
     target[..., wet] = values
-    target[..., unknown] = np.nan if target.dtype.kind == "f" else 0
+    target[..., unknown] = np.nan if target.dtype.kind == "f" else VARIABLES[name].fill
 
 
 def _stack(members: Sequence[Path], name: str, block: slice) -> np.ndarray:

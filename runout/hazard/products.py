@@ -20,6 +20,7 @@ from runout.io.vector import write_outlines
 from runout.model.release import Release
 from runout.model.resolution import worst
 from runout.model.terrain import Terrain
+from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def hazard_dataset(
     maps = {
         "elevation": terrain.elevation,
         "ground_slope": ground_slope(terrain),
-        "release_thickness": np.sum([release.thickness for release in releases], axis=0),
+        "release_thickness": terrain.where_known(np.sum([release.thickness for release in releases], axis=0)),
     }
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     over_members = aggregate(list(ensemble.files.values()), ensemble.weights, thresholds, settings.percentiles)
@@ -109,8 +110,9 @@ def hazard_dataset(
 
 
 def ground_slope(terrain: Terrain) -> np.ndarray:
-    """Slope of the ground (rows, columns) [degree], NaN beside unknown cells."""
-    return np.degrees(np.arctan(steepness(terrain.elevation, terrain.cell_size)))
+    """Slope of the ground (rows, columns) [degree], one-sided beside unknown cells, NaN on them."""
+    ground = continued(terrain.elevation, terrain.cell_size, max(terrain.cell_size))
+    return terrain.where_known(np.degrees(np.arctan(steepness(ground, terrain.cell_size))))
 
 
 def _write_outlines(

@@ -45,7 +45,7 @@ class Scene:
     surface : Surface or None
         Sliding surface; None for no ground at all.
     raster : Raster
-        Cells of the elevation raster. Its outline is the domain: what leaves it is booked as escaped.
+        Cells of the elevation raster. Its outline and its ``unknown`` cells bound the domain: what leaves it is booked as escaped.
     materials : tuple of Material
         One per release, all of one law.
     friction : tuple of float
@@ -67,6 +67,9 @@ class Scene:
         Blocks whose particles stay slower [m/s] are put to rest until something moves beside them; 0 for none, on "scan" alone.
     friction_zones : FrictionZones or None
         Where the ground changes the friction; None for nowhere.
+    unknown : ndarray (columns, rows) of bool or None
+        Cells of the raster without elevation, first index east, second north, from the south-west corner: an open edge, as the
+        outline is. None where every cell has one.
     """
 
     spacing: tuple[float, float, float]
@@ -83,6 +86,7 @@ class Scene:
     f_bar: bool = False
     sleep_speed: float = 0.0
     friction_zones: FrictionZones | None = None
+    unknown: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if len(self.spacing) != 3 or not all(np.isfinite(h) and h > 0 for h in self.spacing):
@@ -107,6 +111,8 @@ class Scene:
         if zones and (zones.factor.shape, zones.cell_size) != ((raster.columns, raster.rows), raster.cell_size):
             cells = f"{zones.factor.shape} of {zones.cell_size} m"
             raise ConfigError(f"friction zones have cells {cells}, the terrain {raster}; read them on the same terrain")
+        if self.unknown is not None and self.unknown.shape != (raster.columns, raster.rows):
+            raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
 
     @property
     def law(self) -> Law:
@@ -143,6 +149,19 @@ class Scene:
         """Basal friction coefficients (n,) [1] of masses of a ``release`` (n,) at local positions (n,) [m]."""
         friction = np.array(self.friction, np.float64)[release]
         return self.friction_zones.at(friction, x, y) if self.friction_zones else friction
+
+    def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether local positions (n,) [m] lie in the domain: on a cell of the raster that has an elevation."""
+        raster = self.raster
+        limits = np.multiply((raster.columns, raster.rows), raster.cell_size)
+        inside = (x >= 0.0) & (x <= limits[0]) & (y >= 0.0) & (y <= limits[1])
+        if self.unknown is None:
+            return inside
+        i, j = (
+            np.clip(np.floor(place / size).astype(np.int64), 0, count - 1)
+            for place, size, count in zip((x, y), raster.cell_size, self.unknown.shape, strict=True)
+        )
+        return inside & ~self.unknown[i, j]
 
     def stable_step(self, speed: float) -> float:
         """Time step [s] to take while the fastest particle moves at ``speed`` [m/s]: that of ``cfl``, if this keeps a reserve."""

@@ -97,6 +97,10 @@ class Terrain:
         """Rows and columns."""
         return self.elevation.shape  # type: ignore[return-value]
 
+    def where_known(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., rows, columns) on the cells that have an elevation, NaN on the others."""
+        return np.where(np.isnan(self.elevation), np.nan, values)
+
     @property
     def frame(self) -> LocalFrame:
         """Local frame: origin at the outer south-west corner."""

@@ -109,9 +109,14 @@ def _lost_mass(study: Study) -> list[str]:
     if not len(lost):
         return []
     return [
-        f"In {_count(len(lost))} mass left the elevation raster (up to {number(lost['escaped_fraction'].max())} %); "
-        "beyond the edge the runout is not known. Use a larger raster."
+        f"In {_count(len(lost))} mass left the elevation raster (up to {number(lost['escaped_fraction'].max())} %)"
+        f"{_open_cells(study)}; beyond the edge the runout is not known. Use a larger raster."
     ]
+
+
+def _open_cells(study: Study) -> str:
+    unknown = int(np.isnan(study.hazard["elevation"].values).sum())
+    return f", over its rim or into its {unknown} cells without elevation" if unknown else ""
 
 
 def _unfinished(study: Study, settings: dict[str, Any]) -> list[str]:

@@ -154,7 +154,7 @@ def reachable(terrain: Terrain, thickness: np.ndarray, angle: float) -> np.ndarr
 
     Energy line (Heim 1932; Hsu 1975, GSA Bull. 86:129) from the highest point of the mass, distances counted from the nearest
     cell of the release; of the cells below that line those that hang together with the release. Conservative: a path
-    is never shorter than the straight line. Unknown cells count with the elevation of the nearest known one.
+    is never shorter than the straight line. No path leads through unknown cells: they are an open edge.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def reachable(terrain: Terrain, thickness: np.ndarray, angle: float) -> np.ndarr
     distance = ndimage.distance_transform_edt(~released, sampling=(dy, dx))
     # a mass may start at the rim of its cell and needs to touch only the rim of the other
     line = (ground + thickness)[released].max() - np.tan(angle) * np.maximum(distance - np.hypot(dx, dy), 0.0)
-    parts, _ = ndimage.label((ground <= line) | released, structure=np.ones((3, 3)))
+    parts, _ = ndimage.label(((ground <= line) & np.isfinite(terrain.elevation)) | released, structure=np.ones((3, 3)))
     return np.isin(parts, np.unique(parts[released]))
 
 

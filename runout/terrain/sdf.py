@@ -8,9 +8,10 @@ from runout.errors import DemError
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
 from runout.physics import heightfield, tensors
-from runout.terrain.fill import filled
+from runout.terrain.fill import continued
 from runout.terrain.prepare import require_known
 
+STENCIL = 4.0  # cells of the grid from which the surface at a point is made
 # the one formula there with a square root, for arrays
 _normal_z = FunctionType(heightfield.normal_z.__code__, {**heightfield.normal_z.__globals__, "math": np})
 
@@ -20,8 +21,8 @@ def sliding_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, sp
 
     Cells finer than ``spacing`` are averaged in whole blocks to just below it: the grid cannot resolve what is smaller, and
     noisy normals disturb contact. Planes and parabolas stay exact (:func:`runout.physics.heightfield.weight_of_means`); cliffs
-    and dams get no lip and no moat that the raster does not have. Cells without an elevation take that of the nearest known one;
-    whoever runs physics there has to refuse them first, see :func:`runout.terrain.prepare.reachable`.
+    and dams get no lip and no moat that the raster does not have. Into cells without an elevation the surface is continued
+    (:func:`runout.terrain.fill.continued`); no mass stays there, see :mod:`runout.terrain.open_edge`.
 
     Parameters
     ----------
@@ -38,7 +39,8 @@ def sliding_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, sp
     """
     if len(spacing) != 2 or not all(np.isfinite(h) and h > 0 for h in spacing):
         raise DemError(f"{terrain.source}: spacing of the sliding surface is {spacing} m; both numbers must be positive")
-    z = filled(terrain.elevation, terrain.cell_size) - _excavated(terrain, thickness_excavated)
+    reach = STENCIL * max(*spacing, *terrain.cell_size)
+    z = continued(terrain.elevation, terrain.cell_size, reach) - _excavated(terrain, thickness_excavated)
     lattice = z[::-1].T  # (nx, ny), index 0 west and south
     axes = zip(spacing, terrain.cell_size, lattice.shape, strict=True)
     count = [min(max(1, int(h / cell * (1.0 + 1e-9))), n // 3) for h, cell, n in axes]

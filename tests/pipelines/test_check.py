@@ -71,13 +71,25 @@ def test_overlapping_releases_are_refused(tmp_path, capsys):
     assert "releases slab and second overlap on 36 cells" in out
 
 
-def test_unknown_cells_below_the_release_are_refused_and_behind_it_are_not(tmp_path):
-    reached, behind = ramp(), ramp()
-    reached[12, 30], behind[12, 1] = -9999.0, -9999.0
-    assert inspect(write_site(tmp_path / "behind", elevation=behind)).problems == []
-    (problem,) = inspect(write_site(tmp_path / "reached", elevation=reached)).problems
-    assert "dem.tif" in problem
-    assert "row 12, column 30" in problem
+def test_unknown_cells_that_the_mass_may_reach_are_named_with_place_and_number(tmp_path):
+    behind, reached = ramp(), ramp()
+    behind[12, 1] = -9999.0
+    reached[12, 30] = reached[20:, 22:] = -9999.0
+    assert not any("without elevation" in line for line in inspect(write_site(tmp_path / "behind", elevation=behind)).warnings)
+    found = inspect(write_site(tmp_path / "reached", elevation=reached))
+    (warning,) = [line for line in found.warnings if "without elevation" in line]
+    assert found.problems == []
+    assert "dem.tif: the mass may come to 32 cells without elevation" in warning
+    assert "31 cells along the edge of the known ground (easting 500225.0 to 500495.0, northing 4999765.0 to 4999795.0)" in warning
+    assert "a hole of 1 cells around row 12, column 30 (easting 500305.0, northing 4999875.0)" in warning
+    assert any("113 of 1200 cells have no elevation" in note for note in found.notes)
+
+
+def test_unknown_cells_under_the_release_are_refused(tmp_path):
+    elevation = ramp()
+    elevation[12, 8] = -9999.0
+    (problem,) = inspect(write_site(tmp_path / "under", elevation=elevation)).problems
+    assert "row 12, column 8" in problem
 
 
 def test_cells_larger_than_the_release_are_refused(tmp_path):

@@ -245,16 +245,17 @@ def test_mass_flows_down_but_not_over_a_ridge_above_the_energy_line():
     assert not reached[:, :5].any()
 
 
-def test_unknown_cells_on_the_way_count_as_reachable():
+def test_no_path_leads_through_unknown_cells_but_around_them():
     z = np.tile(600 - np.arange(60) * 10.0, (9, 1))
-    z[:, 20:25] = np.nan
-    terrain = Terrain(z, (10.0, 10.0))
+    z[1:, 20:25] = np.nan
     thickness = np.zeros(z.shape)
     thickness[4, 10] = 5.0
-    reached = prepare.reachable(terrain, thickness, np.radians(20))
-    assert reached[:, 11:].all()
-    with pytest.raises(DemError, match="45 of"):
-        prepare.require_known(terrain, reached, "the reachable area")
+    around = prepare.reachable(Terrain(z, (10.0, 10.0)), thickness, np.radians(20))
+    np.testing.assert_array_equal(around[:, 11:], np.isfinite(z[:, 11:]))
+    z[0, 20:25] = np.nan
+    closed = prepare.reachable(Terrain(z, (10.0, 10.0)), thickness, np.radians(20))
+    assert closed[:, 11:20].all()
+    assert not closed[:, 20:].any()
 
 
 def test_reach_of_nothing_is_nothing_and_a_wrong_angle_is_refused():

@@ -36,6 +36,7 @@ from runout.backends.hash.layout import (
 )
 from runout.backends.hash.nodes import NodeArrays
 from runout.backends.hash.store import Store
+from runout.backends.hash.unknown import UnknownCells
 from runout.backends.hash.zones import Zones
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.errors import CapacityError, StabilityError
@@ -134,7 +135,7 @@ class Batch:
         self.friction = wp.array(np.array([f for scene in self.scenes for f in scene.friction]), dtype=self.real)
         self.density = wp.array(np.array([m.density for m in materials]), dtype=wp.float64)
         limits = np.array([extent(scene) for scene in self.scenes])
-        self.limits = wp.array(limits, dtype=wp.float64)
+        self.limits, self.unknown = wp.array(limits, dtype=wp.float64), UnknownCells(self.scenes)
         self.rows = 2**20 if n == 1 else int(limits[:, 1].max()) // 4 + 1 + GAP
         if n > 1 and n * self.rows >= LARGEST_BLOCK:
             raise CapacityError(f"{n} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
@@ -299,6 +300,7 @@ class Batch:
         self._move_nodes()
         general.average(self)
         self._to_particles()
+        self.unknown.let_escape(self)
         self._list_cells()
 
     def _begin(self) -> None:

@@ -21,6 +21,7 @@ from runout.backends.hash import (
     observe,
     stencil,
     transfer,
+    unknown,
     zones,
 )
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
@@ -107,7 +108,8 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
     kernels = _bound(
-        law, precision, (stencil, index, cell_lists, zones, contact, finding, transfer, deform, motion, ground, observe),
+        law, precision, (stencil, index, cell_lists, zones, contact, finding, transfer, deform, motion, ground, observe,
+         unknown),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         ORDERED=ordered, ZONED=zoned,
     )  # fmt: skip

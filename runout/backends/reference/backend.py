@@ -198,10 +198,8 @@ class ReferenceBackend:
         p.node = (p.node + shift).astype(p.node.dtype)
 
     def _let_escape(self) -> None:
-        """Remove what has left the raster's outline and book its mass and energy."""
-        raster = self.scene.raster
-        x = self._p.position(self.spacing)[:, :2]
-        inside = np.all((x >= 0.0) & (x <= np.multiply((raster.columns, raster.rows), raster.cell_size)), axis=1)
+        """Remove what has left the domain and book its mass and energy."""
+        inside = self.scene.holds(*self._p.position(self.spacing).T[:2])
         if inside.all():
             return
         self._escaped_mass += float(self._p.mass[~inside].sum())

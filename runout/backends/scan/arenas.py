@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends.scan.domain import Domain
 from runout.backends.scan.index import Index
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.stencil import ARENA
@@ -98,11 +99,10 @@ class Arenas:
     nothing: np.ndarray
 
     @classmethod
-    def of(cls, index: Index, schedule: Schedule, real: Any, domain: np.ndarray, sleeps: bool, sharers: int = 0) -> "Arenas":
-        """Arrays for the blocks of an index, which may sleep, and room for some shares; particles leave ``domain`` (4,) [cells]."""
-        n, edge = index.nown, 4 * index.bxyz[: index.nown, :2]
+    def of(cls, index: Index, schedule: Schedule, real: Any, domain: Domain, sleeps: bool, sharers: int = 0) -> "Arenas":
+        """Arrays for the blocks of an index, which may sleep, and room for some shares; particles leave the ``domain``."""
+        n = index.nown
         room, threads = _roomy(schedule.most_arenas(index.held)), len(schedule.cuts) - 1
-        beside = (edge - 2 < domain[::2]) | (edge + 8 > domain[1::2])
         count = partial(np.zeros, n, np.int64)
         return cls(
             number=np.zeros(n, np.int32),
@@ -127,7 +127,7 @@ class Arenas:
             before=count(),
             shifted=count(),
             changed=count(),
-            rim=beside[:, 0] | beside[:, 1],
+            rim=domain.at_edge(index.bxyz[:n]),
             motion=np.zeros((n, 4)),
             ground=np.zeros((n, 4)),
             asleep=np.zeros(n, np.bool_),

@@ -10,6 +10,7 @@ import numpy as np
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.scan import checkpoint, columns, index, motion, nodes, observe, sleep
 from runout.backends.scan.arenas import Arenas
+from runout.backends.scan.domain import Domain
 from runout.backends.scan.general import General, is_general
 from runout.backends.scan.kernels import kernels_for
 from runout.backends.scan.schedule import Schedule
@@ -92,8 +93,7 @@ class ScanBackend:
         self.density = np.array([m.density for m in scene.materials], np.float64)
         self.gravity, self.dv = np.array(scene.gravity, np.float64), np.zeros(16, real)
         self.corner = particles.node.min(0).astype(np.int64) if self.n else np.zeros(3, np.int64)
-        size = np.array([scene.raster.columns, scene.raster.rows]) * np.array(scene.raster.cell_size) / self.spacing[:2]
-        self.domain = np.stack([-self.corner[:2], size - self.corner[:2]], axis=1).ravel().astype(np.float64)
+        self.domain = Domain.of(scene, self.corner)
         self.largest_radius = float(particles.radius.max(initial=0.0))
         self.of_one_size = bool(len(particles) and (particles.radius == particles.radius[0]).all())
         self.max_speed = float(np.sqrt((particles.velocity**2).sum(1).max(initial=0.0)))
@@ -232,8 +232,8 @@ class ScanBackend:
         more = self.general.take_rates(self) if self.general else self.no_rates
         speed2, step, lost, refused, self.moved = self.k.grid_to_particles(
             s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown, self.schedule.cuts,
-            a.grid, i.up, i.bxyz, a.rim, self.domain, self.mats, self.slopes, self.cells, *more, *self.buffers, s.listed, a.leaving,
-            a.shifted, a.changed, a.motion,
+            a.grid, i.up, i.bxyz, a.rim, self.domain.limits, self.domain.unknown, self.mats, self.slopes, self.cells, *more,
+            *self.buffers, s.listed, a.leaving, a.shifted, a.changed, a.motion,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.backends.scan import sleep
+from runout.backends.scan.domain import Domain
 from runout.backends.scan.index import Index
 from runout.backends.scan.store import PADDING, Store
 from runout.backends.state import State, arrays_of, part, plain, put_arrays
@@ -64,6 +65,7 @@ def put_back(engine: "ScanBackend", scene: Scene, state: State) -> None:
     engine.load(scene, Particles.zeros(0))
     engine._change_step(float(state["own.packed_dt"]))  # while there is no particle: the records hold that step already
     put_arrays(engine, state, "own.")
+    engine.domain = Domain.of(scene, engine.corner)
     put_arrays(engine.counters, state, "counters.")
     engine.counters.seconds = {stage: float(value) for stage, value in part(state, "seconds.").items()}
     engine.index = Index(**{name: plain(value) for name, value in part(state, "index.").items()})

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from runout.backends.scan.arenas import Arenas
+from runout.backends.scan.domain import Domain
 from runout.backends.scan.general import bytes_of_general
 from runout.backends.scan.index import Index
 from runout.backends.scan.order import _spacious
@@ -68,4 +69,6 @@ def _blocks(held: int, owners: int, nodes: int, scene: Scene) -> int:
     index.up[:] = index.down[:] = 0
     schedule = Schedule.of(index, 1, at_once=False)
     own = sum(values.nbytes for values in (*vars(index).values(), *vars(schedule).values()) if isinstance(values, np.ndarray))
-    return own + sum(Arenas.of(index, schedule, scene.dtype, np.zeros(4), scene.sleep_speed > 0).memory().values())
+    return own + sum(
+        Arenas.of(index, schedule, scene.dtype, Domain.of(scene, np.zeros(3)), scene.sleep_speed > 0).memory().values()
+    )

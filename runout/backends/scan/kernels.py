@@ -9,6 +9,7 @@ from runout.backends.scan import (
     arenas,
     columns,
     contact,
+    domain,
     forces,
     gradients,
     ground,
@@ -28,7 +29,7 @@ from runout.model.scene import Scene
 COMMON = (stencil, arenas, ground, index, transfer, contact, impulses, order, observe, columns, rest, zones)  # know no law
 LANES = (vectors, shuffles, memory)
 BY_GRADIENTS = (stencil, transfer, observe, contact, forces, gradients)  # of transfers other than the packed one, and of F-bar
-SOURCES = (*PHYSICS, *COMMON, motion, *LANES, ahead)
+SOURCES = (*PHYSICS, *COMMON, domain, motion, *LANES, ahead)
 _MADE: dict[tuple[str, str, bool, str], SimpleNamespace] = {}
 
 
@@ -43,7 +44,7 @@ def kernels_for(scene: Scene) -> SimpleNamespace:
 
 def _bound(scene: Scene) -> SimpleNamespace:
     binding = numba_binding(scene.dtype)
-    common = binding.kernels(*COMMON, sources=(*LANES, motion))
+    common = binding.kernels(*COMMON, sources=(*LANES, domain, motion))
     law = getattr(binding, scene.law.module.__name__.rsplit(".", 1)[-1])
     names = {
         "law_update": law.update,
@@ -51,6 +52,6 @@ def _bound(scene: Scene) -> SimpleNamespace:
         "ONE_MATERIAL": len(scene.materials) == 1,
         "GENERAL": is_general(scene),
     }
-    own = binding.kernels(stencil, motion, sources=LANES, **names)
+    own = binding.kernels(stencil, domain, motion, sources=LANES, **names)
     more = binding.kernels(*BY_GRADIENTS, sources=LANES) if is_general(scene) else SimpleNamespace()
     return SimpleNamespace(**(vars(more) | vars(common) | vars(own)))

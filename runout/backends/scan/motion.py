@@ -26,6 +26,7 @@ from runout.backends.lanes import (
     store,
     whole,
 )
+from runout.backends.scan.domain import _lies_in_domain
 from runout.backends.scan.stencil import (
     AHEAD,
     EVERY,
@@ -229,26 +230,19 @@ def _follow_all_large(t, rec, state, slot, who, label, first, groups, mats, s, c
             _follow_large(t, rec, state, column, slot + column, mat, s, cells, averaged, keeps)
 
 
-def _lies_in_domain(bxyz, b, c, rec, slot, domain):
-    """Whether a particle whose cell has the coordinates ``c`` relative to a block lies in the domain [cells]."""
-    x = 4 * bxyz[b, 0] + c[0] + np.float64(rec[slot, 4])
-    y = 4 * bxyz[b, 1] + c[1] + np.float64(rec[slot, 8])
-    return (x >= domain[0]) and (x <= domain[1]) and (y >= domain[2]) and (y <= domain[3])
-
-
-def _destination(rec, cell, slot, code, b, bxyz, rim, domain):
+def _destination(rec, cell, slot, code, b, bxyz, rim, domain, unknown):
     """Where a particle goes: neighbour 0 to 26, more if that is out of the domain, and its cell there."""
     c = np.int64(cell[slot])
     x = (c >> 4) + code // 9 - 1
     y = ((c >> 2) & 3) + (code // 3) % 3 - 1
     z = (c & 3) + code % 3 - 1
     q = ((x >> 2) + 1) * 9 + ((y >> 2) + 1) * 3 + (z >> 2) + 1
-    if rim[b] and not _lies_in_domain(bxyz, b, (x, y), rec, slot, domain):
+    if rim[b] and not _lies_in_domain(bxyz, b, (x, y), rec, slot, domain, unknown):
         q += OUTSIDE
     return q, ((x & 3) << 4) | ((y & 3) << 2) | (z & 3)
 
 
-def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, last, leaving, shifted, changed):
+def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, unknown, movers, last, leaving, shifted, changed):
     """New cells of the particles of a group of lanes; those that change theirs are listed.
 
     An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell for those that leave the block, from ``first`` on,
@@ -264,7 +258,7 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, movers, last, l
         bits = bits & (bits - np.uint64(1))
         column = np.int64(lane) + 16 * g
         slot = p + column
-        q, to = _destination(rec, cell, slot, np.int64(t[CODE, column]), b, bxyz, rim, domain)
+        q, to = _destination(rec, cell, slot, np.int64(t[CODE, column]), b, bxyz, rim, domain, unknown)
         c = np.int64(cell[slot])
         if q != HERE:
             changed = changed | (np.int64(1) << q)
@@ -344,8 +338,8 @@ def _total_motion(motion, changed, nown):
 
 
 def grid_to_particles(
-    rec, state, cell, who, label, order, starts, first, moving, reached, nown, cuts, grid, up, bxyz, rim, domain, mats, s, cells,
-    rates, averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
+    rec, state, cell, who, label, order, starts, first, moving, reached, nown, cuts, grid, up, bxyz, rim, domain, unknown, mats, s,
+    cells, rates, averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
@@ -387,7 +381,7 @@ def grid_to_particles(
                     lost = lost + load16(t, LOST * TILE + 16 * g)
                     refused = refused + load16(t, REFUSED * TILE + 16 * g)
                     left, stirred, new = _note_moves(
-                        t, rec, cell, f, f + k, g, b, bxyz, rim, domain, movers, f + held - 1, left, stirred, new
+                        t, rec, cell, f, f + k, g, b, bxyz, rim, domain, unknown, movers, f + held - 1, left, stirred, new
                     )
             leaving[b] = left
             shifted[b] = stirred

@@ -1,0 +1,93 @@
+"""Ground without elevation is an open edge: the surface goes on into it, and what comes there leaves the run."""
+
+import numpy as np
+import pytest
+
+from runout import DruckerPrager, Release, Terrain, simulate
+from runout.errors import DemError
+from runout.terrain.fill import continued, filled
+from runout.terrain.sdf import sliding_surface
+
+CELL = 5.0
+MATERIAL = DruckerPrager(density=2000.0, youngs_modulus=2e6, poisson_ratio=0.3, friction_angle=30.0)
+
+
+def catchment(rows=24, columns=44, hole=True):
+    """Plane of 30 degrees that falls to the east, cut obliquely along the east as by a catchment, with a hole in the path."""
+    y, x = np.mgrid[:rows, :columns].astype(float)
+    z = 500.0 - CELL * x * np.tan(np.radians(30.0)) + 0.2 * CELL * y
+    z[x > 34.0 + 0.25 * y] = np.nan
+    if hole:
+        z[12, 20] = np.nan
+    return z
+
+
+def clipped(**choices):
+    terrain = Terrain.from_array(catchment(**choices), CELL)
+    thickness = np.zeros(terrain.shape)
+    thickness[8:16, 6:14] = 6.0
+    return terrain, Release.from_array(thickness, terrain, placement="on_surface")
+
+
+def test_a_plane_is_continued_as_a_plane_and_known_cells_are_kept():
+    z = catchment()
+    y, x = np.mgrid[: z.shape[0], : z.shape[1]].astype(float)
+    plane = 500.0 - CELL * x * np.tan(np.radians(30.0)) + 0.2 * CELL * y
+    found = continued(z, (CELL, CELL), reach=4 * CELL)
+    near = (x <= 37.0 + 0.25 * y) & (x >= 1) & (y > 2) & (y < 21)
+    np.testing.assert_array_equal(found[np.isfinite(z)], z[np.isfinite(z)])
+    np.testing.assert_allclose(found[near], plane[near], atol=1e-9)
+    assert np.isfinite(found).all()
+    assert np.abs(filled(z, (CELL, CELL)) - plane)[near].max() > CELL  # what the nearest value alone would leave: a step
+
+
+@pytest.mark.parametrize("spacing", [3.0, 5.0, 10.0])
+def test_the_sliding_surface_keeps_its_slope_up_to_the_open_edge(spacing):
+    terrain, _ = clipped()
+    surface = sliding_surface(terrain, None, (spacing, spacing))
+    x, y = np.array([34.9, 36.9, 20.5]) * CELL, np.array([23.5, 12.5, 11.0]) * CELL  # beside the edge and the hole
+    _, east, north = surface.evaluate(x, y)
+    np.testing.assert_allclose(east, -np.tan(np.radians(30.0)), rtol=1e-6)
+    np.testing.assert_allclose(north, -0.2, rtol=1e-6)
+
+
+def test_a_flow_over_an_open_edge_is_booked_and_its_maps_hold_no_value_there():
+    terrain, release = clipped()
+    result = simulate(terrain, release, MATERIAL, basal_friction_angle=12.0, cell_size=5.0, end_time=14.0)
+    unknown = np.isnan(terrain.elevation)
+    ledger = result.ledger
+    total = (ledger["mass"] + ledger["escaped_mass"]).values
+    np.testing.assert_allclose(total, total[0], rtol=1e-6)
+    assert float(ledger["escaped_mass"][-1]) > 0.9 * total[0]
+    for name, values in result.maps.data_vars.items():
+        assert np.isnan(values.values[unknown]).all(), name
+    assert np.isfinite(result.maps["max_flow_thickness"].values[~unknown]).all()
+
+
+def test_an_open_edge_acts_as_the_rim_of_the_raster_does():
+    """The same slope once cut off by the raster's rim, once by cells without elevation: the flow before the cut is the same."""
+    y, x = np.mgrid[:24, :40].astype(float)
+    slope = 500.0 - CELL * x * np.tan(np.radians(30.0)) + 0.0 * y
+    found = []
+    for z in (slope[:, :24], np.where(x >= 24, np.nan, slope)):
+        terrain = Terrain.from_array(z, CELL)
+        thickness = np.zeros(terrain.shape)
+        thickness[6:18, 4:14] = 6.0
+        release = Release.from_array(thickness, terrain, placement="on_surface")
+        found.append(simulate(terrain, release, MATERIAL, basal_friction_angle=15.0, cell_size=5.0, end_time=9.0))
+    rim, cut = found
+    assert float(cut.ledger["escaped_mass"][-1]) == pytest.approx(float(rim.ledger["escaped_mass"][-1]), rel=1e-3)
+    assert float(cut.ledger["escaped_mass"][-1]) > 0.5 * float(cut.ledger["mass"][0])
+    for name in ("max_flow_thickness", "max_speed", "deposit_thickness"):
+        np.testing.assert_allclose(cut.maps[name].values[:, :23], rim.maps[name].values[:, :23], atol=0.02, err_msg=name)
+
+
+def test_unknown_cells_under_a_release_are_refused_with_their_place():
+    z = catchment()
+    z[10, 10] = np.nan
+    terrain = Terrain.from_array(z, CELL)
+    thickness = np.zeros(terrain.shape)
+    thickness[8:16, 6:14] = 6.0
+    release = Release(thickness, terrain, placement="on_surface")  # made by hand: no reader has looked
+    with pytest.raises(DemError, match=r"1 of 64 cells of the release have no elevation, first row 10, column 10"):
+        simulate(terrain, release, MATERIAL, cell_size=5.0, end_time=1.0)
