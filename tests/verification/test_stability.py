@@ -17,8 +17,6 @@ from runout.errors import RunoutError
 REFUSED = {  # pinned trials that must be refused, and words of the reason
     "cfl = 0.61": "unstable above 0.6",
     "friction_angle = 0.0": "no strength",
-    "terrain = unknown cells": "no elevation",
-    "terrain = cells of -9999": "no elevation",
 }
 
 
