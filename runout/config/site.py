@@ -14,6 +14,7 @@ from runout.config.fetch import locate
 from runout.config.read import load, site_file
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.errors import ConfigError, Problem
+from runout.io.side_files import files_of
 
 if TYPE_CHECKING:
     from runout.model.friction import FrictionZones
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 FINEST_RESOLUTION = 0.75  # of the raster's own cell; below, nothing is averaged and nothing gained
-SHAPEFILE_PARTS = (".shx", ".dbf", ".prj", ".cpg")
 ROW_EXTRAS = ("weight", "seed")  # columns of the table of members besides the parameters
 
 
@@ -214,7 +214,7 @@ class Site:
         return self.grid(self.releases(self.terrain()) if self.settings.simulation.cell_size is None else [])
 
     def inputs(self) -> list[Path]:
-        """Every input file, public ones fetched; site.yaml is not among them.
+        """Every file that the inputs consist of, side files too, public ones fetched; site.yaml is not among them.
 
         Raises
         ------
@@ -332,12 +332,9 @@ def _fixed(value: Any) -> Any:
 
 
 def _files(source: str | Path) -> list[Path]:
-    """The files behind an input: a shapefile has several, a sample raster lies in matplotlib."""
+    """The files behind an input: with their side files and sources; a sample raster lies in matplotlib."""
     if isinstance(source, str):
         package = find_spec("matplotlib")
         roots = (package.submodule_search_locations or []) if package else []
         return [Path(root, "mpl-data", "sample_data", source.partition(":")[2] + ".npz") for root in roots]
-    if source.is_dir():
-        return sorted(p for p in source.iterdir() if p.is_file())
-    parts = SHAPEFILE_PARTS if source.suffix.lower() == ".shp" else ()
-    return [source, *(p for p in (source.with_suffix(s) for s in parts) if p.is_file())]
+    return files_of(source)

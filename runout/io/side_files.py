@@ -1,0 +1,111 @@
+"""Every file that an input depends on: the file itself, its side files, and the sources of a virtual one.
+
+Which side files a raster has is what GDAL says of it (georeference, mask, statistics, header), so that each format has its own.
+Vector formats have a table here, since no library at hand lists theirs. Overviews are left out: nothing reads them.
+"""
+
+import os
+import re
+import warnings
+from html import unescape
+from pathlib import Path
+
+VECTOR_SIDES = {
+    ".shp": (".shx", ".dbf", ".prj", ".cpg", ".cst"),
+    ".tab": (".dat", ".map", ".id", ".ind"),
+    ".mif": (".mid",),
+    ".gml": (".xsd", ".gfs"),
+    ".csv": (".csvt", ".prj"),
+}
+NOT_YET_WRITTEN_BACK = ("-wal", "-journal")  # changes of an SQLite file, a GeoPackage too, that lie beside it
+SOURCE = re.compile(r"<(?:SourceFilename|SourceDataset|SrcDataSource)([^>]*)>([^<]+)<", re.IGNORECASE)
+RELATIVE = re.compile(r"relativeToVRT\s*=\s*[\"']\s*1", re.IGNORECASE)
+SQLITE = b"SQLite format 3"
+VIRTUAL = (b"<VRTDataset", b"<OGRVRTDataSource", b"<?xml")  # how a virtual file begins, whatever its suffix
+OVERVIEWS = ".ovr"
+DEEPEST = 8  # virtual files on virtual files
+
+
+def files_of(path: Path) -> list[Path]:
+    """The file and all others that what it holds depends on, by path; of a folder every file in it.
+
+    A file that is not there, or that no library opens, is given alone: its reader will say what is wrong.
+    """
+    if path.is_dir():
+        listed = {_key(p): p for p in (*path.iterdir(), *_raster_files(path)) if p.is_file()}
+        return [listed[key] for key in sorted(listed)]
+    found: dict[str, Path] = {}
+    _collect(path, found, DEEPEST)
+    sides = sorted(other for key, other in found.items() if key != _key(path))
+    return [path, *sides]
+
+
+def _key(path: Path) -> str:
+    return os.path.abspath(path)
+
+
+def _collect(path: Path, found: dict[str, Path], depth: int) -> None:
+    """Add a file, its side files and its sources."""
+    if _key(path) in found:
+        return
+    found[_key(path)] = path
+    if depth == 0 or not path.is_file():
+        return
+    sources = _sources(path)
+    for other in (*sources, *_raster_files(path), *_vector_files(path)):
+        if sources and _key(other) != _key(path):
+            _collect(other, found, depth - 1)
+        elif other.suffix.lower() != OVERVIEWS:
+            found.setdefault(_key(other), other)
+
+
+def _raster_files(path: Path) -> list[Path]:
+    """The files that GDAL lists for a raster; none for what is no raster."""
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    if _begins(path).startswith(SQLITE):  # to open it may write back what lies beside it
+        beside = path.with_name(path.name + ".aux.xml")
+        return [beside] if beside.is_file() else []
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(path) as dataset:
+                listed = [Path(name) for name in dataset.files]
+    except RasterioError:
+        return []
+    return [p for p in listed if p.is_file()]
+
+
+def _vector_files(path: Path) -> list[Path]:
+    """Side files of a vector file, whatever the case of their suffixes."""
+    sides = VECTOR_SIDES.get(path.suffix.lower(), ())
+    named = [p for p in path.parent.glob(f"{_literal(path.stem)}.*") if p.suffix.lower() in sides] if sides else []
+    pending = [path.with_name(path.name + end) for end in NOT_YET_WRITTEN_BACK]
+    return [p for p in (*named, *pending) if p.is_file() and p.stat().st_size > 0]
+
+
+def _begins(path: Path) -> bytes:
+    """The first bytes of a file; none of what is no file or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(200)
+    except OSError:
+        return b""
+
+
+def _literal(name: str) -> str:
+    """A name as a pattern that matches it alone."""
+    return re.sub(r"([*?[])", r"[\1]", name)
+
+
+def _sources(path: Path) -> list[Path]:
+    """Files that a virtual raster or vector file is made from, as far as they are files."""
+    try:
+        is_virtual = _begins(path).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(VIRTUAL)
+        text = path.read_text(encoding="utf-8", errors="replace") if is_virtual else ""
+    except OSError:
+        return []
+    named = [(unescape(name.strip()), RELATIVE.search(options)) for options, name in SOURCE.findall(text)]
+    paths = [path.parent / name if relative else Path(name) for name, relative in named]
+    return [p for p in paths if p.is_file()]
