@@ -11,9 +11,14 @@ if TYPE_CHECKING:
     import pyproj
     import xarray as xr
 
+UNNAMED = "latitude_longitude"  # the grid mapping of CF that tells the figure of the Earth alone
+
 
 def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
-    """Coordinates of the cell centres: ``x`` ascending, ``y`` descending [m], and ``crs`` unless the system is local."""
+    """Coordinates of the cell centres: ``x`` ascending, ``y`` descending [m], and ``crs`` unless the system is local.
+
+    Where CF has no name for the projection, ``longitude`` and ``latitude`` [degree] of the middle of the raster as well.
+    """
     import xarray as xr
 
     coordinates = {
@@ -23,7 +28,24 @@ def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
     if terrain.crs is not None:
         attributes = grid_mapping(terrain.crs) | {"GeoTransform": geo_transform(terrain)}
         coordinates["crs"] = xr.Variable((), np.int32(0), attributes)
+        if attributes["grid_mapping_name"] == UNNAMED:
+            coordinates |= _middle(terrain)
     return coordinates
+
+
+def _middle(terrain: Terrain) -> "dict[str, xr.Variable]":
+    """Geographic position of the middle of the raster, which a grid mapping of that name needs."""
+    import xarray as xr
+    from pyproj import Transformer
+
+    west, south, east, north = terrain.extent
+    system = horizontal_crs(str(terrain.crs))
+    transformer = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
+    place = transformer.transform(0.5 * (west + east), 0.5 * (south + north))
+    return {
+        name: xr.Variable((), value, {"standard_name": name, "units": units, "long_name": f"{name} of the middle of the raster"})
+        for name, value, units in zip(("longitude", "latitude"), place, ("degrees_east", "degrees_north"), strict=True)
+    }
 
 
 def _axis(name: str, long_name: str) -> dict[str, str]:
@@ -47,6 +69,8 @@ def grid_mapping(crs: str) -> dict[str, Any]:
     with warnings.catch_warnings():  # Swiss LV95 loses a parameter in CF; crs_wkt and spatial_ref keep it
         warnings.simplefilter("ignore", UserWarning)
         attributes = horizontal.to_cf()
+    if "grid_mapping_name" not in attributes:
+        attributes = _figure_of_the_earth(horizontal) | attributes | {"grid_mapping_name": UNNAMED}
     if "azimuth_of_central_line" in attributes:
         attributes["azimuth"] = attributes["azimuth_of_central_line"]
     try:
@@ -54,6 +78,12 @@ def grid_mapping(crs: str) -> dict[str, Any]:
     except CRSError:  # systems that WKT1 cannot express; crs_wkt says it all
         attributes["spatial_ref"] = horizontal.to_wkt()
     return attributes | {"long_name": f"coordinate reference system: {horizontal.name}"}
+
+
+def _figure_of_the_earth(horizontal: "pyproj.CRS") -> dict[str, Any]:
+    """CF parameters of the datum, for a projection that CF has no name for, such as Krovak's or a double stereographic one."""
+    named = {k: v for k, v in horizontal.geodetic_crs.to_cf().items() if k != "crs_wkt"} if horizontal.geodetic_crs else {}
+    return named | {"comment": "CF has no name for this projection: crs_wkt holds it, the parameters tell the figure of the Earth"}
 
 
 def horizontal_crs(crs: str) -> "pyproj.CRS":

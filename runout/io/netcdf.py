@@ -138,7 +138,7 @@ def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset"
 
 
 def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
-    """Only ``x``, ``y`` and ``crs`` of a file of maps.
+    """Only the place of a file of maps: ``x``, ``y``, ``crs`` and, where the file has them, ``longitude`` and ``latitude``.
 
     Raises
     ------
@@ -149,8 +149,8 @@ def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
 
     try:
         with LOCK, xr.open_dataset(path, engine="netcdf4", decode_coords="all", decode_timedelta=False) as dataset:
-            wanted = [name for name in ("x", "y", "crs") if name in dataset.coords]
-            return xr.Dataset(coords={name: dataset.coords[name].variable.load() for name in wanted})
+            wanted = [name for name in ("x", "y", "crs", "longitude", "latitude") if name in dataset.variables]
+            return xr.Dataset(coords={name: dataset.variables[name].load() for name in wanted})
     except OSError as cause:
         raise StorageError(f"{path}: cannot be read ({cause}); remove it and run again") from cause
 

@@ -20,7 +20,7 @@ def checker_report(path: Path, report: Path) -> str:
     return text
 
 
-@pytest.mark.parametrize("crs", ["EPSG:32616", "EPSG:2056", "EPSG:31287", None])
+@pytest.mark.parametrize("crs", ["EPSG:32616", "EPSG:2056", "EPSG:31287", "EPSG:5514", "EPSG:28992", None])
 def test_a_member_file_passes_the_strict_checker(crs: str | None, tmp_path: Path) -> None:
     ledger = xr.Dataset({"mass": ("time", [3.0, 3.0]), "dt": ("time", [0.1, 0.1])}, coords={"time": [0.0, 0.1]})
     dataset = netcdf.map_dataset(make_terrain(crs), member_maps(1), title="member 1", attrs={"member_key": "abc"})
