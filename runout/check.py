@@ -93,7 +93,9 @@ def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
     for stated in site.settings.release:
         alone = replace(site, settings=site.settings.model_copy(update={"release": [stated]}))
         try:
-            found.releases += alone.releases(terrain)
+            read = alone.releases(terrain)
+            found.releases += read
+            found.notes += [change for release in read for change in release.changes]
         except InputError as error:
             found.note(error)
 

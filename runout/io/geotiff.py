@@ -25,6 +25,7 @@ _CARRIED = (
     "license",
     "ensemble",
     "configuration_sha256",
+    "vertical_datum",
 )
 _AVERAGED = ("elevation", "ground_slope")  # in overviews; a mean over other maps may be a value of no cell, as on the rim of a flow
 

@@ -113,7 +113,7 @@ def extent_attributes(terrain: Terrain) -> dict[str, Any]:
         "geospatial_lon_resolution": f"{terrain.cell_size[0]:g} m",
         "geospatial_bounds": _corners(terrain.extent, to_geographic),
         "geospatial_bounds_crs": "EPSG:4326",
-    } | _vertical_datum(CRS.from_user_input(terrain.crs))
+    } | _vertical_datum(terrain)
 
 
 def _corners(extent: tuple[float, float, float, float], to_geographic: "pyproj.Transformer") -> str:
@@ -124,9 +124,16 @@ def _corners(extent: tuple[float, float, float, float], to_geographic: "pyproj.T
     return "POLYGON ((" + ", ".join(f"{y:.7f} {x:.7f}" for x, y in zip(longitude, latitude, strict=True)) + "))"
 
 
-def _vertical_datum(system: "pyproj.CRS") -> dict[str, str]:
-    if not system.is_compound:
+def _vertical_datum(terrain: Terrain) -> dict[str, str]:
+    """What the elevations count from, as the terrain was told or as its compound system says; empty where nothing says."""
+    from pyproj import CRS
+
+    system = CRS.from_user_input(terrain.crs)
+    if system.is_compound:
+        vertical = system.sub_crs_list[1]
+        authority = vertical.to_authority()
+        return {"vertical_datum": vertical.name, "geospatial_bounds_vertical_crs": ":".join(authority) if authority else vertical.name}
+    if terrain.vertical_datum is None:
         return {}
-    vertical = system.sub_crs_list[1]
-    authority = vertical.to_authority()
-    return {"vertical_datum": vertical.name, "geospatial_bounds_vertical_crs": ":".join(authority) if authority else vertical.name}
+    _, coded, code = terrain.vertical_datum.removesuffix(")").partition(" (EPSG:")
+    return {"vertical_datum": terrain.vertical_datum} | ({"geospatial_bounds_vertical_crs": f"EPSG:{code}"} if coded else {})

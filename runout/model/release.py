@@ -109,7 +109,7 @@ class Release:
         placement: Placement | str = Placement.EXCAVATED,
         **choices: Any,
     ) -> "Release":
-        """Release of a thickness raster [m] on any grid in the terrain's coordinate system, resampled conservatively.
+        """Release of a thickness raster [m] on any grid in any known coordinate system, resampled conservatively.
 
         ``choices`` are ``sign`` ("negative" for a raster of elevation loss), ``name``, ``material``, ``basal_friction_angle_deg``.
         """

@@ -28,6 +28,10 @@ class Terrain:
         Where the elevations come from.
     changes : tuple of str
         Every change that was made on the way in, one sentence each.
+    own_crs : str or None
+        System of the file as WKT, where the elevations were projected from it; None where that is ``crs``.
+    vertical_datum : str or None
+        What the elevations count from, in words; None where nothing says.
 
     Raises
     ------
@@ -42,6 +46,8 @@ class Terrain:
     crs: str | None = None
     source: str = "array"
     changes: tuple[str, ...] = field(default=())
+    own_crs: str | None = None
+    vertical_datum: str | None = None
 
     def __post_init__(self) -> None:
         z = np.array(self.elevation, dtype=np.float64)

@@ -9,7 +9,7 @@ import numpy as np
 
 from runout.errors import ReleaseError
 from runout.model.terrain import Terrain
-from runout.release.crs import crs_name, require_terrain_crs, stated_crs
+from runout.release.reproject import polygons_on_terrain
 
 OVERLAP = 1e-6  # share of a polygon below which an overlap is round-off of shared borders
 
@@ -67,13 +67,13 @@ def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: 
     Raises
     ------
     ReleaseError
-        Missing or unreadable file, unknown layer, another coordinate system, no features, points or lines,
+        Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
         features without a geometry, or polygons that cross themselves (with the place).
     """
     frame, driver = _read(path, layer, what)
     if len(frame) == 0:
         raise ReleaseError(f"{path}: the layer is empty; draw at least one {what} polygon")
-    frame, changes = _in_terrain_crs(path, frame, driver, terrain)
+    frame, changes = polygons_on_terrain(path, frame, driver, terrain)
     geometry = frame.geometry.force_2d().to_numpy()
     _require_polygons(path, geometry, what)
     _require_valid(path, geometry)
@@ -111,24 +111,6 @@ def _layer(path: Path, layers: list[str], layer: str | None, what: str) -> str:
         asked = f"did you mean {near[0]!r}? " if near else ""
         raise ReleaseError(f"{path}: no layer {layer!r}; {asked}layers: {', '.join(layers)}")
     return layer or layers[0]
-
-
-def _in_terrain_crs(path: Path, frame: Any, driver: str, terrain: Terrain) -> tuple[Any, tuple[str, ...]]:
-    """The frame in the terrain's coordinates. GeoJSON that names no system is in degrees by RFC 7946, and only then reprojected."""
-    crs = frame.crs.to_wkt() if frame.crs else None
-    if driver != "GeoJSON" or stated_crs(crs) is None or not stated_crs(crs).is_geographic:
-        return frame, require_terrain_crs(path, crs, terrain, "ogr2ogr")
-    wanted = stated_crs(terrain.crs)
-    west, south, east, north = frame.total_bounds
-    in_degrees = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
-    if wanted is None:
-        change = f"{path} states no coordinate system; its coordinates are taken as the terrain's."
-        return frame.set_crs(None, allow_override=True), (change,)
-    if not in_degrees:
-        change = f"{path} states no coordinate system and cannot be in degrees; taken to be in the terrain's, {crs_name(wanted)}."
-        return frame.set_crs(wanted, allow_override=True), (change,)
-    change = f"{path}: reprojected from longitude and latitude, the system of GeoJSON, to {crs_name(wanted)}."
-    return frame.to_crs(wanted), (change,)
 
 
 def _require_polygons(path: Path, geometry: np.ndarray, what: str) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from runout.errors import ReleaseError
 from runout.model.terrain import Terrain
-from runout.release.crs import require_terrain_crs
+from runout.release.crs import to_terrain
+from runout.release.reproject import raster_on_terrain
 
 
 def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[str, ...]]:
@@ -17,7 +18,7 @@ def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.n
     Raises
     ------
     ReleaseError
-        Missing or unreadable file, several bands, rotated or without georeference, another coordinate system.
+        Missing or unreadable file, several bands, rotated or without georeference, a system without known transformation.
     """
     import rasterio
 
@@ -33,13 +34,14 @@ def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.n
         raise ReleaseError(f"{path}: cannot be read as a raster ({error}); use GeoTIFF or ESRI ASCII") from error
     if transform.is_identity or not transform.is_rectilinear or transform.a <= 0:
         raise ReleaseError(f"{path}: has no georeference or is rotated; warp it to the terrain: gdalwarp {path} warped.tif")
-    changes = require_terrain_crs(path, crs, terrain, "gdalwarp")
     rows, columns = values.shape
-    x = transform.c - terrain.west + np.arange(columns + 1) * transform.a
-    y = transform.f - terrain.south + np.arange(rows + 1) * transform.e
+    x, y = transform.c + np.arange(columns + 1) * transform.a, transform.f + np.arange(rows + 1) * transform.e
     if transform.e < 0:
         values, y = values[::-1], y[::-1]
-    return np.ascontiguousarray(values.T), (x, y), changes
+    found = to_terrain(path, crs, terrain, (x[0], y[0], x[-1], y[-1]), "gdalwarp")
+    if found.forward is not None:
+        return raster_on_terrain(np.ascontiguousarray(values.T), (x, y), found, terrain, path)
+    return np.ascontiguousarray(values.T), (x - terrain.west, y - terrain.south), found.sentences
 
 
 def _values(path: Path, raster: Any) -> np.ndarray:

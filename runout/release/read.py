@@ -50,7 +50,7 @@ def read_vector(
     Parameters
     ----------
     path : path
-        GeoPackage, Shapefile, GeoJSON or what else GDAL reads, in the terrain's coordinate system. GeoJSON that states
+        GeoPackage, Shapefile, GeoJSON or what else GDAL reads, in any known coordinate system. GeoJSON that states
         none is in longitude and latitude by RFC 7946 and is reprojected.
     thickness : float or str or None
         Vertical thickness [m], or the name of the attribute that holds it. None: taken from the volume.
@@ -101,7 +101,7 @@ def read_raster(
     Parameters
     ----------
     path : path
-        Any raster that GDAL reads, north up or south up, in the terrain's coordinate system.
+        Any raster that GDAL reads, north up or south up, in any known coordinate system.
     volume : float or None
         Stated volume [m3], checked against the raster's.
     sign : Sign

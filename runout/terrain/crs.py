@@ -1,5 +1,6 @@
 """Coordinate reference systems of elevation rasters: what is stated, what can be used, which UTM zone fits."""
 
+from dataclasses import replace
 from typing import Any
 
 from runout.errors import DemError
@@ -7,6 +8,7 @@ from runout.terrain.raster import ElevationRaster
 
 LARGEST_SCALE_ERROR = 0.02  # of national and continental systems; Web Mercator errs by 24 % at 36 degrees
 REMARKABLE_SCALE_ERROR = 0.005  # UTM stays below 0.001 in its zone
+NO_DATUM = ("unknown", "undefined", "not specified", "unspecified")  # how PROJ, Esri and EPSG call what is none
 WIDEST = 6.0  # degrees of longitude that one UTM zone serves
 
 
@@ -33,6 +35,8 @@ def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
     stated = parse(crs, raster.source)
     if raster.crs is None:
         return raster.noted(f"the file states no coordinate system; {stated.name} as given", crs=stated)
+    if same(raster.crs, stated) and vertical_name(raster.crs) is None:
+        return replace(raster, crs=stated)  # it may state the datum of the heights
     if not same(raster.crs, stated):
         remedy = "leave crs away, or write the right one into the file with `gdal_edit.py -a_srs`"
         raise DemError(f"{raster.source}: the file states {raster.crs.name}, crs says {stated.name}; {remedy}")
@@ -46,6 +50,33 @@ def same(one: Any, other: Any) -> bool:
         return True
     code = a.to_epsg(min_confidence=70)
     return code is not None and code == b.to_epsg(min_confidence=70)
+
+
+def names_datum(crs: Any) -> bool:
+    """Whether a system says which datum it has, or how to come to WGS 84, and not an ellipsoid alone."""
+    if crs.is_bound:
+        return True
+    datum = crs.datum
+    return datum is not None and not datum.name.lower().replace("_", " ").removeprefix("d ").startswith(NO_DATUM)
+
+
+def same_ellipsoid(one: Any, other: Any) -> bool:
+    """Whether two systems have one figure of the Earth."""
+    a, b = one.ellipsoid, other.ellipsoid
+    if a is None or b is None:
+        return False
+    return abs(a.semi_major_metre - b.semi_major_metre) < 1e-3 and abs(a.inverse_flattening - b.inverse_flattening) < 1e-6
+
+
+def vertical_name(crs: Any) -> str | None:
+    """What heights of a system count from, in words; None where it does not say."""
+    upward = vertical(crs)
+    if upward is not None:
+        code = upward.to_epsg(min_confidence=70)
+        return f"{upward.name} (EPSG:{code})" if code else str(upward.name)
+    if crs is not None and not crs.is_compound and len(crs.axis_info) == 3:
+        return f"height above the ellipsoid of {crs.name}"
+    return None
 
 
 def horizontal(crs: Any) -> Any:

@@ -29,6 +29,7 @@ def terrain(raster: ElevationRaster) -> Terrain:
     raster that is geographic, in feet or in a system that distorts distances is projected to UTM. DemError for what
     cannot be mended without guessing.
     """
+    stated = raster.crs
     raster = north_up(raster)
     values, changes = known_or_nan(raster.values, raster.source)
     raster = replace(raster, values=values, changes=(*raster.changes, *changes))
@@ -41,7 +42,10 @@ def terrain(raster: ElevationRaster) -> Terrain:
     west, _, _, north = raster.bounds
     south = north - raster.values.shape[0] * dy  # rounds so that south + rows * dy gives back north to the last bit
     wkt = None if raster.crs is None else raster.crs.to_wkt()
-    return Terrain(raster.values, (dx, dy), west, south, wkt, raster.source, raster.changes)
+    is_own = raster.crs is None or stated is None or coordinate_systems.same(stated, raster.crs)
+    own = None if is_own else coordinate_systems.horizontal(stated).to_wkt()
+    height = coordinate_systems.vertical_name(stated)
+    return Terrain(raster.values, (dx, dy), west, south, wkt, raster.source, raster.changes, own, height)
 
 
 def north_up(raster: ElevationRaster) -> ElevationRaster:

@@ -64,8 +64,10 @@ def terrain_from_array(
         raise DemError(f"array: origin is {origin}; it must be the finite easting and northing of the south-west corner")
     values = np.ma.filled(np.ma.asarray(elevation).astype(np.float64), np.nan)
     values, changes = prepare.known_or_nan(values, "array")
-    wkt = None if crs is None else coordinate_systems.projected_in_metres(coordinate_systems.parse(crs, "array"), "array").to_wkt()
-    return Terrain(values, (dx, dy), float(origin[0]), float(origin[1]), wkt, "array", changes)
+    system = None if crs is None else coordinate_systems.parse(crs, "array")
+    wkt = None if system is None else coordinate_systems.projected_in_metres(system, "array").to_wkt()
+    height = coordinate_systems.vertical_name(system)
+    return Terrain(values, (dx, dy), float(origin[0]), float(origin[1]), wkt, "array", changes, None, height)
 
 
 def _is_gdal_name(text: str) -> bool:
@@ -93,7 +95,7 @@ def _read_gdal(text: str) -> ElevationRaster:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(text) as dataset:
+            with rasterio.Env(GTIFF_REPORT_COMPD_CS=True), rasterio.open(text) as dataset:
                 return _elevation_of(dataset, text)
     except (RasterioIOError, RasterioError) as error:
         raise DemError(f"{text}: cannot be read as a raster ({error}); check it with `gdalinfo`") from error

@@ -25,13 +25,13 @@ CELL, ROWS, COLUMNS = 10.0, 24, 50
 WEST, NORTH = 500_000.0, 5_000_000.0
 
 
-def write_raster(path, values):
+def write_raster(path, values, crs="EPSG:32632"):
     import rasterio
     from rasterio.transform import from_origin
 
     rows, columns = values.shape
     profile = {"driver": "GTiff", "height": rows, "width": columns, "count": 1, "dtype": "float32", "nodata": -9999.0}
-    with rasterio.open(path, "w", crs="EPSG:32632", transform=from_origin(WEST, NORTH, CELL, CELL), **profile) as file:
+    with rasterio.open(path, "w", crs=crs, transform=from_origin(WEST, NORTH, CELL, CELL), **profile) as file:
         file.write(values.astype("float32"), 1)
 
 

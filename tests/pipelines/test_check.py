@@ -166,3 +166,13 @@ def plan_members(site):
     from runout.ensemble.member import plan_members
 
     return plan_members(site)
+
+
+def test_a_release_without_a_coordinate_system_is_named(tmp_path):
+    folder = write_site(tmp_path / "ramp")
+    write_raster(folder / "inputs" / "thickness.tif", slab(), crs=None)
+    found = inspect(folder)
+    assert found.problems == []
+    assert any(
+        "thickness.tif states no coordinate system; taken to be in the terrain's, EPSG:32632" in note for note in found.notes
+    )

@@ -34,12 +34,9 @@ def test_hole_outside_its_shell_is_refused(write_polygons, terrain):
     refused(path, terrain, "polygon 1", "hole lies outside shell")
 
 
-def test_another_crs_names_both_and_the_command(write_polygons, terrain):
-    refused(
-        write_polygons([SQUARE], crs="EPSG:32617"), terrain,
-        "EPSG:32617 (WGS 84 / UTM zone 17N)", "plane.tif", "EPSG:32616 (WGS 84 / UTM zone 16N)", "ogr2ogr -t_srs EPSG:32616",
-    )  # fmt: skip
-    refused(write_polygons([SQUARE], "degrees.gpkg", crs="EPSG:4326"), terrain, "EPSG:4326", "ogr2ogr -t_srs EPSG:32616")
+def test_another_ellipsoid_without_a_datum_names_both_systems_and_the_remedy(write_polygons, terrain):
+    path = write_polygons([SQUARE], crs="+proj=utm +zone=16 +ellps=intl +units=m")
+    refused(path, terrain, "+ellps=intl", "plane.tif", "EPSG:32616 (WGS 84 / UTM zone 16N)", "names no datum", "ogr2ogr -a_srs")
 
 
 def test_degrees_on_a_local_terrain_are_refused(write_polygons, terrain):

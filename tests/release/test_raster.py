@@ -56,11 +56,6 @@ def test_raster_of_erosion_and_deposition_is_refused(write_raster, terrain):
         Release.from_raster(write_raster(values), terrain)
 
 
-def test_raster_in_another_crs_is_refused_with_the_command(write_raster, terrain):
-    with pytest.raises(ReleaseError, match=r"EPSG:32617 .*EPSG:32616 .*gdalwarp -t_srs EPSG:32616"):
-        Release.from_raster(write_raster(mound(40, 60), crs="EPSG:32617"), terrain)
-
-
 def test_raster_without_crs_is_taken_in_the_terrains_and_reported(write_raster, terrain):
     release = Release.from_raster(write_raster(mound(40, 60), crs=None), terrain)
     assert "states no coordinate system" in release.changes[0]
