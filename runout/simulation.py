@@ -214,6 +214,7 @@ def build_scene(
     ``accept`` is asked before the particles are made, and refuses with an error what is too large.
     """
     from runout.release.arrangement import default_particles
+    from runout.release.known import onto_known_ground
     from runout.release.sample import particles_per_axis, sample_particles
     from runout.terrain import open_edge, prepare, sdf
 
@@ -244,7 +245,7 @@ def build_scene(
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
         unknown=open_edge.unknown_cells(terrain),
     )  # fmt: skip
-    return scene, particles
+    return scene, onto_known_ground(particles, scene)
 
 
 def _spacing(cell_size: float | tuple[float, float, float]) -> tuple[float, float, float]:
@@ -299,9 +300,10 @@ class Run:
 
     def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
         """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
+        maps = self.peaks.maps().items()  # of what stands on known ground: a particle covers a cell of the grid, beyond an edge too
         return Result(
             terrain=terrain,
-            fields=self.peaks.maps(),
+            fields={name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps},
             series={"time": np.array(self.ledger.time), **self.ledger.series()},
             state=self.engine.particles() if brought else Particles.zeros(0),
             spacing=self.scene.spacing,

@@ -300,6 +300,8 @@ class Site:
 
     def _averaged(self, terrain: "Terrain", resolution: float) -> "Terrain":
         """The terrain averaged over whole blocks of cells; a block with an unknown cell is unknown."""
+        import numpy as np
+
         own = terrain.cell_size
         if resolution < FINEST_RESOLUTION * min(own):
             message = f"{resolution:g} m is finer than the raster's own cells of {own[0]:g} m x {own[1]:g} m"
@@ -311,6 +313,8 @@ class Site:
         change = (
             f"averaged over blocks of {east} x {north} cells to {own[0] * east:g} m x {own[1] * north:g} m (terrain.resolution)"
         )
+        unknown = int(np.isnan(mean).sum())
+        change += f"; {unknown} of {mean.size} blocks hold an unknown cell and are unknown" if unknown else ""
         return replace(terrain, elevation=mean, cell_size=(own[0] * east, own[1] * north), changes=(*terrain.changes, change))
 
 

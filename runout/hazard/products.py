@@ -142,7 +142,8 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
         device=settings.simulation.device,
     )
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
-    changes = [*terrain.changes, *(change for release in releases for change in release.changes)]
+    zones = site.friction_zones(terrain)
+    changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
     resolution = worst(netcdf.read_attributes(path) for path in ensemble.files.values())
     origin |= {"resolution": resolution} if resolution else {}
     stated = stated_metadata(site)

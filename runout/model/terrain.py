@@ -103,9 +103,9 @@ class Terrain:
         """Rows and columns."""
         return self.elevation.shape  # type: ignore[return-value]
 
-    def where_known(self, values: np.ndarray) -> np.ndarray:
-        """Values (..., rows, columns) on the cells that have an elevation, NaN on the others."""
-        return np.where(np.isnan(self.elevation), np.nan, values)
+    def where_known(self, values: np.ndarray, otherwise: float = np.nan) -> np.ndarray:
+        """Values (..., rows, columns) on the cells that have an elevation, another on those that have none."""
+        return np.where(np.isnan(self.elevation), otherwise, values)
 
     @property
     def frame(self) -> LocalFrame:

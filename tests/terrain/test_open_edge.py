@@ -5,6 +5,7 @@ import pytest
 
 from runout import DruckerPrager, Release, Terrain, simulate
 from runout.errors import DemError
+from runout.simulation import build_scene
 from runout.terrain.fill import continued, filled
 from runout.terrain.sdf import sliding_surface
 
@@ -80,6 +81,24 @@ def test_an_open_edge_acts_as_the_rim_of_the_raster_does():
     assert float(cut.ledger["escaped_mass"][-1]) > 0.5 * float(cut.ledger["mass"][0])
     for name in ("max_flow_thickness", "max_speed", "deposit_thickness"):
         np.testing.assert_allclose(cut.maps[name].values[:, :23], rim.maps[name].values[:, :23], atol=0.02, err_msg=name)
+
+
+@pytest.mark.parametrize("spacing", [3.0, 7.0])
+def test_a_release_beside_the_edge_begins_whole_on_known_ground(spacing):
+    """Columns of the grid do not end where the cells of the release do."""
+    z = 500.0 - 3.0 * np.mgrid[:40, :40][1].astype(float)
+    z[:, 24:] = z[20, 12] = np.nan
+    terrain = Terrain.from_array(z, CELL)
+    thickness = np.zeros(terrain.shape)
+    thickness[10:30, 8:24] = 6.0
+    thickness[20, 12] = 0.0
+    release = Release.from_array(thickness, terrain, placement="on_surface")
+    scene, p = build_scene(terrain, release, MATERIAL, 20.0, spacing)
+    x, y, z_p = p.position(np.array(scene.spacing)).T
+    assert scene.holds(x, y).all()
+    assert p.mass.sum() == pytest.approx(release.volume * MATERIAL.density, rel=1e-12)
+    above = z_p - scene.surface.elevation(x, y)
+    assert 0 < above.min() < above.max() < 6.5
 
 
 def test_unknown_cells_under_a_release_are_refused_with_their_place():
