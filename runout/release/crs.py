@@ -39,10 +39,15 @@ def stated_crs(crs: Any) -> Any:
     A system is known by its definition: one without a name counts, a local or "undefined" one does not.
     """
     import pyproj
+    from pyproj.exceptions import CRSError
 
     if not crs:
         return None
-    crs = pyproj.CRS.from_user_input(crs)
+    try:
+        crs = pyproj.CRS.from_user_input(crs)
+    except CRSError as error:
+        remedy = "write the right one into the file, for example with `gdal_edit.py -a_srs EPSG:CODE`"
+        raise ReleaseError(f"the coordinate system {str(crs)[:60]!r} is not understood ({error}); {remedy}") from error
     if crs.is_engineering or (crs.is_geographic and crs.name.lower().startswith("undefined")):
         return None
     return horizontal(crs)
@@ -120,6 +125,8 @@ def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: st
     named = names_datum(stated) and names_datum(wanted)
     if same(stated, wanted) and (named or stated == wanted):
         return ToTerrain(None, None, ())
+    if terrain.own_crs and _is_own(stated, stated_crs(terrain.own_crs), wanted, terrain):
+        return _as_elevations(path, stated, wanted, terrain)
     both = f"{path} is in {crs_name(stated)}, the terrain {terrain.source} in {crs_name(wanted)}"
     if not named and not same_ellipsoid(stated, wanted):
         raise ReleaseError(
@@ -139,6 +146,30 @@ def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: st
         )
     datum = "" if named else "; one of them names no datum, which is taken to be that of the other"
     said = f"{path}: transformed from {crs_name(stated)} to the terrain's {crs_name(wanted)} ({_operation(transformer)}){datum}."
+    return ToTerrain(found.forward, found.inverse, (said,))
+
+
+def _is_own(stated: Any, own: Any, wanted: Any, terrain: Terrain) -> bool:
+    """Whether a system is that of the elevations' file; two that name no datum, if ellipsoid and coordinates are the same."""
+    from pyproj import Transformer
+
+    if own is None or same(stated, own):
+        return own is not None
+    if names_datum(stated) or names_datum(own) or not same_ellipsoid(stated, own):
+        return False
+    corners = _corners(terrain.extent)
+    x, y = Transformer.from_crs(own, wanted, always_xy=True).transform(*corners.T, direction="INVERSE")
+    there = Transformer.from_crs(own, stated, always_xy=True).transform(x, y)
+    return bool(np.allclose(there, (x, y), rtol=1e-10, atol=0.0))
+
+
+def _as_elevations(path: Path, stated: Any, wanted: Any, terrain: Terrain) -> ToTerrain:
+    """The transformation that brought the elevations from their file's system to the terrain's."""
+    from pyproj import Transformer
+
+    transformer = Transformer.from_crs(stated, wanted, always_xy=True)
+    found = _tried(transformer, terrain)
+    said = f"{path}: transformed as the elevations were, from {crs_name(stated)} to {crs_name(wanted)} ({_operation(transformer)})."
     return ToTerrain(found.forward, found.inverse, (said,))
 
 

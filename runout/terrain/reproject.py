@@ -31,6 +31,8 @@ def to_utm(raster: ElevationRaster, reason: str) -> ElevationRaster:
         f"which have the area of the original cells ({width:.1f} m east-west by {height:.1f} m north-south); "
         f"{raster.values.shape[0]} x {raster.values.shape[1]} cells became {values.shape[0]} x {values.shape[1]}"
     )
+    if not coordinate_systems.names_datum(raster.crs):
+        sentence += f"; {raster.crs.name} names no datum, so that places on the map may be off by some 100 m"
     return raster.changed(sentence, values=values, transform=transform, crs=target)
 
 

@@ -173,3 +173,33 @@ def test_a_file_without_a_system_on_the_projected_map_is_still_taken_for_the_ter
     release = Release.from_vector(tmp_path / "scar.gpkg", terrain, thickness=3.0)
     assert release.volume == pytest.approx(30_000.0, rel=1e-9)
     assert "taken to be in the terrain's" in release.changes[0]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_release_in_the_system_of_a_dem_without_a_datum_goes_where_the_elevations_went(tmp_path):
+    import geopandas
+    import rasterio
+    from rasterio.transform import from_origin
+
+    own, step = "+proj=longlat +ellps=bessel", 1 / 3600
+    z = 500.0 - 3.0 * np.arange(60)[:, None] - 2.0 * np.arange(70)[None, :]
+    place = {
+        "transform": from_origin(10.0, 47.0, step, step),
+        "crs": own,
+        "height": 60,
+        "width": 70,
+        "count": 1,
+        "dtype": "float64",
+    }
+    with rasterio.open(tmp_path / "dem.tif", "w", driver="GTiff", **place) as raster:
+        raster.write(z, 1)
+    terrain = Terrain.from_raster(tmp_path / "dem.tif")
+    assert "names no datum" in terrain.changes[-1]
+    frame = geopandas.GeoDataFrame(
+        {"a": [1]}, geometry=[shapely.box(10.0 + 20 * step, 47 - 30 * step, 10.0 + 24 * step, 47 - 26 * step)]
+    )
+    frame.to_file(tmp_path / "scar.shp")
+    (tmp_path / "scar.prj").write_text(pyproj.CRS(own).to_wkt("WKT1_ESRI"))
+    release = Release.from_vector(tmp_path / "scar.shp", terrain, thickness=3.0)
+    ground = terrain.elevation[release.thickness > 1.5].mean()
+    assert ground == pytest.approx(z[26:30, 20:24].mean(), abs=2.0)

@@ -7,6 +7,7 @@ from runout import DruckerPrager, Release, Terrain, simulate
 from runout.errors import DemError
 from runout.simulation import build_scene
 from runout.terrain.fill import continued, filled
+from runout.terrain.open_edge import unknown_cells
 from runout.terrain.sdf import sliding_surface
 
 CELL = 5.0
@@ -110,3 +111,13 @@ def test_unknown_cells_under_a_release_are_refused_with_their_place():
     release = Release(thickness, terrain, placement="on_surface")  # made by hand: no reader has looked
     with pytest.raises(DemError, match=r"1 of 64 cells of the release have no elevation, first row 10, column 10"):
         simulate(terrain, release, MATERIAL, cell_size=5.0, end_time=1.0)
+
+
+def test_unknown_cells_lie_where_the_raster_has_them():
+    """Row 0 is in the north; the backends count from the south-west."""
+    z = np.full((5, 7), 100.0)
+    z[0, 6] = z[3, 1] = np.nan
+    terrain = Terrain.from_array(z, (10.0, 20.0))
+    found = unknown_cells(terrain)
+    assert np.argwhere(found).tolist() == [[1, 1], [6, 4]]
+    assert unknown_cells(Terrain.from_array(np.zeros((5, 7)), 10.0)) is None
