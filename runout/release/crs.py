@@ -158,7 +158,7 @@ def _is_own(stated: Any, own: Any, wanted: Any, terrain: Terrain) -> bool:
     if names_datum(stated) or names_datum(own) or not same_ellipsoid(stated, own):
         return False
     corners = _corners(terrain.extent)
-    x, y = Transformer.from_crs(own, wanted, always_xy=True).transform(*corners.T, direction="INVERSE")
+    x, y = Transformer.from_crs(own, wanted, always_xy=True).transform(corners[:, 0], corners[:, 1], direction="INVERSE")
     there = Transformer.from_crs(own, stated, always_xy=True).transform(x, y)
     return bool(np.allclose(there, (x, y), rtol=1e-10, atol=0.0))
 
