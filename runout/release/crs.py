@@ -127,6 +127,11 @@ def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: st
         return ToTerrain(None, None, ())
     if terrain.own_crs and _is_own(stated, stated_crs(terrain.own_crs), wanted, terrain):
         return _as_elevations(path, stated, wanted, terrain)
+    if {axis.direction for axis in stated.axis_info} == {"west", "south"}:
+        raise ReleaseError(
+            f"{path} is in {crs_name(stated)}, whose axes point west and south: files in it disagree on what they mean; "
+            f"write it in a system with eastings and northings, for example {command} -t_srs EPSG:5514 for EPSG:5513"
+        )
     both = f"{path} is in {crs_name(stated)}, the terrain {terrain.source} in {crs_name(wanted)}"
     if not named and not same_ellipsoid(stated, wanted):
         raise ReleaseError(

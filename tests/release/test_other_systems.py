@@ -65,6 +65,13 @@ def test_an_ellipsoid_alone_is_taken_for_the_datum_that_has_it_and_this_is_said(
     assert "names no datum, which is taken to be that of the other" in release.changes[0]
 
 
+def test_axes_that_point_west_and_south_are_refused(write_polygons, terrain):
+    path = write_polygons([SQUARE], "release.shp")
+    path.with_suffix(".prj").write_text(pyproj.CRS("EPSG:5513").to_wkt("WKT1_GDAL"))
+    with pytest.raises(ReleaseError, match="axes point west and south"):
+        Release.from_vector(path, terrain, thickness=2.0)
+
+
 def test_parameters_of_a_datum_in_a_proj_string_count(write_polygons, terrain):
     """An International ellipsoid with seven parameters: on the map some 200 m away, on the ground in the same place."""
     crs = "+proj=utm +zone=16 +ellps=intl +towgs84=-87,-98,-121,0,0,0,0 +units=m +no_defs"
