@@ -132,7 +132,8 @@ def _vertical_datum(terrain: Terrain) -> dict[str, str]:
     if system.is_compound:
         vertical = system.sub_crs_list[1]
         authority = vertical.to_authority()
-        return {"vertical_datum": vertical.name, "geospatial_bounds_vertical_crs": ":".join(authority) if authority else vertical.name}
+        code = ":".join(authority) if authority else vertical.name
+        return {"vertical_datum": vertical.name, "geospatial_bounds_vertical_crs": code}
     if terrain.vertical_datum is None:
         return {}
     _, coded, code = terrain.vertical_datum.removesuffix(")").partition(" (EPSG:")

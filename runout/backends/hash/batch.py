@@ -96,8 +96,7 @@ class Batch:
         require_alike(self.scenes)
         with ThreadPoolExecutor() as pool:
             self.accounts = list(pool.map(_account, scenes))
-        zoned = any(x.friction_zones for x in self.scenes)
-        also = zoned, general.is_general(self.scene)
+        also = any(x.friction_zones for x in self.scenes), general.is_general(self.scene)
         self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic, *also)
         self.since_sort, self.sorting = 0, False
         self.told: np.ndarray | None = None  # sums of the present state, once somebody has asked
