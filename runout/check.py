@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout import check_physics
 from runout.errors import ConfigError, InputError, RunoutError
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def inspect(site_path: Path) -> Findings:
         _inspect_resolution(found, found.site)
         _inspect_obstacles(found, found.site, found.terrain)
         _inspect_reach(found, found.site, found.terrain)
+        found.warnings += check_physics.warnings(found.site, found.releases, found.zones, found.terrain)
     return found
 
 
@@ -197,7 +199,7 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
     if not found.releases:
         return
     thickness = np.sum([release.thickness for release in found.releases], axis=0)
-    reach = prepare.reachable(terrain, thickness, least_friction(site, found.releases, found.zones))
+    reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, found.releases, found.zones))
     found.notes += open_edge.note(terrain)
     cells = open_edge.open_cells(terrain, reach)
     if cells.any():
@@ -209,17 +211,6 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
             f"{terrain.source}: the mass may leave the DEM in the {' and '.join(sides)} (energy line); what leaves is booked as "
             "escaped mass, a larger DEM avoids it"
         )
-
-
-def least_friction(site: "Site", releases: "list[Release]", zones: "FrictionZones | None" = None) -> float:
-    """Smallest basal friction angle of any member, release and zone [rad]."""
-    from runout.ensemble.design import member_table
-
-    members = member_table(site.settings.ensemble)
-    sampled = members.get("basal_friction_angle_deg")
-    angle = math.radians(float(sampled.min()) if sampled is not None else site.settings.basal_friction_angle_deg)
-    least = min([angle, *(r.basal_friction_angle for r in releases if r.basal_friction_angle is not None)])
-    return zones.least_angle(least) if zones else least
 
 
 def require_sound(site_path: Path) -> None:

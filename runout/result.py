@@ -30,6 +30,8 @@ class Result:
         "at rest", "end time" or "all mass has left the domain".
     resolution : Resolution
         Cells through the depth of the flow and numerical viscosity.
+    start : mapping
+        Initial stress and basal friction, :meth:`runout.model.scene.Scene.start_attributes`.
     """
 
     terrain: Terrain
@@ -43,6 +45,7 @@ class Result:
     stop_reason: str
     resolution: Resolution
     snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
+    start: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def maps(self) -> "xr.Dataset":
@@ -110,4 +113,4 @@ class Result:
 
     def _attributes(self) -> dict[str, Any]:
         run = {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}
-        return run | self.resolution.attributes()
+        return run | dict(self.start) | self.resolution.attributes()

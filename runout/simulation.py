@@ -15,6 +15,7 @@ from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.checkpoint import EVERY, Checkpoint, checkpoint_for, run_key
 from runout.errors import ConfigError, ReleaseError
 from runout.memory import Extent, expected_extent, expected_memory, require_memory
+from runout.model import basal_strength
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
@@ -86,6 +87,7 @@ def simulate(
     flip_ratio: float = 0.95,
     f_bar: bool = False,
     sleep_speed: float = 0.0,
+    initial_stress: str = "at_rest",
     accuracy: str | None = None,
     threads: int | None = None,
     stop: bool = True,
@@ -135,6 +137,8 @@ def simulate(
     sleep_speed : float
         Let what stays slower [m/s] rest until something moves beside it, on the backend "scan"; 0, the default, for nothing. Only
         where much of the mass rests while the rest flows does it save time; see ``docs/benchmarks/skip.md``.
+    initial_stress : str
+        "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": they settle under it.
     accuracy : str, optional
         "screening", "standard" or "high": cell_size and cfl that follow from the mean thickness of the release
         (:data:`runout.accuracy.PRESETS`); either may still be given and then counts.
@@ -170,11 +174,13 @@ def simulate(
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
+        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones, initial_stress=initial_stress,
         accept=lambda extent: require_memory(
             expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar), engine, memory_gb
         ),
     )  # fmt: skip
+    for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
+        LOGGER.warning("%s", sentence)
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
     run = Run(engine, scene, course, progress, keep)
     n_particles = len(particles)
@@ -207,12 +213,14 @@ def build_scene(
     f_bar: bool = False,
     sleep_speed: float = 0.0,
     friction_zones: FrictionZones | None = None,
+    initial_stress: str = "at_rest",
     accept: Callable[[Extent], None] | None = None,
 ) -> tuple[Scene, Particles]:
     """Scene and particles of a scenario; parameters as in :func:`simulate`.
 
     ``accept`` is asked before the particles are made, and refuses with an error what is too large.
     """
+    from runout.initial_stress import InitialStress, pressed_by
     from runout.release.arrangement import default_particles
     from runout.release.known import onto_known_ground
     from runout.release.sample import particles_per_axis, sample_particles
@@ -233,18 +241,19 @@ def build_scene(
         basal = math.radians(basal_friction_angle)
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
+    strength = basal_strength.strengths(materials, spacing[2])
     dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if dug else None, spacing[:2])
     if accept:
         accept(expected_extent(releases, surface, spacing, particles_per_axis(particles_per_cell)))
-    particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed)
-    raster = Raster(*terrain.shape, terrain.cell_size)
-    friction = tuple(math.tan(a) for a in angles)
+    raster, friction = Raster(*terrain.shape, terrain.cell_size), tuple(math.tan(a) for a in angles)
     scene = Scene(
         spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
-        unknown=open_edge.unknown_cells(terrain),
+        unknown=open_edge.unknown_cells(terrain), strength=strength, initial_stress=InitialStress.of(initial_stress),
     )  # fmt: skip
+    press = pressed_by(scene, releases)
+    particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed, press=press)
     return scene, onto_known_ground(particles, scene)
 
 
@@ -313,6 +322,7 @@ class Run:
             stop_reason=self.reason,
             resolution=self.resolution(),
             snapshots=self.snapshots,
+            start=self.scene.start_attributes(),
         )
 
     def resolution(self) -> Resolution:

@@ -25,6 +25,7 @@ from runout.physics import (
     contact,
     drucker_prager,
     elastic,
+    geostatic,
     granular_flow,
     heightfield,
     moments,
@@ -37,7 +38,7 @@ from runout.physics import (
 
 PHYSICS = (
     *(tensors, bspline, moments, transfers, heightfield, elastic, plastic, drucker_prager, granular_flow),
-    *(contact, blocks, timestep, resolution),
+    *(geostatic, contact, blocks, timestep, resolution),
 )
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 
@@ -136,6 +137,15 @@ class NumbaBinding:
 def numba_binding(real: type, contract: bool = True) -> NumbaBinding:
     """The numba binding of a number type, made once a process."""
     return NumbaBinding(real, contract)
+
+
+@cache
+def array_binding() -> SimpleNamespace:
+    """Physics for arrays of NumPy in float64, one name space per module: of functions that do not branch."""
+    import numpy as np
+
+    names = {"math": np, "min": np.minimum, "max": np.maximum, "abs": np.abs}
+    return _bind(PHYSICS, names, lambda function: function)[0]
 
 
 def warp_binding(real: Any) -> SimpleNamespace:

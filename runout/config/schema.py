@@ -305,6 +305,9 @@ class SimulationSettings(Settings):
     sleep_speed: float = quantity(
         "what stays slower rests until something moves beside it, on scan; 0 for never", 0.0, unit="m/s", ge=0
     )
+    initial_stress: Literal["at_rest", "none"] = quantity(
+        "at_rest: releases start with the stress of their own weight; none: without, and settle under it", "at_rest"
+    )
     cfl: float = quantity("time step as a fraction of the stable one", CFL, gt=0, le=LARGEST_CFL, hint=f"{CFL:g} is usual")
     arrival_threshold: float = quantity("thickness that counts as arrival of the flow", 0.1, unit="m", gt=0)
 

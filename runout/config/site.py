@@ -182,6 +182,7 @@ class Site:
             "flip_ratio": stated.flip_ratio,
             "f_bar": stated.f_bar,
             "sleep_speed": stated.sleep_speed,
+            "initial_stress": stated.initial_stress,
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,
         }

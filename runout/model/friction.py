@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from typing import Any
 
@@ -92,4 +93,19 @@ class FrictionZones:
 
     def least_angle(self, angle: float) -> float:
         """Smallest friction angle [rad] on any cell of a mass with ``angle`` [rad]."""
-        return math.atan(zone_friction(math.tan(angle), self.factor, self.coefficient).min())
+        return math.atan(self.at_cells(math.tan(angle)).min())
+
+    def at_cells(self, friction: float) -> np.ndarray:
+        """Coefficients (n,) [1] of a mass with ``friction`` [1] on cells of every kind there is."""
+        factor, own = self._kinds
+        return zone_friction(friction, factor, own)  # type: ignore[no-any-return]
+
+    @cached_property
+    def _kinds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Distinct pairs of factor and own coefficient (n,) of the cells."""
+        inside = (self.factor != 1.0) | (self.coefficient != 0.0)
+        pairs = np.column_stack([self.factor[inside], self.coefficient[inside]])
+        if not inside.all():
+            pairs = np.concatenate([pairs, [[1.0, 0.0]]])
+        kinds = np.unique(pairs, axis=0)
+        return kinds[:, 0], kinds[:, 1]

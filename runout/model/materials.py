@@ -6,9 +6,10 @@ from enum import StrEnum
 from typing import ClassVar
 
 from runout.errors import MaterialError
-from runout.physics import drucker_prager, elastic
+from runout.physics import drucker_prager, elastic, geostatic
 
 LARGEST_COMPRESSION = 0.3  # elastic strain of a column under its own weight
+UNYIELDING = 1e6  # slope of a yield cone that nothing reaches [1]
 
 
 class Cone(StrEnum):
@@ -92,9 +93,26 @@ class Material:
             )
 
     @property
+    def yield_cone(self) -> tuple[float, float]:
+        """Slope M [1] and intercept q_c [Pa] of q <= M p + q_c for slow shear; :data:`UNYIELDING` for what never yields."""
+        return UNYIELDING, 0.0
+
+    @property
     def internal_friction(self) -> float:
-        """Least shear stress over normal stress at which it yields, cohesion aside [1]; infinite for what never does."""
+        """Shear over normal stress at which it yields in slow simple shear, cohesion aside [1]; infinite for what never does."""
+        return self.shear_strength(math.inf)
+
+    def shear_strength(self, pressure: float) -> float:
+        """Largest shear stress over normal stress [1] that steady shear passes on under a normal stress of ``pressure`` [Pa].
+
+        Cohesion counts; infinite for what never yields.
+        """
         return math.inf
+
+    @property
+    def rest_ratio(self) -> float:
+        """Horizontal over vertical stress at rest [1]: of elastic material that was not strained sideways."""
+        return self.poisson_ratio / (1.0 - self.poisson_ratio)
 
     def record(self) -> dict[str, float]:
         """Parameters of the law by name, SI and radians."""
@@ -140,14 +158,24 @@ class DruckerPrager(Material):
             raise MaterialError(f"cone is {self.cone!r}; choose one of {', '.join(Cone)}") from None
 
     @property
-    def internal_friction(self) -> float:
-        """Tangent of the friction angle [1]."""
-        return math.tan(math.radians(self.friction_angle))
+    def yield_cone(self) -> tuple[float, float]:
+        """Slope M [1] and intercept q_c [Pa] of the cone."""
+        cone = getattr(drucker_prager, f"cone_{self.cone}")
+        return cone(math.radians(self.friction_angle), self.cohesion)  # type: ignore[no-any-return]
+
+    def shear_strength(self, pressure: float) -> float:
+        """(M + q_c/pressure)/sqrt(3) [1]: with the cone of plane strain the sine of the friction angle, and cohesion."""
+        slope, intercept = self.yield_cone
+        return geostatic.shear_strength(slope, intercept / pressure)
+
+    @property
+    def rest_ratio(self) -> float:
+        """Horizontal over vertical stress at rest [1], of Jaky."""
+        return geostatic.at_rest(math.radians(self.friction_angle))
 
     def record(self) -> dict[str, float]:
         """Parameters of the law by name, SI and radians."""
-        phi, c = math.radians(self.friction_angle), self.cohesion
-        slope, intercept = getattr(drucker_prager, f"cone_{self.cone}")(phi, c)
+        slope, intercept = self.yield_cone
         return {
             **super().record(),
             "cone_slope": slope,
@@ -165,9 +193,11 @@ class GranularFlow(Material):
     static_friction, dynamic_friction : float
         Friction coefficients mu_s of creeping and mu_2 of fast flow [1], 0 <= mu_s < mu_2 <= 2.
     inertial_constant : float
-        Inertial number I_0 half way between them [1], > 0.
+        Inertial number I_0 half way between them [1], > 0, for the inertial number with the bulk ``density``.
     grain_size : float
-        Diameter d of the grains [m], > 0. The inertial number is d times shear rate times sqrt(density/pressure).
+        Diameter d of the grains [m], > 0. The inertial number is d times shear rate times sqrt(density/pressure) with the bulk
+        ``density``; an I_0 of the literature that is defined with the density of the grains, which is 1/(volume fraction) times
+        that of the bulk, is to be multiplied by the square root of the volume fraction, about 0.77.
     """
 
     law: ClassVar[str] = "granular_flow"
@@ -188,9 +218,23 @@ class GranularFlow(Material):
             )
 
     @property
+    def yield_cone(self) -> tuple[float, float]:
+        """Slope M [1] and intercept [Pa], that of creeping flow: sqrt(J_2) = mu_s p."""
+        return math.sqrt(3.0) * self.static_friction, 0.0
+
+    @property
     def internal_friction(self) -> float:
         """That of creeping flow [1]."""
         return self.static_friction
+
+    def shear_strength(self, pressure: float) -> float:
+        """mu_2 [1], which fast shear comes near to."""
+        return self.dynamic_friction
+
+    @property
+    def rest_ratio(self) -> float:
+        """Horizontal over vertical stress at rest [1], of Jaky, with an angle of repose of atan(mu_s)."""
+        return geostatic.at_rest(math.atan(self.static_friction))
 
     def record(self) -> dict[str, float]:
         """Parameters of the law by name, SI and radians; the backend puts in the length of its step."""

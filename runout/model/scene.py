@@ -13,7 +13,7 @@ from runout.model.friction import FrictionZones
 from runout.model.laws import LAWS, Law
 from runout.model.materials import Material
 from runout.model.surface import Surface
-from runout.physics import timestep
+from runout.physics import geostatic, timestep
 
 STANDARD_GRAVITY = 9.81
 LARGEST_CFL = 0.6  # whatever the material
@@ -50,6 +50,11 @@ class Scene:
         One per release, all of one law.
     friction : tuple of float
         Basal friction coefficient tan(angle) per release [1].
+    strength : tuple of float
+        Largest friction coefficient that the mass of each release passes on to the ground [1], see
+        :meth:`runout.model.materials.Material.shear_strength`; empty for no limit.
+    initial_stress : str
+        What stress the particles were given, one of :data:`runout.initial_stress.CHOICES`; for the record.
     gravity : tuple of float
         Acceleration [m/s2].
     cfl : float
@@ -87,6 +92,8 @@ class Scene:
     sleep_speed: float = 0.0
     friction_zones: FrictionZones | None = None
     unknown: np.ndarray | None = None
+    strength: tuple[float, ...] = ()
+    initial_stress: str = "none"
 
     def __post_init__(self) -> None:
         if len(self.spacing) != 3 or not all(np.isfinite(h) and h > 0 for h in self.spacing):
@@ -107,6 +114,8 @@ class Scene:
             raise ConfigError("the materials of one run must follow one law; give every release the same kind of material")
         if len(self.friction) != len(self.materials):
             raise ConfigError(f"{len(self.friction)} friction coefficients for {len(self.materials)} releases")
+        if len(self.strength) not in (0, len(self.materials)):
+            raise ConfigError(f"{len(self.strength)} strengths for {len(self.materials)} releases; give one each, or none")
         zones, raster = self.friction_zones, self.raster
         if zones and (zones.factor.shape, zones.cell_size) != ((raster.columns, raster.rows), raster.cell_size):
             cells = f"{zones.factor.shape} of {zones.cell_size} m"
@@ -145,10 +154,30 @@ class Scene:
         """Largest speed of pressure waves [m/s]."""
         return max(m.wave_speed for m in self.materials)
 
+    @property
+    def strengths(self) -> tuple[float, ...]:
+        """:attr:`strength` of every release, infinite where there is no limit."""
+        return self.strength or (math.inf,) * len(self.friction)
+
+    @property
+    def acting_friction(self) -> tuple[float, ...]:
+        """Friction coefficient per release [1] that acts outside all zones: that of the ground, at most that of the mass."""
+        return tuple(map(geostatic.acting_friction, self.friction, self.strengths))
+
+    def start_attributes(self) -> dict[str, Any]:
+        """Initial stress, and friction coefficients [1] by release, stated and acting outside all zones, for the record."""
+        return {
+            "initial_stress": str(self.initial_stress),
+            "basal_friction": [float(f) for f in self.friction],
+            "acting_basal_friction": [float(f) for f in self.acting_friction],
+        }
+
     def friction_at(self, release: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Basal friction coefficients (n,) [1] of masses of a ``release`` (n,) at local positions (n,) [m]."""
-        friction = np.array(self.friction, np.float64)[release]
-        return self.friction_zones.at(friction, x, y) if self.friction_zones else friction
+        """Friction coefficients (n,) [1] that act on masses of a ``release`` (n,) at local positions (n,) [m]."""
+        if not self.friction_zones:
+            return np.array(self.acting_friction, np.float64)[release]
+        ground = self.friction_zones.at(np.array(self.friction, np.float64)[release], x, y)
+        return np.minimum(ground, np.array(self.strengths, np.float64)[release])
 
     def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether local positions (n,) [m] lie in the domain: on a cell of the raster that has an elevation."""

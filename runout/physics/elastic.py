@@ -147,19 +147,30 @@ def strain_series(X: Any):
     return polynomial(X, horner(P, K, real(0.0)))
 
 
-def strain_of_log(h: Any):
-    """B = exp(2h) - I of a Hencky strain; large ones by scaling and squaring, |h| up to 3."""
-    if is_small(real(4.0) * contracted(h, h)):
-        return strain_series(scaled(h, real(2.0)))
+def strain_scaled(h: Any):
+    """B = exp(2h) - I of a Hencky strain by scaling and squaring, |h| up to 3."""
     Y = strain_series(scaled(h, real(2.0) / real(64.0)))
     for _doubling in range(6):
         Y = added(scaled(Y, real(2.0)), product(Y, Y))
     return Y
 
 
+def strain_of_log(h: Any):
+    """B = exp(2h) - I of a Hencky strain, |h| up to 3."""
+    if is_small(real(4.0) * contracted(h, h)):
+        return strain_series(scaled(h, real(2.0)))
+    return strain_scaled(h)
+
+
 def kirchhoff_stress(h: Any, mat: Any):
     """Kirchhoff stress tau [Pa], tension positive."""
     return added(isotropic(mat.lame_lambda * trace(h)), scaled(h, real(2.0) * mat.shear_modulus))
+
+
+def strain_of_stress(tau: Any, mat: Any):
+    """Hencky strain h whose Kirchhoff stress is tau: the inverse of :func:`kirchhoff_stress`."""
+    t = trace(tau) / (real(3.0) * mat.lame_lambda + real(2.0) * mat.shear_modulus)
+    return scaled(shifted(tau, -mat.lame_lambda * t), real(0.5) / mat.shear_modulus)
 
 
 def energy_density(h: Any, mat: Any):

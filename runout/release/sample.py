@@ -1,6 +1,7 @@
 """Particles of releases: seeded, terrain-following, with the exact volume and mass."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,6 +94,7 @@ def sample_particles(
     particles_per_cell: int | tuple[int, int, int] = 8,
     seed: int = 0,
     jitter: float = 0.25,
+    press: Callable[[Particles, np.ndarray, int], None] | None = None,
 ) -> Particles:
     """Particles at rest that fill the releases from the surface upwards.
 
@@ -115,6 +117,8 @@ def sample_particles(
         Of the jitter; equal seeds give equal particles.
     jitter : float
         Largest horizontal displacement, as a share of the particle spacing, 0 to 0.5.
+    press : callable, optional
+        Gives the particles of a release their stress, from their depths (n,) [m] below its surface and its number.
 
     Raises
     ------
@@ -134,9 +138,11 @@ def sample_particles(
         _require_resolved(release, spacing)
         columns = _columns(release, (spacing[0] / per_axis[0], spacing[1] / per_axis[1]), spacing[2] / per_axis[2])
         rng = np.random.default_rng([seed, number])
-        particles = _fill(release, columns, surface, spacing, spacing[2] / per_axis[2], jitter, rng)
+        particles, depth = _fill(release, columns, surface, spacing, spacing[2] / per_axis[2], jitter, rng)
         particles.mass[:] = particles.volume * material.density
         particles.release[:] = number
+        if press:
+            press(particles, depth, number)
         sets.append(particles)
     return sets[0] if len(sets) == 1 else Particles.concatenate(sets)
 
@@ -228,8 +234,8 @@ def _fill(
     layer: float,
     jitter: float,
     rng: np.random.Generator,
-) -> Particles:
-    """Particles of one release; mass and release index are left to the caller."""
+) -> tuple[Particles, np.ndarray]:
+    """Particles of one release and their depths (n,) below its surface [m]; mass and release index are left to the caller."""
     column, above, height = stagger.layered(columns.index, columns.thickness, layer)
     plan = _plan_positions(release, columns, column, jitter, rng)
     ground, east, north = surface.evaluate(plan[:, 0], plan[:, 1])
@@ -238,7 +244,7 @@ def _fill(
     volume = height * (columns.size[0] * columns.size[1])
     particles.volume[:] = volume * (release.volume / volume.sum())
     particles.radius[:] = stagger.half_size(height) / np.sqrt(1.0 + east * east + north * north)
-    return particles
+    return particles, columns.thickness[column] - above
 
 
 def _plan_positions(release: Release, columns: Columns, column: np.ndarray, jitter: float, rng: np.random.Generator) -> np.ndarray:

@@ -131,7 +131,6 @@ class Batch:
         self.table = s.law.table(tuple(materials), s.dtype)
         self.mats = wp.array(self.table, dtype=self.k.record)
         self.first_release = np.cumsum([0, *(len(scene.materials) for scene in self.scenes)])
-        self.friction = wp.array(np.array([f for scene in self.scenes for f in scene.friction]), dtype=self.real)
         self.density = wp.array(np.array([m.density for m in materials]), dtype=wp.float64)
         limits = np.array([extent(scene) for scene in self.scenes])
         self.limits, self.unknown = wp.array(limits, dtype=wp.float64), UnknownCells(self.scenes)
@@ -358,7 +357,7 @@ class Batch:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_each(
             k.solve_contacts, n.places, WARP, s.rec, s.radius, s.release, *self._pressed(), i.up, self.flags, i.tally, i.touched,
-            i.member, self.clock, n.tiles, self.h, self.friction, s.only, *self.zones.tables, self.shift, i.coordinates,
+            i.member, self.clock, n.tiles, self.h, self.zones.friction, s.only, *self.zones.tables, self.shift, i.coordinates,
             n.near_up, n.grid, n.shares, n.arenas, n.booked, s.number, s.forces, self.step_counts,
         )  # fmt: skip
         if self.deterministic:

@@ -88,8 +88,16 @@ class ScanBackend:
         self.spacing = np.array(scene.spacing)
         self.h = self.spacing.astype(real)
         self.mats = scene.law.table(scene.materials, real)
-        self.friction, zones = np.array(scene.friction, real), scene.friction_zones
-        self.zones = zones and (zones.factor.astype(real), zones.coefficient.astype(real), np.array(zones.cell_size))
+        self.friction, zones = np.array(scene.acting_friction, real), scene.friction_zones
+        self.zones: tuple[np.ndarray, ...] = ()
+        if zones:  # contacts hold the number of their release until take_zones puts a friction in its place
+            self.friction = np.arange(len(self.friction)).astype(real)
+            masses = np.column_stack([scene.friction, scene.strengths])
+            self.zones = (
+                *(a.astype(real) for a in (zones.factor, zones.coefficient)),
+                np.array(zones.cell_size),
+                masses.astype(real),
+            )
         self.density = np.array([m.density for m in scene.materials], np.float64)
         self.gravity, self.dv = np.array(scene.gravity, np.float64), np.zeros(16, real)
         self.corner = particles.node.min(0).astype(np.int64) if self.n else np.zeros(3, np.int64)

@@ -1,4 +1,4 @@
-"""Friction zones of the ground; see :mod:`runout.model.friction`. Called only where a scene has them."""
+"""Friction zones of the ground; see :mod:`runout.model.friction`. The kernel is called only where a scene has them."""
 
 import math
 
@@ -8,10 +8,15 @@ from numba import prange
 from runout.backends.scan.contact import GRIP
 from runout.backends.scan.observe import _node_of
 from runout.physics.contact import zone_friction
+from runout.physics.geostatic import acting_friction
 
 
-def take_zones(rec, measured, place, listed, cell, first, nown, touching, bxyz, corner, h, factor, own, size):
-    """Change the friction of all contacts to that of the raster's cells (nx, ny), of ``size`` [m], under them."""
+def take_zones(rec, measured, place, listed, cell, first, nown, touching, bxyz, corner, h, factor, own, size, masses):
+    """Friction of all contacts on the raster's cells (nx, ny), of ``size`` [m], under them.
+
+    Contacts hold the number of their release instead of a friction until then; ``masses`` (releases, 2) are friction and
+    strength of the releases [1].
+    """
     for b in prange(nown):
         for t in range(touching[b]):
             p = listed[first[b] + t]
@@ -22,4 +27,6 @@ def take_zones(rec, measured, place, listed, cell, first, nown, touching, bxyz, 
             i = min(max(i, 0), factor.shape[0] - 1)
             j = min(max(j, 0), factor.shape[1] - 1)
             g = r >> 4
-            measured[g, GRIP, r & 15] = zone_friction(measured[g, GRIP, r & 15], factor[i, j], own[i, j])
+            mass = np.int64(measured[g, GRIP, r & 15])
+            ground = zone_friction(masses[mass, 0], factor[i, j], own[i, j])
+            measured[g, GRIP, r & 15] = acting_friction(ground, masses[mass, 1])

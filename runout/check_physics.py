@@ -1,0 +1,100 @@
+"""Checks of the physics of a site's members: which friction acts at the base, and whether waves outrun the flow."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout.model.basal_strength import least_angle, sentence, strengths
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.model.friction import FrictionZones
+    from runout.model.materials import Material
+    from runout.model.release import Release
+    from runout.model.terrain import Terrain
+
+WAVES_OVER_FLOW = 10.0  # speed of pressure waves over that of the flow below which the stiffness shows in the run-out
+AT_BASE = "basal_friction_angle_deg"
+
+
+@dataclass(frozen=True)
+class Bases:
+    """Base of one release in all members: friction of the ground and strength of the mass (members,) [1]."""
+
+    name: str
+    ground: np.ndarray
+    strength: np.ndarray
+
+
+def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None", terrain: "Terrain") -> Iterator[str]:
+    """Warnings of a site whose inputs have been read."""
+    for base in _bases(site, releases):
+        yield from _stronger_ground(base, zones)
+    yield from _slow_waves(site, releases, zones, terrain)
+
+
+def least_friction(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
+    """Smallest friction angle [rad] that acts at the base of any release in any member and zone."""
+    angles = [least_angle(np.arctan(base.ground).tolist(), base.strength.tolist(), zones) for base in _bases(site, releases)]
+    return min(angles, default=math.radians(site.settings.basal_friction_angle_deg))
+
+
+def _bases(site: "Site", releases: "Sequence[Release]") -> list[Bases]:
+    """The base of each release in all members."""
+    height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
+    angles = [float(sample.get(AT_BASE, site.settings.basal_friction_angle_deg)) for sample in _samples(site)]
+    ground, own = np.tan(np.radians(angles)), np.array(strengths(_materials(site), height))
+    bases = []
+    for r in releases:
+        friction = ground if r.basal_friction_angle is None else np.full_like(ground, math.tan(r.basal_friction_angle))
+        strength = own if r.material is None else np.full_like(own, strengths([r.material], height)[0])
+        bases.append(Bases(r.name, friction, strength))
+    return bases
+
+
+def _samples(site: "Site") -> list[dict[str, float]]:
+    from runout.ensemble.design import member_table
+
+    table = member_table(site.settings.ensemble)
+    return table.drop(columns=["weight", "seed"]).to_dict("records")  # type: ignore[no-any-return]
+
+
+def _materials(site: "Site") -> "list[Material]":
+    """The material of each member; made once where none of its parameters is sampled."""
+    samples = _samples(site)
+    if samples and not set(samples[0]) - {AT_BASE, "release_volume_factor"}:
+        return [site.material()] * len(samples)
+    return [site.material(sample) for sample in samples]
+
+
+def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str]:
+    """Which friction acts, if the ground is stronger than the mass of a release in some members."""
+    ground = np.array([zones.at_cells(f).max() for f in base.ground.tolist()]) if zones else base.ground
+    limited = np.flatnonzero(ground > base.strength)
+    if not len(limited):
+        return
+    k = limited[np.argmax(ground[limited] / base.strength[limited])]
+    said = sentence(base.name, float(ground[k]), float(base.strength[k]), in_zones=bool(ground[k] > base.ground[k]))
+    yield said if len(ground) == 1 else f"{said} (member {k}; so in {len(limited)} of {len(ground)} members)"
+
+
+def _slow_waves(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None", terrain: "Terrain") -> Iterator[str]:
+    """Material so soft that pressure waves are less than ten times as fast as the flow may become."""
+    from runout.terrain.energy_line import largest_speed
+
+    if not releases:
+        return
+    speed = largest_speed(terrain, [r.thickness for r in releases], least_friction(site, releases, zones))
+    materials = [*_materials(site), *(r.material for r in releases if r.material)]
+    softest = min(materials, key=lambda m: m.wave_speed)
+    times = softest.wave_speed / speed if speed > 0 else math.inf
+    if times < WAVES_OVER_FLOW:
+        stiff = softest.youngs_modulus * (WAVES_OVER_FLOW / times) ** 2
+        yield (
+            f"pressure waves of {softest.wave_speed:.3g} m/s are only {times:.2g} times as fast as the flow may become, "
+            f"{speed:.3g} m/s (energy line from the highest point of the release); below {WAVES_OVER_FLOW:g} times the stiffness "
+            f"may show in the run-out, youngs_modulus >= {stiff:.2g} Pa avoids it for {WAVES_OVER_FLOW / times:.2g} times the steps"
+        )

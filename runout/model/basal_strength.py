@@ -1,0 +1,49 @@
+"""Ground that is stronger than the mass on it: which friction acts, and what is said about it."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from runout.model.friction import FrictionZones
+from runout.model.materials import Material
+from runout.model.scene import STANDARD_GRAVITY, Scene
+from runout.physics import geostatic
+
+
+def strengths(materials: Sequence[Material], height: float) -> tuple[float, ...]:
+    """Largest friction coefficient [1] that each material passes on to the ground in layers of a cell ``height`` [m] or more.
+
+    Cohesion counts with the weight of one cell: it carries a larger share of a thinner layer, which no grid resolves, and a
+    smaller one of a thicker layer, which resolves its own shear.
+    """
+    return tuple(m.shear_strength(m.density * STANDARD_GRAVITY * height) for m in materials)
+
+
+def least_angle(angles: Sequence[float], strength: Sequence[float], zones: FrictionZones | None = None) -> float:
+    """Smallest friction angle [rad] that acts on any cell, of masses with basal ``angles`` [rad] and ``strength`` [1]."""
+    ground = [zones.least_angle(angle) if zones else angle for angle in angles]
+    return min(min(g, math.atan(s)) for g, s in zip(ground, strength, strict=True))
+
+
+def sentences(scene: Scene, names: Sequence[str]) -> Iterator[str]:
+    """Which friction acts, for each release (by ``names``) that meets ground stronger than its material."""
+    for name, stated, strength in zip(names, scene.friction, scene.strengths, strict=True):
+        zones = scene.friction_zones
+        strongest = float(zones.at_cells(stated).max()) if zones else stated
+        if strongest > strength:
+            yield sentence(name, strongest, strength, in_zones=strongest > stated)
+
+
+def sentence(name: str, ground: float, strength: float, *, in_zones: bool = False) -> str:
+    """Which friction acts where ``ground`` [1] is stronger than the mass of a release passes on, ``strength`` [1]."""
+    where = "the ground of a friction zone" if in_zones else "the ground"
+    acting = geostatic.acting_friction(ground, strength)
+    return (
+        f"release {name}: {where} ({_words(ground)}) is stronger than the material; {_words(acting)} acts at the base, "
+        "the most that the material passes on in steady shear"
+    )
+
+
+def _words(friction: float) -> str:
+    return f"friction {friction:.3f}, {np.degrees(math.atan(friction)):.1f} deg"
