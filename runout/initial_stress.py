@@ -42,12 +42,12 @@ def pressed_by(scene: Scene, releases: list[Release]) -> Press | None:
         return None
 
     def press(particles: Particles, depth: np.ndarray, number: int) -> None:
-        surface, origin = free_surface(releases[number], scene.spacing[:2])
+        surface = free_surface(releases[number], scene.spacing[:2])
         x, y, _ = particles.position(np.array(scene.spacing)).T
         for first in range(0, len(particles), AT_ONCE):
             part = slice(first, first + AT_ONCE)
             friction = scene.friction_at(np.full(len(x[part]), number), x[part], y[part])
-            slopes = surface.evaluate(x[part] - origin[0], y[part] - origin[1])[1:]
+            slopes = surface.slopes(x[part], y[part])
             particles.strain[part] = strain_at_rest(scene.materials[number], depth[part], slopes, friction)
 
     return press

@@ -1,6 +1,6 @@
 """The free surface of a release: the natural ground, or the top of what lies on it."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,20 +9,50 @@ from runout.model.surface import Surface
 from runout.terrain.fill import filled
 from runout.terrain.sdf import sliding_surface
 
-AROUND = 3  # cells of the grid around the release that its surface may look at
+AROUND = 3  # cells of the grid around the release that its surface looks at
 
 
-def free_surface(release: Release, spacing: tuple[float, float]) -> tuple[Surface, tuple[float, float]]:
-    """Free surface of a release, smooth on a lattice of about ``spacing`` [m], and the local position of its origin [m].
+@dataclass(frozen=True)
+class FreeSurface:
+    """Slopes of the free surface of a release, smooth on the scale of the grid.
 
-    At its rim a mass on the ground may end with a step; the surface goes on there as inside, since a step is no slope.
+    Attributes
+    ----------
+    ground : Surface
+        Natural ground around the release.
+    origin : tuple of float
+        Local position of its south-west corner [m].
+    cell_size : tuple of float
+        Cells of the terrain, east and north [m].
+    thickness_slopes : ndarray (2, nx, ny) or None
+        Slopes east and north of the thickness of what lies on the ground [1], from the south-west corner.
     """
+
+    ground: Surface
+    origin: tuple[float, float]
+    cell_size: tuple[float, float]
+    thickness_slopes: np.ndarray | None
+
+    def slopes(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes east and north (n,) [1] at local positions (n,) [m]."""
+        x, y = x - self.origin[0], y - self.origin[1]
+        _, east, north = self.ground.evaluate(x, y)
+        if self.thickness_slopes is None:
+            return east, north
+        places = zip((x, y), self.cell_size, self.thickness_slopes.shape[1:], strict=True)
+        i, j = (np.clip((place / size).astype(np.int64), 0, count - 1) for place, size, count in places)
+        return east + self.thickness_slopes[0, i, j], north + self.thickness_slopes[1, i, j]
+
+
+def free_surface(release: Release, spacing: tuple[float, float]) -> FreeSurface:
+    """The free surface of a release, on a grid of ``spacing`` [m] in plan."""
     terrain, (rows, columns) = release.terrain, _window(release, spacing)
-    elevation = filled(terrain.elevation[rows, columns], terrain.cell_size)
-    if release.placement is Placement.ON_SURFACE:
-        elevation = elevation + _continued(release.thickness[rows, columns], terrain.cell_size)
+    ground = replace(terrain, elevation=filled(terrain.elevation[rows, columns], terrain.cell_size))
     origin = (columns.start * terrain.cell_size[0], (terrain.shape[0] - rows.stop) * terrain.cell_size[1])
-    return sliding_surface(replace(terrain, elevation=elevation), None, spacing), origin
+    slopes = None
+    if release.placement is Placement.ON_SURFACE:
+        slopes = _slopes(release.thickness[rows, columns][::-1].T, terrain.cell_size, spacing)
+    return FreeSurface(sliding_surface(ground, None, spacing), origin, terrain.cell_size, slopes)
 
 
 def _window(release: Release, spacing: tuple[float, float]) -> tuple[slice, slice]:
@@ -35,9 +65,22 @@ def _window(release: Release, spacing: tuple[float, float]) -> tuple[slice, slic
     return window[0], window[1]
 
 
-def _continued(thickness: np.ndarray, cell_size: tuple[float, float]) -> np.ndarray:
-    """Thickness (rows, columns) [m] of the cells that lie wholly inside, and beyond them that of the nearest one."""
+def _slopes(thickness: np.ndarray, cell_size: tuple[float, float], spacing: tuple[float, float]) -> np.ndarray:
+    """Slopes (2, nx, ny) [1] of a thickness (nx, ny) [m] between cells wholly inside, averaged over a cell of the grid.
+
+    At its rim a mass may end with a step, which is no slope: cells there take that of the nearest ones inside.
+    """
     from scipy import ndimage
 
     inside = ndimage.binary_erosion(thickness > 0, np.ones((3, 3)), border_value=1)
-    return filled(np.where(inside if inside.any() else thickness > 0, thickness, np.nan), cell_size)
+    known = np.where(inside if inside.any() else thickness > 0, thickness, np.nan)
+    slopes = np.zeros((2, *thickness.shape))
+    for axis, size in enumerate(cell_size):
+        steps = np.diff(known, axis=axis, prepend=np.nan, append=np.nan) / size
+        both = np.stack([steps.take(range(n, n + thickness.shape[axis]), axis) for n in (0, 1)])
+        count = np.isfinite(both).sum(axis=0)
+        mean = np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)
+        if count.any():
+            whole = [max(1, round(h / cell)) for h, cell in zip(spacing, cell_size, strict=True)]
+            slopes[axis] = ndimage.uniform_filter(filled(mean, cell_size[::-1]), whole, mode="nearest")
+    return slopes
