@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import check_physics
-from runout.errors import ConfigError, InputError, RunoutError
+from runout.errors import ConfigError, InputError, MaterialError, RunoutError
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -65,8 +65,11 @@ def inspect(site_path: Path) -> Findings:
     if found.site is not None:
         _inspect_resolution(found, found.site)
         _inspect_obstacles(found, found.site, found.terrain)
-        _inspect_reach(found, found.site, found.terrain)
-        found.warnings += check_physics.warnings(found.site, found.releases, found.zones, found.terrain)
+        try:
+            _inspect_reach(found, found.site, found.terrain)
+            found.warnings += check_physics.warnings(found.site, found.releases, found.zones)
+        except MaterialError as error:  # of a member
+            found.note(error)
     return found
 
 

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
     from runout.model.release import Release
-    from runout.model.terrain import Terrain
 
 WAVES_OVER_FLOW = 10.0  # speed of pressure waves over that of the flow below which the stiffness shows in the run-out
 AT_BASE = "basal_friction_angle_deg"
@@ -29,24 +28,40 @@ class Bases:
     strength: np.ndarray
 
 
-def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None", terrain: "Terrain") -> Iterator[str]:
-    """Warnings of a site whose inputs have been read."""
-    for base in _bases(site, releases):
+def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None") -> Iterator[str]:
+    """Warnings of a site whose inputs have been read.
+
+    Raises
+    ------
+    MaterialError
+        If the sampled parameters of a member make no material.
+    """
+    if not releases:
+        return
+    materials = _materials(site)
+    bases = _bases(site, releases, materials)
+    for base in bases:
         yield from _stronger_ground(base, zones)
-    yield from _slow_waves(site, releases, zones, terrain)
+    materials += [r.material for r in releases if r.material]
+    yield from _slow_waves(min(materials, key=lambda m: m.wave_speed), releases, _least(bases, zones))
 
 
 def least_friction(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
     """Smallest friction angle [rad] that acts at the base of any release in any member and zone."""
-    angles = [least_angle(np.arctan(base.ground).tolist(), base.strength.tolist(), zones) for base in _bases(site, releases)]
-    return min(angles, default=math.radians(site.settings.basal_friction_angle_deg))
+    if not releases:
+        return math.radians(site.settings.basal_friction_angle_deg)
+    return _least(_bases(site, releases, _materials(site)), zones)
 
 
-def _bases(site: "Site", releases: "Sequence[Release]") -> list[Bases]:
-    """The base of each release in all members."""
+def _least(bases: list[Bases], zones: "FrictionZones | None") -> float:
+    return min(least_angle(np.arctan(base.ground).tolist(), base.strength.tolist(), zones) for base in bases)
+
+
+def _bases(site: "Site", releases: "Sequence[Release]", materials: "list[Material]") -> list[Bases]:
+    """The base of each release in all members, which have these ``materials``."""
     height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
     angles = [float(sample.get(AT_BASE, site.settings.basal_friction_angle_deg)) for sample in _samples(site)]
-    ground, own = np.tan(np.radians(angles)), np.array(strengths(_materials(site), height))
+    ground, own = np.tan(np.radians(angles)), np.array(strengths(materials, height))
     bases = []
     for r in releases:
         friction = ground if r.basal_friction_angle is None else np.full_like(ground, math.tan(r.basal_friction_angle))
@@ -81,20 +96,16 @@ def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str
     yield said if len(ground) == 1 else f"{said} (member {k}; so in {len(limited)} of {len(ground)} members)"
 
 
-def _slow_waves(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None", terrain: "Terrain") -> Iterator[str]:
-    """Material so soft that pressure waves are less than ten times as fast as the flow may become."""
+def _slow_waves(softest: "Material", releases: "Sequence[Release]", angle: float) -> Iterator[str]:
+    """Material so soft that pressure waves are less than ten times as fast as the flow may become against friction of ``angle``."""
     from runout.terrain.energy_line import largest_speed
 
-    if not releases:
-        return
-    speed = largest_speed(terrain, [r.thickness for r in releases], least_friction(site, releases, zones))
-    materials = [*_materials(site), *(r.material for r in releases if r.material)]
-    softest = min(materials, key=lambda m: m.wave_speed)
+    speed = largest_speed(releases, angle)
     times = softest.wave_speed / speed if speed > 0 else math.inf
     if times < WAVES_OVER_FLOW:
         stiff = softest.youngs_modulus * (WAVES_OVER_FLOW / times) ** 2
         yield (
             f"pressure waves of {softest.wave_speed:.3g} m/s are only {times:.2g} times as fast as the flow may become, "
-            f"{speed:.3g} m/s (energy line from the highest point of the release); below {WAVES_OVER_FLOW:g} times the stiffness "
-            f"may show in the run-out, youngs_modulus >= {stiff:.2g} Pa avoids it for {WAVES_OVER_FLOW / times:.2g} times the steps"
+            f"{speed:.3g} m/s (energy line from the centre of the release, least friction); below {WAVES_OVER_FLOW:g} times "
+            f"the stiffness may show in the run-out, youngs_modulus >= {stiff:.2g} Pa avoids it"
         )

@@ -19,6 +19,7 @@ from pipelines.verification_cases.finding import Bound, Case, Result
 from pipelines.verification_cases.flow import Frame
 from runout.model.materials import Cone, DruckerPrager
 from runout.model.particles import Particles
+from runout.physics.geostatic import acting_friction
 
 RODS = DruckerPrager(density=2650.0, youngs_modulus=0.84e6, poisson_ratio=0.3, friction_angle=19.8)
 LENGTH, HEIGHT = 0.2, 0.1  # [m] of the rods
@@ -94,7 +95,7 @@ def held_by(material: DruckerPrager) -> float:
     Isochoric sand at yield has equal normal stresses, and no more than M/sqrt(3) of them as shear: sin(phi) with the cone of plane
     strain. A stronger floor changes nothing where the flow is resolved; a flow one cell deep cannot shear and gets all of it.
     """
-    return float(min(np.tan(np.radians(FLOOR)), material.record()["cone_slope"] / np.sqrt(3)))
+    return acting_friction(float(np.tan(np.radians(FLOOR))), material.shear_strength(np.inf))
 
 
 def planar(aspect: float, cells: int, material: DruckerPrager | None = None, samples: int = 1) -> tuple[float, Frame]:

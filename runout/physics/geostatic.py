@@ -1,10 +1,10 @@
 """Stress of a mass under its own weight, with which a release starts: that of an infinite slope at or below yield.
 
 On a plane parallel to a free surface of slope tan(theta), at vertical depth d below it, the weight above presses with
-sigma_n = rho g d cos^2(theta) and drags with the shear t sigma_n (Taylor 1948, Fundamentals of Soil Mechanics, sec. 16.4);
+sigma_n = rho g d cos^2(theta) and drags with the shear t sigma_n (Taylor 1948, Fundamentals of Soil Mechanics, ch. 16);
 t = tan(theta) where the mass rests. Where it slides at once, t is the friction that acts, and the rest of the weight
 accelerates all depths alike. Along the plane the normal stress is K sigma_n, with K at rest of Jaky (1944, J. Soc. Hung. Eng.
-Archit. 7:355), or the smallest larger one that the yield cone q <= M p + q_c admits beside the shear.
+Archit. 78:355), or the smallest larger one that the yield cone q <= M p + q_c admits beside the shear.
 
 No function branches, so that all accept arrays as well.
 """
