@@ -85,6 +85,7 @@ class Layout:
         )  # fmt: skip
         if self.keep is not None:
             p = p.take(np.arange(self.keep) * (len(p) // self.keep))
+            p.strain[:] = 0.0  # nothing lies upon them any more
         slope = np.radians(self.slope)
         p.velocity[:] = self.speed * np.array([np.cos(slope), 0.0, -np.sin(slope)])
         return scene, p

@@ -1,5 +1,6 @@
 """`runout check` on the physics: which friction acts at the base, and whether waves outrun the flow."""
 
+import json
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ from ramp_site import SITE, ramp, write_site
 import runout
 from runout.check import inspect
 from runout.check_physics import least_friction
+from runout.io.netcdf import read_attributes
 from runout.terrain.energy_line import largest_speed
 
 SAMPLED = "basal_friction_angle_deg: {distribution: uniform, low: 12, high: 22}"
@@ -69,3 +71,15 @@ def test_waves_that_are_less_than_ten_times_as_fast_as_the_flow_are_a_warning(tm
     stiffer = float(said.split("youngs_modulus >= ")[1].split(" Pa")[0])
     assert warned(tmp_path / "stiff", SITE.replace("2.0e+6", f"{1.05 * stiffer:.3e}"), "pressure waves") == []
     assert len(warned(tmp_path / "less", SITE.replace("2.0e+6", f"{0.9 * stiffer:.3e}"), "pressure waves")) == 1
+
+
+def test_run_json_and_members_record_the_start_and_the_friction_that_acts(finished_site):
+    results = finished_site[0] / "results"
+    configuration = json.loads((results / "run.json").read_text())["configuration"]
+    assert configuration["simulation"]["initial_stress"] == "at_rest"
+    for path in sorted(results.glob("members/*.nc")):
+        attributes = read_attributes(path)
+        angle = json.loads(attributes["parameters"])["basal_friction_angle_deg"]
+        assert attributes["initial_stress"] == "at_rest"
+        assert attributes["basal_friction"] == pytest.approx(math.tan(math.radians(angle)))
+        assert attributes["acting_basal_friction"] == pytest.approx(min(math.tan(math.radians(angle)), 0.5))
