@@ -251,7 +251,7 @@ class GranularFlowSettings(_Elasticity):
     law: Literal["granular_flow"] = quantity("material law: drucker_prager, granular_flow or elastic")
     static_friction: float = quantity("friction coefficient of slow flow, the tangent of the angle of repose", ge=0, le=2)
     dynamic_friction: float = quantity("friction coefficient of fast flow, above static_friction", gt=0, le=2)
-    inertial_constant: float = quantity("inertial number half way between the two", 0.3, gt=0)
+    inertial_constant: float = quantity("inertial number, with the bulk density, half way between the two", 0.3, gt=0)
     grain_size: float = quantity("diameter of the grains", unit="m", gt=0, le=100)
 
     @model_validator(mode="after")

@@ -1,8 +1,9 @@
 """Rate-dependent friction mu(I) of dense granular flow on Hencky strain, without dilation.
 
 Shear stress s = sqrt(J_2) = mu(I) p with mu(I) = mu_s + (mu_2 - mu_s)/(1 + I_0/I) and I = rate d sqrt(rho/p) (Jop, Forterre &
-Pouliquen 2006, Nature 441:727, eq. 1 to 3; rho is the bulk density). The return is implicit in the rate and solved exactly
-(Dunatunga & Kamrin 2015, J. Fluid Mech. 779:483, sec. 3.4). What comes apart carries no stress until it has closed up again.
+Pouliquen 2006, Nature 441:727, eq. 1 to 3; rho is the bulk density here and that of the grains there, so that I_0 differs by the
+root of the volume fraction, about 0.77). The return is implicit in the rate and solved exactly (Dunatunga & Kamrin 2015,
+J. Fluid Mech. 779:483, sec. 3.4). What comes apart carries no stress until it has closed up again.
 """
 
 import math
