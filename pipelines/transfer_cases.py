@@ -16,7 +16,7 @@ from runout.model.surface import Surface
 
 SAND = DruckerPrager(density=1800.0, youngs_modulus=2e6, poisson_ratio=0.25, friction_angle=30.0)
 CLAY = DruckerPrager(density=1000.0, youngs_modulus=2e5, poisson_ratio=0.49, friction_angle=0.0, cohesion=1e3)
-SOFT = Elastic(density=1000.0, youngs_modulus=1e-3, poisson_ratio=0.0)
+SOFT = Elastic(density=1000.0, youngs_modulus=1e3, poisson_ratio=0.0)
 GRAVITY = 9.81
 Choices = Mapping[str, Any]
 

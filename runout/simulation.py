@@ -17,6 +17,7 @@ from runout.errors import ConfigError, ReleaseError
 from runout.memory import Extent, expected_extent, expected_memory, require_memory
 from runout.model import basal_strength
 from runout.model.friction import FrictionZones
+from runout.model.limits import checked
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
@@ -62,10 +63,8 @@ class Course:
     crop: bool = True
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.end_time) and self.end_time > 0):
-            raise ConfigError(f"end_time is {self.end_time:g} s; it must be positive")
-        if not self.arrival_threshold > 0:
-            raise ConfigError(f"arrival_threshold is {self.arrival_threshold:g} m; it must be positive")
+        checked("end_time", self.end_time, error=ConfigError)
+        checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
 
 
 def simulate(
@@ -230,6 +229,7 @@ def build_scene(
     if not releases:
         raise ReleaseError("no release is given; at least one is needed")
     materials = [r.material or material for r in releases]
+    checked("basal_friction_angle", basal_friction_angle, error=ConfigError)
     angles = [math.radians(basal_friction_angle) if r.basal_friction_angle is None else r.basal_friction_angle for r in releases]
     if not all(0 <= a <= math.radians(60) for a in angles):
         worst = max(angles, key=lambda a: abs(a - 0.5))
@@ -258,8 +258,12 @@ def build_scene(
 
 
 def _spacing(cell_size: float | tuple[float, float, float]) -> tuple[float, float, float]:
-    sizes = np.broadcast_to(np.asarray(cell_size, float), 3)
-    return float(sizes[0]), float(sizes[1]), float(sizes[2])
+    try:
+        sizes = np.broadcast_to(np.asarray(cell_size, float), 3)
+    except (TypeError, ValueError):
+        raise ConfigError(f"cell_size is {cell_size!r}; give one number in m or (dx, dy, dz)") from None
+    x, y, z = (checked("cell_size", float(size), error=ConfigError) for size in sizes)
+    return x, y, z
 
 
 class Run:

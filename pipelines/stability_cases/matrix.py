@@ -9,9 +9,11 @@ from scipy.stats import qmc
 
 from pipelines.stability_cases.layout import CLIFFS, TERRAINS, Layout
 from pipelines.stability_cases.trial import LARGEST
+from runout.model.limits import LARGEST_RADIANS, LIMITS
 
 SAMPLES, SEED = 200, 20
 PASSAGE: dict[str, Any] = {"passes": True, "basal": 10.0, "steps": 1500}
+SMALLEST_ANGLE = LARGEST_RADIANS + 0.03  # [deg]; below it is taken for radians
 AXES: dict[str, tuple[dict[str, Any], ...]] = {
     "Courant number": tuple({"cfl": c} for c in (0.1, 0.2, 0.4, 0.5, 0.6, 0.61, 0.8, 1.0, 1.5)),
     "Young's modulus": tuple({"youngs_modulus": e} for e in (1e4, 1e5, 1e6, 1e7, 1e8, 1e9)),
@@ -29,7 +31,7 @@ AXES: dict[str, tuple[dict[str, Any], ...]] = {
         {"per_cell": (1, 1, 4)},
         {"per_cell": (4, 4, 1)},
     ),
-    "size of a cell [m]": tuple({"h": h} for h in (1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3)),
+    "size of a cell [m]": tuple({"h": h} for h in (1e-3, 1e-2, 0.1, 10.0, 100.0, 400.0)),
     "height of a cell": tuple({"flatness": f} for f in (0.25, 0.5, 2.0)),
     "terrain": (*({"terrain": t} for t in TERRAINS), *({"terrain": t, "slope": 0.0} for t in ("bumps", "wall of 80 deg"))),
     "passage": tuple({"terrain": t, **PASSAGE} for t in CLIFFS),
@@ -59,7 +61,7 @@ PINNED: tuple[dict[str, Any], ...] = (
     {"per_cell": (1, 1, 1)},
     {"per_cell": (4, 4, 4), "thickness": 1.0},
     {"h": 1e-3},
-    {"h": 1e3, "youngs_modulus": 1e10},
+    {"h": 400.0, "youngs_modulus": 4e9},
     {"flatness": 0.5},
     {"terrain": "bumps"},
     {"terrain": "cliff of 80 deg"},
@@ -104,18 +106,19 @@ def named(choice: dict[str, Any]) -> str:
 def _from_unit(u: np.ndarray) -> Layout:
     terrains = [t for t in TERRAINS if not t.startswith(("unknown", "cells of"))]
     per_cell = tuple(int(k) for k in np.floor(1.0 + 3.0 * u[5:8]))
+    thickness = 0.25 * 16.0 ** u[12]
     layout = Layout(
         cfl=0.1 + 0.5 * u[0],
         youngs_modulus=10.0 ** (4.0 + 5.0 * u[1]),
         poisson_ratio=0.45 * u[2],
-        friction_angle=60.0 * u[3],
+        friction_angle=max(60.0 * u[3], SMALLEST_ANGLE),
         cohesion=0.0 if u[4] < 0.4 else 10.0 ** (10.0 * (u[4] - 0.4)),
         per_cell=(per_cell[0], per_cell[1], per_cell[2]),
-        h=10.0 ** (-3.0 + 6.0 * u[8]),
+        h=min(10.0 ** (-3.0 + 6.0 * u[8]), LIMITS["thickness"].high / thickness),
         terrain=terrains[int(u[9] * len(terrains))],
         slope=60.0 * u[10],
-        basal=60.0 * u[11],
-        thickness=0.25 * 16.0 ** u[12],
+        basal=max(60.0 * u[11], SMALLEST_ANGLE),
+        thickness=thickness,
         flatness=0.5 + 0.5 * u[13],
         precision="float32" if u[0] * 16 % 1 < 0.5 else "float64",
     )

@@ -14,7 +14,7 @@ from runout.model.materials import Elastic
 from runout.model.particles import Particles
 
 LENGTH, SPEED = 25.0, 0.1
-MATERIAL = Elastic(density=1.0, youngs_modulus=100.0, poisson_ratio=0.0)
+MATERIAL = Elastic(density=1024.0, youngs_modulus=102400.0, poisson_ratio=0.0)
 PERIOD = 4 * LENGTH / MATERIAL.wave_speed
 WAVE = np.pi / (2 * LENGTH)
 
@@ -23,7 +23,7 @@ def bar(cells: int, offset: float) -> tuple[Particles, np.ndarray]:
     """The bar and its mirror image beyond the fixed end, one particle thick, and its mode sin(pi x / 2 L)."""
     h = LENGTH / cells
     x = (np.arange(4 * cells) + 0.5) * h / 2 - LENGTH
-    p = filled(np.column_stack([x + (cells + 8 + offset) * h, *[np.full_like(x, 8.5 * h)] * 2]), h, 1.0, h**3 / 2)
+    p = filled(np.column_stack([x + (cells + 8 + offset) * h, *[np.full_like(x, 8.5 * h)] * 2]), h, MATERIAL.density, h**3 / 2)
     p.velocity[:, 0] = SPEED * np.sin(WAVE * x)
     p.affine[:, 0, 0] = SPEED * WAVE * np.cos(WAVE * x)
     return p, np.sin(WAVE * x)

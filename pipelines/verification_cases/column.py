@@ -9,7 +9,7 @@ from runout.model.materials import Elastic
 from runout.model.surface import Surface
 
 LENGTH, GRAVITY = 50.0, 10.0
-MATERIAL = Elastic(density=80.0, youngs_modulus=1e6, poisson_ratio=0.0)
+MATERIAL = Elastic(density=160.0, youngs_modulus=2e6, poisson_ratio=0.0)
 WEIGHT = MATERIAL.density * GRAVITY
 PERIOD = 4 * LENGTH / MATERIAL.wave_speed
 

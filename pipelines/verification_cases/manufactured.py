@@ -14,7 +14,7 @@ from pipelines.verification_cases.finding import Bound, Case, Convergence, Resul
 from runout.model.materials import Elastic
 from runout.model.particles import Particles
 
-STIFF = Elastic(density=1.0, youngs_modulus=1e4, poisson_ratio=0.3)
+STIFF = Elastic(density=1024.0, youngs_modulus=1.024e7, poisson_ratio=0.3)
 SOFT = Elastic(density=1000.0, youngs_modulus=1000.0, poisson_ratio=0.3)
 BASE = np.array([8.0, 8.0, 8.0])  # [m] of the solution's origin on the grid
 OPEN = 10**6  # cells: a direction that does not repeat

@@ -32,7 +32,7 @@ def angular_momentum(p: Particles) -> np.ndarray:
 
 def stepped(p: Particles, backend: str) -> Particles:
     """The particles after one short step without forces."""
-    engine = loaded(free_scene(SPACING, Elastic(density=1.0, youngs_modulus=1e3)), p, backend)
+    engine = loaded(free_scene(SPACING, Elastic(density=1e3, youngs_modulus=1e3)), p, backend)
     engine.step(1e-4)
     return engine.particles()
 

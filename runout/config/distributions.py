@@ -1,15 +1,14 @@
 """Distributions of sampled parameters, and what may be sampled."""
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, create_model, model_validator
 from pydantic_core import PydanticCustomError
 
-LARGEST_RADIANS = 1.5708  # an angle that is not above a quarter turn in radians was hardly meant in degrees
+from runout.model.limits import LARGEST_RADIANS, LIMITS, looks_like_radians, radians_remedy
+
 FAR_TAIL = 4.0  # standard deviations; one sample in 30 000 lies further out
 
 
@@ -31,33 +30,19 @@ def refuse(message: str, fix: str, key: str = "") -> PydanticCustomError:
     return PydanticCustomError("runout", "{message}; {fix}", context)
 
 
-@dataclass(frozen=True)
-class Range:
-    """Valid range of a parameter."""
-
-    low: float
-    high: float
-    unit: str
-    hint: str = ""
-    open_low: bool = False
-
-    def holds(self, value: float) -> bool:
-        """Whether a value lies in the range."""
-        return self.low <= value <= self.high and not (self.open_low and value == self.low)
-
-    def field(self, description: str, default: Any = ...) -> Any:
-        """A field of a settings model with this range."""
-        low = {"gt" if self.open_low else "ge": self.low}
-        return quantity(description, default, unit=self.unit, hint=self.hint, le=self.high, **low)
+def limited(name: str, description: str, default: Any = ..., **more: Any) -> Any:
+    """A field of a settings model with the unit, the range and the hint of a quantity of :data:`runout.model.limits.LIMITS`."""
+    valid = LIMITS[name]
+    return quantity(description, default, unit=valid.unit, hint=valid.hint, **valid.bounds(), **more)
 
 
 PARAMETERS = {
-    "basal_friction_angle_deg": Range(low=0, high=60, unit="deg"),
-    "friction_angle_deg": Range(low=0, high=60, unit="deg"),
-    "cohesion": Range(low=0, high=1e9, unit="Pa", hint="1 kPa is 1.0e3"),
-    "density": Range(low=100, high=5000, unit="kg m-3", hint="2 g/cm3 is 2000"),
-    "youngs_modulus": Range(low=1e3, high=1e12, unit="Pa", hint="5 MPa is 5.0e6"),
-    "release_volume_factor": Range(low=0, high=100, unit="", hint="1 is the volume as stated", open_low=True),
+    "basal_friction_angle_deg": LIMITS["basal_friction_angle"],
+    "friction_angle_deg": LIMITS["friction_angle"],
+    "cohesion": LIMITS["cohesion"],
+    "density": LIMITS["density"],
+    "youngs_modulus": LIMITS["youngs_modulus"],
+    "release_volume_factor": LIMITS["release_volume_factor"],
 }
 
 
@@ -190,25 +175,33 @@ Distribution = Annotated[
 
 def plausible_degrees(value: float) -> float:
     """The angle [deg]; refused where it looks like radians."""
-    if 0 < value <= LARGEST_RADIANS:
-        fix = f"write {math.degrees(value):.3g} if it is {value:g} radians"
-        raise refuse(f"{value:g} deg is suspiciously small; angles are in degrees here", fix)
+    if looks_like_radians(value):
+        raise refuse(f"{value:g} deg is suspiciously small; angles are in degrees here", radians_remedy(value))
     return value
 
 
 def _within_range(name: str, distribution: Any) -> Any:
     """The distribution; refused where it can give a value outside the valid range of its parameter."""
     valid, (low, high) = PARAMETERS[name], distribution.support()
-    if name.endswith("_deg"):
+    if valid.degrees:
         plausible_degrees(high)
     for value in (low, high):
         if not valid.holds(value):
             unit = f" {valid.unit}" if valid.unit else ""
-            bound = "above" if valid.open_low else "at least"
-            message = f"it can give {value:.4g}{unit}; the parameter must be {bound} {valid.low:g} and at most {valid.high:g}{unit}"
+            message = f"it can give {value:.4g}{unit}; {valid.allowed().replace('it', 'the parameter', 1)}"
             fix = "cut it with low: and high:" if distribution.distribution == "normal" else "narrow it"
             raise refuse(message, f"{fix} ({valid.hint})" if valid.hint else fix)
+    if valid.degrees:
+        _require_no_radians(distribution)
     return distribution
+
+
+def _require_no_radians(distribution: Any) -> None:
+    """Refuse angles [deg] of which some samples would be taken for radians, as a stated angle is."""
+    values = distribution.values if isinstance(distribution, Discrete) else [distribution.support()[0] or LARGEST_RADIANS]
+    if any(map(looks_like_radians, values)):
+        fix = "leave these out" if isinstance(distribution, Discrete) else "cut it with low: 1.6"
+        raise refuse(f"it can give angles below {LARGEST_RADIANS:.3g} deg, which are taken for radians", fix)
 
 
 def _sampled(name: str) -> Any:

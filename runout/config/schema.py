@@ -8,10 +8,10 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from runout.accuracy import CFL, CHOICES, PARTICLES_PER_CELL, PRESETS
 from runout.config.distributions import (
-    PARAMETERS,
     Distribution,
     Settings,
     discriminator,
+    limited,
     plausible_degrees,
     quantity,
     refuse,
@@ -19,20 +19,26 @@ from runout.config.distributions import (
     shape,
 )
 from runout.config.metadata import METADATA, MetadataSettings
+from runout.model.limits import LIMITS
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
-LARGEST_CFL = 0.6  # as in runout.model.scene, which is not imported here to stay quick
+
+
+def _range(name: str) -> Any:
+    """The bounds of a quantity."""
+    bounds: Any = LIMITS[name].bounds()
+    return Field(**bounds)
+
 
 Degrees = Annotated[float, AfterValidator(plausible_degrees)]
 Text = Annotated[str, Field(min_length=1), Tag("<text>")]
-FrictionAngle = Annotated[
-    Text | Annotated[float, Field(ge=0, le=60), AfterValidator(plausible_degrees), Tag("<number>")], Discriminator(shape)
-]
-FrictionFactor = Annotated[Text | Annotated[float, Field(ge=0, le=10), Tag("<number>")], Discriminator(shape)]
-Height = Annotated[Text | Annotated[float, Field(ge=-300, le=300), Tag("<number>")], Discriminator(shape)]
-Thickness = Annotated[Text | Annotated[float, Field(gt=0, le=1000), Tag("<number>")], Discriminator(shape)]
-Size = Annotated[float, Field(gt=0, le=1000)]
+Angle = Annotated[float, _range("basal_friction_angle"), AfterValidator(plausible_degrees), Tag("<number>")]
+FrictionAngle = Annotated[Text | Angle, Discriminator(shape)]
+FrictionFactor = Annotated[Text | Annotated[float, _range("friction_factor"), Tag("<number>")], Discriminator(shape)]
+Height = Annotated[Text | Annotated[float, _range("obstacle_height"), Tag("<number>")], Discriminator(shape)]
+Thickness = Annotated[Text | Annotated[float, _range("thickness"), Tag("<number>")], Discriminator(shape)]
+Size = Annotated[float, _range("cell_size")]
 CellSize = Annotated[
     Annotated[Size, Tag("<number>")] | Annotated[list[Size], Field(min_length=3, max_length=3), Tag("<list>")], Discriminator(shape)
 ]
@@ -114,8 +120,8 @@ class TerrainSettings(Settings):
     crs: str | None = quantity(
         "coordinate reference system of a raster that states none", None, hint="for example EPSG:32632", examples=["EPSG:32632"]
     )
-    resolution: float | None = quantity(
-        "average the raster over whole blocks of cells to about this size", None, unit="m", gt=0, examples=[10.0]
+    resolution: float | None = limited(
+        "resolution", "average the raster over whole blocks of cells to about this size", None, examples=[10.0]
     )
     obstacles: list[ObstacleSettings] | None = quantity(
         "dams, walls and basins that the raster does not hold, a list: polygons of a vector file, with the height by which they "
@@ -190,12 +196,8 @@ class ReleaseSettings(Settings):
     thickness: Thickness | None = quantity(
         "vertical thickness inside the polygons, or the name of the attribute that holds it", None, unit="m", examples=[10.0]
     )
-    volume: float | None = quantity(
-        "volume of the mass: sets the thickness of the polygons, or is checked against it",
-        None,
-        unit="m3",
-        gt=0,
-        examples=[100000.0],
+    volume: float | None = limited(
+        "volume", "volume of the mass: sets the thickness of the polygons, or is checked against it", None, examples=[100000.0]
     )
     placement: Literal["excavated", "on_surface"] = quantity(
         "excavated: the mass is part of the elevation raster; on_surface: it lies on top of it", "excavated"
@@ -212,11 +214,12 @@ class ReleaseSettings(Settings):
 
 class _Elasticity(Settings):
     law: str
-    density: float = PARAMETERS["density"].field("bulk density", 2000.0)
-    youngs_modulus: float = PARAMETERS["youngs_modulus"].field(
-        "Young's modulus; high enough that pressure waves are 10 times faster than the flow, no higher: steps grow with its root"
+    density: float = limited("density", "bulk density", 2000.0)
+    youngs_modulus: float = limited(
+        "youngs_modulus",
+        "Young's modulus; high enough that pressure waves are 10 times faster than the flow, no higher: steps grow with its root",
     )
-    poisson_ratio: float = quantity("Poisson's ratio", 0.3, ge=0, le=0.495)
+    poisson_ratio: float = limited("poisson_ratio", "Poisson's ratio", 0.3)
 
 
 class ElasticSettings(_Elasticity):
@@ -229,8 +232,8 @@ class DruckerPragerSettings(_Elasticity):
     """Soil, rock fragments, debris: elastic up to a friction cone, without dilation."""
 
     law: Literal["drucker_prager"] = quantity("material law: drucker_prager, granular_flow or elastic", "drucker_prager")
-    friction_angle_deg: Degrees = PARAMETERS["friction_angle_deg"].field("internal friction angle")
-    cohesion: float = PARAMETERS["cohesion"].field("cohesion", 0.0)
+    friction_angle_deg: Degrees = limited("friction_angle", "internal friction angle")
+    cohesion: float = limited("cohesion", "cohesion", 0.0)
     cone: Literal["triaxial_compression", "triaxial_extension", "plane_strain", "plane_strain_associated"] = quantity(
         "how the Drucker-Prager cone meets Mohr-Coulomb: plane_strain, plane_strain_associated, triaxial_compression "
         "or triaxial_extension",
@@ -249,10 +252,10 @@ class GranularFlowSettings(_Elasticity):
     """Dry grains whose friction rises with the rate of shear, mu(I): thick dense flows."""
 
     law: Literal["granular_flow"] = quantity("material law: drucker_prager, granular_flow or elastic")
-    static_friction: float = quantity("friction coefficient of slow flow, the tangent of the angle of repose", ge=0, le=2)
-    dynamic_friction: float = quantity("friction coefficient of fast flow, above static_friction", gt=0, le=2)
-    inertial_constant: float = quantity("inertial number, with the bulk density, half way between the two", 0.3, gt=0)
-    grain_size: float = quantity("diameter of the grains", unit="m", gt=0, le=100)
+    static_friction: float = limited("static_friction", "friction coefficient of slow flow, the tangent of the angle of repose")
+    dynamic_friction: float = limited("dynamic_friction", "friction coefficient of fast flow, above static_friction")
+    inertial_constant: float = limited("inertial_constant", "inertial number, with the bulk density, half way between the two", 0.3)
+    grain_size: float = limited("grain_size", "diameter of the grains")
 
     @model_validator(mode="after")
     def _rises(self) -> "GranularFlowSettings":
@@ -291,7 +294,7 @@ class SimulationSettings(Settings):
         None,
         examples=[list(PARTICLES_PER_CELL)],
     )
-    end_time: float = quantity("longest simulated time", unit="s", gt=0, le=86400)
+    end_time: float = limited("end_time", "longest simulated time")
     stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest", True)
     backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")
     device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
@@ -300,16 +303,16 @@ class SimulationSettings(Settings):
         "between particles and grid: mls (fastest), apic (by gradients of the weights) or aflip (damps less)",
         "mls",
     )
-    flip_ratio: float = quantity("part of its own velocity that a particle keeps with aflip", 0.95, ge=0, le=1)
+    flip_ratio: float = limited("flip_ratio", "part of its own velocity that a particle keeps with aflip", 0.95)
     f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
-    sleep_speed: float = quantity(
-        "what stays slower rests until something moves beside it, on scan; 0 for never", 0.0, unit="m/s", ge=0
+    sleep_speed: float = limited(
+        "sleep_speed", "what stays slower rests until something moves beside it, on scan; 0 for never", 0.0
     )
     initial_stress: Literal["at_rest", "none"] = quantity(
         "at_rest: releases start with the stress of their own weight; none: without, and settle under it", "at_rest"
     )
-    cfl: float = quantity("time step as a fraction of the stable one", CFL, gt=0, le=LARGEST_CFL, hint=f"{CFL:g} is usual")
-    arrival_threshold: float = quantity("thickness that counts as arrival of the flow", 0.1, unit="m", gt=0)
+    cfl: float = limited("cfl", "time step as a fraction of the stable one", CFL)
+    arrival_threshold: float = limited("arrival_threshold", "thickness that counts as arrival of the flow", 0.1)
 
     @model_validator(mode="before")
     @classmethod
@@ -387,7 +390,7 @@ class SiteSettings(Settings):
     terrain: TerrainSettings = quantity("the terrain")
     release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
     material: MaterialSettings = quantity("the material")
-    basal_friction_angle_deg: Degrees = PARAMETERS["basal_friction_angle_deg"].field("friction angle of the mass on the ground")
+    basal_friction_angle_deg: Degrees = limited("basal_friction_angle", "friction angle of the mass on the ground")
     simulation: SimulationSettings = quantity("how each member is computed")
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())

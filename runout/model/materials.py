@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import ClassVar
 
 from runout.errors import MaterialError
+from runout.model.limits import LIMITS, checked
 from runout.physics import drucker_prager, elastic, geostatic
 
 LARGEST_COMPRESSION = 0.3  # elastic strain of a column under its own weight
@@ -28,11 +29,11 @@ class Material:
     Parameters
     ----------
     density : float
-        Bulk density [kg m-3], > 0.
+        Bulk density [kg m-3], 100 to 5000.
     youngs_modulus : float
-        Young's modulus [Pa], > 0.
+        Young's modulus [Pa], 1e3 to 1e12.
     poisson_ratio : float
-        Poisson's ratio [1], 0 <= nu < 0.5.
+        Poisson's ratio [1], 0 to 0.495.
 
     Raises
     ------
@@ -47,18 +48,8 @@ class Material:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            value = getattr(self, f.name)
-            if isinstance(value, int | float) and not isinstance(value, bool) and not math.isfinite(value):
-                raise MaterialError(f"{f.name} is {value}; it must be a finite number")
-        self._require("density", 0.0, math.inf, " kg m-3", open_low=True)
-        self._require("youngs_modulus", 0.0, math.inf, " Pa", open_low=True)
-        self._require("poisson_ratio", 0.0, 0.495, "")
-
-    def _require(self, name: str, low: float, high: float, unit: str, open_low: bool = False) -> None:
-        value = getattr(self, name)
-        if value < low or value > high or (open_low and value == low):
-            allowed = f"above {low:g}{unit}" if open_low else f"between {low:g}{unit} and {high:g}{unit}"
-            raise MaterialError(f"{name} is {value:g}{unit}; it must lie {allowed}")
+            if f.name in LIMITS:
+                checked(f.name, getattr(self, f.name), error=MaterialError)
 
     @property
     def lame_lambda(self) -> float:
@@ -131,9 +122,9 @@ class DruckerPrager(Material):
     Parameters
     ----------
     friction_angle : float
-        Internal friction angle of Mohr-Coulomb [deg], 0 to 60.
+        Internal friction angle of Mohr-Coulomb [deg], 0 to 60; what looks like radians is refused.
     cohesion : float
-        Cohesion of Mohr-Coulomb [Pa], >= 0.
+        Cohesion of Mohr-Coulomb [Pa], 0 to 1e9.
     cone : Cone
         How the cone is matched to Mohr-Coulomb.
     volume_correction : bool
@@ -148,8 +139,6 @@ class DruckerPrager(Material):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._require("friction_angle", 0.0, 60.0, " deg")
-        self._require("cohesion", 0.0, math.inf, " Pa")
         if self.friction_angle == 0 and self.cohesion == 0:
             raise MaterialError("friction_angle and cohesion are both 0; such a material has no strength, set one of them")
         try:
@@ -208,10 +197,6 @@ class GranularFlow(Material):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._require("static_friction", 0.0, 2.0, "")
-        self._require("dynamic_friction", 0.0, 2.0, "")
-        self._require("inertial_constant", 0.0, math.inf, "", open_low=True)
-        self._require("grain_size", 0.0, math.inf, " m", open_low=True)
         if self.dynamic_friction <= self.static_friction:
             raise MaterialError(
                 f"dynamic_friction is {self.dynamic_friction:g}; it must be above static_friction, {self.static_friction:g}"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.model.limits import LIMITS
 from runout.model.materials import Material
 from runout.model.terrain import Terrain
 
@@ -77,9 +78,27 @@ class Release:
             )
         if t.max() == 0:
             raise ReleaseError(f"{self.source}: the release is empty; its thickness is 0 everywhere")
+        self._require_in_limits(t)
         t.setflags(write=False)
         object.__setattr__(self, "thickness", t)
         object.__setattr__(self, "placement", Placement.of(self.placement))
+
+    def _require_in_limits(self, thickness: np.ndarray) -> None:
+        """ReleaseError if the thickness [m] or its volume is beyond the limits of either; names the first cell."""
+        most, whole = LIMITS["thickness"], LIMITS["volume"]
+        beyond = np.argwhere(thickness > most.high)
+        if len(beyond):
+            row, column = beyond[0]
+            east, north = self.terrain.easting[column], self.terrain.northing[row]
+            raise ReleaseError(
+                f"{self.source}: thickness is {thickness[row, column]:g} m at row {row}, column {column} (easting {east:.2f}, "
+                f"northing {north:.2f}), {len(beyond)} cells in all; {most.allowed()}; {most.hint}"
+            )
+        if thickness.max() < most.low:
+            raise ReleaseError(f"{self.source}: thickness is {thickness.max():g} m at most; {most.allowed()}; {most.hint}")
+        volume = float(thickness.sum() * self.terrain.cell_area)
+        if not whole.holds(volume):
+            raise ReleaseError(f"{self.source}: volume is {volume:g} m3; {whole.allowed()}; check thickness and area")
 
     @classmethod
     def from_vector(

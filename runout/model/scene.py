@@ -11,12 +11,12 @@ from runout.accuracy import CFL
 from runout.errors import ConfigError, StabilityError
 from runout.model.friction import FrictionZones
 from runout.model.laws import LAWS, Law
+from runout.model.limits import LARGEST_CFL, checked
 from runout.model.materials import Material
 from runout.model.surface import Surface
 from runout.physics import geostatic, timestep
 
 STANDARD_GRAVITY = 9.81
-LARGEST_CFL = 0.6  # whatever the material
 RESERVE = 0.95  # of the Courant number that an isolated particle bears, in steps that runout chooses
 TRANSFERS = ("mls", "apic", "aflip")
 STEP_TOLERANCE = 1.02  # a step that was chosen some steps ago may be so much longer than a limit: the flow has sped up
@@ -96,18 +96,18 @@ class Scene:
     initial_stress: str = "none"
 
     def __post_init__(self) -> None:
-        if len(self.spacing) != 3 or not all(np.isfinite(h) and h > 0 for h in self.spacing):
-            raise ConfigError(f"cell_size is {self.spacing}; it must be positive, one number or (dx, dy, dz)")
+        if len(self.spacing) != 3:
+            raise ConfigError(f"cell_size is {self.spacing}; give one number or (dx, dy, dz)")
+        for h in self.spacing:
+            checked("cell_size", h, error=ConfigError)
         if not 0 < self.cfl <= LARGEST_CFL:
             raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
         if self.precision not in ("float32", "float64"):
             raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
         if self.transfer not in TRANSFERS:
             raise ConfigError(f"transfer is {self.transfer!r}; choose one of {', '.join(TRANSFERS)}")
-        if not 0 <= self.flip_ratio <= 1:
-            raise ConfigError(f"flip_ratio is {self.flip_ratio:g}; it must lie between 0, which is apic, and 1")
-        if not 0 <= self.sleep_speed < math.inf:
-            raise ConfigError(f"sleep_speed is {self.sleep_speed:g} m/s; it must be 0, for no sleep, or more")
+        checked("flip_ratio", self.flip_ratio, error=ConfigError)
+        checked("sleep_speed", self.sleep_speed, error=ConfigError)
         if self.sleep_speed and (self.f_bar or not self.packed):
             raise ConfigError("sleep_speed works with transfer mls without f_bar; leave it out, or choose these")
         if len({m.law for m in self.materials}) != 1:

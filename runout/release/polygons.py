@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.release.reproject import polygons_on_terrain
 
@@ -41,14 +42,36 @@ class PolygonLayer:
 
         if attribute not in self.attributes:
             raise ReleaseError(f"{self.source}: no attribute {attribute!r} for the {what}{self._nearest(attribute)}")
-        values = pandas.to_numeric(self.attributes[attribute], errors="coerce").to_numpy(np.float64)
+        stated = self.attributes[attribute]
+        kinds = pandas.api.types
+        other = kinds.is_datetime64_any_dtype(stated) or kinds.is_timedelta64_dtype(stated) or kinds.is_bool_dtype(stated)
+        converted = pandas.Series(np.nan, stated.index) if other else stated  # a date would become nanoseconds, a yes 1
+        values = pandas.to_numeric(converted, errors="coerce").to_numpy(np.float64)
         unusable = np.flatnonzero(~np.isfinite(values))
         if len(unusable):
             first = unusable[0]
             raise ReleaseError(
-                f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {self.attributes[attribute].iloc[first]!r}; "
+                f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {stated.iloc[first]!r}; "
                 f"every polygon needs a number for its {what}"
             )
+        return values
+
+    def stated(self, given: float | str, quantity: str, key: str = "") -> np.ndarray:
+        """Values (n,) of a quantity of :data:`runout.model.limits.LIMITS`: one number for all polygons, or those of an attribute.
+
+        ``key`` is what site.yaml calls it, for messages; the name of the quantity by default.
+
+        Raises
+        ------
+        ReleaseError
+            If an attribute is missing or no number, or a value lies outside the limits; names the polygon.
+        """
+        place = str(self.source)
+        if not isinstance(given, str):
+            return np.full(len(self.polygons), checked(quantity, given, place=place, key=key, error=ReleaseError))
+        values = self.numbers(given, key or quantity.replace("_", " "))
+        for number, value in enumerate(values, 1):
+            checked(quantity, float(value), place=place, key=f"attribute {given!r} of polygon {number}", error=ReleaseError)
         return values
 
     def numeric_attributes(self) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.model.limits import LIMITS
 from runout.model.terrain import Terrain
 from runout.release.crs import to_terrain
 from runout.release.reproject import raster_on_terrain
@@ -53,4 +54,20 @@ def _values(path: Path, raster: Any) -> np.ndarray:
     values[np.isnan(values)] = 0.0
     if np.isinf(values).any():
         raise ReleaseError(f"{path}: {int(np.isinf(values).sum())} cells are infinite; mark them as nodata")
+    _require_in_limits(path, raster, values)
     return values
+
+
+def _require_in_limits(path: Path, raster: Any, values: np.ndarray) -> None:
+    """ReleaseError if a cell is no possible thickness, of either sign; names the first, which often marks missing values."""
+    valid = LIMITS["thickness"]
+    beyond = np.argwhere(np.abs(values) > valid.high)
+    if not len(beyond):
+        return
+    row, column = beyond[0]
+    value, (east, north) = values[row, column], raster.xy(row, column)
+    raise ReleaseError(
+        f"{path}: thickness is {value:g} m at row {row}, column {column} (easting {east:.2f}, northing {north:.2f}), {len(beyond)} "
+        f"cells in all; {valid.allowed()}; if {value:g} marks cells without a release, declare it: "
+        f"gdal_edit.py -a_nodata {value:.9g} {path}"
+    )

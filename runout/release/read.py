@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.model.limits import checked
 from runout.model.materials import Material
 from runout.model.release import Placement, Release
 from runout.model.terrain import Terrain
 from runout.release.coverage import SAME_EDGE, covered_window, regrid
 from runout.release.ground import require_elevation, require_inside
 from runout.release.polygons import PolygonLayer, read_polygons, without_overlap
-from runout.release.volume import checked_number, matched
+from runout.release.volume import matched
 
 log = logging.getLogger(__name__)
 
-STEEPEST_FRICTION_DEG = 60.0
 LOST_VOLUME = 1e-6  # share of a raster's volume that may fall outside the terrain by round-off of its header
 
 
@@ -74,7 +74,7 @@ def read_vector(
     parts, overlaps = without_overlap(polygons, depths)
     outline = _united(parts, f"release {source}", terrain)
     if depths is None:
-        depths = np.full(len(parts), checked_number(volume or 0.0, "volume", "m3", str(source)) / outline.area)
+        depths = np.full(len(parts), checked("volume", volume, place=str(source), error=ReleaseError) / outline.area)
     cells, scaled = matched(_on_cells(parts, depths, terrain), terrain.cell_area, volume, str(source))
     friction = _polygon_friction(polygons, basal_friction_angle_deg)
     return _release(
@@ -182,19 +182,14 @@ def _polygon_thickness(layer: PolygonLayer, thickness: float | str | None, volum
                 f"(numeric attributes: {layer.numeric_attributes()}), or a volume [m3]"
             )
         return None
-    if not isinstance(thickness, str):
-        return np.full(len(layer.polygons), checked_number(thickness, "thickness", "m", source))
-    values = layer.numbers(thickness, "thickness")
-    for i in np.flatnonzero(values <= 0):
-        raise ReleaseError(f"{source}: attribute {thickness!r} of polygon {i + 1} is {values[i]:g} m; thickness must be above 0")
-    return values
+    return layer.stated(thickness, "thickness")
 
 
 def _polygon_friction(layer: PolygonLayer, angle_deg: float | str | None) -> float | None:
     """Basal friction angle [rad] of all polygons."""
     if not isinstance(angle_deg, str):
         return _friction(angle_deg, str(layer.source))
-    values = np.unique(layer.numbers(angle_deg, "basal friction angle"))
+    values = np.unique(layer.stated(angle_deg, "basal_friction_angle"))
     if len(values) > 1:
         raise ReleaseError(
             f"{layer.source}: attribute {angle_deg!r} differs among the polygons ({values[0]:g} to {values[-1]:g} deg); "
@@ -207,11 +202,8 @@ def _friction(angle_deg: float | None, source: str) -> float | None:
     """Basal friction angle [rad]."""
     if angle_deg is None:
         return None
-    if not 0 <= angle_deg <= STEEPEST_FRICTION_DEG:
-        raise ReleaseError(
-            f"{source}: basal_friction_angle_deg is {angle_deg:g}; it must be 0 to {STEEPEST_FRICTION_DEG:g} degrees"
-        )
-    return math.radians(angle_deg)
+    angle = checked("basal_friction_angle", angle_deg, place=source, key="basal_friction_angle_deg", error=ReleaseError)
+    return math.radians(angle)
 
 
 def _united(parts: np.ndarray, what: str, terrain: Terrain) -> Any:

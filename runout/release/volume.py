@@ -3,20 +3,10 @@
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.model.limits import checked
 
 TOLERANCE = 0.01  # a computed volume may differ from the stated one by this share
 PRINTED = 1e-6  # a smaller difference is the rounding of a printed volume and not reported
-
-
-def checked_number(value: float, what: str, unit: str, source: str) -> float:
-    """The value itself; ReleaseError unless it is a finite number above zero."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise ReleaseError(f"{source}: {what} is {value!r}; it must be a number in {unit}") from None
-    if not np.isfinite(number) or number <= 0:
-        raise ReleaseError(f"{source}: {what} is {number:g} {unit}; it must be above 0")
-    return number
 
 
 def matched(thickness: np.ndarray, cell_area: float, volume: float | None, source: str) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -38,7 +28,7 @@ def matched(thickness: np.ndarray, cell_area: float, volume: float | None, sourc
     """
     if volume is None:
         return thickness, ()
-    stated, computed = checked_number(volume, "volume", "m3", source), float(thickness.sum() * cell_area)
+    stated, computed = checked("volume", volume, place=source, error=ReleaseError), float(thickness.sum() * cell_area)
     if computed == 0:
         raise ReleaseError(f"{source}: the volume is stated as {stated:.6g} m3, but the thickness is 0 everywhere")
     difference = computed / stated - 1.0

@@ -9,11 +9,9 @@ from typing import Any
 from runout.errors import DemError, ReleaseError
 from runout.model.terrain import Terrain
 from runout.release.polygons import read_polygons, without_overlap
-from runout.terrain.overlay import numbers_of, on_cells
+from runout.terrain.overlay import on_cells
 
 log = logging.getLogger(__name__)
-
-LARGEST_HEIGHT = 300.0  # [m]
 
 
 def with_obstacles(terrain: Terrain, path: str | PathLike[str], height: float | str, layer: str | None = None) -> Terrain:
@@ -58,7 +56,7 @@ def _parts(terrain: Terrain, source: Path, height: float | str, layer: str | Non
     """Polygons without overlap, their heights [m], and what was changed on the way in."""
     try:
         polygons = read_polygons(source, terrain, layer, "obstacle")
-        heights = numbers_of(polygons, height, "height", (-LARGEST_HEIGHT, LARGEST_HEIGHT), " m")
+        heights = polygons.stated(height, "obstacle_height", "height")
         parts, overlaps = without_overlap(polygons, heights, "height")
     except ReleaseError as error:  # the readers of polygons are those of a release, and so are their errors
         raise DemError(str(error)) from error

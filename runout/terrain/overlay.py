@@ -1,29 +1,11 @@
-"""Polygons on the cells of a terrain: numbers that they carry, and means by area."""
+"""Polygons on the cells of a terrain: means by area."""
 
 from typing import Any
 
 import numpy as np
 
-from runout.errors import ReleaseError
 from runout.model.terrain import Terrain
 from runout.release.coverage import covered_window
-from runout.release.polygons import PolygonLayer
-
-
-def numbers_of(layer: PolygonLayer, given: Any, name: str, bounds: tuple[float, float], unit: str) -> np.ndarray:
-    """Numbers (n,) of the polygons of a layer: one for all, or those of an attribute.
-
-    Raises
-    ------
-    ReleaseError
-        If an attribute is missing or no number, or a number lies outside ``bounds``; names the polygon.
-    """
-    values = layer.numbers(given, name) if isinstance(given, str) else np.full(len(layer.polygons), given, np.float64)
-    wrong = np.flatnonzero(~((values >= bounds[0]) & (values <= bounds[1])))
-    if len(wrong):
-        allowed = f"it must be {bounds[0]:g} to {bounds[1]:g}{unit}"
-        raise ReleaseError(f"{layer.source}: {name} of polygon {wrong[0] + 1} is {values[wrong[0]]:g}; {allowed}")
-    return values
 
 
 def on_cells(parts: np.ndarray, values: np.ndarray, terrain: Terrain) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:

@@ -12,12 +12,9 @@ from runout.errors import ReleaseError, ZoneError
 from runout.model.friction import FrictionZones
 from runout.model.terrain import Terrain
 from runout.release.polygons import OVERLAP, read_polygons, without_overlap
-from runout.terrain.overlay import numbers_of, on_cells
+from runout.terrain.overlay import on_cells
 
 log = logging.getLogger(__name__)
-
-LARGEST_FACTOR = 10.0
-STEEPEST_DEG = 60.0
 
 
 def read_zones(
@@ -43,9 +40,10 @@ def read_zones(
     try:
         polygons = read_polygons(source, terrain, layer, "friction zone")
         if basal_friction_angle_deg is None:
-            values = numbers_of(polygons, factor, "factor", (0.0, LARGEST_FACTOR), "")
+            assert factor is not None  # one of the two is given
+            values = polygons.stated(factor, "friction_factor", "factor")
         else:
-            values = numbers_of(polygons, basal_friction_angle_deg, "basal_friction_angle_deg", (0.0, STEEPEST_DEG), " degrees")
+            values = polygons.stated(basal_friction_angle_deg, "basal_friction_angle", "basal_friction_angle_deg")
         parts, overlaps = without_overlap(polygons, values, "friction", "" if basal_friction_angle_deg is None else " deg")
     except ReleaseError as error:  # the readers of polygons are those of a release, and so are their errors
         raise ZoneError(str(error)) from error

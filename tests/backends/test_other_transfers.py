@@ -142,7 +142,8 @@ def test_a_block_of_sand_slides_as_far_with_every_transfer_and_gains_no_energy()
 
 
 @pytest.mark.parametrize(
-    ("choice", "said"), [({"transfer": "pic"}, "choose one of mls, apic, aflip"), ({"flip_ratio": 1.5}, "must lie between 0")]
+    ("choice", "said"),
+    [({"transfer": "pic"}, "choose one of mls, apic, aflip"), ({"flip_ratio": 1.5}, "flip_ratio is 1.5; it must be at least 0")],
 )
 def test_a_transfer_that_is_not_there_is_refused(choice, said):
     with pytest.raises(ConfigError, match=said):

@@ -58,7 +58,7 @@ def test_all_problems_are_listed_at_once_in_the_order_of_the_file(edited):
 @pytest.mark.parametrize(
     ("old", "new", "line", "said"),
     [
-        ("thickness: 4.0", "thickness: -4.0", 9, "-4 m is out of range; it must be above 0"),
+        ("thickness: 4.0", "thickness: -4.0", 9, "-4 m is out of range; it must be at least 1e-05 m"),
         ("thickness: 4.0", "thickness: 0", 9, "0 m is out of range"),
         ("    thickness: 4.0\n", "", 7, "polygons without thickness and volume; add thickness: [m] or volume: [m3]"),
         ("thickness: 4.0", "thickness: 4\n    raster: inputs/dem.asc", 7, "polygons and raster are both given"),
@@ -131,6 +131,7 @@ DISTRIBUTION = "{distribution: uniform, low: 12, high: 22}"
             "it can give 70 deg; the parameter must be at least 0",
         ),
         ("{distribution: uniform, low: 0.2, high: 0.4}", "", "write 22.9 if it is 0.4 radians"),
+        ("{distribution: uniform, low: 1, high: 4}", "", "it can give angles below 1.57 deg, which are taken for radians"),
         ("{distribution: triangular, low: 10, mode: 30, high: 20}", ".mode", "mode (30) is not between low (10) and high (20)"),
         ("{distribution: normal, mean: 17, standard_deviation: 0}", ".standard_deviation", "it must be above 0"),
         ("{distribution: normal, mean: 17, standard_deviation: 9}", "", "it can give -19 deg"),

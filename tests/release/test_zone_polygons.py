@@ -61,8 +61,9 @@ def test_zones_of_two_files_hold_side_by_side_and_not_over_each_other(terrain, w
     [
         ({}, "give factor, which multiplies friction, or basal_friction_angle_deg, which replaces it"),
         ({"factor": 1.0, "basal_friction_angle_deg": 20.0}, "give factor"),
-        ({"factor": -0.5}, "factor of polygon 1 is -0.5; it must be 0 to 10"),
-        ({"basal_friction_angle_deg": 80.0}, "basal_friction_angle_deg of polygon 1 is 80; it must be 0 to 60 degrees"),
+        ({"factor": -0.5}, "factor is -0.5; it must be at least 0 and at most 10"),
+        ({"basal_friction_angle_deg": 80.0}, "basal_friction_angle_deg is 80 deg; it must be at least 0 and at most 60 deg"),
+        ({"basal_friction_angle_deg": 0.5}, "angles are in degrees here; write 28.6 if it is 0.5 radians"),
         ({"factor": "fricton"}, "no attribute 'fricton' for the factor; did you mean 'friction'"),
         ({"factor": 1.2, "layer": "wood"}, "no layer 'wood'"),
     ],

@@ -50,7 +50,7 @@ def test_an_attribute_raises_one_and_lowers_the_other(flat, drawn):
 
 
 def test_what_cannot_be_an_obstacle_is_refused(flat, drawn):
-    with pytest.raises(DemError, match=r"dams.gpkg: height of polygon 1 is 900; it must be -300 to 300 m"):
+    with pytest.raises(DemError, match=r"dams.gpkg: height is 900 m; it must be at least -300 and at most 300 m"):
         flat.with_obstacles(drawn((100.0, 20.0, 120.0, 60.0)), height=900.0)
     with pytest.raises(DemError, match="no attribute 'heigth' for the height; did you mean 'height'"):
         flat.with_obstacles(drawn((100.0, 20.0, 120.0, 60.0), height=[3.0]), height="heigth")

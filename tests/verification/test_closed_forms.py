@@ -9,7 +9,7 @@ from pipelines.verification_cases.closed_forms import AxisAlignedWave, Vortex, s
 from runout.model.materials import Elastic
 from runout.physics import elastic
 
-MATERIAL = Elastic(density=3.0, youngs_modulus=1e4, poisson_ratio=0.3)
+MATERIAL = Elastic(density=3072.0, youngs_modulus=1.024e7, poisson_ratio=0.3)
 
 
 def hencky(F):

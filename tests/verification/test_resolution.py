@@ -12,7 +12,7 @@ from runout.model.resolution import Resolution, flow_depth, worst
 from runout.model.scene import Raster, Scene
 from runout.physics.resolution import numerical_viscosity
 
-SOFT = Elastic(density=1000.0, youngs_modulus=1e-3, poisson_ratio=0.0)
+SOFT = Elastic(density=1000.0, youngs_modulus=1e3, poisson_ratio=0.0)
 STEP = 0.1
 
 

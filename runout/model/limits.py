@@ -1,0 +1,127 @@
+"""Valid ranges of what a user states: one table for site.yaml, attributes, rasters and Python."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+from runout.errors import InputError
+
+LARGEST_CFL = 0.6  # of the Courant number, whatever the material
+LARGEST_RADIANS = 1.5708  # an angle that is not above a quarter turn in radians was hardly meant in degrees
+SMALLEST_RADIANS = 0.02  # a smaller one is hardly a friction angle in radians, but a fluid in degrees
+
+
+@dataclass(frozen=True)
+class Range:
+    """Valid range of a quantity.
+
+    Attributes
+    ----------
+    low, high : float
+        Smallest and largest value, both valid unless ``open_low``.
+    unit : str
+        Of both.
+    hint : str
+        Remedy for a value outside the range.
+    open_low : bool
+        ``low`` itself is not valid.
+    degrees : bool
+        An angle in degrees, of which values that look like radians are refused.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+    hint: str = ""
+    open_low: bool = False
+    degrees: bool = False
+
+    def holds(self, value: float) -> bool:
+        """Whether a value lies in the range."""
+        return self.low <= value <= self.high and not (self.open_low and value == self.low)
+
+    def bounds(self) -> dict[str, float]:
+        """The range in the words of pydantic."""
+        return {"gt" if self.open_low else "ge": self.low, "le": self.high}
+
+    def allowed(self) -> str:
+        """The range in words."""
+        bound = "above" if self.open_low else "at least"
+        return f"it must be {bound} {self.low:g} and at most {self.high:g}" + (f" {self.unit}" if self.unit else "")
+
+
+LIMITS = {
+    "thickness": Range(1e-5, 1000, "m", "thickness is vertical, in metres"),
+    "volume": Range(1e-9, 1e12, "m3", "1 million m3 is 1.0e6"),
+    "density": Range(100, 5000, "kg m-3", "2 g/cm3 is 2000"),
+    "youngs_modulus": Range(1e3, 1e12, "Pa", "5 MPa is 5.0e6"),
+    "poisson_ratio": Range(0, 0.495),
+    "friction_angle": Range(0, 60, "deg", degrees=True),
+    "cohesion": Range(0, 1e9, "Pa", "1 kPa is 1.0e3"),
+    "static_friction": Range(0, 2),
+    "dynamic_friction": Range(0, 2, open_low=True),
+    "inertial_constant": Range(0, 1000, open_low=True),
+    "grain_size": Range(0, 100, "m", open_low=True),
+    "basal_friction_angle": Range(0, 60, "deg", degrees=True),
+    "release_volume_factor": Range(0, 100, hint="1 is the volume as stated", open_low=True),
+    "friction_factor": Range(0, 10),
+    "obstacle_height": Range(-300, 300, "m"),
+    "cell_size": Range(1e-5, 1000, "m"),
+    "resolution": Range(1e-5, 1e5, "m"),
+    "end_time": Range(1e-6, 86400, "s"),
+    "arrival_threshold": Range(1e-6, 1000, "m"),
+    "sleep_speed": Range(0, 1000, "m/s"),
+    "flip_ratio": Range(0, 1),
+    "cfl": Range(0, LARGEST_CFL, hint=f"{LARGEST_CFL:g} is usual", open_low=True),
+}
+
+
+def looks_like_radians(angle: float) -> bool:
+    """Whether an angle [deg] was hardly meant in degrees; 0 and the smallest angles are."""
+    return SMALLEST_RADIANS <= angle <= LARGEST_RADIANS
+
+
+def radians_remedy(angle: float) -> str:
+    """What to write for an angle that was stated in radians."""
+    return f"write {math.degrees(angle):.3g} if it is {angle:g} radians"
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a real number; a yes or no, a text or a date is none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def checked(name: str, value: Any, *, place: str = "", key: str = "", error: Callable[[str], Exception] = InputError) -> float:
+    """The value of a quantity of :data:`LIMITS` as a number.
+
+    Parameters
+    ----------
+    name : str
+        Of the quantity.
+    value : object
+        What was stated.
+    place, key : str
+        Where it stands and what it is called there, for the message; the name by default.
+    error : callable
+        Makes the error of a message.
+
+    Raises
+    ------
+    error
+        If the value is no finite number or lies outside the range: place, key, value, range and remedy.
+    """
+    valid, what = LIMITS[name], f"{place}: {key or name}" if place else key or name
+    unit = f" in {valid.unit}" if valid.unit else ""
+    if not is_number(value):
+        raise error(f"{what} is {value!r}; it must be a number{unit}")
+    number = float(value)
+    if not math.isfinite(number):
+        raise error(f"{what} is {number:g}; it must be a finite number{unit}")
+    stated = f"{what} is {number:g}" + (f" {valid.unit}" if valid.unit else "")
+    if not valid.holds(number):
+        raise error(f"{stated}; {valid.allowed()}" + (f"; {valid.hint}" if valid.hint else ""))
+    if valid.degrees and looks_like_radians(number):
+        raise error(f"{stated}, which is suspiciously small; angles are in degrees here; {radians_remedy(number)}")
+    return number
