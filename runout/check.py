@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 LARGEST_STRAIN = 0.01  # elastic, under the release's own weight
+MOST_TRAPPED = 0.05  # share of a release in its scar that is not worth a warning
 
 
 @dataclass
@@ -100,7 +101,7 @@ def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
         try:
             read = alone.releases(terrain)
             found.releases += read
-            found.notes += [change for release in read for change in release.changes]
+            found.notes += [f"release {release.name}: {change}" for release in read for change in release.changes]
         except InputError as error:
             found.note(error)
 
@@ -132,6 +133,7 @@ def _inspect_resolution(found: Findings, site: "Site") -> None:
         found.problems += _too_coarse(release, spacing)
         found.warnings += _too_thin(release, resolution(release, site, grid))
         found.warnings += _too_soft(release, site)
+        found.warnings += _trapped(release, site)
 
 
 def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -193,6 +195,30 @@ def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
             f"release {release.name}: its weight strains it by {100 * strain:.1f} %; above 1 % the stiffness shows in the runout, "
             f"youngs_modulus >= {stiff:.2g} Pa avoids it"
         )
+
+
+def _trapped(release: "Release", site: "Site") -> Iterator[str]:
+    """What of a release cannot slide out of its scar, with the values that are stated and in the worst of the members."""
+    from runout.ensemble.design import member_table
+    from runout.model.release import Edge
+    from runout.release.outlets import trapped_share
+
+    members = member_table(site.settings.ensemble)
+    own, stated = release.basal_friction_angle, math.radians(site.settings.basal_friction_angle_deg)
+    angles = members.get("basal_friction_angle_deg", np.degrees([stated]))
+    worst = math.radians(float(np.max(angles))) if own is None else own
+    largest = float(np.max(members.get("release_volume_factor", 1.0)))
+    for factor, angle in dict.fromkeys([(1.0, stated if own is None else own), (largest, worst)]):
+        scaled = release.scaled(factor) if factor != 1.0 else release
+        below, held = trapped_share(scaled, 0.0), trapped_share(scaled, angle)
+        if max(below, held) > MOST_TRAPPED:
+            times = f" with volume factor {factor:.3g}" if factor != 1.0 else ""
+            fix = "edge: tapered" if release.edge is Edge.VERTICAL and release.body is None else "a longer outline or less volume"
+            yield (
+                f"release {release.name}{times}: {held:.0%} of {scaled.volume:.4g} m3 lie below the lines that rise from the rim "
+                f"of the scar at the basal friction angle of {math.degrees(angle):.3g} deg, {below:.0%} below its lowest outlet; "
+                f"this mass is trapped unless the rest carries it along; {fix}, or a raster of the sliding surface, avoids it"
+            )
 
 
 def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:

@@ -57,8 +57,9 @@ def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | 
     study = Study.open(site.file, out, device=device)
     grid = site.member_arguments(data=data)
     for release in data.releases:
-        volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2"
-        console.print(f"release {release.name}: {volume}, {release.placement}", markup=False)
+        volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}"
+        edge = f", {release.edge} edge" if release.outline is not None else ""
+        console.print(f"release {release.name}: {volume}{edge}, up to {release.thickness.max():.3g} m thick", markup=False)
         console.print(f"release {release.name}: {resolution(release, study.site, grid).statement()}", markup=False)
     for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):
         console.print(line, markup=False)

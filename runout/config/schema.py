@@ -149,7 +149,7 @@ def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
         yield "", "polygons and raster are both given" if polygons else "neither polygons nor raster is given", "give one of them"
     elif polygons and not {"thickness", "volume"} & given.keys():
         yield "", "polygons without thickness and volume", "add thickness: [m] or volume: [m3]"
-    elif unused := {"thickness", "layer"} & given.keys() if raster else {"sign"} & given.keys():
+    elif unused := {"thickness", "edge", "layer"} & given.keys() if raster else {"sign"} & given.keys():
         for key in sorted(unused):
             yield key, f"has no meaning with {'a raster' if raster else 'polygons'}", "remove it"
 
@@ -194,13 +194,19 @@ class ReleaseSettings(Settings):
         "negative: the raster states what fails as a loss of elevation", None, examples=["negative"]
     )
     thickness: Thickness | None = quantity(
-        "vertical thickness inside the polygons, or the name of the attribute that holds it", None, unit="m", examples=[10.0]
+        "mean vertical thickness inside the polygons, or the name of the attribute that holds it", None, unit="m", examples=[10.0]
     )
     volume: float | None = limited(
         "volume", "volume of the mass: sets the thickness of the polygons, or is checked against it", None, examples=[100000.0]
     )
     placement: Literal["excavated", "on_surface"] = quantity(
         "excavated: the mass is part of the elevation raster; on_surface: it lies on top of it", "excavated"
+    )
+    edge: Literal["tapered", "vertical"] | None = quantity(
+        "tapered: the mass thins out to its outline, with the same volume, and an excavated one slides on a surface that leads out "
+        "of its scar; vertical: as thick at the outline as inside; default: tapered if excavated, vertical if on_surface",
+        None,
+        examples=["vertical"],
     )
     basal_friction_angle_deg: FrictionAngle | None = quantity(
         "friction angle under this mass only, or the attribute of the polygons that holds it", None, unit="deg", examples=[15.0]

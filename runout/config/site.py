@@ -109,7 +109,7 @@ class Site:
         Parameters
         ----------
         sample : mapping of str to float, optional
-            Sampled parameters; ``release_volume_factor`` [1] multiplies the thickness, the outline stays.
+            Sampled parameters; ``release_volume_factor`` [1] multiplies the volume, the outline stays.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class Site:
 
     def _scaled(self, releases: "Sequence[Release]", sample: Mapping[str, float] | None) -> "list[Release]":
         factor = self._known(sample).get("release_volume_factor", 1.0)
-        return [replace(r, thickness=r.thickness * factor) for r in releases] if factor != 1.0 else list(releases)
+        return [r.scaled(factor) for r in releases] if factor != 1.0 else list(releases)
 
     def data(self) -> SiteData:
         """All that the inputs hold, read once for many members.
@@ -295,7 +295,7 @@ class Site:
         common["basal_friction_angle_deg"] = stated.basal_friction_angle_deg
         if stated.polygons is not None:
             path = locate(stated.polygons, self.folder)
-            return read_vector(path, terrain, thickness=stated.thickness, layer=stated.layer, **common)
+            return read_vector(path, terrain, thickness=stated.thickness, edge=stated.edge, layer=stated.layer, **common)
         assert stated.raster is not None  # the settings hold one of the two
         return read_raster(locate(stated.raster, self.folder), terrain, sign=stated.sign or "positive", **common)
 

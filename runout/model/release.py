@@ -1,6 +1,6 @@
 """Release: the mass that starts to move, as thickness over the terrain's cells."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from os import PathLike
 from typing import Any
@@ -28,6 +28,23 @@ class Placement(StrEnum):
             raise ReleaseError(f"placement is {value!r}; choose one of {', '.join(cls)}") from None
 
 
+class Edge(StrEnum):
+    """How a mass of which outline and volume are known ends at its outline."""
+
+    TAPERED = "tapered"  # it thins out; where it is excavated, above a surface that leads out of the scar
+    VERTICAL = "vertical"  # it has the stated thickness up to its outline
+
+    @classmethod
+    def of(cls, value: "Edge | str | None", placement: Placement) -> "Edge":
+        """The edge of that name, or where none is stated that of the placement; ReleaseError lists the names."""
+        if value is None:
+            return cls.TAPERED if placement is Placement.EXCAVATED else cls.VERTICAL
+        try:
+            return cls(value)
+        except ValueError:
+            raise ReleaseError(f"edge is {value!r}; choose one of {', '.join(cls)}") from None
+
+
 @dataclass(frozen=True)
 class Release:
     """Vertical thickness of a released mass on the cells of a terrain.
@@ -51,6 +68,10 @@ class Release:
         For messages and products.
     changes : tuple of str
         What was assumed or changed on the way in, one sentence each.
+    edge : Edge
+        How it ends at its outline.
+    body : TaperedMass or None
+        What a tapered edge was made of, to be made larger or smaller.
     """
 
     thickness: np.ndarray
@@ -62,6 +83,8 @@ class Release:
     name: str = "release"
     source: str = "array"
     changes: tuple[str, ...] = ()
+    edge: Edge = Edge.VERTICAL
+    body: Any = None
 
     def __post_init__(self) -> None:
         t = np.array(self.thickness, dtype=np.float64)
@@ -113,7 +136,8 @@ class Release:
         """Release of the polygons of a GeoPackage, Shapefile or GeoJSON.
 
         ``thickness`` [m] is a number or the name of an attribute; ``volume`` [m3] fixes it instead, or is checked
-        against it (1 %). ``choices`` are ``layer``, ``name``, ``material``, ``basal_friction_angle_deg``.
+        against it (1 %). ``choices`` are ``edge`` ("tapered" or "vertical"), ``layer``, ``name``, ``material``,
+        ``basal_friction_angle_deg``.
         """
         from runout.release.read import read_vector
 
@@ -147,6 +171,13 @@ class Release:
         from runout.release.read import release_from_array
 
         return release_from_array(thickness, terrain, placement=placement, **choices)
+
+    def scaled(self, factor: float) -> "Release":
+        """The same outline with ``factor`` times the volume: thicker everywhere, or with a tapered edge on a deeper surface."""
+        if self.body is None:
+            return replace(self, thickness=self.thickness * factor)
+        body = self.body.scaled(factor)
+        return replace(self, thickness=body.thickness(), body=body)
 
     @property
     def volume(self) -> float:

@@ -12,6 +12,7 @@ from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.release.reproject import polygons_on_terrain
 
+NAMED = 5  # pairs in a message
 OVERLAP = 1e-6  # share of a polygon below which an overlap is round-off of shared borders
 
 
@@ -193,7 +194,11 @@ def without_overlap(
     if not counts.any():
         return polygons, ()
     total = shapely.area(layer.polygons).sum() - shapely.area(polygons).sum()
-    return polygons, (f"{layer.source}: {int(counts.sum())} pairs of polygons overlap; the common {total:.6g} m2 count once.",)
+    pairs = sorted(zip(first[counts].tolist(), second[counts].tolist(), strict=True))
+    named = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs[:NAMED]) + (
+        f" and {len(pairs) - NAMED} pairs more" * (len(pairs) > NAMED)
+    )
+    return polygons, (f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",)
 
 
 def _polygonal(geometry: Any) -> Any:

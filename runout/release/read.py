@@ -12,7 +12,7 @@ import numpy as np
 from runout.errors import ReleaseError
 from runout.model.limits import checked
 from runout.model.materials import Material
-from runout.model.release import Placement, Release
+from runout.model.release import Edge, Placement, Release
 from runout.model.terrain import Terrain
 from runout.release.coverage import SAME_EDGE, covered_window, regrid
 from runout.release.ground import require_elevation, require_inside
@@ -38,6 +38,7 @@ def read_vector(
     thickness: float | str | None = None,
     volume: float | None = None,
     placement: Placement | str = Placement.EXCAVATED,
+    edge: Edge | str | None = None,
     layer: str | None = None,
     name: str | None = None,
     material: Material | None = None,
@@ -53,9 +54,12 @@ def read_vector(
         GeoPackage, Shapefile, GeoJSON or what else GDAL reads, in any known coordinate system. GeoJSON that states
         none is in longitude and latitude by RFC 7946 and is reprojected.
     thickness : float or str or None
-        Vertical thickness [m], or the name of the attribute that holds it. None: taken from the volume.
+        Mean vertical thickness [m], or the name of the attribute that holds it. None: taken from the volume.
     volume : float or None
         Volume of all polygons together [m3].
+    edge : Edge or None
+        "tapered": thins out to the outline (:mod:`runout.release.taper`); "vertical": as thick there as inside. By default
+        tapered where it is excavated, and vertical on the surface.
     layer : str or None
         Needed if the file has several.
     name : str or None
@@ -76,10 +80,19 @@ def read_vector(
     if depths is None:
         depths = np.full(len(parts), checked("volume", volume, place=str(source), error=ReleaseError) / outline.area)
     cells, scaled = matched(_on_cells(parts, depths, terrain), terrain.cell_area, volume, str(source))
+    placement = Placement.of(placement)
+    edge, body = Edge.of(edge, placement), None
+    if edge is Edge.TAPERED:
+        from runout.release.taper import tapered
+
+        covered = _on_cells(parts, np.ones(len(parts)), terrain) * terrain.cell_area
+        whole, excavated = float(cells.sum() * terrain.cell_area), placement is Placement.EXCAVATED
+        body = tapered(parts, depths, outline, covered, terrain, whole, excavated=excavated)
+        cells = body.thickness()
     friction = _polygon_friction(polygons, basal_friction_angle_deg)
     return _release(
-        cells, terrain, source=str(source), outline=outline, placement=placement, name=name or source.stem, material=material,
-        basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled,
+        cells, terrain, source=str(source), outline=outline, placement=placement, edge=edge, body=body, name=name or source.stem,
+        material=material, basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled,
     )  # fmt: skip
 
 

@@ -35,7 +35,7 @@ def test_difference_of_elevation_is_no_release(real_data, real_terrain):
 def test_avaframe_shapefile_gives_its_thickness(real_data, real_terrain):
     path = real_data / "avaframe/avaKot/Inputs/REL/relKot.shp"
     terrain = real_terrain("avaframe/avaKot/Inputs/avaKot.asc", "EPSG:31287")
-    release = Release.from_vector(path, terrain, thickness="thickness")
+    release = Release.from_vector(path, terrain, thickness="thickness", edge="vertical")
     assert release.volume == pytest.approx(15_188.056852, rel=1e-9)
     assert release.thickness.max() == pytest.approx(1.0, rel=1e-12)
     with pytest.raises(ReleaseError, match="lies outside the terrain"):  # whose system was stated wrongly
@@ -44,7 +44,9 @@ def test_avaframe_shapefile_gives_its_thickness(real_data, real_terrain):
 
 def test_maipo_polygons_agree_with_polygon_clipping_cell_by_cell(real_data, real_terrain):
     terrain = real_terrain("maipo_debrisflow_runoptGPP/elev_12_5m.tif")
-    release = Release.from_vector(real_data / "maipo_debrisflow_runoptGPP/dflow_runout_ply.shp", terrain, thickness=1.0)
+    release = Release.from_vector(
+        real_data / "maipo_debrisflow_runoptGPP/dflow_runout_ply.shp", terrain, thickness=1.0, edge="vertical"
+    )
     east, north = np.meshgrid(terrain.easting, terrain.northing)
     cells = shapely.box(east - 6.25, north - 6.25, east + 6.25, north + 6.25)
     cut = (release.thickness > 0) & (release.thickness < 1)

@@ -1,0 +1,249 @@
+"""Releases that thin out to their rim: the sliding surface of a mass of which only outline and volume are known.
+
+Each part of the outline gets a bowl-shaped thickness, whose curvature is constant where the stated thickness is, as in the sloping
+local base level (Jaboyedoff et al. 2004, IAEG; 2020, Landslides 17:2189). Where the mass is excavated, the bowl is cut at a surface
+that falls to the rim as steeply as the volume allows: the mass lies on a plane that leads out of its scar, not in a pit.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.model.terrain import Terrain
+from runout.release.outlets import rising_from_rim
+from runout.terrain.fill import filled
+
+FINEST, COARSEST = 96, 10  # nodes across a part
+NODES = 400_000  # of all parts together
+DEEPEST = 2.0  # times the bowl of the volume: how much deeper the mass may lie above the plane
+SLOPES = 13  # planes, from level to as steep as the ground
+THINNEST = 1e-3  # of the mean thickness, everywhere inside the outline
+HALVINGS = 50  # of the interval of planes: to round-off
+
+
+@dataclass(frozen=True)
+class Part:
+    """One connected part of a tapered release, on a square lattice of its own.
+
+    Attributes
+    ----------
+    volume : float
+        [m3]
+    bowl : ndarray (n,)
+        Thickness [m] at the nodes.
+    planes : ndarray (m, n) or None
+        Thickness [m] above surfaces that fall to the rim, level first; None where the mass lies on the ground.
+    cells : scipy sparse array (cells, n)
+        What a node adds to the volume of each cell of the terrain [m2]. The lattice volume of a node is the sum of its column.
+    """
+
+    volume: float
+    bowl: np.ndarray
+    planes: np.ndarray | None
+    cells: Any
+
+    def cell_volumes(self, factor: float) -> np.ndarray:
+        """Volume (cells,) [m3] in each cell of the window, for ``factor`` times the volume, before it is cut at the rim."""
+        return np.asarray(self.cells @ self._thickness(factor))
+
+    def _thickness(self, factor: float) -> np.ndarray:
+        """Thickness (n,) [m] at the nodes: the deeper bowl, cut at the plane that leaves the volume."""
+        bowl = factor * self.bowl
+        if self.planes is None:
+            return bowl
+        size = self.cells.sum(axis=0)
+        wanted, deep = float(bowl @ size), DEEPEST * bowl
+        level = np.minimum(deep, self.planes[0])
+        held = float(level @ size)
+        if held <= wanted:  # not even a level floor leaves room for it: the rest is dug below the outlet
+            return level + (deep - level) * (wanted - held) / (DEEPEST * wanted - held)
+        low, high = 0.0, len(self.planes) - 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            below = min(int(middle), len(self.planes) - 2)
+            plane = (below + 1 - middle) * self.planes[below] + (middle - below) * self.planes[below + 1]
+            thickness = np.minimum(deep, plane)
+            low, high = (middle, high) if float(thickness @ size) > wanted else (low, middle)
+        return thickness
+
+
+@dataclass(frozen=True)
+class TaperedMass:
+    """A mass that thins out to its rim, and may be made larger or smaller within its outline.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+    window : tuple of slice
+        Rows and columns of the terrain that hold the outline; cells are those of the window.
+    covered : ndarray (rows, columns)
+        Area of each of these cells inside the outline [m2].
+    terrain : Terrain
+    volume : float
+        Stated volume [m3].
+    factor : float
+        Times that volume.
+    """
+
+    parts: tuple[Part, ...]
+    window: tuple[slice, slice]
+    covered: np.ndarray
+    terrain: Terrain
+    volume: float
+    factor: float = 1.0
+
+    def scaled(self, factor: float) -> "TaperedMass":
+        """The same outline with ``factor`` times the volume."""
+        return replace(self, factor=self.factor * factor)
+
+    def thickness(self) -> np.ndarray:
+        """Mean thickness (rows, columns) [m] over the cells of the terrain; its volume is exact."""
+        volume = np.zeros(self.covered.shape)
+        for part in self.parts:
+            own = np.where(self.covered > 0, part.cell_volumes(self.factor).reshape(volume.shape), 0.0)
+            volume += own * (part.volume / own.sum())
+        wanted = self.factor * self.volume
+        volume = np.maximum(volume, self.covered * (THINNEST * wanted / self.covered.sum()))
+        volume[self.covered == 0] = 0.0
+        thickness = np.zeros(self.terrain.shape)
+        thickness[self.window] = volume * (wanted / volume.sum() / self.terrain.cell_area)
+        return thickness
+
+
+def tapered(
+    polygons: np.ndarray, depths: np.ndarray, outline: Any, covered: np.ndarray, terrain: Terrain, volume: float, *, excavated: bool
+) -> TaperedMass:
+    """A mass inside an outline that thins out to it.
+
+    Parameters
+    ----------
+    polygons, depths : ndarray (n,)
+        Polygons that do not overlap, and the mean thickness [m] of each; of those that touch it is smoothed into one another.
+    outline : shapely geometry
+        Of all of them, in map coordinates.
+    covered : ndarray (rows, columns)
+        Area of each cell of the terrain inside the outline [m2].
+    volume : float
+        [m3]
+    excavated : bool
+        Whether the mass is part of the ground, so that its lower side is the sliding surface.
+    """
+    import shapely
+
+    pieces = shapely.get_parts(outline)
+    pieces = pieces[shapely.area(pieces) > 0]
+    finest = int(np.clip(np.sqrt(NODES / len(pieces)), COARSEST, FINEST))
+    tree = shapely.STRtree(polygons)
+    ground = filled(terrain.elevation, terrain.cell_size)
+    rows, columns = np.nonzero(covered > 0)
+    window = slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)
+    parts = []
+    for piece in pieces:
+        own = tree.query(piece, predicate="intersects")
+        lattice = _Lattice.over(piece, terrain, finest)
+        planes = _planes(_at(ground, terrain, *lattice.places), lattice.inside, lattice.size) if excavated else None
+        share = float(np.sum(depths[own] * shapely.area(shapely.intersection(polygons[own], piece))))
+        bowl = lattice.bowl(share, polygons[own], depths[own])
+        parts.append(Part(share, bowl, planes, _to_cells(lattice, terrain, window)))
+    return TaperedMass(tuple(parts), window, covered[window], terrain, volume)
+
+
+@dataclass(frozen=True)
+class _Lattice:
+    """Square lattice over a polygon, with a node more on each side; rows from the north."""
+
+    x: np.ndarray  # (nx,) easting [m]
+    y: np.ndarray  # (ny,) northing [m]
+    size: float  # [m]
+    inside: np.ndarray  # (ny, nx)
+
+    @classmethod
+    def over(cls, piece: Any, terrain: Terrain, finest: int) -> "_Lattice":
+        """Lattice with two nodes in a cell of the terrain, and between ten and ``finest`` across."""
+        import shapely
+
+        west, south, east, north = piece.bounds
+        across = max(east - west, north - south)
+        size = across / int(np.clip(np.ceil(2.0 * across / min(terrain.cell_size)), COARSEST, finest))
+        x = west + (np.arange(-1, np.ceil((east - west) / size) + 1) + 0.5) * size
+        y = north - (np.arange(-1, np.ceil((north - south) / size) + 1) + 0.5) * size
+        inside = shapely.contains_xy(piece, *np.meshgrid(x, y))
+        if not inside.any():  # a sliver between the nodes
+            inside[len(y) // 2, len(x) // 2] = True
+        return cls(x, y, size, inside)
+
+    @property
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Easting and northing (ny, nx) [m]."""
+        x, y = np.meshgrid(self.x, self.y)
+        return x, y
+
+    def bowl(self, volume: float, polygons: np.ndarray, depths: np.ndarray) -> np.ndarray:
+        """Thickness (n,) [m] at the nodes inside of a bowl with a volume [m3], curved in proportion to ``depths``."""
+        import shapely
+
+        depth = np.full(self.inside.shape, depths.mean())
+        for polygon, own in zip(polygons, depths, strict=True):
+            depth[shapely.contains_xy(polygon, *self.places)] = own
+        bowl = _bowl(self.inside, depth)
+        return bowl * (volume / (bowl.sum() * self.size**2))
+
+
+def _bowl(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
+    """Solution (n,) of the Poisson equation with a source, 0 outside."""
+    from scipy import sparse
+    from scipy.sparse.linalg import spsolve
+
+    count = int(inside.sum())
+    number = np.full(inside.shape, -1)
+    number[inside] = np.arange(count)
+    rows, columns = [], []
+    for axis in (0, 1):
+        one, other = (number.take(range(*span), axis).ravel() for span in ((0, inside.shape[axis] - 1), (1, inside.shape[axis])))
+        both = (one >= 0) & (other >= 0)
+        rows += [one[both], other[both]]
+        columns += [other[both], one[both]]
+    beside = np.concatenate(rows), np.concatenate(columns)
+    coupling = sparse.csc_array((np.ones(len(beside[0])), beside), shape=(count, count))
+    found = np.asarray(spsolve(4.0 * sparse.eye_array(count, format="csc") - coupling, source[inside]))
+    if not np.isfinite(found).all() or found.min() <= 0:
+        raise ReleaseError("the outline is too intricate to be tapered; simplify it, or state edge: vertical")
+    return found
+
+
+def _planes(ground: np.ndarray, inside: np.ndarray, size: float) -> np.ndarray:
+    """Thickness (m, n) [m] above surfaces that fall to the rim with slopes from 0 to that of the ground."""
+    south, east = np.gradient(ground, size)
+    steepest = max(float(np.hypot(south, east)[inside].max()), 1e-3)
+    surfaces = [rising_from_rim(ground, inside, (size, size), slope)[inside] for slope in np.linspace(0.0, steepest, SLOPES)]
+    return np.maximum(ground[inside] - np.array(surfaces), 0.0)
+
+
+def _at(values: np.ndarray, terrain: Terrain, easting: np.ndarray, northing: np.ndarray) -> np.ndarray:
+    """Values (rows, columns) of cells at map coordinates, bilinear; beyond the terrain those of its rim."""
+    from scipy import ndimage
+
+    dx, dy = terrain.cell_size
+    row, column = (terrain.northing[0] - northing) / dy, (easting - terrain.easting[0]) / dx
+    return np.asarray(ndimage.map_coordinates(values, [row, column], order=1, mode="nearest"))
+
+
+def _to_cells(lattice: _Lattice, terrain: Terrain, window: tuple[slice, slice]) -> Any:
+    """Integrals [m2] over each cell of a window of the bilinear weights of nodes inside, as a sparse array (cells, n)."""
+    from scipy import sparse
+
+    (dx, dy), (rows, columns) = terrain.cell_size, window
+    along = _integrals(lattice.x - (terrain.west + columns.start * dx), lattice.size, dx, columns.stop - columns.start)
+    southern = terrain.south + (terrain.shape[0] - rows.stop) * dy
+    across = _integrals(lattice.y - southern, lattice.size, dy, rows.stop - rows.start)[::-1]
+    weights = sparse.kron(sparse.csr_array(across), sparse.csr_array(along), format="csc")
+    row, column = np.nonzero(lattice.inside)
+    return sparse.csr_array(weights[:, row * len(lattice.x) + column])
+
+
+def _integrals(centre: np.ndarray, size: float, cell: float, count: int) -> np.ndarray:
+    """Integrals (count, n) [m] over cells of the linear weights, of half width ``size`` [m], around centres."""
+    place = np.clip((np.arange(count + 1)[:, None] * cell - centre) / size, -1.0, 1.0)
+    return np.diff(size * np.where(place < 0, 0.5 * (1.0 + place) ** 2, 1.0 - 0.5 * (1.0 - place) ** 2), axis=0)

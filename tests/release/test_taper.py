@@ -1,0 +1,148 @@
+"""Releases that thin out to their rim, and mass that is trapped in a scar."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+
+from runout import DruckerPrager, simulate
+from runout.errors import ReleaseError
+from runout.model.release import Edge, Release
+from runout.model.terrain import Terrain
+from runout.release.outlets import trapped_share
+from runout.release.taper import tapered
+
+CELL, SLOPE, WEST = 5.0, math.tan(math.radians(25.0)), 200.0
+EGG = shapely.transform(shapely.Point(0, 0).buffer(1.0), lambda c: np.array([150.0, 150.0]) + c * [75.0, 55.0])
+
+
+def plane(slope: float = SLOPE, cell: float = CELL, columns: int = 140) -> Terrain:
+    """A plane of 60 rows that falls to the east, and from 300 m on a level floor."""
+    x = (np.arange(columns) + 0.5) * cell
+    return Terrain.from_array(np.tile(np.maximum(slope * (300.0 - x), 0.0) + WEST, (60, 1)), cell)
+
+
+def mass(terrain: Terrain, thickness: float, *, edge: str = "tapered", placement: str = "excavated") -> Release:
+    """The egg on a terrain, without a file."""
+    from runout.release.read import _on_cells
+
+    covered = _on_cells(np.array([EGG]), np.ones(1), terrain) * terrain.cell_area
+    if edge == "vertical":
+        return Release(covered / terrain.cell_area * thickness, terrain, EGG, placement)
+    volume, excavated = thickness * EGG.area, placement == "excavated"
+    body = tapered(np.array([EGG]), np.array([thickness]), EGG, covered, terrain, volume, excavated=excavated)
+    return Release(body.thickness(), terrain, EGG, placement, edge=Edge.TAPERED, body=body)
+
+
+@pytest.fixture(scope="module")
+def slope():
+    return plane()
+
+
+@pytest.mark.parametrize("stated", [{"thickness": 6.0}, {"thickness": "depth"}, {"volume": 15_000.0}], ids=str)
+def test_an_excavated_polygon_thins_out_and_keeps_its_volume(write_polygons, terrain, stated):
+    release = Release.from_vector(write_polygons([shapely.box(50, 50, 100, 100)], depth=[6.0]), terrain, **stated)
+    assert release.edge is Edge.TAPERED
+    assert release.volume == pytest.approx(15_000.0, rel=1e-9)
+    inside = release.thickness[20:30, 10:20]
+    assert inside.min() > 0
+    assert release.thickness.sum() == pytest.approx(inside.sum(), rel=1e-12)
+    assert inside[[0, -1]].mean() < 0.4 * inside[4:6, 4:6].mean()
+    for factor in (0.7, 1.0, 1.5):
+        assert release.scaled(factor).volume == pytest.approx(factor * release.volume, rel=1e-13)
+
+
+def test_edges_are_chosen_by_placement_and_by_name(write_polygons, terrain):
+    path = write_polygons([shapely.box(50, 50, 100, 100)])
+    on_surface = Release.from_vector(path, terrain, thickness=6.0, placement="on_surface")
+    vertical = Release.from_vector(path, terrain, thickness=6.0, edge="vertical")
+    mound = Release.from_vector(path, terrain, thickness=6.0, placement="on_surface", edge="tapered")
+    assert on_surface.thickness.max() == vertical.thickness.max() == pytest.approx(6.0)
+    assert mound.thickness.max() > 10.0
+    assert mound.volume == pytest.approx(vertical.volume, rel=1e-9)
+    with pytest.raises(ReleaseError, match="edge is 'round'; choose one of tapered, vertical"):
+        Release.from_vector(path, terrain, thickness=6.0, edge="round")
+
+
+def test_a_round_mass_on_level_ground_is_a_paraboloid():
+    level = plane(0.0, 4.0)
+    disc = shapely.Point(140.0, 120.0).buffer(80.0, 64)
+    from runout.release.read import _on_cells
+
+    covered = _on_cells(np.array([disc]), np.ones(1), level) * level.cell_area
+    body = tapered(np.array([disc]), np.array([5.0]), disc, covered, level, 5.0 * disc.area, excavated=True)
+    r2 = np.add.outer((level.northing - 120.0) ** 2, (level.easting - 140.0) ** 2)
+    exact = 10.0 * np.maximum(1.0 - r2 / 80.0**2, 0.0)
+    np.testing.assert_allclose(body.thickness(), exact, atol=0.3)
+
+
+def test_polygons_that_touch_have_one_bowl_and_others_have_their_own(write_polygons, terrain):
+    shapes = [shapely.box(50, 50, 100, 100), shapely.box(100, 50, 150, 100), shapely.box(200, 100, 230, 130)]
+    release = Release.from_vector(write_polygons(shapes, depth=[4.0, 8.0, 2.0]), terrain, thickness="depth")
+    assert release.volume == pytest.approx(2500 * 12.0 + 900 * 2.0, rel=1e-9)
+    assert release.thickness[:, 40:].sum() * terrain.cell_area == pytest.approx(1800.0, rel=0.01)
+    across = release.thickness[25, 10:30]
+    assert across[8:12].min() > 0.5 * across[:8].max()  # no ridge where the polygons touch
+    assert across[10:].sum() > across[:10].sum()
+
+
+def test_trapped_share_of_a_box_in_a_plane_is_the_wedge_behind_its_lower_wall():
+    ground = plane(0.5)
+    thickness = np.zeros(ground.shape)
+    thickness[20:40, 20:40] = 10.0  # 100 m along the slope
+    box = Release(thickness, ground)
+    for angle in (0.0, 10.0):
+        exact = 10.0 / (2.0 * (0.5 - math.tan(math.radians(angle))) * 100.0)
+        assert trapped_share(box, math.radians(angle)) == pytest.approx(exact, rel=0.3)
+    assert trapped_share(Release(thickness, ground, placement="on_surface"), 0.0) == 0.0
+    hole = Release(thickness, plane(0.0))
+    assert trapped_share(hole, 0.0) == pytest.approx(1.0)
+
+
+def test_trapped_share_of_many_cells_is_that_of_blocks(slope, monkeypatch):
+    from runout.release import outlets
+
+    release = mass(slope, 15.0, edge="vertical")
+    whole = trapped_share(release, 0.2)
+    monkeypatch.setattr(outlets, "LARGEST", 200)
+    assert trapped_share(release, 0.2) == pytest.approx(whole, abs=0.06)
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.5])
+def test_a_tapered_scar_leads_out_whatever_the_volume(slope, factor):
+    angle = math.radians(15.0)
+    vertical, taper = mass(slope, 7.0, edge="vertical").scaled(factor), mass(slope, 7.0).scaled(factor)
+    assert taper.volume == pytest.approx(vertical.volume, rel=1e-12)
+    assert trapped_share(taper, 0.0) < 0.002
+    assert trapped_share(taper, angle) < 0.02
+    assert trapped_share(vertical, angle) > 0.05 * factor
+
+
+def test_volume_factors_in_turn_give_what_their_product_gives(slope):
+    release = mass(slope, 12.0)
+    np.testing.assert_allclose(release.scaled(0.5).scaled(3.0).thickness, release.scaled(1.5).thickness, rtol=1e-12)
+
+
+def test_more_than_the_ground_can_hold_above_its_outlet_is_dug_all_the_same(slope):
+    release = mass(slope, 60.0)
+    assert release.volume == pytest.approx(60.0 * EGG.area, rel=1e-12)
+    assert trapped_share(release, 0.0) > 0.1
+
+
+@cache
+def left(edge: str, factor: float) -> float:
+    """Share of the mass that is still in its scar after 40 s."""
+    release = mass(plane(), 7.0, edge=edge).scaled(factor)
+    sand = DruckerPrager(density=2000.0, youngs_modulus=2e7, friction_angle=34.0)
+    result = simulate(release.terrain, release, sand, basal_friction_angle=15.0, cell_size=10.0, end_time=40.0, threads=1)
+    deposit = result.maps["deposit_thickness"].values
+    return float(deposit[release.thickness > 0].sum() / deposit.sum())
+
+
+def test_a_tapered_mass_leaves_its_scar_and_one_in_a_pit_does_not():
+    assert left("tapered", 1.0) < 0.01
+    assert left("vertical", 1.0) > 0.03
+    assert left("vertical", 1.5) > 0.3
+    assert left("tapered", 1.5) < 0.2
