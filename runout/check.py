@@ -198,11 +198,13 @@ def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
 
 
 def _trapped(release: "Release", site: "Site") -> Iterator[str]:
-    """What of a release cannot slide out of its scar, with the values that are stated and in the worst of the members."""
+    """What of a release cannot slide out of its scar as it is stated; if nothing, then in the worst of the members."""
     from runout.ensemble.design import member_table
-    from runout.model.release import Edge
+    from runout.model.release import Edge, Placement
     from runout.release.outlets import trapped_share
 
+    if release.placement is Placement.ON_SURFACE:
+        return
     members = member_table(site.settings.ensemble)
     own, stated = release.basal_friction_angle, math.radians(site.settings.basal_friction_angle_deg)
     angles = members.get("basal_friction_angle_deg", np.degrees([stated]))
@@ -213,12 +215,14 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
         below, held = trapped_share(scaled, 0.0), trapped_share(scaled, angle)
         if max(below, held) > MOST_TRAPPED:
             times = f" with volume factor {factor:.3g}" if factor != 1.0 else ""
-            fix = "edge: tapered" if release.edge is Edge.VERTICAL and release.body is None else "a longer outline or less volume"
+            thins = "edge: tapered" if release.outline is not None else "a raster that thins out to its rim"
+            fix = thins if release.edge is Edge.VERTICAL else "a longer outline, or less volume,"
             yield (
                 f"release {release.name}{times}: {held:.0%} of {scaled.volume:.4g} m3 lie below the lines that rise from the rim "
                 f"of the scar at the basal friction angle of {math.degrees(angle):.3g} deg, {below:.0%} below its lowest outlet; "
-                f"this mass is trapped unless the rest carries it along; {fix}, or a raster of the sliding surface, avoids it"
+                f"this mass is trapped unless the rest carries it along; {fix} avoids it"
             )
+            return
 
 
 def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:

@@ -51,12 +51,13 @@ def new(
     *,
     dem: Annotated[str, Parameter(help="Elevation raster.")],
     release: Annotated[Path, Parameter(help="Polygons or thickness raster of the release.")],
+    thickness: Annotated[str | None, Parameter(help="Attribute of the polygons that holds the thickness, or metres.")] = None,
     session: Injected,
 ) -> int:
     """Make a site folder: a commented site.yaml and inputs/."""
     from runout.config.scaffold import new_site
 
-    made = new_site(folder, dem, release)
+    made = new_site(folder, dem, release, thickness)
     LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, folder)
     return ExitCode.OK
 

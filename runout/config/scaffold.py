@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from runout.config.problems import inner_model
 from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import DruckerPragerSettings, SiteSettings
+from runout.config.thickness_attribute import thickness_of
 from runout.errors import InputError
 
 VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb")
@@ -30,7 +31,7 @@ HEAD = """\
 """
 
 
-def new_site(folder: Path | str, dem: Path | str, release: Path | str) -> Path:
+def new_site(folder: Path | str, dem: Path | str, release: Path | str, thickness: str | None = None) -> Path:
     """Path of the site.yaml of a new site folder with copies of its inputs.
 
     Parameters
@@ -41,6 +42,8 @@ def new_site(folder: Path | str, dem: Path | str, release: Path | str) -> Path:
         Elevation raster, or ``matplotlib:jacksboro_fault_dem``.
     release : path
         Polygons (GeoPackage, Shapefile, GeoJSON) or raster of thickness.
+    thickness : str, optional
+        Attribute of the polygons that holds it, or a number [m]; by default an attribute with such a name is looked for.
 
     Raises
     ------
@@ -54,7 +57,7 @@ def new_site(folder: Path | str, dem: Path | str, release: Path | str) -> Path:
     folder, release = Path(folder), _existing(Path(release), "release")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: is there already; choose another name or remove it")
-    text = commented_yaml(SiteSettings.model_validate(_first_settings(folder, dem, release)))
+    text = commented_yaml(SiteSettings.model_validate(_first_settings(folder, dem, release, thickness)))
     part = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -81,7 +84,7 @@ def _existing(path: Path, what: str) -> Path:
     raise InputError(f"{path}: there is no such {what} file" + (f"; did you mean {near}?" if near else "; check its path"))
 
 
-def _first_settings(folder: Path, dem: Path | str, release: Path) -> dict[str, Any]:
+def _first_settings(folder: Path, dem: Path | str, release: Path, thickness: str | None) -> dict[str, Any]:
     """Settings to start from: what the inputs say, and ordinary values for the rest."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "site"
     is_sample = str(dem).startswith("matplotlib:")
@@ -91,7 +94,7 @@ def _first_settings(folder: Path, dem: Path | str, release: Path) -> dict[str, A
         "name": name,
         "title": name,
         "terrain": {"dem": str(dem) if is_sample else f"inputs/{_input_name(Path(dem), 'dem')}"},
-        "release": [_first_release(release)],
+        "release": [_first_release(release, thickness)],
         "material": {"density": 2000.0, "youngs_modulus": 5e7, "friction_angle_deg": 32.0},
         "basal_friction_angle_deg": 20.0,
         "simulation": {"cell_size": cell, "end_time": 120.0},
@@ -99,22 +102,17 @@ def _first_settings(folder: Path, dem: Path | str, release: Path) -> dict[str, A
     }
 
 
-def _first_release(path: Path) -> dict[str, Any]:
+def _first_release(path: Path, thickness: str | None) -> dict[str, Any]:
     kind = path.suffix.lower()
     place = f"inputs/{_input_name(path, 'release')}"
     if kind in RASTER_SUFFIXES:
+        if thickness is not None:
+            raise InputError(f"{path}: a raster holds its own thickness; leave --thickness out")
         return {"raster": place}
     if kind not in VECTOR_SUFFIXES:
         known = " ".join((*VECTOR_SUFFIXES, *RASTER_SUFFIXES))
         raise InputError(f"{path}: neither polygons nor a raster by its name; files of these kinds are read: {known}")
-    from pyogrio import read_info
-    from pyogrio.errors import DataLayerError, DataSourceError
-
-    try:
-        attributes = list(read_info(path)["fields"])
-    except (DataSourceError, DataLayerError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); check it with `ogrinfo`") from error
-    return {"polygons": place, "thickness": "thickness" if "thickness" in attributes else 10.0}
+    return {"polygons": place, "thickness": thickness_of(path, thickness)}
 
 
 def _cell_size(dem: Path | str) -> float:

@@ -12,42 +12,16 @@ from runout.config.distributions import (
     Settings,
     discriminator,
     limited,
-    plausible_degrees,
     quantity,
     refuse,
     sampled_parameters,
     shape,
 )
 from runout.config.metadata import METADATA, MetadataSettings
-from runout.model.limits import LIMITS
+from runout.config.quantities import CellSize, Degrees, FrictionAngle, FrictionFactor, Height, ParticlesPerCell, Text, Thickness
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
-
-
-def _range(name: str) -> Any:
-    """The bounds of a quantity."""
-    bounds: Any = LIMITS[name].bounds()
-    return Field(**bounds)
-
-
-Degrees = Annotated[float, AfterValidator(plausible_degrees)]
-Text = Annotated[str, Field(min_length=1), Tag("<text>")]
-Angle = Annotated[float, _range("basal_friction_angle"), AfterValidator(plausible_degrees), Tag("<number>")]
-FrictionAngle = Annotated[Text | Angle, Discriminator(shape)]
-FrictionFactor = Annotated[Text | Annotated[float, _range("friction_factor"), Tag("<number>")], Discriminator(shape)]
-Height = Annotated[Text | Annotated[float, _range("obstacle_height"), Tag("<number>")], Discriminator(shape)]
-Thickness = Annotated[Text | Annotated[float, _range("thickness"), Tag("<number>")], Discriminator(shape)]
-Size = Annotated[float, _range("cell_size")]
-CellSize = Annotated[
-    Annotated[Size, Tag("<number>")] | Annotated[list[Size], Field(min_length=3, max_length=3), Tag("<list>")], Discriminator(shape)
-]
-PerAxis = Annotated[int, Field(ge=1, le=8)]
-ParticlesPerCell = Annotated[
-    Annotated[int, Field(ge=1, le=512), Tag("<number>")]
-    | Annotated[list[PerAxis], Field(min_length=3, max_length=3), Tag("<list>")],
-    Discriminator(shape),
-]
 
 
 class RemoteFile(Settings):

@@ -140,3 +140,50 @@ def test_cell_size_is_rounded_to_two_digits(tmp_path, inputs):
     (tmp_path / "fine.asc").write_text(text, encoding="utf-8")
     made = new_site(tmp_path / "site", tmp_path / "fine.asc", inputs / "release.geojson")
     np.testing.assert_allclose(load(made).simulation.cell_size, 5.0, rtol=1e-12)
+
+
+@pytest.fixture
+def outline(tmp_path, inputs):
+    """Writes the release polygon with other attributes; returns its path."""
+    import geopandas
+
+    def write(name="scar.gpkg", **attributes):
+        frame = geopandas.read_file(inputs / "release.geojson").set_crs("EPSG:32632", allow_override=True)
+        geopandas.GeoDataFrame(attributes, geometry=frame.geometry.tolist(), crs=frame.crs).to_file(tmp_path / name)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.mark.parametrize("name", ["depth", "Height", "THICK", "h", "d0", "relTh", "Mächtigkeit", "rel_th", "épaisseur"])
+def test_thickness_attribute_is_found_under_its_usual_names(tmp_path, inputs, outline, caplog, name):
+    with caplog.at_level("INFO"):
+        made = new_site(tmp_path / "site", inputs / "dem.asc", outline(**{"id": [7], name: [3.5]}))
+    assert load(made).release[0].thickness == name
+    assert f"thickness from the attribute {name!r}, 3.5 to 3.5 m" in caplog.text
+
+
+def test_long_name_cut_by_a_shapefile_and_number_as_text_are_found(tmp_path, inputs, outline):
+    made = new_site(tmp_path / "site", inputs / "dem.asc", outline("scar.shp", release_thickness=["3.5"]))
+    assert load(made).release[0].thickness == "release_th"
+
+
+def test_several_thickness_attributes_are_named_and_one_is_asked_for(tmp_path, inputs, outline):
+    path = outline(depth=[3.0], height=[4.0])
+    with pytest.raises(InputError, match=r"2 attributes may hold the thickness: 'depth', 'height'; name .* --thickness depth"):
+        new_site(tmp_path / "site", inputs / "dem.asc", path)
+    assert load(new_site(tmp_path / "one", inputs / "dem.asc", path, "height")).release[0].thickness == "height"
+    assert load(new_site(tmp_path / "two", inputs / "dem.asc", path, "6.5")).release[0].thickness == 6.5
+    with pytest.raises(InputError, match="no attribute 'tihckness' for the thickness; attributes: 'depth', 'height'"):
+        new_site(tmp_path / "three", inputs / "dem.asc", path, "tihckness")
+    assert (
+        load(new_site(tmp_path / "four", inputs / "dem.asc", outline(depth=[3.0], thickness=[4.0]))).release[0].thickness
+        == "thickness"
+    )
+
+
+def test_attribute_that_holds_no_thickness_is_left_and_said(tmp_path, inputs, outline, caplog):
+    made = new_site(tmp_path / "site", inputs / "dem.asc", outline(depth=["deep"], height=[8848.0]))
+    assert load(made).release[0].thickness == 10.0
+    assert "'depth' is not taken for the thickness" in caplog.text
+    assert "site.yaml states 10 m: edit it, or make the site anew with --thickness" in caplog.text

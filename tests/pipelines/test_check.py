@@ -176,3 +176,26 @@ def test_a_release_without_a_coordinate_system_is_named(tmp_path):
     assert any(
         "thickness.tif states no coordinate system; taken to be in the terrain's, EPSG:32632" in note for note in found.notes
     )
+
+
+def test_mass_that_is_trapped_in_its_scar_is_named(tmp_path):
+    excavated = SITE.replace("on_surface", "excavated")
+    pit = [w for w in inspect(write_site(tmp_path / "pit", excavated)).warnings if "this mass is trapped" in w]
+    assert len(pit) == 1
+    assert (
+        "slab: 23% of 2.88e+04 m3 lie below the lines that rise from the rim of the scar at the basal friction angle of 20 deg"
+        in pit[0]
+    )
+    assert "a raster that thins out to its rim avoids it" in pit[0]
+    assert not [w for w in inspect(write_site(tmp_path / "ramp")).warnings if "this mass is trapped" in w]
+
+
+def test_overlapping_polygons_of_one_thickness_are_named(tmp_path):
+    import geopandas
+    import shapely
+
+    text = SITE.replace("raster: inputs/thickness.tif", "polygons: inputs/release.gpkg\n    thickness: 2.0")
+    folder = write_site(tmp_path / "ramp", text)
+    boxes = [shapely.box(500_050.0 + x, 4_999_850.0, 500_090.0 + x, 4_999_910.0) for x in (0.0, 30.0)]
+    geopandas.GeoDataFrame(geometry=boxes, crs="EPSG:32632").to_file(folder / "inputs" / "release.gpkg")
+    assert any("polygons 1 and 2 overlap and have one thickness; the common 600 m2 count once" in n for n in inspect(folder).notes)

@@ -1,0 +1,106 @@
+"""The attribute of release polygons that holds their thickness, whatever its author called it."""
+
+import logging
+import unicodedata
+from pathlib import Path
+from typing import Any
+
+from runout.errors import InputError
+from runout.model.limits import LIMITS, is_number
+
+LOGGER = logging.getLogger(__name__)
+
+ASSUMED = 10.0  # [m], to be edited
+NAMES = (  # without accents, capitals and signs; those of AvaFrame and RAMMS are among them
+    "thickness", "depth", "height", "thick", "thk", "h", "h0", "d", "d0", "relth", "relthickness", "releasethickness",
+    "releasedepth", "releaseheight", "meanthickness", "meandepth", "depthm", "thicknessm", "heightm", "maechtigkeit",
+    "machtigkeit", "tiefe", "dicke", "hoehe", "hohe", "anrissmachtigkeit", "anrissmaechtigkeit", "anrisshohe",
+    "anrisshoehe", "epaisseur", "profondeur", "hauteur", "spessore", "profondita", "altezza", "espesor", "profundidad",
+    "altura", "potencia", "espessura", "profundidade",
+)  # fmt: skip
+LONGEST = 10  # letters of an attribute of a shapefile
+
+
+def thickness_of(path: Path, stated: str | None = None) -> float | str:
+    """Thickness of release polygons for a new site.yaml: the name of an attribute, or a number [m]; the log says which and why.
+
+    Parameters
+    ----------
+    path : Path
+        Vector file.
+    stated : str, optional
+        An attribute or a number, which then counts.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no such attribute, or several that may be the thickness.
+    """
+    table = _attributes(path)
+    if stated is not None:
+        return _stated(path, table, stated)
+    named = [name for name in table.columns if _is_thickness(str(name))]
+    usable = [name for name in named if _usable(table[name])]
+    for name in named:
+        if name not in usable:
+            LOGGER.warning("%s: attribute %r is not taken for the thickness: not every value is a thickness in m", path, name)
+    if not usable:
+        known = ", ".join(map(repr, table.columns)) or "none"
+        LOGGER.warning(
+            "%s: no attribute is taken for the thickness (attributes: %s); site.yaml states %g m: edit it, or make the site anew "
+            "with --thickness", path, known, ASSUMED,
+        )  # fmt: skip
+        return ASSUMED
+    if len(usable) > 1 and "thickness" not in usable:
+        raise InputError(
+            f"{path}: {len(usable)} attributes may hold the thickness: {', '.join(map(repr, usable))}; name the one that does, for "
+            f"example --thickness {usable[0]}, or give a number in m"
+        )
+    found = "thickness" if "thickness" in usable else str(usable[0])
+    values = table[found].astype(float)
+    LOGGER.info("%s: thickness from the attribute %r, %g to %g m", path, found, values.min(), values.max())
+    return found
+
+
+def _attributes(path: Path) -> Any:
+    """Attributes of the polygons as a table."""
+    from pyogrio import read_dataframe
+    from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
+
+    try:
+        return read_dataframe(path, read_geometry=False)
+    except (DataSourceError, DataLayerError, FeatureError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); check it with `ogrinfo`") from error
+
+
+def _stated(path: Path, table: Any, stated: str) -> float | str:
+    if stated in table:
+        return stated
+    valid = LIMITS["thickness"]
+    try:
+        number = float(stated)
+    except ValueError:
+        known = ", ".join(map(repr, table.columns)) or "none"
+        raise InputError(f"{path}: no attribute {stated!r} for the thickness; attributes: {known}; or give a number in m") from None
+    if not valid.holds(number):
+        raise InputError(f"thickness is {number:g} m; {valid.allowed()}; {valid.hint}")
+    return number
+
+
+def _is_thickness(name: str) -> bool:
+    plain = unicodedata.normalize("NFKD", name.casefold())
+    letters = "".join(letter for letter in plain if letter.isascii() and letter.isalnum())
+    cut = len(name) >= LONGEST - 1 and any(known.startswith(letters) for known in NAMES)
+    return letters in NAMES or cut
+
+
+def _usable(values: Any) -> bool:
+    """Whether every value is a valid thickness; some writers store numbers as text."""
+
+    def number(value: Any) -> float:
+        try:
+            return float(value) if is_number(value) or isinstance(value, str) else float("nan")
+        except ValueError:
+            return float("nan")
+
+    return len(values) > 0 and all(LIMITS["thickness"].holds(number(value)) for value in values)
