@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from pipelines.recorded_sites import with_vertical_edges
 from pipelines.sloping_layer import Layer
 from runout import DruckerPrager, Release, Terrain, __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
@@ -112,10 +113,8 @@ def difference(one: np.ndarray, other: np.ndarray) -> float:
 
 def jacksboro(friction: float, end_time: float, stop: bool) -> Made:
     """The example site with a basal friction angle [deg] and an end time [s]."""
-    from runout.config.site import read_site
-
     with log.muted():
-        arguments = read_site(SITE).member_arguments()
+        arguments = with_vertical_edges(SITE).member_arguments()
     arguments["basal_friction_angle"] = friction
     scene, particles = build_scene(
         **{name: value for name, value in arguments.items() if name in signature(build_scene).parameters}

@@ -11,11 +11,11 @@ import numpy as np
 from pipelines.convergence import quantities
 from pipelines.error_cases.choice import March, Outcome, Variation
 from pipelines.grid_index import compared
+from pipelines.recorded_sites import with_vertical_edges
 from pipelines.verification_cases import column_collapse, flow, spreading_cap
 from pipelines.verification_cases.dam_breaks import as_one, columns, relative
 from runout import log
 from runout.accuracy import choices
-from runout.config.site import read_site
 from runout.release.arrangement import particles_for
 from runout.result import Result
 from runout.simulation import simulate
@@ -65,7 +65,7 @@ def rods(cells: int, v: Variation) -> Outcome:
 def site_arguments(site: str = SITE) -> Mapping[str, Any]:
     """Arguments of ``runout.simulate`` for an example site, up to 60 s."""
     with log.muted():
-        arguments = read_site(SITES / site).member_arguments()
+        arguments = with_vertical_edges(SITES / site).member_arguments()
     return {**arguments, "basal_friction_angle": BASAL_ANGLE, "end_time": FLOW_TIME, "stop": False, "threads": 1}
 
 

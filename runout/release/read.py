@@ -81,18 +81,12 @@ def read_vector(
         depths = np.full(len(parts), checked("volume", volume, place=str(source), error=ReleaseError) / outline.area)
     cells, scaled = matched(_on_cells(parts, depths, terrain), terrain.cell_area, volume, str(source))
     placement = Placement.of(placement)
-    edge, body = Edge.of(edge, placement), None
-    if edge is Edge.TAPERED:
-        from runout.release.taper import tapered
-
-        covered = _on_cells(parts, np.ones(len(parts)), terrain) * terrain.cell_area
-        whole, excavated = float(cells.sum() * terrain.cell_area), placement is Placement.EXCAVATED
-        body = tapered(parts, depths, outline, covered, terrain, whole, excavated=excavated)
-        cells = body.thickness()
+    edge, body, said = _shaped(Edge.of(edge, placement), parts, depths, outline, cells, terrain, placement, str(source))
+    cells = cells if body is None else body.thickness()
     friction = _polygon_friction(polygons, basal_friction_angle_deg)
     return _release(
         cells, terrain, source=str(source), outline=outline, placement=placement, edge=edge, body=body, name=name or source.stem,
-        material=material, basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled,
+        material=material, basal_friction_angle=friction, changes=polygons.changes + overlaps + scaled + said,
     )  # fmt: skip
 
 
@@ -196,6 +190,34 @@ def _polygon_thickness(layer: PolygonLayer, thickness: float | str | None, volum
             )
         return None
     return layer.stated(thickness, "thickness")
+
+
+def _shaped(
+    edge: Edge,
+    parts: np.ndarray,
+    depths: np.ndarray,
+    outline: Any,
+    cells: np.ndarray,
+    terrain: Terrain,
+    placement: Placement,
+    source: str,
+) -> tuple[Edge, Any, tuple[str, ...]]:
+    """Edge of a release, the body of a tapered one, and a sentence where it has too many parts for that.
+
+    ``cells`` (rows, columns) hold the mean thickness [m] with a vertical edge, whose volume is kept.
+    """
+    import shapely
+
+    from runout.release.taper import MOST_PARTS, tapered
+
+    if edge is Edge.VERTICAL:
+        return edge, None, ()
+    count = int(shapely.get_num_geometries(outline))
+    if count > MOST_PARTS:
+        said = f"{source}: {count} separate parts are too many to be tapered ({MOST_PARTS} are not); they keep a vertical edge."
+        return Edge.VERTICAL, None, (said,)
+    exact = depths * (cells.sum() * terrain.cell_area / float(np.sum(depths * shapely.area(parts))))
+    return edge, tapered(parts, exact, outline, terrain, excavated=placement is Placement.EXCAVATED), ()
 
 
 def _polygon_friction(layer: PolygonLayer, angle_deg: float | str | None) -> float | None:

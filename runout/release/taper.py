@@ -1,7 +1,7 @@
 """Releases that thin out to their rim: the sliding surface of a mass of which only outline and volume are known.
 
 Each part of the outline gets a bowl-shaped thickness, whose curvature is constant where the stated thickness is, as in the sloping
-local base level (Jaboyedoff et al. 2004, IAEG; 2020, Landslides 17:2189). Where the mass is excavated, the bowl is cut at a surface
+local base level (Jaboyedoff et al. 2020, Eng. Geol. 267:105478). Where the mass is excavated, the bowl is cut at a surface
 that falls to the rim as steeply as the volume allows: the mass lies on a plane that leads out of its scar, not in a pit.
 """
 
@@ -12,14 +12,17 @@ import numpy as np
 
 from runout.errors import ReleaseError
 from runout.model.terrain import Terrain
+from runout.release.coverage import covered_window
 from runout.release.outlets import rising_from_rim
 from runout.terrain.fill import filled
 
 FINEST, COARSEST = 96, 10  # nodes across a part
+MOST_PARTS = 300
 NODES = 400_000  # of all parts together
 DEEPEST = 2.0  # times the bowl of the volume: how much deeper the mass may lie above the plane
-SLOPES = 13  # planes, from level to as steep as the ground
+SLOPES, FEW_SLOPES = 13, 5  # planes, from level to as steep as the ground; few where many parts have coarse lattices
 THINNEST = 1e-3  # of the mean thickness, everywhere inside the outline
+LEAST_CORE = 0.1  # share of a part that lies farther than one node from its outline
 HALVINGS = 50  # of the interval of planes: to round-off
 
 
@@ -29,24 +32,33 @@ class Part:
 
     Attributes
     ----------
+    window : tuple of slice
+        Rows and columns of the terrain that hold it.
+    covered : ndarray (rows, columns)
+        Area of each of these cells inside the outline [m2].
     volume : float
         [m3]
     bowl : ndarray (n,)
         Thickness [m] at the nodes.
     planes : ndarray (m, n) or None
         Thickness [m] above surfaces that fall to the rim, level first; None where the mass lies on the ground.
-    cells : scipy sparse array (cells, n)
-        What a node adds to the volume of each cell of the terrain [m2]. The lattice volume of a node is the sum of its column.
+    cells : scipy sparse array (rows * columns, n)
+        What a node adds to the volume of each cell of the window [m2].
     """
 
+    window: tuple[slice, slice]
+    covered: np.ndarray
     volume: float
     bowl: np.ndarray
     planes: np.ndarray | None
     cells: Any
 
-    def cell_volumes(self, factor: float) -> np.ndarray:
-        """Volume (cells,) [m3] in each cell of the window, for ``factor`` times the volume, before it is cut at the rim."""
-        return np.asarray(self.cells @ self._thickness(factor))
+    def volumes(self, factor: float) -> np.ndarray:
+        """Volume (rows, columns) [m3] in each cell of the window, for ``factor`` times the volume; their sum is exact."""
+        wanted = factor * self.volume
+        found = np.asarray(self.cells @ self._thickness(factor)).reshape(self.covered.shape)
+        found = np.where(self.covered > 0, np.maximum(found, self.covered * (THINNEST * wanted / self.covered.sum())), 0.0)
+        return found * (wanted / found.sum())
 
     def _thickness(self, factor: float) -> np.ndarray:
         """Thickness (n,) [m] at the nodes: the deeper bowl, cut at the plane that leaves the volume."""
@@ -76,22 +88,13 @@ class TaperedMass:
     Attributes
     ----------
     parts : tuple of Part
-    window : tuple of slice
-        Rows and columns of the terrain that hold the outline; cells are those of the window.
-    covered : ndarray (rows, columns)
-        Area of each of these cells inside the outline [m2].
     terrain : Terrain
-    volume : float
-        Stated volume [m3].
     factor : float
-        Times that volume.
+        Times the volume of the parts.
     """
 
     parts: tuple[Part, ...]
-    window: tuple[slice, slice]
-    covered: np.ndarray
     terrain: Terrain
-    volume: float
     factor: float = 1.0
 
     def scaled(self, factor: float) -> "TaperedMass":
@@ -100,22 +103,16 @@ class TaperedMass:
 
     def thickness(self) -> np.ndarray:
         """Mean thickness (rows, columns) [m] over the cells of the terrain; its volume is exact."""
-        volume = np.zeros(self.covered.shape)
+        volume = np.zeros(self.terrain.shape)
         for part in self.parts:
-            own = np.where(self.covered > 0, part.cell_volumes(self.factor).reshape(volume.shape), 0.0)
-            volume += own * (part.volume / own.sum())
-        wanted = self.factor * self.volume
-        volume = np.maximum(volume, self.covered * (THINNEST * wanted / self.covered.sum()))
-        volume[self.covered == 0] = 0.0
-        thickness = np.zeros(self.terrain.shape)
-        thickness[self.window] = volume * (wanted / volume.sum() / self.terrain.cell_area)
-        return thickness
+            volume[part.window] += part.volumes(self.factor)
+        return volume / self.terrain.cell_area
 
 
-def tapered(
-    polygons: np.ndarray, depths: np.ndarray, outline: Any, covered: np.ndarray, terrain: Terrain, volume: float, *, excavated: bool
-) -> TaperedMass:
+def tapered(polygons: np.ndarray, depths: np.ndarray, outline: Any, terrain: Terrain, *, excavated: bool) -> TaperedMass:
     """A mass inside an outline that thins out to it.
+
+    What is too narrow for a lattice of :data:`FINEST` nodes keeps a vertical edge.
 
     Parameters
     ----------
@@ -123,10 +120,6 @@ def tapered(
         Polygons that do not overlap, and the mean thickness [m] of each; of those that touch it is smoothed into one another.
     outline : shapely geometry
         Of all of them, in map coordinates.
-    covered : ndarray (rows, columns)
-        Area of each cell of the terrain inside the outline [m2].
-    volume : float
-        [m3]
     excavated : bool
         Whether the mass is part of the ground, so that its lower side is the sliding surface.
     """
@@ -136,18 +129,31 @@ def tapered(
     pieces = pieces[shapely.area(pieces) > 0]
     finest = int(np.clip(np.sqrt(NODES / len(pieces)), COARSEST, FINEST))
     tree = shapely.STRtree(polygons)
-    ground = filled(terrain.elevation, terrain.cell_size)
-    rows, columns = np.nonzero(covered > 0)
-    window = slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)
+    ground = filled(terrain.elevation, terrain.cell_size) if excavated else None
     parts = []
     for piece in pieces:
         own = tree.query(piece, predicate="intersects")
-        lattice = _Lattice.over(piece, terrain, finest)
-        planes = _planes(_at(ground, terrain, *lattice.places), lattice.inside, lattice.size) if excavated else None
-        share = float(np.sum(depths[own] * shapely.area(shapely.intersection(polygons[own], piece))))
-        bowl = lattice.bowl(share, polygons[own], depths[own])
-        parts.append(Part(share, bowl, planes, _to_cells(lattice, terrain, window)))
-    return TaperedMass(tuple(parts), window, covered[window], terrain, volume)
+        parts.append(_part(piece, polygons[own], depths[own], terrain, ground, finest))
+    return TaperedMass(tuple(parts), terrain)
+
+
+def _part(piece: Any, polygons: np.ndarray, depths: np.ndarray, terrain: Terrain, ground: np.ndarray | None, finest: int) -> Part:
+    import shapely
+    from scipy import sparse
+
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    local = shapely.transform(piece, terrain.frame.to_local)
+    (x, y), area = covered_window(local, (np.arange(columns + 1) * dx, np.arange(rows + 1) * dy))
+    window, covered = (slice(rows - y.stop, rows - y.start), x), np.ascontiguousarray(area.T[::-1])
+    volume = float(np.sum(depths * shapely.area(shapely.intersection(polygons, piece))))
+    lattice = _Lattice.over(piece, terrain, finest)
+    if not lattice.resolves(piece):
+        return Part(window, covered, volume, np.ones(1), None, sparse.csr_array(covered.reshape(-1, 1)))
+    planes = None
+    if ground is not None:
+        count = SLOPES if finest == FINEST else FEW_SLOPES
+        planes = _planes(_at(ground, terrain, *lattice.places), lattice.inside, lattice.size, count)
+    return Part(window, covered, volume, lattice.bowl(volume, polygons, depths), planes, _to_cells(lattice, terrain, window))
 
 
 @dataclass(frozen=True)
@@ -169,10 +175,13 @@ class _Lattice:
         size = across / int(np.clip(np.ceil(2.0 * across / min(terrain.cell_size)), COARSEST, finest))
         x = west + (np.arange(-1, np.ceil((east - west) / size) + 1) + 0.5) * size
         y = north - (np.arange(-1, np.ceil((north - south) / size) + 1) + 0.5) * size
-        inside = shapely.contains_xy(piece, *np.meshgrid(x, y))
-        if not inside.any():  # a sliver between the nodes
-            inside[len(y) // 2, len(x) // 2] = True
-        return cls(x, y, size, inside)
+        shapely.prepare(piece)
+        return cls(x, y, size, shapely.contains_xy(piece, *np.meshgrid(x, y)))
+
+    def resolves(self, piece: Any) -> bool:
+        """Whether enough of a polygon lies farther than one node from its outline."""
+        core = piece.simplify(0.5 * self.size).buffer(-self.size)
+        return bool(self.inside.any() and core.area > LEAST_CORE * piece.area)
 
     @property
     def places(self) -> tuple[np.ndarray, np.ndarray]:
@@ -185,7 +194,8 @@ class _Lattice:
         import shapely
 
         depth = np.full(self.inside.shape, depths.mean())
-        for polygon, own in zip(polygons, depths, strict=True):
+        for polygon, own in zip(polygons, depths, strict=True) if np.ptp(depths) > 0 else ():
+            shapely.prepare(polygon)
             depth[shapely.contains_xy(polygon, *self.places)] = own
         bowl = _bowl(self.inside, depth)
         return bowl * (volume / (bowl.sum() * self.size**2))
@@ -213,11 +223,11 @@ def _bowl(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
     return found
 
 
-def _planes(ground: np.ndarray, inside: np.ndarray, size: float) -> np.ndarray:
-    """Thickness (m, n) [m] above surfaces that fall to the rim with slopes from 0 to that of the ground."""
+def _planes(ground: np.ndarray, inside: np.ndarray, size: float, count: int) -> np.ndarray:
+    """Thickness (m, n) [m] above ``count`` surfaces that fall to the rim with slopes from 0 to that of the ground."""
     south, east = np.gradient(ground, size)
     steepest = max(float(np.hypot(south, east)[inside].max()), 1e-3)
-    surfaces = [rising_from_rim(ground, inside, (size, size), slope)[inside] for slope in np.linspace(0.0, steepest, SLOPES)]
+    surfaces = [rising_from_rim(ground, inside, (size, size), slope)[inside] for slope in np.linspace(0.0, steepest, count)]
     return np.maximum(ground[inside] - np.array(surfaces), 0.0)
 
 

@@ -12,6 +12,7 @@ from runout.errors import ReleaseError
 from runout.model.release import Edge, Release
 from runout.model.terrain import Terrain
 from runout.release.outlets import trapped_share
+from runout.release.read import _on_cells
 from runout.release.taper import tapered
 
 CELL, SLOPE, WEST = 5.0, math.tan(math.radians(25.0)), 200.0
@@ -26,13 +27,9 @@ def plane(slope: float = SLOPE, cell: float = CELL, columns: int = 140) -> Terra
 
 def mass(terrain: Terrain, thickness: float, *, edge: str = "tapered", placement: str = "excavated") -> Release:
     """The egg on a terrain, without a file."""
-    from runout.release.read import _on_cells
-
-    covered = _on_cells(np.array([EGG]), np.ones(1), terrain) * terrain.cell_area
     if edge == "vertical":
-        return Release(covered / terrain.cell_area * thickness, terrain, EGG, placement)
-    volume, excavated = thickness * EGG.area, placement == "excavated"
-    body = tapered(np.array([EGG]), np.array([thickness]), EGG, covered, terrain, volume, excavated=excavated)
+        return Release(_on_cells(np.array([EGG]), np.array([thickness]), terrain), terrain, EGG, placement)
+    body = tapered(np.array([EGG]), np.array([thickness]), EGG, terrain, excavated=placement == "excavated")
     return Release(body.thickness(), terrain, EGG, placement, edge=Edge.TAPERED, body=body)
 
 
@@ -69,10 +66,7 @@ def test_edges_are_chosen_by_placement_and_by_name(write_polygons, terrain):
 def test_a_round_mass_on_level_ground_is_a_paraboloid():
     level = plane(0.0, 4.0)
     disc = shapely.Point(140.0, 120.0).buffer(80.0, 64)
-    from runout.release.read import _on_cells
-
-    covered = _on_cells(np.array([disc]), np.ones(1), level) * level.cell_area
-    body = tapered(np.array([disc]), np.array([5.0]), disc, covered, level, 5.0 * disc.area, excavated=True)
+    body = tapered(np.array([disc]), np.array([5.0]), disc, level, excavated=True)
     r2 = np.add.outer((level.northing - 120.0) ** 2, (level.easting - 140.0) ** 2)
     exact = 10.0 * np.maximum(1.0 - r2 / 80.0**2, 0.0)
     np.testing.assert_allclose(body.thickness(), exact, atol=0.3)
@@ -146,3 +140,21 @@ def test_a_tapered_mass_leaves_its_scar_and_one_in_a_pit_does_not():
     assert left("vertical", 1.0) > 0.03
     assert left("vertical", 1.5) > 0.3
     assert left("tapered", 1.5) < 0.2
+
+
+def test_what_is_too_narrow_to_be_tapered_keeps_its_thickness():
+    needle = shapely.box(20.0, 100.0, 250.0, 101.0)
+    body = tapered(np.array([needle]), np.array([3.0]), needle, plane(), excavated=True)
+    assert body.thickness().max() == pytest.approx(0.6)
+    assert body.thickness().sum() * CELL**2 == pytest.approx(3.0 * 230.0)
+
+
+def test_many_polygons_are_tapered_and_too_many_keep_a_vertical_edge(write_polygons, terrain):
+    apart = [shapely.box(x, y, x + 10.0, y + 10.0) for x in range(5, 285, 14) for y in range(5, 185, 14)]
+    few = Release.from_vector(write_polygons(apart[:60], "few.gpkg"), terrain, thickness=2.0)
+    assert (few.edge, len(few.body.parts)) == (Edge.TAPERED, 60)
+    assert few.volume == pytest.approx(2.0 * 100.0 * 60, rel=1e-9)
+    specks = [shapely.box(x, y, x + 1.0, y + 1.0) for x in range(5, 45, 2) for y in range(5, 37, 2)]
+    many = Release.from_vector(write_polygons(specks, "many.gpkg"), terrain, thickness=2.0)
+    assert (many.edge, many.body) == (Edge.VERTICAL, None)
+    assert "separate parts are too many to be tapered" in many.changes[0]
