@@ -87,7 +87,10 @@ class Release:
     body: Any = None
 
     def __post_init__(self) -> None:
-        t = np.array(self.thickness, dtype=np.float64)
+        stated = np.asarray(self.thickness)
+        if stated.dtype.kind not in "iuf":
+            raise ReleaseError(f"{self.source}: thickness is of type {stated.dtype}; give real numbers, in m")
+        t = np.array(stated, dtype=np.float64)
         if t.shape != self.terrain.shape:
             raise ReleaseError(
                 f"{self.source}: thickness has shape {t.shape}, the terrain {self.terrain.shape}; give it on the terrain's cells"

@@ -11,7 +11,7 @@ from runout.accuracy import CFL
 from runout.errors import ConfigError, StabilityError
 from runout.model.friction import FrictionZones
 from runout.model.laws import LAWS, Law
-from runout.model.limits import LARGEST_CFL, checked
+from runout.model.limits import LARGEST_CFL, checked, is_number
 from runout.model.materials import Material
 from runout.model.surface import Surface
 from runout.physics import geostatic, timestep
@@ -100,6 +100,8 @@ class Scene:
             raise ConfigError(f"cell_size is {self.spacing}; give one number or (dx, dy, dz)")
         for h in self.spacing:
             checked("cell_size", h, error=ConfigError)
+        if not is_number(self.cfl):
+            raise ConfigError(f"cfl is {self.cfl!r}; it must be a number, {CFL:g} is usual")
         if not 0 < self.cfl <= LARGEST_CFL:
             raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
         if self.precision not in ("float32", "float64"):

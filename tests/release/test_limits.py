@@ -68,6 +68,12 @@ def test_thickness_array_has_the_limit_of_a_raster(terrain):
         Release(np.full(terrain.shape, 1e-300), terrain)
 
 
+@pytest.mark.parametrize("kind", [bool, complex, str, "datetime64[s]"])
+def test_thickness_array_of_another_type_is_refused(terrain, kind):
+    with pytest.raises(ReleaseError, match=r"thickness is of type .*; give real numbers, in m"):
+        Release.from_array(np.ones(terrain.shape, int).astype(kind), terrain)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
@@ -91,6 +97,7 @@ def test_python_refuses_the_material_that_site_yaml_refuses(key, value, said):
         ({"cell_size": 1e300}, "cell_size is .* at most 1000 m"),
         ({"cell_size": (2.0, 2.0, -1.0)}, "cell_size is -1 m"),
         ({"end_time": 1e9}, "end_time is 1e.09 s; it must be .* at most 86400 s"),
+        ({"cfl": "0.5"}, "cfl is '0.5'; it must be a number"),
         ({"arrival_threshold": math.nan}, "arrival_threshold is nan"),
     ],
 )
