@@ -130,7 +130,7 @@ def measure_vortex(full: bool) -> list[Result]:
 WAVES = Case(
     "U7",
     "manufactured waves",
-    "axis-aligned waves (Wallstedt & Guilkey 2008), Hencky, E = 10 kPa, nu = 0.3, 1 kg/m3, periodic; largest RMS in a period",
+    "axis-aligned waves (Wallstedt & Guilkey 2008), Hencky, E = 10.24 MPa, nu = 0.3, 1024 kg/m3, periodic; largest RMS in a period",
     measure_waves,
     "The stretch converges with order two as the mean over a cell and with order one at a particle: the packed transfer takes the "
     "velocity gradient from the affine matrix, whose error away from the middle of a cell is of first order and changes sign "
