@@ -76,7 +76,10 @@ def test_every_problem_of_zones_is_named(tmp_path):
     assert any("terrain.friction_zones[1]: neither factor nor basal_friction_angle_deg is given" in line for line in said)
     assert any("there is no file 'inputs/zone.gpkg'; did you mean 'inputs/zones.gpkg'?" in line for line in said)
     wrong = write_zoned(tmp_path / "wrong", "factor: friction", friction=[-1.0])
-    assert any("factor of polygon 1 is -1; it must be 0 to 10" in problem for problem in inspect(wrong).problems)
+    assert any(
+        "attribute 'friction' of polygon 1 is -1; it must be at least 0 and at most 10" in problem
+        for problem in inspect(wrong).problems
+    )
 
 
 def test_a_dam_holds_the_flow_and_a_low_one_is_overrun(tmp_path, capsys):
