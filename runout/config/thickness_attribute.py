@@ -64,13 +64,14 @@ def thickness_of(path: Path, stated: str | None = None) -> float | str:
 
 def _attributes(path: Path) -> Any:
     """Attributes of the polygons as a table."""
-    from pyogrio import read_dataframe
-    from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
+    from runout.io.opening import open_vector
 
-    try:
-        return read_dataframe(path, read_geometry=False)
-    except (DataSourceError, DataLayerError, FeatureError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); check it with `ogrinfo`") from error
+    file = open_vector(path, InputError)
+    layers = file.layers()
+    if not layers:
+        raise InputError(f"{path}: holds no layer with geometries; check it with `ogrinfo`")
+    frame, _ = file.read(layers[0])
+    return frame.drop(columns=frame.geometry.name)
 
 
 def _stated(path: Path, table: Any, stated: str) -> float | str:

@@ -6,9 +6,11 @@ Vector formats have a table here, since no library at hand lists theirs. Overvie
 
 import os
 import re
-import warnings
 from html import unescape
 from pathlib import Path
+
+from runout.errors import InputError
+from runout.io.opening import open_raster
 
 VECTOR_SIDES = {
     ".shp": (".shx", ".dbf", ".prj", ".cpg", ".cst"),
@@ -61,18 +63,13 @@ def _collect(path: Path, found: dict[str, Path], depth: int) -> None:
 
 def _raster_files(path: Path) -> list[Path]:
     """The files that GDAL lists for a raster; none for what is no raster."""
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
-
     if _begins(path).startswith(SQLITE):  # to open it may write back what lies beside it
         beside = path.with_name(path.name + ".aux.xml")
         return [beside] if beside.is_file() else []
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(path) as dataset:
-                listed = [Path(name) for name in dataset.files]
-    except RasterioError:
+        with open_raster(path, InputError) as dataset:
+            listed = [Path(name) for name in dataset.files]
+    except InputError:
         return []
     return [p for p in listed if p.is_file()]
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.io.boundary import exists, names_in
+from runout.io.opening import open_vector
 from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.release.reproject import polygons_on_terrain
@@ -106,22 +108,11 @@ def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: 
 
 def _read(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
     """Frame of the layer and the name of the GDAL driver."""
-    import geopandas
-    import pyogrio
-    import shapely
-
-    if not path.exists():
-        near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")], n=1)
+    if not exists(path):
+        near = difflib.get_close_matches(path.name, names_in(path.parent), n=1)
         raise ReleaseError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else "; check the path"))
-    try:
-        layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
-        layer = _layer(path, layers, layer, what)
-        frame = geopandas.read_file(path, layer=layer, engine="pyogrio", on_invalid="raise")
-        return frame, pyogrio.read_info(path, layer=layer)["driver"]
-    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError) as error:
-        raise ReleaseError(f"{path}: cannot be read as a vector file ({error}); use GeoPackage, Shapefile or GeoJSON") from error
-    except shapely.errors.GEOSException as error:
-        raise ReleaseError(f"{path}: holds a broken geometry ({error}); close every ring, with four points or more") from error
+    file = open_vector(path, ReleaseError)
+    return file.read(_layer(path, file.layers(), layer, what))
 
 
 def _layer(path: Path, layers: list[str], layer: str | None, what: str) -> str:

@@ -1,12 +1,14 @@
 """Thickness rasters as arrays with local edges."""
 
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.io.boundary import exists
+from runout.io.georeference import require_usable
+from runout.io.opening import open_raster
 from runout.model.limits import LIMITS
 from runout.model.terrain import Terrain
 from runout.release.crs import to_terrain
@@ -21,18 +23,12 @@ def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.n
     ReleaseError
         Missing or unreadable file, several bands, rotated or without georeference, a system without known transformation.
     """
-    import rasterio
-
-    if not path.exists():
+    if not exists(path):
         raise ReleaseError(f"{path}: no such file; check the path of the thickness raster")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-            with rasterio.open(path) as raster:
-                values = _values(path, raster)
-                transform, crs = raster.transform, raster.crs.to_wkt() if raster.crs else None
-    except rasterio.errors.RasterioIOError as error:
-        raise ReleaseError(f"{path}: cannot be read as a raster ({error}); use GeoTIFF or ESRI ASCII") from error
+    with open_raster(path, ReleaseError) as raster:
+        require_usable(tuple(raster.transform)[:6], path, ReleaseError)
+        values = _values(path, raster)
+        transform, crs = raster.transform, raster.crs.to_wkt() if raster.crs else None
     if transform.is_identity or not transform.is_rectilinear or transform.a <= 0:
         raise ReleaseError(f"{path}: has no georeference or is rotated; warp it to the terrain: gdalwarp {path} warped.tif")
     rows, columns = values.shape

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout.errors import StorageError
+from runout.errors import InputError, StorageError
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
 from runout.report.members import member_figures
@@ -124,11 +124,10 @@ def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -
 
 def features(path: Path, layer: str) -> list[dict[str, Any]]:
     """Attributes and ``geometry`` (shapely, map coordinates) of the features of a layer; none if there is no such layer."""
-    import geopandas
-    import pyogrio
+    from runout.io.opening import open_vector
 
-    layers = {name for name, _ in pyogrio.list_layers(path)}
-    return geopandas.read_file(path, layer=layer).to_dict("records") if layer in layers else []
+    file = open_vector(path, InputError)
+    return file.read(layer)[0].to_dict("records") if layer in file.layers() else []
 
 
 def obstacle_label(feature: Mapping[str, Any]) -> str:

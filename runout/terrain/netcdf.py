@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
+from runout.io.georeference import require_usable
+from runout.io.opening import open_netcdf, require_room
 from runout.terrain.crs import parse
 from runout.terrain.raster import ElevationRaster
 
@@ -26,13 +28,8 @@ def read_netcdf(text: str) -> ElevationRaster:
     Any order of rows, columns and dimensions. DemError if the file cannot be read, the variable cannot be told, or the
     coordinates are missing or uneven.
     """
-    import xarray as xr
-
-    try:
-        with xr.open_dataset(text, decode_times=False) as dataset:
-            return _raster_of(dataset, text)
-    except (OSError, ValueError) as error:
-        raise DemError(f"{text}: cannot be read as NetCDF ({error}); check it with `ncdump -h`") from error
+    with open_netcdf(text, DemError) as dataset:
+        return _raster_of(dataset, text)
 
 
 def _raster_of(dataset: Any, text: str) -> ElevationRaster:
@@ -41,6 +38,9 @@ def _raster_of(dataset: Any, text: str) -> ElevationRaster:
     variable = variable.transpose(y.name, x.name)
     dx, dy = _step(x, text), _step(y, text)
     transform = (dx, 0.0, float(x.values[0]) - dx / 2, 0.0, dy, float(y.values[0]) - dy / 2)
+    require_usable(transform, text, DemError)
+    rows, columns = variable.shape
+    require_room(rows, columns, text, DemError)
     mapping = _grid_mapping(dataset, variable)
     unit = variable.attrs.get("units") or None
     values = np.array(variable.values, dtype=np.float64)

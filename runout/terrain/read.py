@@ -1,7 +1,6 @@
 """Reading elevation rasters: GeoTIFF, ESRI ASCII, NetCDF, anything GDAL reads, arrays, and the sample of matplotlib."""
 
 import difflib
-import warnings
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
+from runout.io.boundary import exists, kind_of, names_in
+from runout.io.georeference import require_usable
+from runout.io.opening import PARTS, open_raster
 from runout.model.terrain import Terrain
 from runout.terrain import crs as coordinate_systems
 from runout.terrain import prepare
@@ -71,8 +73,8 @@ def terrain_from_array(
 
 
 def _is_gdal_name(text: str) -> bool:
-    drive, colon, _ = text.partition(":")
-    return text.startswith("/vsi") or (bool(colon) and len(drive) > 1 and not Path(text).exists())
+    """Whether a text is GDAL's name of one raster of several in a file."""
+    return PARTS.match(text) is not None and not exists(Path(text))
 
 
 def _existing(text: str) -> str:
@@ -83,22 +85,16 @@ def _existing(text: str) -> str:
         return text
     if path.is_dir():
         raise DemError(f"{text}: is a folder; name the raster file in it")
-    near = difflib.get_close_matches(path.name, [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else [], 1)
+    if kind_of(path):
+        raise DemError(f"{text}: is {kind_of(path)}, not a file; copy the elevations to a file and name that")
+    near = difflib.get_close_matches(path.name, names_in(path.parent), 1)
     remedy = f"did you mean {near[0]!r}?" if near else "check the path of the elevation raster"
     raise DemError(f"{text}: no such file; {remedy}")
 
 
 def _read_gdal(text: str) -> ElevationRaster:
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError, RasterioIOError
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.Env(GTIFF_REPORT_COMPD_CS=True), rasterio.open(text) as dataset:
-                return _elevation_of(dataset, text)
-    except (RasterioIOError, RasterioError) as error:
-        raise DemError(f"{text}: cannot be read as a raster ({error}); check it with `gdalinfo`") from error
+    with open_raster(text, DemError) as dataset:
+        return _elevation_of(dataset, text)
 
 
 def _elevation_of(dataset: Any, text: str) -> ElevationRaster:
@@ -107,6 +103,7 @@ def _elevation_of(dataset: Any, text: str) -> ElevationRaster:
     alpha = [index for index, meaning in zip(dataset.indexes, dataset.colorinterp, strict=True) if meaning == ColorInterp.alpha]
     _require_one_band(dataset, text, dataset.count - len(alpha))
     _require_georeference(dataset, text)
+    require_usable(tuple(dataset.transform)[:6], text, DemError)
     band = dataset.read(1, masked=True)
     values = np.ma.filled(band.astype(np.float64), np.nan)
     for index in alpha:  # GDAL itself heeds transparency only where it is stored as whole numbers

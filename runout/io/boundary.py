@@ -1,0 +1,91 @@
+"""Which files on disk may be opened as an input: regular files, and side files that are regular too."""
+
+import os
+import stat
+from pathlib import Path
+
+from runout.errors import InputError
+
+SITE_FILE = "site.yaml"
+LARGEST_TEXT = 256 * 1024 * 1024  # of an input that is parsed as a whole [bytes]
+KINDS = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def require_regular(path: Path, error: type[InputError]) -> Path:
+    """Absolute path of a regular file that is not empty, and whose side files are regular too.
+
+    No byte is read: a pipe would wait for ever. Side files are those that share the name up to a dot; a library opens them unasked.
+
+    Raises
+    ------
+    InputError
+        Of the given kind, with the remedy.
+    """
+    absolute = Path(os.path.abspath(path))
+    if str(absolute).startswith("/vsi"):
+        raise error(f"{path}: is a virtual file name of GDAL; name a file on this machine, unpacked")
+    _require_kind(absolute, path, error)
+    if not absolute.is_dir() and absolute.stat().st_size == 0:
+        raise error(f"{path}: is empty (0 bytes); copy it again")
+    for side in side_files(absolute):
+        _require_kind(side, side, error)
+    return absolute
+
+
+def side_files(path: Path) -> list[Path]:
+    """Files beside ``path`` that a library may open with it: the same name before a dot, in any case of the letters."""
+    stem, name = path.stem.lower() + ".", path.name.lower() + "."
+    try:
+        with os.scandir(path if path.is_dir() else path.parent) as entries:
+            names = [entry.name for entry in entries]
+    except OSError:
+        return []
+    if path.is_dir():
+        return sorted(path / other for other in names)
+    return sorted(path.with_name(n) for n in names if n != path.name and n.lower().startswith((stem, name)))
+
+
+def kind_of(path: Path) -> str | None:
+    """What a path is that is neither a regular file nor a folder, such as a named pipe; None for these two and for nothing."""
+    try:
+        return KINDS.get(stat.S_IFMT(path.stat().st_mode))
+    except (OSError, ValueError):
+        return None
+
+
+def exists(path: Path) -> bool:
+    """Whether there is something of that name; a name that no file can have is none."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # too long, or a null character in it
+        return False
+
+
+def names_in(folder: Path) -> list[str]:
+    """Names in a folder, sorted; none where it cannot be read."""
+    try:
+        return sorted(os.listdir(folder))
+    except (OSError, ValueError):
+        return []
+
+
+def root_of(path: Path) -> Path:
+    """Folder that files named inside ``path`` must lie in: that of the site it belongs to, else its own."""
+    own = path.resolve().parent
+    return next((folder for folder in (own, *own.parents) if (folder / SITE_FILE).is_file()), own)
+
+
+def _require_kind(path: Path, shown: Path, error: type[InputError]) -> None:
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as cause:
+        reason = getattr(cause, "strerror", None) or str(cause)
+        raise error(f"{shown}: cannot be read ({reason}); check its path and permissions") from cause
+    kind = KINDS.get(stat.S_IFMT(mode))
+    if kind:
+        raise error(f"{shown}: is {kind}, not a file; copy the content to a file and name that")

@@ -1,0 +1,32 @@
+"""Whether the place of a raster on the map can be computed with."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from runout.errors import InputError
+
+SMALLEST_CELL, LARGEST_CELL = 1e-7, 1e6  # in map units: a centimetre in degrees, and more than any map sheet
+FARTHEST = 1e9  # map units from the origin of the map
+DIGITS = 2.0**44  # cells from the origin; beyond it neighbouring cells are hardly told apart in double precision
+
+
+def require_usable(transform: Sequence[float], source: Path | str, error: type[InputError]) -> None:
+    """Nothing for an affine map ``(a, b, c, d, e, f)`` of finite numbers, of cells and places as maps have them; else the error."""
+    if not all(math.isfinite(number) for number in transform):
+        raise error(f"{source}: its georeference holds {_listed(transform)}, which are no finite numbers; {_remedy(source)}")
+    a, b, c, d, e, f = transform
+    cells, place = (math.hypot(a, d), math.hypot(b, e)), max(abs(c), abs(f))
+    if not all(SMALLEST_CELL <= cell <= LARGEST_CELL for cell in cells):
+        sizes = f"cells of {cells[0]:g} x {cells[1]:g}"
+        raise error(f"{source}: has {sizes} map units; {SMALLEST_CELL:g} to {LARGEST_CELL:g} can be used; {_remedy(source)}")
+    if place > min(FARTHEST, DIGITS * min(cells)):
+        raise error(f"{source}: its corner lies at {c:g}, {f:g}, farther from the origin than a map reaches; {_remedy(source)}")
+
+
+def _listed(transform: Sequence[float]) -> str:
+    return ", ".join(f"{number:g}" for number in transform if not math.isfinite(number))
+
+
+def _remedy(source: Path | str) -> str:
+    return f"state it anew: `gdal_edit.py -a_ullr WEST NORTH EAST SOUTH {source}`"

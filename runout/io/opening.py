@@ -1,0 +1,242 @@
+"""The only way in for rasters and vectors: named formats, files on this machine, bounded size, no network.
+
+An input may come from somebody else. GDAL opens services, archives, databases and programs by what a file says; here the formats
+are lists, and what a file refers to is looked at first (:mod:`runout.io.references`).
+"""
+
+import importlib
+import os
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from runout.errors import InputError
+from runout.io.boundary import require_regular
+from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
+
+RASTER_DRIVERS = (
+    *("GTiff", "AAIGrid", "GRASSASCIIGrid", "AIG", "EHdr", "ENVI", "HFA", "SRTMHGT", "DTED", "USGSDEM", "GSAG", "GSBG", "GS7BG"),
+    *("SAGA", "RST", "BT", "JP2OpenJPEG", "GPKG", "XYZ"),
+)
+VECTOR_DRIVERS = ("ESRI Shapefile", "GPKG", "GeoJSON", "FlatGeobuf", "OpenFileGDB")
+PARTS = re.compile(r'^(NETCDF|GPKG|GTIFF_DIR):(?:\d+:)?"?(/?[^":]+)"?(?::[^:]*)?$')  # a raster of several in a file
+PART_DRIVERS = {"NETCDF": "netCDF", "GPKG": "GPKG", "GTIFF_DIR": "GTiff"}
+NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")
+NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none", "GDAL_VRT_ENABLE_PYTHON": "NO", "OGR_SQLITE_ALLOW_EXTERNAL_ACCESS": "NO"}
+# formats that reach services or run programs; they are taken out of pyogrio's GDAL where it was not loaded before
+SERVICES = "WFS,OAPIF,OGCAPI,CSW,HTTP,OGR_VRT,GPSBabel,GDALG,ADBC,Elasticsearch,Carto,AmigoCloud,PLSCENES,NGW,EEDA,GTFS,MapML,PDF"
+BYTES_PER_CELL = 64  # that reading and preparing a raster takes at its peak
+MOST_FEATURES = 100_000
+
+
+@contextmanager
+def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
+    """The open rasterio dataset of a raster file; nothing but that file, its side files and the sources of a VRT is read.
+
+    Parameters
+    ----------
+    name : path or str
+        File, folder of an ESRI grid, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
+    error : type of InputError
+        What is raised.
+
+    Raises
+    ------
+    InputError
+        If it is no regular file, of no known format, refers to what is not to be read, or does not fit into memory.
+    """
+    import rasterio
+    from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
+    from rasterio.io import DatasetReader
+
+    target, drivers = _raster_target(str(name), error)
+    with rasterio.Env(**NO_NETWORK, GTIFF_REPORT_COMPD_CS=True), warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        try:
+            with DatasetReader(target, driver=drivers) as dataset:
+                _require_own_overviews(dataset, name, error)
+                if dataset.count:
+                    require_room(dataset.height, dataset.width, name, error)
+                yield dataset
+        except (RasterioError, CRSError, UnicodeDecodeError) as cause:
+            remedy = "check it with `gdalinfo`, or write it as GeoTIFF"
+            raise error(f"{name}: cannot be read as a raster ({cause}); {remedy}") from cause
+
+
+def _raster_target(name: str, error: type[InputError]) -> tuple[str, list[str]]:
+    """What GDAL is given, and the formats that it may try."""
+    part = PARTS.match(name)
+    if part and not Path(name).exists():
+        path = require_regular(Path(part.group(2)), error)
+        return name.replace(part.group(2), str(path), 1), [PART_DRIVERS[part.group(1)]]
+    path = require_regular(Path(name), error)
+    if path.is_dir():
+        return str(path), ["AIG"]
+    if is_vrt(path):
+        require_vrt_inside(path, error)
+        return str(path), ["VRT"]
+    if header(path).startswith(b"SQLite format 3"):
+        require_geopackage_inside(path, error)
+    return str(path), list(RASTER_DRIVERS)
+
+
+def _require_own_overviews(dataset: Any, name: Path | str, error: type[InputError]) -> None:
+    stated = dataset.tags(ns="OVERVIEWS").get("OVERVIEW_FILE")
+    if stated:
+        raise error(f"{name}: names the file {stated!r} for its overviews, which is not read; remove it with `gdaladdo -clean`")
+
+
+def require_room(rows: int, columns: int, source: Path | str, error: type[InputError]) -> None:
+    """Nothing, if a raster of so many cells fits into the free memory; else the error, with both numbers."""
+    needed, free = rows * columns * BYTES_PER_CELL, _free_memory()
+    if needed > free:
+        raise error(
+            f"{source}: {columns} x {rows} cells need about {needed / 1e9:.3g} GB of memory to read, {free / 1e9:.3g} GB are free; "
+            f"crop it to the slope under study, for example `gdalwarp -te WEST SOUTH EAST NORTH {source} cropped.tif`"
+        )
+
+
+def _free_memory() -> float:
+    if find_spec("psutil") is None:
+        return float(2**34)
+    import psutil
+
+    return float(psutil.virtual_memory().available)
+
+
+@contextmanager
+def open_netcdf(name: Path | str, error: type[InputError]) -> Iterator[Any]:
+    """The open xarray dataset of a NetCDF file on this machine; times are left as numbers.
+
+    Raises
+    ------
+    InputError
+        Of the given kind, if it is no regular file or no NetCDF.
+    """
+    import xarray as xr
+
+    path = require_regular(Path(name), error)
+    first = b"" if path.is_dir() else header(path)
+    if not first.startswith(NETCDF) and b"\x89HDF\r\n\x1a\n" not in first:
+        raise error(f"{name}: cannot be read as NetCDF (it begins like another format); check it with `ncdump -h`, or rename it")
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
+            yield dataset
+    except (OSError, ValueError, RuntimeError) as cause:
+        raise error(f"{name}: cannot be read as NetCDF ({cause}); check it with `ncdump -h`") from cause
+
+
+@dataclass(frozen=True)
+class VectorFile:
+    """A vector file that may be read.
+
+    Attributes
+    ----------
+    path : Path
+        As it was named.
+    target : str
+        What GDAL is given.
+    error : type of InputError
+        What is raised.
+    """
+
+    path: Path
+    target: str
+    error: type[InputError]
+
+    def layers(self) -> list[str]:
+        """Names of the layers with geometries."""
+        with _reading(self) as pyogrio:
+            return [str(layer) for layer, kind in pyogrio.list_layers(self.target) if kind is not None]
+
+    def information(self, layer: str | None = None) -> dict[str, Any]:
+        """What pyogrio says of a layer: fields, number of features, driver."""
+        with _reading(self) as pyogrio:
+            found: dict[str, Any] = pyogrio.read_info(self.target, layer=layer)
+        if found["driver"] not in VECTOR_DRIVERS:
+            driver = found["driver"]
+            raise self.error(f"{self.path}: is of the format {driver}, which is not read here; {_vector_remedy(self.path)}")
+        return found
+
+    def read(self, layer: str) -> tuple[Any, str]:
+        """GeoDataFrame of a layer, and the name of the GDAL driver."""
+        import geopandas
+
+        information = self.information(layer)
+        count = information["features"]
+        if count > MOST_FEATURES:
+            remedy = "cut it to the area under study"
+            raise self.error(f"{self.path}: layer {layer!r} has {count} features, more than {MOST_FEATURES}; {remedy}")
+        with _reading(self):
+            frame = geopandas.read_file(self.target, layer=layer, engine="pyogrio", on_invalid="raise")
+        return frame, str(information["driver"])
+
+
+def open_vector(path: Path, error: type[InputError]) -> VectorFile:
+    """The vector file of a path; nothing but that file and its side files will be read.
+
+    Raises
+    ------
+    InputError
+        Of the given kind, if it is no regular file, of no known format, or refers to what is not to be read.
+    """
+    absolute = require_regular(path, error)
+    if absolute.is_dir():
+        if not any(absolute.glob("*.gdbtable")):
+            raise error(f"{path}: is a folder; name the vector file in it")
+        return VectorFile(path, str(absolute), error)
+    first = header(absolute)
+    if first.startswith(b"SQLite format 3\0"):
+        require_geopackage_inside(absolute, error)
+    elif first.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
+        require_json_inside(absolute, error)
+    elif not first.startswith((b"fgb\3", b"\0\0\x27\x0a")):
+        reason = "of an unknown format, or a table with no geometries"
+        raise error(f"{path}: cannot be read as a vector file ({reason}); {_vector_remedy(path)}")
+    return VectorFile(path, str(absolute), error)
+
+
+def _vector_remedy(path: Path) -> str:
+    return f"use GeoPackage, Shapefile, GeoJSON or FlatGeobuf, unpacked: `ogr2ogr polygons.gpkg {path}`"
+
+
+@contextmanager
+def _reading(file: VectorFile) -> Iterator[Any]:
+    """pyogrio without the network; its errors, and those of pyproj and shapely, as the file's one kind."""
+    pyogrio = _pyogrio()
+    from pyogrio.errors import DataLayerError, DataSourceError
+    from pyproj.exceptions import ProjError
+    from shapely.errors import ShapelyError
+
+    before = {name: pyogrio.get_gdal_config_option(name) for name in NO_NETWORK}
+    pyogrio.set_gdal_config_options(NO_NETWORK)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # GDAL's remarks; what matters is checked on the outcome
+            yield pyogrio
+    except ShapelyError as cause:
+        raise file.error(f"{file.path}: holds a broken geometry ({cause}); close every ring, with four points or more") from cause
+    except (DataSourceError, DataLayerError, ProjError, UnicodeError) as cause:
+        remedy = "use GeoPackage, Shapefile or GeoJSON"
+        raise file.error(f"{file.path}: cannot be read as a vector file ({cause}); {remedy}") from cause
+    finally:
+        pyogrio.set_gdal_config_options(before)
+
+
+def _pyogrio() -> Any:
+    """pyogrio, loaded without the formats that reach services."""
+    if "pyogrio" not in sys.modules:
+        stated = os.environ.get("OGR_SKIP")
+        os.environ["OGR_SKIP"] = SERVICES if stated is None else f"{stated},{SERVICES}"
+        try:
+            importlib.import_module("pyogrio")
+        finally:
+            os.environ.pop("OGR_SKIP")
+            os.environ.update({} if stated is None else {"OGR_SKIP": stated})
+    return importlib.import_module("pyogrio")

@@ -1,0 +1,181 @@
+"""What an input file refers to: other files and addresses on the network, which a library would open unasked."""
+
+import json
+import os
+import re
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from runout.errors import InputError
+from runout.io.boundary import LARGEST_TEXT, require_regular, root_of
+
+HEADER = 4096  # bytes at the start by which GDAL tells formats
+VRT_MARK = b"<VRTDataset"
+DEEPEST = 5  # VRTs that name VRTs
+MOST_SOURCES = 20_000
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+FOREIGN = (b"<GDAL", b"stac_extensions")  # marks in a header that lead GDAL to formats which read other files
+SYSTEM = re.compile(r"\s*(\w+\s*\[|[A-Za-z]+:\d+|\+proj=|\{|urn:ogc:|$)", re.ASCII)  # of coordinates: WKT, code, PROJ, JSON
+ADDRESS = re.compile(r"^(/vsi|<|\w{2,}:)|://", re.ASCII)
+SYSTEMS = ("SRS", "SourceSRS", "TargetSRS", "SourceCRS", "TargetCRS", "GCPList")
+SOURCES = ("SourceFilename", "SourceDataset")
+BANDS = (None, "VRTSourcedRasterBand", "VRTWarpedRasterBand")
+KNOWN = frozenset(
+    re.findall(
+        r"\w+",
+        """
+    VRTDataset SRS GeoTransform Metadata MDI VRTRasterBand Description UnitType Offset Scale NoDataValue HideNoDataValue ColorInterp
+    ColorTable Entry CategoryNames Category Histograms HistItem HistMin HistMax BucketCount IncludeOutOfRange Approximate HistCounts
+    GDALRasterAttributeTable FieldDefn Name Type Usage Row F GCPList GCP MaskBand OverviewList BlockXSize BlockYSize
+    SimpleSource ComplexSource AveragedSource KernelFilteredSource SourceFilename SourceBand SourceProperties SrcRect DstRect
+    NODATA UseMaskBand ScaleOffset ScaleRatio LUT ColorTableComponent Exponent SrcMin SrcMax DstMin DstMax Kernel Size Coefs
+    GDALWarpOptions WarpMemoryLimit ResampleAlg WorkingDataType Option SourceDataset Transformer ApproxTransformer MaxError
+    BaseTransformer GenImgProjTransformer SrcGeoTransform SrcInvGeoTransform DstGeoTransform DstInvGeoTransform ReprojectTransformer
+    ReprojectionTransformer SourceSRS TargetSRS SourceCRS TargetCRS Options BandList BandMapping SrcNoDataReal SrcNoDataImag
+    DstNoDataReal DstNoDataImag
+    """,
+    )
+)
+
+
+def is_vrt(path: Path) -> bool:
+    """Whether GDAL takes a file for a virtual raster, whatever its name."""
+    return VRT_MARK in header(path)
+
+
+def header(path: Path) -> bytes:
+    """First bytes of a file."""
+    with open(path, "rb") as file:
+        return file.read(HEADER)
+
+
+def require_vrt_inside(path: Path, error: type[InputError]) -> list[Path]:
+    """Sources of a virtual raster, and theirs; all are files of the site, or lie in the VRT's own folder where there is no site.
+
+    Raises
+    ------
+    InputError
+        Of the given kind, where a VRT holds anything but plain bands of such files.
+    """
+    found: dict[Path, None] = {}
+    _collect(path, root_of(path), error, found, 0)
+    return list(found)
+
+
+def _collect(path: Path, root: Path, error: type[InputError], found: dict[Path, None], depth: int) -> None:
+    if depth > DEEPEST:
+        raise error(f"{path}: a VRT that names VRTs, more than {DEEPEST} levels deep; {_as_tiff(path)}")
+    for name, relative in _sources(_parsed(path, error), path, error):
+        source = _inside(path, root, name, relative, error)
+        if source in found:
+            continue
+        found[source] = None
+        if len(found) > MOST_SOURCES:
+            raise error(f"{path}: names more than {MOST_SOURCES} files; {_as_tiff(path)}")
+        first = header(source)
+        if VRT_MARK in first:
+            _collect(source, root, error, found, depth + 1)
+        elif not _plain(first):
+            raise error(f"{path}: its source {name} is neither GeoTIFF, ESRI ASCII, Erdas Imagine nor VRT; {_as_tiff(path)}")
+
+
+def _plain(first: bytes) -> bool:
+    """Whether GDAL tells the format of a source in no other way than by its magic number or as a plain text grid."""
+    if first.startswith(TIFF) or first.startswith(b"EHFA_HEADER_TAG"):
+        return not any(mark in first for mark in FOREIGN)
+    return re.match(rb"\s*(ncols|nrows|xll|dsaa|north:)", first, re.IGNORECASE) is not None and not re.search(rb'[<{"]', first)
+
+
+def _parsed(path: Path, error: type[InputError]) -> ElementTree.Element:
+    if path.stat().st_size > LARGEST_TEXT:
+        raise error(f"{path}: a VRT of {path.stat().st_size} bytes; {_as_tiff(path)}")
+    text = path.read_bytes()
+    if b"<!" in text.replace(b"<!--", b""):  # entities can name files and grow without bound
+        raise error(f"{path}: a VRT with a document type or entities; {_as_tiff(path)}")
+    try:
+        tree = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, LookupError) as cause:
+        raise error(f"{path}: is not a well-formed VRT ({cause}); {_as_tiff(path)}") from cause
+    if tree.tag != "VRTDataset":
+        raise error(f"{path}: holds a VRT within something else; {_as_tiff(path)}")
+    return tree
+
+
+def _sources(tree: ElementTree.Element, path: Path, error: type[InputError]) -> Iterator[tuple[str, bool]]:
+    """Name of every source and whether it is relative to the VRT; refuses elements that can do more than copy bands."""
+    for element in tree.iter():
+        kind = element.get("subClass")
+        if element.tag not in KNOWN or (element.tag == "VRTDataset" and kind not in (None, "VRTWarpedDataset")):
+            raise error(f"{path}: the VRT holds {kind or element.tag!r}, which is not read here; {_as_tiff(path)}")
+        if element.tag == "VRTRasterBand" and kind not in BANDS:
+            raise error(f"{path}: the VRT has a band of the kind {kind!r}, which is not read here; {_as_tiff(path)}")
+        text = (element.get("Projection") if element.tag == "GCPList" else element.text) or ""
+        if element.tag in SYSTEMS and not SYSTEM.match(text):
+            stated = f"the VRT names its coordinate system {text.strip()[:80]!r}"
+            raise error(f"{path}: {stated}; write WKT or a code such as EPSG:32632")
+        if element.tag in SOURCES:
+            yield text, element.get("relativeToVRT", "0").strip() == "1"
+
+
+def _inside(path: Path, root: Path, name: str, relative: bool, error: type[InputError]) -> Path:
+    """The file that a source of a VRT names."""
+    if ADDRESS.search(name):
+        raise error(f"{path}: its source {name!r} is no file on this machine; only files are read; {_as_tiff(path)}")
+    source = Path(os.path.abspath(path.parent / name if relative else name))
+    if not source.resolve().is_relative_to(root.resolve()):
+        raise error(
+            f"{path}: its source {name} lies outside {root}; copy it there and rebuild the VRT, or name in site.yaml the raster "
+            "itself or a VRT that lies beside its sources"
+        )
+    if not source.is_file():
+        raise error(f"{path}: its source {name} is no file; rebuild the VRT with `gdalbuildvrt`")
+    return require_regular(source, error)
+
+
+def _as_tiff(path: Path) -> str:
+    return f"write it as GeoTIFF where you trust it: `gdal_translate {path} elevation.tif`"
+
+
+def require_json_inside(path: Path, error: type[InputError]) -> None:
+    """Nothing for JSON whose coordinate systems are named; refuses a link to one, which GDAL would fetch, and what is no JSON."""
+    size = path.stat().st_size
+    if size > LARGEST_TEXT:
+        raise error(f"{path}: GeoJSON of {size} bytes is too large to read; write it as GeoPackage: `ogr2ogr polygons.gpkg {path}`")
+
+    def checked(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        for key, value in pairs:
+            if key == "crs" and isinstance(value, dict) and str(value.get("type", "name")).lower() not in ("name", "epsg"):
+                remedy = "which is not followed; name the system, for example EPSG:32632"
+                raise error(f"{path}: its coordinate system is a link ({str(value)[:200]}), {remedy}")
+        return dict(pairs)
+
+    try:
+        json.loads(path.read_bytes(), object_pairs_hook=checked)
+    except json.JSONDecodeError as cause:
+        place = f"line {cause.lineno}, column {cause.colno}: {cause.msg}"
+        raise error(f"{path}: is not valid JSON ({place}); mend it or export it again") from cause
+    except RecursionError as cause:
+        raise error(f"{path}: is nested too deeply; export it again") from cause
+    except ValueError as cause:  # bytes that are no text, numbers of thousands of digits
+        raise error(f"{path}: is not valid JSON ({cause}); export it again") from cause
+
+
+def require_geopackage_inside(path: Path, error: type[InputError]) -> None:
+    """Nothing for a GeoPackage of plain tables; refuses layers that are views and virtual tables, which can run what they name."""
+    try:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+            entries = database.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
+            layers = {str(row[0]).lower() for row in database.execute("SELECT table_name FROM gpkg_contents")}
+    except sqlite3.Error as cause:
+        raise error(f"{path}: cannot be read as a GeoPackage ({cause}); export it again") from cause
+    for kind, name, text in entries:
+        if kind == "view" and str(name).lower() in layers:
+            raise error(f"{path}: layer {name!r} is a view; write it as a table: `ogr2ogr polygons.gpkg {path} {name}`")
+        module = re.search(r"\bUSING\s+[\"'\[`]?(\w+)", text or "", re.IGNORECASE) if kind == "table" else None
+        virtual = re.match(r"\s*CREATE\s+VIRTUAL", text or "", re.IGNORECASE)
+        if virtual and not (module and module.group(1).lower().startswith(("rtree", "fts"))):
+            raise error(f"{path}: {name!r} is a virtual table; write the layer alone: `ogr2ogr polygons.gpkg {path} LAYER`")
