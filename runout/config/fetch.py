@@ -3,14 +3,16 @@
 import hashlib
 import logging
 import os
+import re
 from pathlib import Path
 
+from runout.config.download import download
 from runout.config.schema import RemoteFile
 from runout.errors import InputError, StorageError
 
 DATA_FOLDER = "RUNOUT_DATA"
 CACHE_FOLDER = "RUNOUT_CACHE"
-TIMEOUT = 30.0  # [s] without an answer of the server
+LONGEST_NAME = 80  # characters of a file name in the cache
 
 LOGGER = logging.getLogger(__name__)
 
@@ -60,14 +62,18 @@ def cache_folder() -> Path:
 
 def cached_path(remote: RemoteFile) -> Path:
     """Where the copy of a public file is or will be; the checksum in its name keeps two of one name apart."""
-    return cache_folder() / f"{remote.sha256[:12]}-{remote.url.rsplit('/', 1)[-1]}"
+    name = re.sub(r"[^A-Za-z0-9._-]+", "_", remote.url.rsplit("/", 1)[-1])[-LONGEST_NAME:]
+    return cache_folder() / f"{remote.sha256[:12]}-{name}"
 
 
 def _in_data_folder(remote: RemoteFile) -> Path | None:
     stated = os.environ.get(DATA_FOLDER)
     if not stated or not remote.path:
         return None
-    path = Path(stated).expanduser() / remote.path
+    folder = Path(stated).expanduser()
+    path = Path(os.path.normpath(folder / remote.path))
+    if not path.is_relative_to(os.path.normpath(folder)):
+        raise InputError(f"{remote.path}: lies outside {DATA_FOLDER}; state a path below that folder")
     return path if path.is_file() else None
 
 
@@ -90,11 +96,16 @@ def _download(remote: RemoteFile, target: Path) -> Path:
     _require_writable(target.parent)
     pooch.get_logger().setLevel(logging.WARNING)
     LOGGER.info("fetching %s (%d bytes) into %s", remote.url, remote.size, target.parent)
-    fetcher = pooch.HTTPDownloader(timeout=TIMEOUT)
+
+    def fetcher(url: str, part: str | os.PathLike[str], _: object) -> None:
+        download(url, remote.size, Path(part))
+
     try:
         pooch.retrieve(remote.url, f"sha256:{remote.sha256}", fname=target.name, path=target.parent, downloader=fetcher)
     except RequestException as error:
         raise StorageError(_by_hand(remote, target, type(error).__name__)) from error
+    except InputError as error:
+        raise InputError(f"{error}; {_get_copy(remote, target)}") from error
     except ValueError as error:  # pooch removed what it had fetched
         raise InputError(
             f"{remote.url}: what the server sent has not the sha256 {remote.sha256}; {_get_copy(remote, target)}"
