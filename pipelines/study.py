@@ -123,7 +123,8 @@ class Study:
         from runout.ensemble.member import plan_members
         from runout.ensemble.status import Failure
 
-        failed = [member for member in plan_members(self.site) if member.number in self.failed]
+        numbers = self.failed
+        failed = [member for member in plan_members(self.site) if member.number in numbers] if numbers else []
         failures = {member.number: Failure.read(member.failure_file(self.results)) for member in failed}
         again = [number for number, failure in failures.items() if self.retry_failed or not (failure and failure.lasting)]
         return sorted([*self.status.index[self.status["state"] == "left"], *again])

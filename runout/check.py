@@ -85,6 +85,8 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
         return None
     file = site_file(site_path)
     stated = read_document(file).values
+    if not isinstance(stated, dict):
+        return None
     releases = enumerate(stated["release"] if "release" not in wrong else [])
     right = [values for i, values in releases if not any(key.startswith(f"release[{i}]") for key in wrong)]
     settings = SiteSettings.model_construct(

@@ -155,7 +155,8 @@ def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[l
     from runout.ensemble.member import plan_members
     from runout.ensemble.workers import workers_for
 
-    members = [member for member in plan_members(site) if member.number in set(left)]
+    wanted = set(left)
+    members = [member for member in plan_members(site) if member.number in wanted]
     return members, _largest(members), min(workers_for(site.settings.simulation.device, workers, 1)[0], len(members))
 
 

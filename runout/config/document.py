@@ -1,15 +1,19 @@
 """A YAML file as plain values that remember their lines."""
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from runout.config.survey import Survey
 from runout.errors import Problem
 
 Location = tuple[Hashable, ...]  # keys and list positions from the top of the file down
 
-DEEPEST = 20  # nesting beyond this is a mistake, or an alias that holds itself
+LARGEST_FILE = 256 * 1024  # [bytes]
+LARGEST_WHOLE = 2**63 - 1  # whole numbers beyond it are no quantity of a site
+SHOWN = 400  # characters of a message; values can be longer
 
 
 @dataclass
@@ -51,7 +55,7 @@ class Document:
 
     def problem(self, location: Location, message: str, fix: str = "") -> Problem:
         """A problem at a location."""
-        return Problem(self.name, self.line(location), dotted(location), message, fix)
+        return Problem(self.name, self.line(location), shortened(dotted(location)), shortened(message), shortened(fix))
 
 
 def dotted(location: Location) -> str:
@@ -62,9 +66,20 @@ def dotted(location: Location) -> str:
     return text
 
 
+def shortened(text: str) -> str:
+    """A text that fits on a few lines: printable, its middle left out where it is long."""
+    text = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+    return text if len(text) <= SHOWN else f"{text[: SHOWN // 2]} ... {text[-SHOWN // 4 :]}"
+
+
 def read_document(path: Path) -> Document:
     """Content of a YAML file with its lines; what is not YAML is listed in ``problems``."""
     document = Document(path.name)
+    size = path.stat().st_size
+    if size > LARGEST_FILE:
+        fix = "a site.yaml is short; is this another file?"
+        document.problems.append(Problem(path.name, None, "", f"{size} bytes, more than {LARGEST_FILE}", fix))
+        return document
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -89,6 +104,8 @@ class _Reader:
         from ruamel.yaml.reader import ReaderError
 
         try:
+            if not self._surveyed(text):
+                return
             node = self.yaml.compose(text)
             self.document.values = None if node is None else self._value(node, ())
         except MarkedYAMLError as error:
@@ -98,10 +115,19 @@ class _Reader:
             fix = "remove it; it may have come with a copied text"
             self.document.problems.append(Problem(self.document.name, line, "", "a control character stands here", fix))
 
+    def _surveyed(self, text: str) -> bool:
+        """Whether the text may be built: it is no deeper and, with its aliases, no larger than a site.yaml can be."""
+        from ruamel.yaml import YAML
+
+        survey = Survey()
+        if all(survey.accepts(event) for event in YAML(typ="safe", pure=True).parse(text)):
+            return True
+        assert survey.refused is not None
+        line, message, fix = survey.refused
+        self.document.problems.append(Problem(self.document.name, line, "", message, fix))
+        return False
+
     def _value(self, node: Any, location: Location) -> Any:
-        if len(location) > DEEPEST:
-            self.document.problems.append(self.document.problem(location[:3], "nested too deeply, or an alias that holds itself"))
-            return None
         if node.id == "mapping":
             return self._mapping(node, location)
         if node.id == "sequence":
@@ -121,6 +147,9 @@ class _Reader:
                 self.document.problems.append(problem)
                 continue
             key = str(key_node.value)
+            if key == "<<" or key.startswith("<"):
+                self._refused((*location, key), line, "keys that begin with < and merges are not read", "write the keys out")
+                continue
             place = (*location, key)
             if key in values:
                 self._repeated(place, line)
@@ -131,14 +160,31 @@ class _Reader:
 
     def _repeated(self, place: Location, line: int) -> None:
         first = self.document.lines[place]
-        message = f"this key was already given on line {first}"
-        self.document.problems.append(Problem(self.document.name, line, dotted(place), message, "keep one of the two"))
+        self._refused(place, line, f"this key was already given on line {first}", "keep one of the two")
+
+    def _refused(self, place: Location, line: int, message: str, fix: str) -> None:
+        self.document.problems.append(Problem(self.document.name, line, shortened(dotted(place)), message, fix))
 
     def _scalar(self, node: Any, location: Location) -> Any:
+        line = node.start_mark.line + 1
         try:
-            return self.yaml.constructor.construct_object(node)
-        except ValueError:  # a date such as 2021-13-45
-            return str(node.value)
+            value = self.yaml.constructor.construct_object(node)
+        except (ValueError, OverflowError):  # a date such as 2021-13-45, a number of thousands of digits
+            value = str(node.value)
+        digits = len(str(node.value))
+        if (isinstance(value, int) and abs(value) > LARGEST_WHOLE) or (str(node.tag).endswith(":int") and isinstance(value, str)):
+            fix = "write it as a float such as 1.0e+6, in the unit asked for"
+            self._refused(location, line, f"a whole number of {digits} digits", fix)
+            return math.inf  # a number still, and refused by every check that comes
+        if isinstance(value, str) and not _is_text(value):
+            self._refused(location, line, "holds a character that is no text", "remove it; it may have come with a copied text")
+            return "?"
+        return value
+
+
+def _is_text(value: str) -> bool:
+    """Whether a text can be printed and written: no control characters but tabs and new lines, no halves of characters."""
+    return all(c in "\t\n" or not (ord(c) < 32 or 0x7F <= ord(c) < 0xA0 or 0xD800 <= ord(c) < 0xE000) for c in value)
 
 
 def _syntax_problem(name: str, error: Any) -> Problem:

@@ -11,8 +11,10 @@ from runout.config.document import Document, Location, read_document
 from runout.config.problems import problems_of
 from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts, zone_conflicts
 from runout.errors import ConfigError, Problem
+from runout.io.boundary import exists, kind_of, names_in
 
 FILE_NAME = "site.yaml"
+MOST_NAMES, LONGEST_NAME = 1000, 255  # of a folder's names, that are compared with a missing one; characters of one
 STRENGTH = ("friction_angle_deg", "cohesion")
 
 
@@ -35,6 +37,8 @@ def load(path: Path | str) -> SiteSettings:
         except ValidationError as error:
             problems += problems_of(error, document)
         problems += [*_contradictions(document), *_missing_files(document, file.parent), *_coordinate_system(document)]
+        told = {problem.key for problem in document.problems}
+        problems = document.problems + [problem for problem in problems if problem.key not in told]
     elif not problems:
         what = "is empty" if document.values is None else "holds no `key: value` lines"
         problems.append(Problem(file.name, None, "", f"the file {what}", "`runout new` writes a commented one to start from"))
@@ -48,10 +52,13 @@ def site_file(path: Path | str) -> Path:
     path = Path(path)
     if path.is_dir() and (path / FILE_NAME).is_file():
         return path / FILE_NAME
-    if path.is_file():
+    if exists(path) and path.is_file():
         return path
-    if path.is_dir():
-        sites = sorted(p.parent.name for p in path.glob(f"*/{FILE_NAME}"))
+    kind, named = kind_of(path), kind_of(path / FILE_NAME)
+    if kind or named:
+        raise ConfigError(f"{path if kind else path / FILE_NAME}: is {kind or named}, not a file; copy its content to a site.yaml")
+    if exists(path) and path.is_dir():
+        sites = [name for name in names_in(path) if (path / name / FILE_NAME).is_file()]
         fix = f"name one of its sites: {', '.join(sites)}" if sites else f"`runout new {path} --dem ... --release ...` makes a site"
         raise ConfigError(f"{path}: the folder holds no {FILE_NAME}; {fix}")
     near = nearest_file(path)
@@ -61,14 +68,14 @@ def site_file(path: Path | str) -> Path:
 def nearest_file(path: Path) -> Path | None:
     """The existing file or folder that is most like a missing one: beside it, or of its name in a folder below or above."""
     parent = path.parent
-    while not parent.is_dir():
+    while not (exists(parent) and parent.is_dir()):
         parent = parent.parent
-    beside = {p.name: p for p in parent.iterdir() if not p.name.startswith(".")}
-    match = difflib.get_close_matches(path.name, beside, n=1)
+    beside = [name for name in names_in(parent)[:MOST_NAMES] if not name.startswith(".")]
+    match = difflib.get_close_matches(path.name[:LONGEST_NAME], beside, n=1)
     if match:
-        return beside[match[0]]
-    elsewhere = [*parent.glob(f"*/{path.name}"), *parent.parent.glob(path.name)]
-    return elsewhere[0] if elsewhere else None
+        return parent / match[0]
+    elsewhere = [*(parent / name / path.name for name in beside), parent.parent / path.name]
+    return next((place for place in elsewhere if exists(place)), None)
 
 
 def _contradictions(document: Document) -> Iterator[Problem]:
@@ -114,7 +121,7 @@ def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
             if name not in SAMPLE_DEMS:
                 message = f"{name!r} is not a sample elevation raster"
                 yield document.problem(location, message, f"the only one is {SAMPLE_DEMS[0]!r}")
-        elif not path.exists():
+        elif not exists(path):
             near = nearest_file(path)
             fix = f"did you mean {_relative(near, folder)!r}?" if near else "paths are relative to the folder of site.yaml"
             yield document.problem(location, f"there is no file {name!r}", fix)

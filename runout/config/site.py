@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 FINEST_RESOLUTION = 0.75  # of the raster's own cell; below, nothing is averaged and nothing gained
+FEWEST_AVERAGED = 3  # cells along a side
 ROW_EXTRAS = ("weight", "seed")  # columns of the table of members besides the parameters
 
 
@@ -307,6 +308,10 @@ class Site:
         if resolution < FINEST_RESOLUTION * min(own):
             message = f"{resolution:g} m is finer than the raster's own cells of {own[0]:g} m x {own[1]:g} m"
             raise ConfigError([Problem(self.file.name, None, "terrain.resolution", message, "remove it, or use a finer raster")])
+        if resolution > min(terrain.size) / FEWEST_AVERAGED:
+            size = f"{terrain.size[0]:g} m x {terrain.size[1]:g} m"
+            message = f"{resolution:g} m leaves fewer than {FEWEST_AVERAGED} cells along a side of a raster of {size}"
+            raise ConfigError([Problem(self.file.name, None, "terrain.resolution", message, "write a smaller size, or remove it")])
         east, north = (max(1, round(resolution / size)) for size in own)
         rows, columns = terrain.shape[0] // north, terrain.shape[1] // east
         kept = terrain.elevation[terrain.shape[0] - rows * north :, : columns * east]  # blocks start at the south-west corner

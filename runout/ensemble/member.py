@@ -78,7 +78,7 @@ def plan_members(site: "Site") -> list[Member]:
     table = member_table(site.settings.ensemble)
     names = [c for c in table.columns if c not in ("weight", "seed")]
     common = _common_key(site)
-    samples = [{name: float(row[name]) for name in names} for _, row in table.iterrows()]
+    samples = [{name: float(value) for name, value in row.items()} for row in table[names].to_dict("records")]
     seeds = [int(s) for s in table["seed"]]
     return [
         Member(i, p, s, _checksum({"site": common, "parameters": p, "seed": s}))

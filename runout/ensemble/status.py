@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.checkpoint import stored_time
-from runout.ensemble.member import Member, plan_members
+from runout.ensemble.member import Member, members_folder, plan_members
 from runout.ensemble.written import Found, Written
 from runout.errors import InputError, StabilityError
 from runout.io.atomic import write_json
@@ -98,7 +98,8 @@ def member_status(site: "Site", results: Path) -> "pd.DataFrame":
     import pandas as pd
 
     members, written = plan_members(site), Written(results)
-    states = [member_state(m, results, written) for m in members]
+    begun = members_folder(results).is_dir()  # else nothing is looked for, member by member
+    states = [member_state(m, results, written) if begun else (State.LEFT, "not run yet") for m in members]
     table = pd.DataFrame([m.parameters for m in members], index=pd.Index([m.number for m in members], name="member"))
     table["state"] = [str(state) for state, _ in states]
     table["reason"] = [reason for _, reason in states]

@@ -1,0 +1,79 @@
+"""Calls of the Python interface with odd arrays and numbers."""
+
+from random import Random
+from typing import Any
+
+import numpy as np
+from odd import FLOATS
+
+from runout import Release, Terrain
+from sites import COLUMNS, ROWS, odd_values
+
+ODD: list[Any] = [
+    None,
+    "x",
+    "",
+    [],
+    {},
+    (),
+    True,
+    5,
+    -1,
+    1e300,
+    float("nan"),
+    b"x",
+    object(),
+    [1, 2],
+    (1, 2, 3),
+    np.array([]),
+    3 + 4j,
+]
+
+
+def odd_array(random: Random) -> Any:
+    """An array, or what stands in its place."""
+    rows, columns = (random.choice([0, 1, 2, 3, ROWS, COLUMNS]) for _ in "ab")
+    if random.random() < 0.6:
+        rows, columns = ROWS, COLUMNS
+    values: Any = odd_values(random, rows, columns)
+    kind = random.choice(["good", "good", "type", "type", "shape", "mask", "other", "order"])
+    if kind == "type":
+        with np.errstate(all="ignore"):
+            values = values.astype(
+                random.choice(["complex128", "int8", "bool", "object", "U8", "S4", "float16", "M8[s]", "longdouble"])
+            )
+    elif kind == "shape":
+        values = random.choice([values.ravel(), values[None], values[..., None], values.T])
+    elif kind == "mask":
+        values = np.ma.masked_less(values, random.choice([0.0, 80.0, 1e9]))
+    elif kind == "order":
+        values = random.choice([np.asfortranarray(values), values[::-1], values.tolist()])
+    elif kind == "other":
+        values = random.choice(ODD)
+    return values
+
+
+def call_odd_array(seed: int) -> None:
+    """Make a terrain or a release as a seed says."""
+    random = Random(seed)
+    number = random.choice([10.0, 10.0, (10.0, 10.0), *FLOATS, *ODD])
+    if random.random() < 0.5:
+        crs = random.choice([None, None, "EPSG:32632", "EPSG:4326", "x", 5, -1, {}, b"x", "+proj=x", 32632])
+        origin = random.choice([(0.0, 0.0), (5e5, 5e6), (0.0,), *((f, 0.0) for f in FLOATS), *ODD])
+        Terrain.from_array(odd_array(random), number, crs, origin)
+        return
+    terrain = Terrain.from_array(np.add.outer(np.arange(float(ROWS)), np.arange(float(COLUMNS))), 10.0)
+    path = random.choice(["x.tif", "", ".", "/dev/zero", "\0", "x" * 9999, "NETCDF:x:y", "GPKG::", *ODD])
+    kind = random.choice(["array"] * 6 + ["raster", "vector", "terrain"])
+    if kind == "array":
+        choices = {"volume": number, "basal_friction_angle_deg": random.choice([None, 20.0, *FLOATS, *ODD])}
+        chosen = {key: value for key, value in choices.items() if random.random() < 0.3}
+        Release.from_array(
+            np.abs(odd_values(random, ROWS, COLUMNS)) if random.random() < 0.4 else odd_array(random), terrain, **chosen
+        )
+    elif kind == "raster":
+        Release.from_raster(path, terrain, volume=number)
+    elif kind == "vector":
+        Release.from_vector(path, terrain, thickness=number, layer=random.choice([None, "x", 5]))
+    else:
+        Terrain.from_raster(path, crs=random.choice([None, *ODD]))

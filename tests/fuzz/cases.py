@@ -1,0 +1,132 @@
+"""Runs a case of the fuzz and says what became of it; also as a command: ``python tests/fuzz/cases.py FIRST COUNT``."""
+
+import contextlib
+import io
+import logging
+import shutil
+import signal
+import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from unittest import mock
+
+from arrays import call_odd_array
+
+from runout import check, plan
+from runout.errors import RunoutError
+from sites import write_odd_site
+
+LIMIT = 20  # [s] of a case; most take some hundredths
+
+
+class Overdue(BaseException):
+    """A case that takes too long."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A case that ended in an error that nobody foresaw, or not at all."""
+
+    seed: int
+    kind: str
+    text: str
+
+
+def site_case(seed: int) -> tuple[str, Fault | None]:
+    """``runout check`` of the site of a seed: outcome (ready, refused), or the fault."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz"))
+    try:
+        kind = write_odd_site(folder / "site", seed)
+        return _outcome(seed, kind, lambda: check.check_site(folder / "site"))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def array_case(seed: int) -> tuple[str, Fault | None]:
+    """A call of the Python interface with the arguments of a seed."""
+    return _outcome(seed, "array", lambda: call_odd_array(seed))
+
+
+def _outcome(seed: int, kind: str, act: Callable[[], object]) -> tuple[str, Fault | None]:
+    try:
+        with limited(), quiet() as said:
+            code = act()
+    except RunoutError as error:
+        return ("refused", None) if str(error).strip() else ("fault", Fault(seed, kind, f"an empty {type(error).__name__}"))
+    except (Exception, Overdue):  # noqa: BLE001 - this is what is looked for
+        return "fault", Fault(seed, kind, traceback.format_exc(limit=-6))
+    if "Traceback" in said.getvalue():
+        return "fault", Fault(seed, kind, said.getvalue())
+    return ("refused" if code else "ready"), None
+
+
+@contextlib.contextmanager
+def limited() -> Iterator[None]:
+    """A limit of time for what is called."""
+
+    def overdue(*_: object) -> None:
+        raise Overdue(f"longer than {LIMIT} s")
+
+    before = signal.signal(signal.SIGALRM, overdue)
+    signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[io.StringIO]:
+    """What is printed and logged is kept."""
+    said, level = io.StringIO(), logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings(), contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            warnings.simplefilter("ignore")
+            yield said
+    finally:
+        logging.disable(level)
+
+
+class _Accepted(Exception):
+    """The memory of a run was accepted."""
+
+
+def _uncalibrated(site, member, progress, accept):
+    """As the calibration, up to the point where particles are made."""
+    arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1}
+
+    def accepted(needed):
+        accept(needed)
+        raise _Accepted
+
+    with contextlib.suppress(_Accepted):
+        plan._scene(arguments, accepted)
+    return 1, 1, 1.0
+
+
+def run(first: int, count: int, calibrated_every: int = 0) -> tuple[dict[str, int], list[Fault]]:
+    """Outcomes of ``count`` cases from a seed on, and the faults; every so many runs its calibration as well."""
+    outcomes: dict[str, int] = {}
+    faults = []
+    for seed in range(first, first + count):
+        case = array_case if seed % 5 == 0 else site_case
+        real = calibrated_every and seed % calibrated_every == 0
+        with contextlib.nullcontext() if real else mock.patch.object(plan, "_calibrated", _uncalibrated):
+            outcome, fault = case(seed)
+        outcomes[outcome] = outcomes.get(outcome, 0) + 1
+        if fault:
+            faults.append(fault)
+    return outcomes, faults
+
+
+if __name__ == "__main__":
+    told, found = run(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 0)
+    for one in found:
+        print(f"--- seed {one.seed} ({one.kind})\n{one.text}")
+    print(told)
