@@ -3,6 +3,7 @@
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
 from runout.errors import InputError
 
@@ -56,6 +57,13 @@ def kind_of(path: Path) -> str | None:
         return KINDS.get(stat.S_IFMT(path.stat().st_mode))
     except (OSError, ValueError):
         return None
+
+
+def as_path(path: Any, error: type[InputError]) -> Path:
+    """The path of what a caller names; the error if it is neither text nor a path."""
+    if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
+        raise error(f"{path!r} is a {type(path).__name__}; the path of a file is needed")
+    return Path(path)
 
 
 def exists(path: Path) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.model.arrays import real_array
 from runout.model.limits import LIMITS
 from runout.model.materials import Material
 from runout.model.terrain import Terrain
@@ -87,10 +88,7 @@ class Release:
     body: Any = None
 
     def __post_init__(self) -> None:
-        stated = np.asarray(self.thickness)
-        if stated.dtype.kind not in "iuf":
-            raise ReleaseError(f"{self.source}: thickness is of type {stated.dtype}; give real numbers, in m")
-        t = np.array(stated, dtype=np.float64)
+        t = real_array(self.thickness, f"{self.source}: thickness", ReleaseError)
         if t.shape != self.terrain.shape:
             raise ReleaseError(
                 f"{self.source}: thickness has shape {t.shape}, the terrain {self.terrain.shape}; give it on the terrain's cells"

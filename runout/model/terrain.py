@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
+from runout.model.arrays import real_array
 from runout.model.frame import LocalFrame
 
 
@@ -50,7 +51,7 @@ class Terrain:
     vertical_datum: str | None = None
 
     def __post_init__(self) -> None:
-        z = np.array(self.elevation, dtype=np.float64)
+        z = real_array(self.elevation, f"{self.source}: elevation", DemError)
         if z.ndim != 2 or min(z.shape) < 3:
             raise DemError(f"{self.source}: elevation has shape {z.shape}; a raster of at least 3 x 3 cells is needed")
         if not np.isfinite(z).any():

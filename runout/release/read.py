@@ -4,12 +4,12 @@ import logging
 import math
 from enum import StrEnum
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.io.boundary import as_path
 from runout.model.limits import checked
 from runout.model.materials import Material
 from runout.model.release import Edge, Placement, Release
@@ -72,7 +72,7 @@ def read_vector(
     ReleaseError
         With the place, the value and the remedy.
     """
-    source = Path(path)
+    source = as_path(path, ReleaseError)
     polygons = read_polygons(source, terrain, layer)
     depths = _polygon_thickness(polygons, thickness, volume)
     parts, overlaps = without_overlap(polygons, depths)
@@ -121,7 +121,7 @@ def read_raster(
     """
     from runout.release.raster import read_thickness
 
-    source = Path(path)
+    source = as_path(path, ReleaseError)
     values, edges, changes = read_thickness(source, terrain)
     values = _positive(values, str(source), sign)
     on_terrain = _same_cells(edges, _terrain_edges(terrain))

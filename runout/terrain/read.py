@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
-from runout.io.boundary import exists, kind_of, names_in
+from runout.io.boundary import as_path, exists, kind_of, names_in
 from runout.io.georeference import require_usable
 from runout.io.opening import PARTS, open_raster
+from runout.model.arrays import real_array, real_pair, shown
 from runout.model.terrain import Terrain
 from runout.terrain import crs as coordinate_systems
 from runout.terrain import prepare
@@ -41,7 +42,7 @@ def read_terrain(path: str | PathLike[str], crs: Any = None) -> Terrain:
     DemError
         If the file is missing or unreadable, or its georeference, units or values cannot be used as they are.
     """
-    text = fspath(path)
+    text = fspath(as_path(path, DemError)) if not isinstance(path, str) else path
     if text.startswith("matplotlib:"):
         raster = _sample(text)
     elif text.lower().endswith(NETCDF_SUFFIXES) and not _is_gdal_name(text):
@@ -61,15 +62,16 @@ def terrain_from_array(
     ``cell_size`` [m] is one number or ``(east-west, north-south)``; ``origin`` is the map position [m] of the outer
     south-west corner; ``crs`` names a projected system in metres.
     """
-    dx, dy = (float(size) for size in np.broadcast_to(np.asarray(cell_size, np.float64), 2))
-    if len(origin) != 2 or not np.isfinite(origin).all():
-        raise DemError(f"array: origin is {origin}; it must be the finite easting and northing of the south-west corner")
-    values = np.ma.filled(np.ma.asarray(elevation).astype(np.float64), np.nan)
-    values, changes = prepare.known_or_nan(values, "array")
+    dx, dy = real_pair(cell_size, "array: cell_size", DemError)
+    if np.shape(origin) != (2,):
+        raise DemError(f"array: origin is {shown(origin)}; it must be the finite easting and northing of the south-west corner")
+    west, south = real_pair(origin, "array: origin", DemError)
+    require_usable((dx, 0.0, west, 0.0, -dy, south), "array", DemError)
+    values, changes = prepare.known_or_nan(real_array(elevation, "array: elevation", DemError), "array")
     system = None if crs is None else coordinate_systems.parse(crs, "array")
     wkt = None if system is None else coordinate_systems.projected_in_metres(system, "array").to_wkt()
     height = coordinate_systems.vertical_name(system)
-    return Terrain(values, (dx, dy), float(origin[0]), float(origin[1]), wkt, "array", changes, None, height)
+    return Terrain(values, (dx, dy), west, south, wkt, "array", changes, None, height)
 
 
 def _is_gdal_name(text: str) -> bool:
@@ -79,11 +81,12 @@ def _is_gdal_name(text: str) -> bool:
 
 def _existing(text: str) -> str:
     path = Path(text)
-    if path.is_file():
+    is_folder = exists(path) and path.is_dir()
+    if exists(path) and path.is_file():
         return text
-    if path.is_dir() and (path / "hdr.adf").is_file():  # an ESRI grid is a folder
+    if is_folder and (path / "hdr.adf").is_file():  # an ESRI grid is a folder
         return text
-    if path.is_dir():
+    if is_folder:
         raise DemError(f"{text}: is a folder; name the raster file in it")
     if kind_of(path):
         raise DemError(f"{text}: is {kind_of(path)}, not a file; copy the elevations to a file and name that")

@@ -1,0 +1,48 @@
+"""Arrays and numbers from a caller: real numbers, or one clear error."""
+
+from typing import Any
+
+import numpy as np
+
+from runout.errors import InputError
+
+REAL = "biuf"  # kinds of NumPy's types that are real numbers
+LARGEST_TEXT = 80  # characters of a value in a message
+
+
+def real_array(values: Any, what: str, error: type[InputError]) -> np.ndarray:
+    """A new float64 array of real numbers; masked ones become NaN.
+
+    Parameters
+    ----------
+    values : array-like
+        Of any shape.
+    what : str
+        For the message, with its source.
+    error : type of InputError
+        What is raised where there is no such array.
+    """
+    try:
+        array = np.ma.asarray(values)
+        if array.dtype.kind == "O":
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as cause:
+        raise error(f"{what} is {shown(values)}; an array of numbers is needed") from cause
+    if array.dtype.kind not in REAL:
+        raise error(f"{what} is an array of {array.dtype}; an array of real numbers is needed")
+    return np.array(np.ma.filled(array.astype(np.float64), np.nan))
+
+
+def real_pair(value: Any, what: str, error: type[InputError]) -> tuple[float, float]:
+    """Two finite numbers, of two or of one that is meant twice; the error says what is needed."""
+    numbers = real_array(value, what, error)
+    if numbers.shape not in ((), (1,), (2,)) or not np.isfinite(numbers).all():
+        raise error(f"{what} is {shown(value)}; one or two finite numbers are needed")
+    first, second = np.broadcast_to(numbers, 2)
+    return float(first), float(second)
+
+
+def shown(value: Any) -> str:
+    """A value in a message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= LARGEST_TEXT else f"{text[:LARGEST_TEXT]} ..."
