@@ -12,10 +12,10 @@ from runout.io.boundary import exists, names_in
 from runout.io.opening import open_vector
 from runout.model.limits import checked
 from runout.model.terrain import Terrain
+from runout.release.overlap import cut, overlaps_of
 from runout.release.reproject import polygons_on_terrain
 
 NAMED = 5  # pairs in a message
-OVERLAP = 1e-6  # share of a polygon below which an overlap is round-off of shared borders
 
 
 @dataclass(frozen=True)
@@ -168,33 +168,20 @@ def without_overlap(
     """
     import shapely
 
-    polygons = layer.polygons.copy()
-    first, second = shapely.STRtree(polygons).query(polygons, predicate="intersects")
-    pairs = first < second
-    first, second = first[pairs], second[pairs]
-    common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
-    counts = common > OVERLAP * np.minimum(shapely.area(polygons[first]), shapely.area(polygons[second]))
+    found = overlaps_of(layer.polygons, values)
+    first, second, common, counts = found.first, found.second, found.area, found.counts
     for i, j, area in zip(first[counts], second[counts], common[counts], strict=True):
         if values is not None and values[i] != values[j]:
             raise ReleaseError(
                 f"{layer.source}: polygons {i + 1} ({values[i]:g}{unit}) and {j + 1} ({values[j]:g}{unit}) overlap by "
                 f"{area:.6g} m2; cut one of them back so that every place has one {what}"
             )
-    for i, j in sorted(zip(first.tolist(), second.tolist(), strict=True), key=lambda pair: pair[1]):
-        polygons[j] = _polygonal(shapely.difference(polygons[j], polygons[i]))
+    polygons = cut(layer.polygons, values, found)
     if not counts.any():
         return polygons, ()
     total = shapely.area(layer.polygons).sum() - shapely.area(polygons).sum()
     pairs = sorted(zip(first[counts].tolist(), second[counts].tolist(), strict=True))
-    named = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs[:NAMED]) + (
-        f" and {len(pairs) - NAMED} pairs more" * (len(pairs) > NAMED)
-    )
+    named = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs[:NAMED])
+    if len(pairs) > NAMED or not found.complete:
+        named += f" and {'at least ' * (not found.complete)}{len(pairs) - NAMED} pairs more"
     return polygons, (f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",)
-
-
-def _polygonal(geometry: Any) -> Any:
-    """The polygons of a geometry; cutting along a shared border can leave points and lines."""
-    import shapely
-
-    parts = [g for g in shapely.get_parts(geometry) if g.geom_type == "Polygon"]
-    return shapely.MultiPolygon(parts)

@@ -18,8 +18,10 @@ def parse(crs: Any, source: str) -> Any:
     from pyproj.exceptions import CRSError
 
     try:
-        return CRS.from_user_input(crs)
-    except CRSError as error:
+        found = CRS.from_user_input(crs)
+        horizontal(found)  # some systems that can be written cannot be taken apart
+        return found
+    except (CRSError, TypeError, UnicodeError) as error:
         raise DemError(f"{source}: crs {crs!r} is not known ({error}); write for example EPSG:32632") from error
 
 

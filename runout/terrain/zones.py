@@ -11,7 +11,8 @@ import numpy as np
 from runout.errors import ReleaseError, ZoneError
 from runout.model.friction import FrictionZones
 from runout.model.terrain import Terrain
-from runout.release.polygons import OVERLAP, read_polygons, without_overlap
+from runout.release.overlap import OVERLAP
+from runout.release.polygons import read_polygons, without_overlap
 from runout.terrain.overlay import on_cells
 
 log = logging.getLogger(__name__)

@@ -58,7 +58,7 @@ def _outcome(seed: int, kind: str, act: Callable[[], object]) -> tuple[str, Faul
     except RunoutError as error:
         return ("refused", None) if str(error).strip() else ("fault", Fault(seed, kind, f"an empty {type(error).__name__}"))
     except (Exception, Overdue):  # noqa: BLE001 - this is what is looked for
-        return "fault", Fault(seed, kind, traceback.format_exc(limit=-6))
+        return "fault", Fault(seed, kind, traceback.format_exc(limit=-14))
     if "Traceback" in said.getvalue():
         return "fault", Fault(seed, kind, said.getvalue())
     return ("refused" if code else "ready"), None

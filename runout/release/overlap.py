@@ -1,0 +1,92 @@
+"""Pairs of polygons that overlap, found in bounded time, and polygons cut so that none do."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+OVERLAP = 1e-6  # share of a polygon below which an overlap is round-off of shared borders
+MOST_PAIRS = 30_000  # of polygons whose rectangles overlap; beyond it those of one value are united, and not cut one by one
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """Overlaps of polygons.
+
+    Attributes
+    ----------
+    first, second : ndarray (m,)
+        Positions of the polygons of each pair with a common area, the first one smaller.
+    area : ndarray (m,)
+        The common area [m2].
+    counts : ndarray (m,) of bool
+        Whether it is more than round-off.
+    complete : bool
+        False where there are too many pairs to look at all of them.
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    area: np.ndarray
+    counts: np.ndarray
+    complete: bool
+
+
+def overlaps_of(polygons: np.ndarray, values: np.ndarray | None) -> Overlaps:
+    """Overlaps of polygons (n,); where there are too many pairs, those of different ``values`` (n,) come first."""
+    import shapely
+
+    first, second = shapely.STRtree(polygons).query(polygons)
+    pairs = first < second
+    first, second = first[pairs], second[pairs]
+    complete = len(first) <= MOST_PAIRS
+    if not complete:
+        differ = np.zeros(len(first), bool) if values is None else values[first] != values[second]
+        chosen = np.argsort(~differ, kind="stable")[:MOST_PAIRS]
+        first, second = first[chosen], second[chosen]
+    common = shapely.area(shapely.intersection(polygons[first], polygons[second]))
+    some = common > 0
+    first, second, common = first[some], second[some], common[some]
+    areas = shapely.area(polygons)
+    return Overlaps(first, second, common, common > OVERLAP * np.minimum(areas[first], areas[second]), complete)
+
+
+def cut(polygons: np.ndarray, values: np.ndarray | None, found: Overlaps) -> np.ndarray:
+    """Polygons (n,) of which no two overlap: an overlap belongs to the first of its polygons.
+
+    With too many pairs, polygons of one value are united in the place of their first, and the others are empty.
+    """
+    import shapely
+
+    if not found.complete:
+        return _united(polygons, np.zeros(len(polygons)) if values is None else values)
+    result = polygons.copy()
+    if not len(found.second):
+        return result
+    order = np.argsort(found.second, kind="stable")
+    first, second = found.first[order], found.second[order]
+    starts = np.flatnonzero(np.diff(second, prepend=-1))
+    for start, end in zip(starts, [*starts[1:], len(second)], strict=True):
+        earlier = shapely.union_all(polygons[first[start:end]])
+        result[second[start]] = polygonal(shapely.difference(polygons[second[start]], earlier))
+    return result
+
+
+def _united(polygons: np.ndarray, values: np.ndarray) -> np.ndarray:
+    import shapely
+
+    result = np.full(len(polygons), shapely.MultiPolygon(), dtype=object)
+    taken = shapely.MultiPolygon()
+    for value in dict.fromkeys(values.tolist()):  # in the order of the file
+        same = np.flatnonzero(values == value)
+        result[same[0]] = polygonal(shapely.difference(shapely.union_all(polygons[same]), taken))
+        taken = shapely.union(taken, result[same[0]])
+    return result
+
+
+def polygonal(geometry: Any) -> Any:
+    """The polygons of a geometry; cutting along a shared border can leave points and lines."""
+    import shapely
+
+    parts = [g for g in shapely.get_parts(geometry) if g.geom_type == "Polygon"]
+    return shapely.MultiPolygon(parts)
