@@ -18,6 +18,7 @@ GIGABYTE = 1e9
 # what the index of backend scan holds, and that of hash, whose particles move one cell between two sorts
 REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
 EXCHANGED = 248  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
+BYTES_PER_SQUARE = 40, 1000  # of two cells by two: around the release, and below it, while its blocks are counted
 PER_MAP_CELL = 150  # of a cell of the raster: sums, peaks and what computing them takes
 PROGRAM = 0.35e9  # libraries and compiled code
 
@@ -138,6 +139,8 @@ def _columns(release: Release, surface: Surface, spacing: tuple[float, float, fl
     """Lowest and highest grid node (n, 3) of the mass in squares of two cells by two."""
     terrain = release.terrain
     rows, columns = (np.flatnonzero((release.thickness > 0).any(axis=axis)) for axis in (1, 0))
+    width, height = ((np.ptp(n) + 1) * terrain.cell_size[k] for k, n in enumerate((columns, rows)))
+    _require_countable(release.name, spacing, (width / (2 * spacing[0])) * (height / (2 * spacing[1])) * BYTES_PER_SQUARE[0])
     x = _middles(columns[0] * terrain.cell_size[0], (columns[-1] + 1) * terrain.cell_size[0], 2 * spacing[0])
     south, north = terrain.shape[0] - 1 - rows[-1], terrain.shape[0] - rows[0]
     y = _middles(south * terrain.cell_size[1], north * terrain.cell_size[1], 2 * spacing[1])
@@ -145,11 +148,22 @@ def _columns(release: Release, surface: Surface, spacing: tuple[float, float, fl
     column = np.minimum(x // terrain.cell_size[0], terrain.shape[1] - 1).astype(np.int64)
     thickness = release.thickness[np.ix_(row, column)]
     j, i = np.nonzero(thickness)
+    _require_countable(release.name, spacing, len(j) * BYTES_PER_SQUARE[1])
     ground, east, north_slope = surface.evaluate(x[i], y[j])
     rise = 0.5 * (np.abs(east) * spacing[0] + np.abs(north_slope) * spacing[1])  # of the mean corner
     plan = np.floor(np.column_stack([x[i] / spacing[0], y[j] / spacing[1]]) - 0.5)
     bottom, top = (np.floor(z / spacing[2] - 0.5) for z in (ground - rise, ground + rise + thickness[j, i]))
     return np.column_stack([plan, bottom]).astype(np.int64), np.column_stack([plan, top]).astype(np.int64)
+
+
+def _require_countable(name: str, spacing: tuple[float, float, float], needed: float) -> None:
+    """CapacityError if already the counting of the cells below a release does not fit into memory."""
+    free = available_bytes() or float(2**34)
+    if not needed <= free:
+        raise CapacityError(
+            f"release {name}: to count its cells of {spacing[0]:g} x {spacing[1]:g} m takes {needed / GIGABYTE:.3g} GB of memory, "
+            f"{free / GIGABYTE:.3g} GB are free; use a larger cell_size"
+        )
 
 
 def _middles(first: float, last: float, step: float) -> np.ndarray:

@@ -23,7 +23,7 @@ def real_array(values: Any, what: str, error: type[InputError]) -> np.ndarray:
         What is raised where there is no such array.
     """
     try:
-        array = np.ma.asarray(values)
+        array: Any = np.ma.asarray(values)
         if array.dtype.kind == "O":
             array = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as cause:

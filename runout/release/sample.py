@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -130,6 +131,8 @@ def sample_particles(
     per_axis = particles_per_axis(particles_per_cell)
     if not 0.0 <= jitter <= 0.5:
         raise ConfigError(f"jitter is {jitter:g}; it must lie between 0 and 0.5 of the particle spacing")
+    if not isinstance(seed, Integral) or seed < 0:
+        raise ConfigError(f"seed is {seed!r}; it must be a whole number, 0 or more")
     if len(releases) != len(materials):
         raise ConfigError(f"{len(materials)} materials for {len(releases)} releases; give one each")
     require_apart(releases)

@@ -116,8 +116,8 @@ def _crs(mapping: dict[str, Any], x: Any, text: str) -> Any:
     if not _in_degrees(x) and units not in ("", "1", "m", "metre", "meter", "metres", "meters"):
         raise DemError(f"{text}: coordinate {x.name!r} is in {units!r}; metres or degrees are needed")
     try:
-        return CRS.from_cf(mapping) if "grid_mapping_name" in mapping else None
-    except (CRSError, KeyError) as error:
+        return parse(CRS.from_cf(mapping), text) if "grid_mapping_name" in mapping else None
+    except (CRSError, KeyError, TypeError, ValueError) as error:
         raise DemError(f"{text}: its grid mapping is not understood ({error}); add the attribute crs_wkt") from error
 
 

@@ -136,7 +136,8 @@ def odd_yaml(folder: Path, random: Random) -> None:
 
 INSERTED = (
     "accuracy", "resolution", "layer", "volume", "sign", "edge", "particles_per_cell", "backend", "device", "cfl", "sleep_speed",
-    "transfer", "flip_ratio", "arrival_threshold", "poisson_ratio", "cohesion", "law", "cone", "description", "frequencies", "memory_gb",
+    "transfer", "flip_ratio", "arrival_threshold", "poisson_ratio", "cohesion", "law", "cone", "description", "frequencies",
+    "memory_gb",
     "basal_friction_angle_deg", "placement", "density", "precision", "f_bar", "speed_thresholds", "release_volume_factor",
 )  # fmt: skip
 
@@ -195,7 +196,7 @@ def _other_raster(path: Path, values: np.ndarray, kind: str, random: Random) -> 
     site, name = path.parent.parent / "site.yaml", path.name
     other = path.with_suffix({"ascii": ".asc", "netcdf": ".nc", "vrt": ".vrt"}[kind])
     if kind == "ascii":
-        head = f"ncols {values.shape[1]}\nnrows {values.shape[0]}\nxllcorner {WEST}\nyllcorner {SOUTH}\ncellsize {CELL}\nNODATA_value -9999\n"
+        head = f"ncols {values.shape[1]}\nnrows {values.shape[0]}\nxllcorner {WEST}\nyllcorner {SOUTH}\ncellsize {CELL}\n"
         text = head + "\n".join(" ".join(f"{v:g}" for v in row) for row in values)
         other.write_bytes(mutated(text.encode(), random) if random.random() < 0.7 else text.encode())
     elif kind == "netcdf":
@@ -203,8 +204,9 @@ def _other_raster(path: Path, values: np.ndarray, kind: str, random: Random) -> 
     else:
         source = random.choice([name, f"../{name}", "/etc/passwd", "/vsicurl/http://127.0.0.1:9/x", path.name + "x", str(path)])
         text = (
-            f'<VRTDataset rasterXSize="{random.choice([COLUMNS, 0, -1, 10**9])}" rasterYSize="{ROWS}"><SRS>EPSG:32632</SRS><GeoTransform>'
-            f"{WEST}, {CELL}, 0, {SOUTH + ROWS * CELL}, 0, -{CELL}</GeoTransform><VRTRasterBand dataType='Float32' band='1'><SimpleSource>"
+            f'<VRTDataset rasterXSize="{random.choice([COLUMNS, 0, -1, 10**9])}" rasterYSize="{ROWS}"><SRS>EPSG:32632</SRS>'
+            f"<GeoTransform>{WEST}, {CELL}, 0, {SOUTH + ROWS * CELL}, 0, -{CELL}</GeoTransform>"
+            "<VRTRasterBand dataType='Float32' band='1'><SimpleSource>"
             f'<SourceFilename relativeToVRT="1">{source}</SourceFilename></SimpleSource></VRTRasterBand></VRTDataset>'
         )
         other.write_bytes(mutated(text.encode(), random) if random.random() < 0.5 else text.encode())

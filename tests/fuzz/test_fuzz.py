@@ -1,0 +1,58 @@
+"""Odd site files, rasters, vectors and arrays through `runout check` and the Python interface: refused or read, never a fault.
+
+RUNOUT_FUZZ=N runs N cases from another seed on, each hundredth with its calibration: some minutes for some thousands.
+"""
+
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cases import run
+
+from runout.check import inspect
+from sites import write_good, write_odd_site
+
+PARTS, CASES = 5, 200  # five parts, so that workers of pytest share them
+FIRST_OF_FULL = 1_000_000
+MEMORY = 6 * 2**30  # [bytes] of addresses that the full run may take
+
+
+def told(faults) -> str:
+    return "\n".join(f"--- seed {fault.seed} ({fault.kind})\n{fault.text}" for fault in faults)
+
+
+def test_the_site_that_is_made_odd_has_no_problem(tmp_path):
+    write_good(tmp_path / "site")
+    assert inspect(tmp_path / "site").problems == []
+
+
+@pytest.mark.parametrize("part", range(PARTS))
+def test_odd_inputs_are_refused_or_read(part):
+    outcomes, faults = run(part * CASES, CASES)
+    assert faults == [], told(faults)
+    assert outcomes["refused"] > CASES // 2
+    assert outcomes["ready"] > CASES // 50
+
+
+def test_a_seed_gives_the_same_site_every_time(tmp_path):
+    written = []
+    for place in ("one", "two"):
+        for seed in range(1, 9):
+            write_odd_site(tmp_path / place / str(seed), seed)
+        files = sorted(p for p in (tmp_path / place).rglob("*") if p.suffix in (".yaml", ".geojson", ".tif"))
+        written.append([p.read_bytes() for p in files])
+    assert written[0] == written[1]
+
+
+@pytest.mark.skipif("RUNOUT_FUZZ" not in os.environ, reason="the long fuzz runs where RUNOUT_FUZZ names a number of cases")
+def test_many_odd_inputs_are_refused_or_read_in_bounded_memory():
+    command = [sys.executable, str(Path(__file__).parent / "cases.py"), str(FIRST_OF_FULL), os.environ["RUNOUT_FUZZ"], "100"]
+
+    def bounded() -> None:
+        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+
+    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=bounded)
+    assert done.returncode == 0, done.stdout + done.stderr
