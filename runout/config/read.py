@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from runout.config.document import Document, Location, read_document
+from runout.config.document import Document, Location, read_document, shortened
 from runout.config.problems import problems_of
 from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts, zone_conflicts
 from runout.errors import ConfigError, Problem
@@ -50,19 +50,22 @@ def load(path: Path | str) -> SiteSettings:
 def site_file(path: Path | str) -> Path:
     """The site.yaml of a path that is one or a folder with one."""
     path = Path(path)
-    if path.is_dir() and (path / FILE_NAME).is_file():
+    is_folder = exists(path) and path.is_dir()
+    if is_folder and (path / FILE_NAME).is_file():
         return path / FILE_NAME
     if exists(path) and path.is_file():
         return path
     kind, named = kind_of(path), kind_of(path / FILE_NAME)
     if kind or named:
         raise ConfigError(f"{path if kind else path / FILE_NAME}: is {kind or named}, not a file; copy its content to a site.yaml")
-    if exists(path) and path.is_dir():
+    if is_folder:
         sites = [name for name in names_in(path) if (path / name / FILE_NAME).is_file()]
         fix = f"name one of its sites: {', '.join(sites)}" if sites else f"`runout new {path} --dem ... --release ...` makes a site"
         raise ConfigError(f"{path}: the folder holds no {FILE_NAME}; {fix}")
     near = nearest_file(path)
-    raise ConfigError(f"{path}: no such site; " + (f"did you mean {near}?" if near else "name a folder with a site.yaml"))
+    raise ConfigError(
+        f"{shortened(str(path))}: no such site; " + (f"did you mean {near}?" if near else "name a folder with a site.yaml")
+    )
 
 
 def nearest_file(path: Path) -> Path | None:

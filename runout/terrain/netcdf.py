@@ -42,7 +42,7 @@ def _raster_of(dataset: Any, text: str) -> ElevationRaster:
     rows, columns = variable.shape
     require_room(rows, columns, text, DemError)
     mapping = _grid_mapping(dataset, variable)
-    unit = variable.attrs.get("units") or None
+    unit = str(variable.attrs.get("units", "")) or None
     values = np.array(variable.values, dtype=np.float64)
     raster = ElevationRaster(values, _exact_transform(transform, mapping), _crs(mapping, x, text), unit, text)
     if raster.crs is None and _in_degrees(x):

@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from cases import run
+from fuzz_cases import run
+from odd_sites import write_good, write_odd_site
 
 from runout.check import inspect
-from sites import write_good, write_odd_site
 
 PARTS, CASES = 5, 200  # five parts, so that workers of pytest share them
 FIRST_OF_FULL = 1_000_000
@@ -49,7 +49,7 @@ def test_a_seed_gives_the_same_site_every_time(tmp_path):
 
 @pytest.mark.skipif("RUNOUT_FUZZ" not in os.environ, reason="the long fuzz runs where RUNOUT_FUZZ names a number of cases")
 def test_many_odd_inputs_are_refused_or_read_in_bounded_memory():
-    command = [sys.executable, str(Path(__file__).parent / "cases.py"), str(FIRST_OF_FULL), os.environ["RUNOUT_FUZZ"], "100"]
+    command = [sys.executable, str(Path(__file__).parent / "fuzz_cases.py"), str(FIRST_OF_FULL), os.environ["RUNOUT_FUZZ"], "100"]
 
     def bounded() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))

@@ -4,10 +4,10 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from odd import FLOATS
+from odd_sites import COLUMNS, ROWS, odd_values
+from odd_values import FLOATS
 
 from runout import Release, Terrain
-from sites import COLUMNS, ROWS, odd_values
 
 ODD: list[Any] = [
     None,

@@ -10,7 +10,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from odd import FLOATS, SYSTEMS, mutated, scalar
+from odd_values import FLOATS, SYSTEMS, mutated, scalar
 
 ROWS, COLUMNS, CELL, WEST, SOUTH = 12, 16, 10.0, 500_000.0, 5_000_000.0
 SITE = """\

@@ -1,4 +1,4 @@
-"""Runs a case of the fuzz and says what became of it; also as a command: ``python tests/fuzz/cases.py FIRST COUNT``."""
+"""Runs a case of the fuzz and says what became of it; also as a command: ``python tests/fuzz/fuzz_cases.py FIRST COUNT``."""
 
 import contextlib
 import io
@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
-from arrays import call_odd_array
+from odd_arrays import call_odd_array
+from odd_sites import write_odd_site
 
 from runout import check, plan
 from runout.errors import RunoutError
-from sites import write_odd_site
 
 LIMIT = 20  # [s] of a case; most take some hundredths
 

@@ -1,0 +1,45 @@
+"""Thousands of polygons: one volume however they overlap, and no pair by pair where there are millions of pairs."""
+
+import numpy as np
+import pytest
+import shapely
+
+from runout.errors import ReleaseError
+from runout.model.release import Release
+from runout.release import overlap
+
+AREA = 200.0 * 150.0
+
+
+@pytest.fixture
+def crowd():
+    """2,000 squares that together cover a rectangle of 200 m by 150 m, in 1.2 million pairs."""
+    random = np.random.default_rng(1)
+    corners = np.column_stack([random.uniform(0, 120, 2000), random.uniform(0, 70, 2000)])
+    corners[:4] = [(0, 0), (120, 0), (0, 70), (120, 70)]
+    return [shapely.box(20 + x, 20 + y, 100 + x, 100 + y) for x, y in corners]
+
+
+def test_two_thousand_polygons_on_top_of_each_other_count_once(write_polygons, terrain, crowd):
+    release = Release.from_vector(write_polygons(crowd), terrain, thickness=2.0)
+    assert release.volume == pytest.approx(2.0 * shapely.union_all(crowd).area, rel=1e-9)
+    assert "more than" in release.changes[0]
+
+
+def test_of_two_thousand_polygons_two_of_different_thickness_are_named(write_polygons, terrain, crowd):
+    depths = np.ones(len(crowd))
+    depths[1234] = 2.0
+    path = write_polygons(crowd, depth=depths)
+    with pytest.raises(ReleaseError, match=r"polygons \d+ \(1 m\) and 1235 \(2 m\)|polygons 1235 \(2 m\) and \d+ \(1 m\)"):
+        Release.from_vector(path, terrain, thickness="depth")
+
+
+def test_uniting_and_cutting_give_the_same_ground(monkeypatch, crowd):
+    few = np.array(crowd[:60], dtype=object)
+    one_by_one = overlap.cut(few, None, overlap.overlaps_of(few, None))
+    monkeypatch.setattr(overlap, "MOST_PAIRS", 10)
+    found = overlap.overlaps_of(few, None)
+    assert not found.complete
+    united = overlap.cut(few, None, found)
+    assert shapely.area(united).sum() == pytest.approx(shapely.area(one_by_one).sum(), rel=1e-12)
+    assert shapely.area(united).sum() == pytest.approx(shapely.union_all(few).area, rel=1e-12)
