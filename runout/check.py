@@ -43,6 +43,7 @@ class Findings:
 
 def inspect(site_path: Path) -> Findings:
     """Problems and warnings of the configuration, the DEM and the releases of a site."""
+    from runout.config.read import files_outside
     from runout.config.site import read_site
 
     found = Findings()
@@ -59,6 +60,7 @@ def inspect(site_path: Path) -> Findings:
     except InputError as error:
         found.note(error)
         return found
+    found.notes += files_outside(readable.settings, readable.folder)
     found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
     _read_releases(found, readable, found.terrain)
     _read_zones(found, readable, found.terrain)

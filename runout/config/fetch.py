@@ -9,6 +9,7 @@ from pathlib import Path
 from runout.config.download import download
 from runout.config.schema import RemoteFile
 from runout.errors import InputError, StorageError
+from runout.io.boundary import exists, require_regular
 
 DATA_FOLDER = "RUNOUT_DATA"
 CACHE_FOLDER = "RUNOUT_CACHE"
@@ -30,13 +31,18 @@ def locate(source: str | RemoteFile, folder: Path) -> str | Path:
     Raises
     ------
     InputError
-        If a public file does not have the stated size and checksum.
+        If a public file does not have the stated size and checksum; if a file on this machine is a pipe, a device or empty.
     StorageError
         If it cannot be fetched or the cache cannot be written.
     """
     if isinstance(source, RemoteFile):
         return fetch(source)
-    return source if source.startswith("matplotlib:") else folder / source
+    if source.startswith("matplotlib:"):
+        return source
+    path = folder / source
+    if exists(path):  # who reads it says what is missing
+        require_regular(path, InputError)
+    return path
 
 
 def fetch(remote: RemoteFile) -> Path:

@@ -128,6 +128,19 @@ def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
             near = nearest_file(path)
             fix = f"did you mean {_relative(near, folder)!r}?" if near else "paths are relative to the folder of site.yaml"
             yield document.problem(location, f"there is no file {name!r}", fix)
+        elif kind_of(path):
+            yield document.problem(location, f"{name!r} is {kind_of(path)}, not a file", "copy its content to a file and name that")
+
+
+def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
+    """What site.yaml names that does not lie in its folder, links followed: one sentence each."""
+    terrain = settings.terrain
+    named = [terrain.dem, *(r.polygons for r in settings.release), *(r.raster for r in settings.release)]
+    named += [part.polygons for part in (*(terrain.friction_zones or []), *(terrain.obstacles or []))]
+    local = dict.fromkeys(name for name in named if isinstance(name, str) and not name.startswith("matplotlib:"))
+    root = folder.resolve()
+    places = {name: (folder / name).resolve() for name in local}
+    return [f"{name}: lies outside the folder of the site, at {p}" for name, p in places.items() if not p.is_relative_to(root)]
 
 
 def _local_files(document: Document) -> Iterator[tuple[Location, str]]:

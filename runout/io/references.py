@@ -168,6 +168,7 @@ def require_geopackage_inside(path: Path, error: type[InputError]) -> None:
     """Nothing for a GeoPackage of plain tables; refuses layers that are views and virtual tables, which can run what they name."""
     try:
         with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+            database.text_factory = lambda text: text.decode(errors="replace")
             entries = database.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
             layers = {str(row[0]).lower() for row in database.execute("SELECT table_name FROM gpkg_contents")}
     except sqlite3.Error as cause:

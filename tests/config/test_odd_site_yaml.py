@@ -4,9 +4,10 @@ import os
 
 import pytest
 
+from runout.check import inspect
 from runout.config.read import load, site_file
 from runout.config.site import read_site
-from runout.errors import ConfigError
+from runout.errors import ConfigError, InputError
 
 LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{','.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(8)
@@ -91,3 +92,24 @@ def test_a_name_that_no_file_can_have_is_no_site(tmp_path):
 def test_a_resolution_that_leaves_no_raster_is_refused(edited, size):
     with pytest.raises(ConfigError, match=r"terrain\.resolution: .*(fewer than 3 cells along a side|out of range)"):
         read_site(edited("  crs: EPSG:32632", f"  crs: EPSG:32632\n  resolution: {size}")).terrain()
+
+
+@pytest.mark.parametrize(("name", "said"), [("pipe", "'inputs/pipe' is a named pipe"), ("/dev/zero", "'/dev/zero' is a device")])
+@pytest.mark.parametrize("place", ["inputs/dem.asc", "inputs/release.geojson"])
+def test_an_input_that_is_no_file_is_refused_by_every_command(edited, place, name, said):
+    folder = edited(place, "inputs/pipe" if name == "pipe" else name)
+    os.mkfifo(folder / "inputs" / "pipe")
+    assert said in problems(folder)[0]
+
+
+def test_a_pipe_beside_an_input_is_refused_before_it_is_hashed(site_folder):
+    os.mkfifo(site_folder / "inputs" / "dem.prj")
+    with pytest.raises(InputError, match=r"dem\.prj: is a named pipe"):
+        read_site(site_folder).inputs()
+
+
+def test_inputs_outside_the_folder_are_allowed_and_named(edited, tmp_path):
+    (tmp_path / "dem.asc").write_bytes((tmp_path / "slope" / "inputs" / "dem.asc").read_bytes())
+    found = inspect(edited("inputs/dem.asc", "../dem.asc"))
+    assert found.problems == []
+    assert f"../dem.asc: lies outside the folder of the site, at {tmp_path / 'dem.asc'}" in found.notes
