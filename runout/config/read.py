@@ -135,8 +135,9 @@ def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
 def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
     """What site.yaml names that does not lie in its folder, links followed: one sentence each."""
     terrain = settings.terrain
-    named = [terrain.dem, *(r.polygons for r in settings.release), *(r.raster for r in settings.release)]
-    named += [part.polygons for part in (*(terrain.friction_zones or []), *(terrain.obstacles or []))]
+    named: list[Any] = [terrain.dem, *(r.polygons for r in settings.release), *(r.raster for r in settings.release)]
+    named += [zone.polygons for zone in terrain.friction_zones or []]
+    named += [obstacle.polygons for obstacle in terrain.obstacles or []]
     local = dict.fromkeys(name for name in named if isinstance(name, str) and not name.startswith("matplotlib:"))
     root = folder.resolve()
     places = {name: (folder / name).resolve() for name in local}
