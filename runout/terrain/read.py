@@ -129,8 +129,6 @@ def _require_one_band(dataset: Any, text: str, bands: int) -> None:
     if bands != 1:
         remedy = f"`gdal_translate -b 1 {text} elevation.tif`"
         raise DemError(f"{text}: has {bands} bands and does not say which is the elevation; extract it, for example {remedy}")
-    if dataset.dtypes[0].startswith("complex"):
-        raise DemError(f"{text}: holds complex numbers ({dataset.dtypes[0]}); an elevation raster is needed")
 
 
 def _require_georeference(dataset: Any, text: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hostile_files import vrt
 
-from runout import DemError, Terrain
+from runout import DemError, Release, ReleaseError, Terrain
 from runout.io.opening import RASTER_DRIVERS, open_raster
 
 WMS = """<GDAL_WMS><Service name="TMS"><ServerUrl>{}/${{z}}/${{x}}.png</ServerUrl></Service><DataWindow><UpperLeftX>0</UpperLeftX>
@@ -159,6 +159,21 @@ def test_a_georeference_that_cannot_be_computed_with_is_refused(tmp_path, transf
     with rasterio.open(tmp_path / "dem.tif", "w", driver="GTiff", transform=rasterio.Affine(*transform), **shape) as file:
         file.write(np.ones((20, 20), "float32"), 1)
     refused(tmp_path / "dem.tif", "no finite numbers|map units|no georeference")
+
+
+@pytest.mark.parametrize("kind", ["complex64", "complex128"])
+def test_complex_numbers_are_refused_for_elevation_and_thickness(tmp_path, raster, kind):
+    import rasterio
+
+    terrain = Terrain.from_raster(raster(tmp_path / "dem.tif"))
+    shape = {"width": 20, "height": 20, "count": 1, "dtype": kind, "crs": "EPSG:32632"}
+    with rasterio.open(
+        tmp_path / "c.tif", "w", driver="GTiff", transform=rasterio.Affine(10, 0, 5e5, 0, -10, 5_000_200), **shape
+    ) as file:
+        file.write(np.ones((20, 20), kind), 1)
+    refused(tmp_path / "c.tif", "complex numbers")
+    with pytest.raises(ReleaseError, match="complex numbers"):
+        Release.from_raster(tmp_path / "c.tif", terrain)
 
 
 def test_formats_of_services_are_not_among_those_that_are_read(tmp_path, raster):
