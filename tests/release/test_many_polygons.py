@@ -1,10 +1,11 @@
-"""Thousands of polygons: one volume however they overlap, and no pair by pair where there are millions of pairs."""
+"""Thousands of polygons, and numbers that no run can have: in bounded time one volume, or one message."""
 
 import numpy as np
 import pytest
 import shapely
 
-from runout.errors import ReleaseError
+from runout import simulate
+from runout.errors import CapacityError, ConfigError, ReleaseError
 from runout.model.release import Release
 from runout.release import overlap
 
@@ -43,3 +44,16 @@ def test_uniting_and_cutting_give_the_same_ground(monkeypatch, crowd):
     united = overlap.cut(few, None, found)
     assert shapely.area(united).sum() == pytest.approx(shapely.area(one_by_one).sum(), rel=1e-12)
     assert shapely.area(united).sum() == pytest.approx(shapely.union_all(few).area, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "x", None])
+def test_a_seed_that_is_no_whole_number_from_zero_is_refused(terrain, material, seed):
+    release = Release.from_array(np.full(terrain.shape, 4.0), terrain)
+    with pytest.raises(ConfigError, match="seed is"):
+        simulate(terrain, release, material, cell_size=20.0, end_time=1.0, seed=seed)
+
+
+def test_cells_too_small_to_be_counted_are_refused_before_they_are(terrain, material):
+    release = Release.from_array(np.full(terrain.shape, 4.0), terrain)
+    with pytest.raises(CapacityError, match=r"use a larger cell_size|index|memory"):
+        simulate(terrain, release, material, cell_size=1e-4, particles_per_cell=1, end_time=1.0)
