@@ -12,6 +12,7 @@ from runout.config.problems import problems_of
 from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts, zone_conflicts
 from runout.errors import ConfigError, Problem
 from runout.io.boundary import exists, kind_of, names_in
+from runout.io.georeference import file_named_by
 
 FILE_NAME = "site.yaml"
 MOST_NAMES, LONGEST_NAME = 1000, 255  # of a folder's names, that are compared with a missing one; characters of one
@@ -164,6 +165,12 @@ def _relative(path: Path, folder: Path) -> str:
 def _coordinate_system(document: Document) -> Iterator[Problem]:
     stated: Any = document.value(("terrain", "crs"))
     if not isinstance(stated, str):
+        return
+    named = file_named_by(stated)
+    if named:
+        yield document.problem(
+            ("terrain", "crs"), f"names the file {named!r}, which is not read", "write a code, for example EPSG:32632"
+        )
         return
     from pyproj import CRS
     from pyproj.exceptions import CRSError

@@ -8,7 +8,7 @@ from typing import Any
 from runout.errors import InputError
 
 SITE_FILE = "site.yaml"
-LARGEST_TEXT = 256 * 1024 * 1024  # of an input that is parsed as a whole [bytes]
+LARGEST_TEXT = 64 * 1024 * 1024  # of an input that is parsed as a whole [bytes]
 KINDS = {
     stat.S_IFIFO: "a named pipe",
     stat.S_IFCHR: "a device",

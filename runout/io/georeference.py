@@ -1,12 +1,14 @@
-"""Whether the place of a raster on the map can be computed with."""
+"""Whether the place of a raster on the map, and a coordinate system, can be computed with."""
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from runout.errors import InputError
 
 SMALLEST_CELL, LARGEST_CELL = 1e-7, 1e6  # in map units: a centimetre in degrees, and more than any map sheet
+GRIDS = re.compile(r'(?:grids|init)=([^\s"\]]*)|PARAMETERFILE\["[^"]*",\s*"([^"]*)"', re.IGNORECASE)  # in PROJ text and in WKT
 FARTHEST = 1e9  # map units from the origin of the map
 DIGITS = 2.0**44  # cells from the origin; beyond it neighbouring cells are hardly told apart in double precision
 
@@ -22,6 +24,21 @@ def require_usable(transform: Sequence[float], source: Path | str, error: type[I
         raise error(f"{source}: has {sizes} map units; {SMALLEST_CELL:g} to {LARGEST_CELL:g} can be used; {_remedy(source)}")
     if place > min(FARTHEST, DIGITS * min(cells)):
         raise error(f"{source}: its corner lies at {c:g}, {f:g}, farther from the origin than a map reaches; {_remedy(source)}")
+
+
+def file_named_by(text: str) -> str | None:
+    """File or address that a coordinate system, as PROJ or WKT text, names besides the grids of PROJ; None if it names none."""
+    named = [name for found in GRIDS.findall(text) for part in found for name in part.split(",")]
+    return next((name for name in named if re.search(r"[/\\]|:.*:", name)), None)
+
+
+def require_own_grids(text: str, source: Path | str, error: type[InputError]) -> None:
+    """Nothing for a coordinate system, as PROJ or WKT text, whose grids are those of PROJ; the error where it names other files."""
+    other = file_named_by(text)
+    if other:
+        raise error(
+            f"{source}: its coordinate system names the grid file {other!r}, which is not read; write a code such as EPSG:32632"
+        )
 
 
 def _listed(transform: Sequence[float]) -> str:

@@ -18,6 +18,7 @@ from typing import Any
 
 from runout.errors import InputError
 from runout.io.boundary import require_regular
+from runout.io.georeference import require_own_grids
 from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
 
 RASTER_DRIVERS = (
@@ -62,6 +63,7 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
             with DatasetReader(target, driver=drivers) as dataset:
                 _require_own_overviews(dataset, name, error)
                 _require_real(dataset, name, error)
+                require_own_grids(dataset.crs.to_wkt() if dataset.crs else "", name, error)
                 if dataset.count:
                     require_room(dataset.height, dataset.width, name, error)
                 yield dataset
@@ -182,6 +184,7 @@ class VectorFile:
             raise self.error(f"{self.path}: layer {layer!r} has {count} features, more than {MOST_FEATURES}; {remedy}")
         with _reading(self):
             frame = geopandas.read_file(self.target, layer=layer, engine="pyogrio", on_invalid="raise")
+            require_own_grids(frame.crs.to_wkt() if frame.crs else "", self.path, self.error)
         return frame, str(information["driver"])
 
 

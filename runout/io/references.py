@@ -171,7 +171,7 @@ def require_geopackage_inside(path: Path, error: type[InputError]) -> None:
             database.text_factory = lambda text: text.decode(errors="replace")
             entries = database.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
             layers = {str(row[0]).lower() for row in database.execute("SELECT table_name FROM gpkg_contents")}
-    except sqlite3.Error as cause:
+    except (sqlite3.Error, UnicodeError) as cause:  # SQLite repeats damaged names in its messages
         raise error(f"{path}: cannot be read as a GeoPackage ({cause}); export it again") from cause
     for kind, name, text in entries:
         if kind == "view" and str(name).lower() in layers:

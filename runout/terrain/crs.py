@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from runout.errors import DemError
+from runout.io.georeference import require_own_grids
 from runout.terrain.raster import ElevationRaster
 
 LARGEST_SCALE_ERROR = 0.02  # of national and continental systems; Web Mercator errs by 24 % at 36 degrees
@@ -17,12 +18,14 @@ def parse(crs: Any, source: str) -> Any:
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
+    require_own_grids(str(crs), source, DemError)  # before anything is looked for
     try:
         found = CRS.from_user_input(crs)
         horizontal(found)  # some systems that can be written cannot be taken apart
-        return found
     except (CRSError, TypeError, UnicodeError) as error:
         raise DemError(f"{source}: crs {crs!r} is not known ({error}); write for example EPSG:32632") from error
+    require_own_grids(found.to_wkt(), source, DemError)
+    return found
 
 
 def of_raster(crs: Any, source: str) -> Any:
@@ -129,9 +132,15 @@ def longitude_latitude(crs: Any, x: Any, y: Any) -> tuple[Any, Any]:
 def scale_error(crs: Any, x: float, y: float) -> float:
     """Largest relative error of distances that a projected system makes at a map position [1]."""
     from pyproj import Proj
+    from pyproj.exceptions import ProjError
 
-    longitude, latitude = longitude_latitude(crs, x, y)
-    factors = Proj(crs).get_factors(longitude, latitude)
+    try:
+        longitude, latitude = longitude_latitude(crs, x, y)
+        factors = Proj(crs).get_factors(longitude, latitude)
+    except ProjError as error:
+        raise DemError(
+            f"the coordinate system {crs.name} cannot be computed with ({error}); write for example EPSG:32632"
+        ) from error
     return max(abs(factors.tissot_semimajor - 1.0), abs(factors.tissot_semiminor - 1.0))
 
 

@@ -1,5 +1,6 @@
 """A raster from elsewhere reaches neither the network nor files outside its site, and neither hangs nor fills the memory."""
 
+import contextlib
 import os
 
 import numpy as np
@@ -18,6 +19,15 @@ def refused(path, words=None) -> str:
     with pytest.raises(DemError, match=words) as caught:
         Terrain.from_raster(path)
     return str(caught.value)
+
+
+@pytest.fixture
+def slope_grid(tmp_path):
+    """Path of a text grid of a slope."""
+    rows = "\n".join(" ".join(f"{r + c}.5" for c in range(20)) for r in range(20))
+    head = "ncols 20\nnrows 20\nxllcorner 500000\nyllcorner 5000000\ncellsize 10\n"
+    (tmp_path / "dem.asc").write_text(head + rows + "\n", encoding="utf-8")
+    return tmp_path / "dem.asc"
 
 
 @pytest.fixture
@@ -180,3 +190,19 @@ def test_formats_of_services_are_not_among_those_that_are_read(tmp_path, raster)
     assert {"WMS", "WCS", "WMTS", "HTTP", "VRT", "GTI", "STACTA", "STACIT", "EEDAI", "PDF"}.isdisjoint(RASTER_DRIVERS)
     with open_raster(raster(tmp_path / "a.tif"), DemError) as dataset:
         assert dataset.driver == "GTiff"
+
+
+@pytest.mark.parametrize(
+    "crs", ["+proj=utm +zone=32 +nadgrids={}/x.gsb", "+proj=utm +zone=32 +nadgrids=@{}/x.gsb,@null", "+init={}/x:1"]
+)
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_coordinate_system_with_grids_elsewhere_is_refused(tmp_path, slope_grid, listener, crs, inside):
+    text = crs.format(listener.url)
+    if inside:
+        (tmp_path / "dem.prj").write_text(text, encoding="utf-8")
+        with contextlib.suppress(DemError):  # GDAL keeps some of them and drops others
+            Terrain.from_raster(slope_grid)
+    else:
+        with pytest.raises(DemError, match="grid file"):
+            Terrain.from_raster(slope_grid, crs=text)
+    assert not listener.was_contacted()
