@@ -17,7 +17,7 @@ from runout.errors import ConfigError, ReleaseError
 from runout.memory import Extent, expected_extent, expected_memory, require_memory
 from runout.model import basal_strength
 from runout.model.friction import FrictionZones
-from runout.model.limits import checked
+from runout.model.limits import checked, spacing_of
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
@@ -236,7 +236,7 @@ def build_scene(
         raise ConfigError(f"basal_friction_angle is {math.degrees(worst):g} deg; it must lie between 0 and 60 deg")
     for r, m in zip(releases, materials, strict=True):
         m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
-    spacing = _spacing(cell_size)
+    spacing = spacing_of(cell_size)
     if particles_per_cell is None:
         basal = math.radians(basal_friction_angle)
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
@@ -255,15 +255,6 @@ def build_scene(
     press = pressed_by(scene, releases)
     particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed, press=press)
     return scene, onto_known_ground(particles, scene)
-
-
-def _spacing(cell_size: float | tuple[float, float, float]) -> tuple[float, float, float]:
-    try:
-        sizes = np.broadcast_to(np.asarray(cell_size, float), 3)
-    except (TypeError, ValueError):
-        raise ConfigError(f"cell_size is {cell_size!r}; give one number in m or (dx, dy, dz)") from None
-    x, y, z = (checked("cell_size", float(size), error=ConfigError) for size in sizes)
-    return x, y, z
 
 
 class Run:

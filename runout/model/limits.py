@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from runout.errors import InputError
+from runout.errors import ConfigError, InputError
 
 LARGEST_CFL = 0.6  # of the Courant number, whatever the material
 LARGEST_RADIANS = 1.5708  # an angle that is not above a quarter turn in radians was hardly meant in degrees
@@ -125,3 +125,15 @@ def checked(name: str, value: Any, *, place: str = "", key: str = "", error: Cal
     if valid.degrees and looks_like_radians(number):
         raise error(f"{stated}, which is suspiciously small; angles are in degrees here; {radians_remedy(number)}")
     return number
+
+
+def spacing_of(cell_size: float | tuple[float, float, float]) -> tuple[float, float, float]:
+    """Spacing of the grid [m] along x, y and z from one number or three; ConfigError outside the limits."""
+    import numpy as np
+
+    try:
+        sizes = np.broadcast_to(np.asarray(cell_size, float), 3)
+    except (TypeError, ValueError):
+        raise ConfigError(f"cell_size is {cell_size!r}; give one number in m or (dx, dy, dz)") from None
+    x, y, z = (checked("cell_size", float(size), error=ConfigError) for size in sizes)
+    return x, y, z
