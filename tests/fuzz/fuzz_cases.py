@@ -17,7 +17,7 @@ from unittest import mock
 from odd_arrays import call_odd_array
 from odd_sites import write_odd_site
 
-from runout import check, plan
+from runout import plan, preview
 from runout.errors import RunoutError
 
 LIMIT = 20  # [s] of a case; most take some hundredths
@@ -41,7 +41,7 @@ def site_case(seed: int) -> tuple[str, Fault | None]:
     folder = Path(tempfile.mkdtemp(prefix="fuzz"))
     try:
         kind = write_odd_site(folder / "site", seed)
-        return _outcome(seed, kind, lambda: check.check_site(folder / "site"))
+        return _outcome(seed, kind, lambda: preview.check_site(folder / "site"))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
