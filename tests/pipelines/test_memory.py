@@ -54,7 +54,7 @@ def test_forecast_of_aflip_counts_its_rows_and_its_second_grid():
     seen = []
     scene, particles = build_scene(terrain, release, SAND, 20.0, 5.0, 8, precision="float64", accept=seen.append)
     engine = get_backend("scan", threads=1)
-    engine.load(replace(scene, transfer="aflip", f_bar=True, materials=(SAND, SAND), friction=(0.3, 0.3)), particles)
+    engine.load(replace(scene, transfer="aflip", f_bar=True, materials=(SAND, SAND), friction=(0.3, 0.3), strength=()), particles)
     engine.step(engine.stable_step())
     forecast = expected_memory(seen[0], terrain.elevation.size, "float64", None, "aflip", True)
     plain = expected_memory(seen[0], terrain.elevation.size, "float64")
