@@ -11,7 +11,8 @@ from runout.model.scene import Scene
 from runout.physics import resolution as formulas
 
 FEWEST_CELLS = 4  # through the depth: below, numerical viscosity stops shear within about a second
-WORST = {"cells_through_depth": min, "numerical_viscosity": max, "shear_decay_time": min}  # of several runs
+# the worst of several runs
+WORST = {"cells_through_depth": min, "numerical_viscosity": max, "shear_decay_time": min, "smallest_feature": max}
 
 
 @dataclass(frozen=True)
@@ -28,22 +29,26 @@ class Resolution:
         Kinematic viscosity of the transfers [m2/s] for shear through the depth; zero for aflip that keeps all.
     shear_decay_time : float
         Time [s] in which it lets that shear fall to 1/e.
+    smallest_feature : float
+        Width [m] of the smallest feature that the maps can show.
     """
 
     depth: float
     cells_through_depth: float
     numerical_viscosity: float
     shear_decay_time: float
+    smallest_feature: float = 0.0
 
     @classmethod
     def of(cls, depth: float, scene: Scene, dt: float) -> "Resolution":
         """Of a flow of ``depth`` [m] in a scene that is stepped by ``dt`` [s]; zero cells and no viscosity without a flow."""
         h = scene.spacing[2]
+        feature = formulas.smallest_feature(max(scene.spacing[:2]), max(scene.raster.cell_size))
         if not (depth > 0 and dt > 0):
-            return cls(0.0, 0.0, 0.0, math.inf)
+            return cls(0.0, 0.0, 0.0, math.inf, feature)
         wave = formulas.shear_wave_length(depth)
         viscosity = formulas.numerical_viscosity(h, wave, dt, scene.keeps)
-        return cls(depth, depth / h, viscosity, formulas.decay_time(viscosity, wave) if viscosity > 0 else math.inf)
+        return cls(depth, depth / h, viscosity, formulas.decay_time(viscosity, wave) if viscosity > 0 else math.inf, feature)
 
     @property
     def is_coarse(self) -> bool:

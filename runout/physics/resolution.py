@@ -24,3 +24,33 @@ def decay_time(viscosity: Any, wave_length: Any):
 def shear_wave_length(depth: Any):
     """Wave length [m] of the slowest shear of a layer of ``depth`` [m]: at rest below, free above, a quarter wave."""
     return real(4.0) * depth
+
+
+def footprint_area(count: Any):
+    """Plan area [grid cells] over which a particle spreads where ``count`` particles stand over a grid cell, 1 to 7.25.
+
+    So wide that four particles share it, at least one cell: the map of a flow has no holes between particles that have moved
+    apart. A box of one cell smoothed over squares of 2.5 cells has the area 7.25. Numbers or arrays.
+    """
+    area = real(4.0) / count
+    above = real(0.5) * (area + real(1.0) + abs(area - real(1.0)))
+    return real(0.5) * (above + real(7.25) - abs(above - real(7.25)))
+
+
+def smoothed_area(width: Any):
+    """Area [grid cells] of the footprint that a box of one cell smoothed over squares of ``width`` [cells] is: variances add."""
+    return real(1.0) + width * width
+
+
+def part_beyond(area: Any, narrow: Any, wide: Any):
+    """Part of a mass with a footprint of ``area`` that spreads over ``wide``, the rest over ``narrow`` or less, 0 to 1.
+
+    The mean area is kept. Numbers or arrays.
+    """
+    part = (area - narrow) / (wide - narrow)
+    return real(0.5) * (abs(part) + real(1.0) - abs(part - real(1.0)))
+
+
+def smallest_feature(h: Any, raster_cell: Any):
+    """Width [m] of the smallest feature that maps show: two grid cells, or two cells of a coarser raster."""
+    return real(2.0) * max(h, raster_cell)

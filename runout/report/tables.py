@@ -205,7 +205,8 @@ def _resolved(found: dict[str, float]) -> str:
     cells = number(found["cells_through_depth"], 2)
     return (
         f"The member that is resolved least has {cells} cells through its depth; there the scheme acts like a viscosity of "
-        f"{viscosity}, which stops shear through the depth in {time}."
+        f"{viscosity}, which stops shear through the depth in {time}. The smallest feature that the maps can show is "
+        f"{quantity(found['smallest_feature'], 'm', 2)} wide: two cells of the grid, or of the raster where that is coarser."
     )
 
 

@@ -160,7 +160,8 @@ def test_cells_through_the_depth_are_those_of_the_record(site, copy):
         (copy / "run.json").write_text(json.dumps(run | {"resolution": {**run["resolution"], **resolution}}), encoding="utf-8")
         return read_study(copy)
 
-    study = change(cells_through_depth=1.5)
+    study = change(cells_through_depth=1.5, smallest_feature=12.0)
+    assert "The smallest feature that the maps can show is 12\u202fm wide" in tables.balance(study)["resolution"]
     assert "has 1.5 cells through its depth" in tables.balance(study)["resolution"]
     assert "a viscosity of 4\u202fm² s⁻¹, which stops shear through the depth in 0.15\u202fs" in tables.balance(study)["resolution"]
     (said,) = [w for w in tables.warnings(study, site.resolved()) if "through its depth" in w]

@@ -67,7 +67,9 @@ def test_without_a_flow_nothing_is_coarse_and_the_worst_of_none_is_nothing():
     assert not Resolution.of(0.0, still_air(), 0.1).is_coarse
     assert worst([{}, {"cells_through_depth": 3.0}]) == {}
     two = [Resolution.of(depth, still_air(), 0.1).attributes() for depth in (3.0, 6.0)]
-    assert worst(two) == {name: two[0][name] for name in ("cells_through_depth", "numerical_viscosity", "shear_decay_time")}
+    assert set(worst(two)) == {"cells_through_depth", "numerical_viscosity", "shear_decay_time", "smallest_feature"}
+    assert worst(two) == {name: two[0][name] for name in worst(two)}
+    assert worst(two)["smallest_feature"] == 2 * max(*still_air().spacing[:2], *still_air().raster.cell_size)
 
 
 @pytest.mark.parametrize(("thickness", "coarse"), [(2.0, True), (9.0, False)])

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from runout.backends import footprints
 from runout.backends.hash import clock, general, looks, sort
 from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, require_alike, require_finite
 from runout.backends.hash.board import Board
@@ -56,6 +57,7 @@ class Account:
     particles: int
     mass: float  # [kg]
     max_speed: float
+    particle_volume: float = 0.0  # mean [m3]
     packed_dt: float = 0.0  # time step for which the records hold the stress [s]
     contact_particles: int = 0
     failure: str = ""
@@ -65,7 +67,7 @@ def _account(scene: tuple[Scene, Particles]) -> Account:
     """That of a scene whose particles a step can move."""
     s, p = scene
     require_finite(p, s)
-    return Account(len(p), float(p.mass.sum()), fastest(p))
+    return Account(len(p), float(p.mass.sum()), fastest(p), footprints.mean_volume(s, p))
 
 
 class Batch:
@@ -383,9 +385,8 @@ class Batch:
 
     def columns_of(self, scene: int) -> Columns:
         """Sums over the columns of the cells of a scene's raster."""
-        raster = self.scenes[scene].raster
         with self._on_device():
-            return looks.columns(self, {scene: (0, 0, raster.rows, raster.columns)})[scene]
+            return looks.whole(self, scene)
 
     def flow_columns_of(self, scene: int) -> Columns:
         """The same over a window of cells that holds all mass."""
@@ -396,4 +397,4 @@ class Batch:
     def look_at(self, scenes: Sequence[int]) -> None:
         """Bring the columns over windows of some scenes at once, for :meth:`flow_columns_of`; the host waits once for all."""
         with self._on_device():
-            self.seen |= looks.columns(self, {s: looks.window(self, s) for s in scenes})
+            self.seen |= looks.around_flow(self, scenes)

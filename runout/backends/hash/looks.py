@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import warp as wp
 
+from runout.backends import footprints
 from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks
 from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.protocol import Columns, LedgerRow
 from runout.model.particles import Particles
+from runout.model.scene import Scene
 
 if TYPE_CHECKING:
     from runout.backends.hash.batch import Batch
@@ -146,31 +148,87 @@ def _brought(batch: Batch, scene: int, places: np.ndarray) -> tuple[Particles, n
     return p, number
 
 
-def window(batch: Batch, scene: int) -> Window:
-    """First row, first column, rows and columns of the raster's smallest window that the blocks with particles cover."""
+def whole(batch: Batch, scene: int) -> Columns:
+    """Sums over all cells of a scene's raster."""
     s = batch.scenes[scene]
+    if footprints.apply_to(s):
+        return footprints.on_whole(around_flow(batch, [scene])[scene], s.raster)
+    every = (0, 0, s.raster.rows, s.raster.columns)
+    return _columns_of(_sums(batch, {scene: _raster_window(s, every)})[scene], every)
+
+
+def around_flow(batch: Batch, scenes: Iterable[int]) -> dict[int, Columns]:
+    """Sums over the smallest windows of the rasters of some scenes that hold all mass; the host waits once for all."""
+    found, fine, coarse = {}, {}, {}
+    for n in scenes:
+        s, bounds = batch.scenes[n], _bounds(batch, n)
+        if bounds is None:
+            found[n] = footprints.nothing()
+        elif footprints.apply_to(s):
+            fine[n] = footprints.Lattice.around(s, *bounds)
+        else:
+            coarse[n] = _window(s, *bounds)
+    windows = {n: _lattice_window(batch.scenes[n], lattice) for n, lattice in fine.items()}
+    sums = _sums(batch, windows | {n: _raster_window(batch.scenes[n], window) for n, window in coarse.items()})
+    found |= {n: _columns_of(sums[n], window) for n, window in coarse.items()}
+    for n, lattice in fine.items():
+        found[n] = footprints.on_raster(sums[n], lattice, batch.scenes[n].raster, batch.accounts[n].particle_volume)
+    return found
+
+
+def _bounds(batch: Batch, scene: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lowest and highest node (2,) in plan that the particles of a scene cover; None without particles."""
     low, high = np.split(4 * told(batch)[scene, -4:], 2)
     if low[0] > high[0]:
-        return 0, 0, 0, 0
-    low, high = low - (0, batch.shifts[scene]), high - (0, batch.shifts[scene])
+        return None
+    return low - (0, batch.shifts[scene]), high - (0, batch.shifts[scene]) + REACH
+
+
+def _window(s: Scene, low: np.ndarray, high: np.ndarray) -> Window:
+    """First row, first column, rows and columns of the raster's smallest window between two nodes."""
     r, h, cell = s.raster, np.array(s.spacing[:2]), np.array(s.raster.cell_size)
     most = np.array((r.columns, r.rows)) - 1
     first = np.clip(np.floor(low * h / cell - 1e-6), 0, most).astype(int)
-    last = np.clip(np.floor((high + REACH) * h / cell + 1e-6), 0, most).astype(int)
-    (west, south), (columns_, rows) = first.tolist(), (last - first + 1).tolist()
-    return r.rows - south - rows, west, rows, columns_
+    last = np.clip(np.floor(high * h / cell + 1e-6), 0, most).astype(int)
+    (west, south), (columns, rows) = first.tolist(), (last - first + 1).tolist()
+    return r.rows - south - rows, west, rows, columns
 
 
-def columns(batch: Batch, covered: Mapping[int, Window]) -> dict[int, Columns]:
-    """Sums over a window (first row, first column, rows, columns) of the rasters of some scenes; windows hold all mass."""
+class _PlanWindow(NamedTuple):
+    """A window of plan cells: place and size in the whole, the whole, grid cells over plan cells, and where the whole begins."""
+
+    window: Window
+    rows: int
+    columns: int
+    wide: tuple[float, float]
+    begin: tuple[int, int] = (0, 0)
+
+
+def _raster_window(s: Scene, window: Window) -> _PlanWindow:
+    cell = s.raster.cell_size
+    return _PlanWindow(window, s.raster.rows, s.raster.columns, (s.spacing[0] / cell[0], s.spacing[1] / cell[1]))
+
+
+def _lattice_window(s: Scene, lattice: footprints.Lattice) -> _PlanWindow:
+    columns, rows = lattice.shape
+    wide = s.spacing[0] / lattice.cell[0], s.spacing[1] / lattice.cell[1]
+    return _PlanWindow((0, 0, rows, columns), rows, columns, wide, lattice.first)
+
+
+def _columns_of(sums: np.ndarray, window: Window) -> Columns:
+    """Columns from sums (rows, columns, 5) over a window of the raster."""
+    return Columns(sums[..., 0], sums[..., 1], sums[..., 2:], *window[:2])
+
+
+def _sums(batch: Batch, covered: Mapping[int, _PlanWindow]) -> dict[int, np.ndarray]:
+    """Volume, mass and momentum (rows, columns, 5) over windows of plan cells of some scenes; windows hold all mass."""
     i, p, many = batch.index, batch.store, len(batch.scenes)
-    windows, scales = np.full((many, 6), -1, np.int32), np.zeros((many, 5))
+    windows, scales = np.full((many, 6), -1, np.int32), np.zeros((many, 7))
     begin, found = 0, {}
-    for n, (row, column, rows, width) in covered.items():
-        s = batch.scenes[n]
-        if rows * width:
-            windows[n] = begin, s.raster.rows, s.raster.columns, row, column, width
-            scales[n] = s.spacing[0] / s.raster.cell_size[0], s.spacing[1] / s.raster.cell_size[1], *_units(batch, n)
+    for n, plan in covered.items():
+        row, column, rows, width = plan.window
+        windows[n] = begin, plan.rows, plan.columns, row, column, width
+        scales[n] = *plan.wide, *_units(batch, n), *plan.begin
         begin += 5 * rows * width
     raster = wp.zeros(begin, dtype=wp.int64)
     if begin:
@@ -179,11 +237,10 @@ def columns(batch: Batch, covered: Mapping[int, Window]) -> dict[int, Columns]:
             wp.array(windows, dtype=wp.int32), wp.array(scales, dtype=wp.float64), raster,
         )  # fmt: skip
     sums = raster.numpy()
-    for n, (row, column, rows, width) in covered.items():
-        part = sums[max(windows[n, 0], 0) :][: 5 * rows * width].reshape(rows, width, 5)
-        volume, mass, momentum = np.split(part, (1, 2), axis=-1)
-        units = scales[n, 2:] if rows * width else np.ones(3)
-        found[n] = Columns(volume[..., 0] / units[0], mass[..., 0] / units[1], momentum / units[2], row, column)
+    for n, plan in covered.items():
+        _, _, rows, width = plan.window
+        part = sums[windows[n, 0] :][: 5 * rows * width].reshape(rows, width, 5)
+        found[n] = part / np.repeat(scales[n, 2:5], (1, 1, 3))
     return found
 
 

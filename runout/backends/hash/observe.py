@@ -244,7 +244,7 @@ def add_columns(
 
     A window holds all mass. Its row: place in ``raster`` or -1, rows and columns of the whole, first row, first column, columns.
     Volume, mass, momentum: whole numbers of a tiny unit, exact in any order, so that they repeat bit by bit. A row of ``scales``:
-    a grid cell in raster cells, and how many units make one.
+    a grid cell in raster cells, how many units make one, and where the whole begins [cells].
     """
     p = wp.tid()
     k = key[p]
@@ -259,8 +259,8 @@ def add_columns(
     qy = place[1]
     wx = scales[s, 0]
     wy = scales[s, 1]
-    x = (qx - wp.float64(0.5)) * wx
-    y = (qy - wp.float64(0.5)) * wy
+    x = (qx - wp.float64(0.5)) * wx - scales[s, 5]
+    y = (qy - wp.float64(0.5)) * wy - scales[s, 6]
     m = wp.float64(rec[MASS, p])
     rows = windows[s, 1]
     columns = windows[s, 2]

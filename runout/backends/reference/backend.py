@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends import footprints
 from runout.backends.compile import numba_binding
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.reference import particles as loops_source
@@ -58,6 +59,7 @@ class ReferenceBackend:
         self.loops = compiled_loops(scene.law.name)
         self.table = scene.law.table(scene.materials)
         self._p = particles.take(np.argsort(particles.identity, kind="stable"))
+        self.particle_volume = footprints.mean_volume(scene, particles)
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
         self._contacts, self._basal_impulse = 0, np.zeros(3)
 
@@ -124,13 +126,8 @@ class ReferenceBackend:
         )
 
     def columns(self) -> Columns:
-        """Sums over the columns of the raster's cells; a particle covers one grid cell in plan, centred on it."""
-        raster, p, x = self.scene.raster, self._p, self._p.position(self.spacing)
-        across = _shares(x[:, 0], self.spacing[0], raster.cell_size[0], raster.columns)
-        along = _shares(x[:, 1], self.spacing[1], raster.cell_size[1], raster.rows)[:, ::-1]
-        volume = p.mass / np.array([m.density for m in self.scene.materials])[p.release]
-        sums = [along.T @ (value[:, None] * across) for value in (volume, p.mass, *(p.mass * p.velocity.T))]
-        return Columns(volume=sums[0], mass=sums[1], momentum=np.stack(sums[2:], axis=-1))
+        """Sums over the columns of the raster's cells."""
+        return footprints.columns_of(self.scene, self._p, self.particle_volume)
 
     def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodal mass (nodes, 1) [kg], velocity (nodes, 3) [m/s] as given by particles, and with internal force and gravity.
@@ -222,10 +219,3 @@ class ReferenceBackend:
 
     def _max_speed(self) -> float:
         return float(np.linalg.norm(self._p.velocity, axis=1).max(initial=0.0))
-
-
-def _shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndarray:
-    """Shares (n, count) of intervals of ``width`` [m] around x (n,) [m] in cells; what lies beyond is of the outer ones."""
-    edges = np.array([-np.inf, *(cell * np.arange(1, count)), np.inf])
-    covered = np.minimum(x[:, None] + 0.5 * width, edges[1:]) - np.maximum(x[:, None] - 0.5 * width, edges[:-1])
-    return np.maximum(covered, 0.0) / width  # type: ignore[no-any-return]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends import footprints
 from runout.backends.protocol import Columns, Counters, LedgerRow
 from runout.backends.scan import checkpoint, columns, index, motion, nodes, observe, sleep
 from runout.backends.scan.arenas import Arenas
@@ -98,6 +99,7 @@ class ScanBackend:
                 np.array(zones.cell_size),
                 masses.astype(real),
             )
+        self.particle_volume = footprints.mean_volume(scene, particles)
         self.density = np.array([m.density for m in scene.materials], np.float64)
         self.gravity, self.dv = np.array(scene.gravity, np.float64), np.zeros(16, real)
         self.corner = particles.node.min(0).astype(np.int64) if self.n else np.zeros(3, np.int64)

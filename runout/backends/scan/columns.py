@@ -1,6 +1,7 @@
 """Sums over the columns of the raster's cells: in parallel by stripes of blocks, the same bits for any number of threads.
 
-A particle counts where a plan box of one grid cell around it lies. A stripe is so wide that it shares cells with its two
+A particle counts where a plan box of one grid cell around it lies; on rasters finer than the grid, the cells are those of the
+lattice of :mod:`runout.backends.footprints`. A stripe is so wide that it shares cells with its two
 neighbours alone: the even stripes are added at once, then the odd ones.
 """
 
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import prange
 
+from runout.backends import footprints
 from runout.backends.lanes import constant, in_double, load4, permutation_of_two, prefetch, store
 from runout.backends.protocol import Columns
 from runout.backends.scan.observe import _node_of
@@ -29,7 +31,9 @@ nothing = constant([0.0] * 4)
 def whole(engine: "ScanBackend") -> Columns:
     """Sums over all cells of the raster."""
     raster = engine.scene.raster
-    return _over(engine, (0, 0, raster.rows, raster.columns))
+    if footprints.apply_to(engine.scene):
+        return footprints.on_whole(around_flow(engine), raster)
+    return _on_raster(engine, (0, 0, raster.rows, raster.columns))
 
 
 def around_flow(engine: "ScanBackend") -> Columns:
@@ -37,35 +41,60 @@ def around_flow(engine: "ScanBackend") -> Columns:
     raster, i = engine.scene.raster, engine.index
     occupied = i.bxyz[: i.nown][i.held[: i.nown] > 0, :2]
     if not len(occupied):
-        return _over(engine, (0, 0, 0, 0))
-    h, cell, count = engine.spacing[:2], np.array(raster.cell_size), np.array((raster.columns, raster.rows))
+        return footprints.nothing()
     low, high = 4 * occupied.min(0) + engine.corner[:2], 4 * occupied.max(0) + engine.corner[:2] + 5
+    if footprints.apply_to(engine.scene):
+        return _on_lattice(engine, footprints.Lattice.around(engine.scene, low, high))
+    h, cell, count = engine.spacing[:2], np.array(raster.cell_size), np.array((raster.columns, raster.rows))
     first = np.clip(np.floor(low * h / cell - 1e-6), 0, count - 1).astype(int)
     last = np.clip(np.floor(high * h / cell + 1e-6), 0, count - 1).astype(int)
     (west, south), (columns, rows) = first.tolist(), (last - first + 1).tolist()
-    return _over(engine, (raster.rows - south - rows, west, rows, columns))
+    return _on_raster(engine, (raster.rows - south - rows, west, rows, columns))
 
 
-def _over(engine: "ScanBackend", window: tuple[int, int, int, int]) -> Columns:
-    """Sums over a window (first row, first column, rows, columns) that holds all mass."""
-    i, s, raster = engine.index, engine.store, engine.scene.raster
+def _on_lattice(engine: "ScanBackend", lattice: footprints.Lattice) -> Columns:
+    """Sums over the cells of the raster under a window of the lattice that holds all mass, of particles with their footprints."""
+    (east, north), (columns, rows) = lattice.first, lattice.shape
+    sums = _over(engine, lattice.cell, (0, east, north + rows), (rows, columns))
+    volume = _volume(engine, sums)[..., None]
+    together = np.concatenate([volume, sums[..., :4]], axis=-1)
+    return footprints.on_raster(together, lattice, engine.scene.raster, engine.particle_volume)
+
+
+def _on_raster(engine: "ScanBackend", window: tuple[int, int, int, int]) -> Columns:
+    """Sums over a window (first row, first column, rows, columns) of the raster that holds all mass."""
+    raster = engine.scene.raster
     row, column, rows, columns = window
-    sums = np.zeros((rows, columns, WIDTH))
+    sums = _over(engine, raster.cell_size, (row, column, raster.rows), (rows, columns))
+    return Columns(_volume(engine, sums), sums[..., 0], sums[..., 1:4], row, column)
+
+
+def _volume(engine: "ScanBackend", sums: np.ndarray) -> np.ndarray:
+    """Volume [m3] of sums (rows, columns, 8)."""
+    return sums[..., 4] if len(engine.density) > 1 else sums[..., 0] / engine.density[0]  # type: ignore[no-any-return]
+
+
+def _over(engine: "ScanBackend", cell: tuple[float, float], place: tuple[int, int, int], shape: tuple[int, int]) -> np.ndarray:
+    """Sums (rows, columns, 8) over a window of plan cells of size ``cell`` [m] that holds all mass.
+
+    ``place``: its first row from the north and first column, and the rows of the whole, whose last ends at the local origin.
+    """
+    i, s = engine.index, engine.store
+    sums = np.zeros((*shape, WIDTH))
     if sums.size and engine.n:
-        order, starts = _stripes(engine)
-        wide, place = engine.spacing[:2] / np.array(raster.cell_size), np.array((row, column, raster.rows))
+        order, starts = _stripes(engine, cell)
+        wide = engine.spacing[:2] / np.array(cell)
         for parity, over_density in itertools.product((0, 1), (False, True) if len(engine.density) > 1 else (False,)):
             engine.k.add_stripes(
-                s.rec, s.who, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, over_density, wide, place,
-                order, starts, parity, sums,
+                s.rec, s.who, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, over_density, wide,
+                np.array(place), order, starts, parity, sums,
             )  # fmt: skip
-    volume = sums[..., 4] if len(engine.density) > 1 else sums[..., 0] / engine.density[0]
-    return Columns(volume, sums[..., 0], sums[..., 1:4], row, column)
+    return sums
 
 
-def _stripes(engine: "ScanBackend") -> tuple[np.ndarray, np.ndarray]:
+def _stripes(engine: "ScanBackend", cell: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Blocks with particles by stripe (n,), and the first of each stripe (stripes + 1,); stripes lie across the longer way."""
-    i, h, cell = engine.index, engine.spacing, engine.scene.raster.cell_size
+    i, h = engine.index, engine.spacing
     occupied = np.flatnonzero(i.held[: i.nown])
     blocks = i.bxyz[occupied, :2].astype(np.int64)
     widths = [math.ceil((h[d] + 2 * cell[d]) / (4 * h[d])) for d in (0, 1)]  # blocks: wider than what two stripes share

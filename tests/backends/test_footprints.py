@@ -1,0 +1,93 @@
+"""Footprints on rasters finer than the grid: mass exact, no holes between particles that have moved apart, bits that repeat."""
+
+import numpy as np
+import pytest
+from scenes import ROCK, at, engine_of, loaded, scene
+from test_columns import overlaps
+
+from runout.backends.footprints import apply_to
+from runout.physics.resolution import footprint_area
+
+COARSE = (6.0, 7.5, 1.0)  # grid cells on raster cells of 2 m x 2.5 m
+LIGHT = type(ROCK)(density=500.0, youngs_modulus=1e6)
+
+
+def sheet(apart, volume=4.5, spacing=COARSE):
+    """Particles ``apart`` grid cells from each other, off their places by up to a quarter of that."""
+    h = np.array(spacing[:2])
+    x = np.stack(np.meshgrid(*(np.arange(a, b, apart * d) for a, b, d in zip((15, 15), (65, 60), h, strict=True))), -1).reshape(
+        -1, 2
+    )
+    x += np.random.default_rng(1).uniform(-0.25, 0.25, x.shape) * apart * h
+    p = at(np.column_stack([x, np.zeros(len(x))]), spacing, volume=volume)
+    p.velocity[:] = np.random.default_rng(2).normal(size=(len(x), 3))
+    return p
+
+
+def test_crowd_of_particles_covers_one_grid_cell(backend):
+    """Forty at (42, 37.5), a corner of half cells: a box of 6 m x 7.5 m."""
+    a = scene(spacing=COARSE)
+    c = loaded(backend, a, at([(42.0, 37.5, 0.0)] * 40, COARSE)).columns()
+    expected = 40 * 250.0 * np.outer(overlaps(np.array([37.5]), 7.5, 2.5, 30)[0][::-1], overlaps(np.array([42.0]), 6.0, 2.0, 40)[0])
+    np.testing.assert_allclose(c.mass, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_lone_particle_spreads_over_less_than_four_cells_and_keeps_its_mass(backend):
+    c = loaded(backend, scene(spacing=COARSE), at([(41.3, 36.1, 0.0)], COARSE)).columns()
+    rows, columns = np.nonzero(c.mass)
+    assert c.mass.sum() == pytest.approx(250.0, rel=1e-14)
+    assert 3 * 6.0 <= 2.0 * (np.ptp(columns) + 1) <= 4 * 6.0
+    assert 3 * 7.5 <= 2.5 * (np.ptp(rows) + 1) <= 4 * 7.5
+
+
+def test_sheet_of_scattered_particles_has_no_holes(backend):
+    """Particles one and a half cells apart: boxes of one cell would leave half of the raster dry."""
+    p = sheet(1.5)
+    c = loaded(backend, scene(spacing=COARSE), p).columns()
+    inner = c.volume[9:20, 12:28] / 5.0
+    mean = p.volume.mean() / (1.5**2 * 6.0 * 7.5)
+    assert inner.min() > 0.4 * mean
+    assert inner.std() < 0.35 * mean
+    assert c.volume.sum() == pytest.approx(p.volume.sum(), rel=1e-13)
+
+
+def test_backends_agree_on_footprints_of_two_materials(backend):
+    p = sheet(0.9)
+    p.release[::2] = 1
+    a = scene(spacing=COARSE, materials=(ROCK, LIGHT), friction=(0.5, 0.5))
+    found, expected = (loaded(engine, a, p).columns() for engine in (backend, engine_of("reference")))
+    for name in ("volume", "mass", "momentum"):
+        scale = np.abs(getattr(expected, name)).max()
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-9 * scale)
+
+
+def test_what_hangs_over_the_edge_comes_back_without_a_spike(backend):
+    p = at([(0.1, 0.1, 0.0), (79.9, 74.9, 0.0), (40.0, 74.0, 0.0)], COARSE)
+    c = loaded(backend, scene(spacing=COARSE), p).columns()
+    assert c.mass.sum() == pytest.approx(750.0, rel=1e-13)
+    assert c.mass.max() < 8 * 250.0 / (2.5**2 * 9.0)  # four times the middle of a footprint, more where the edge cuts a half cell
+    assert c.mass.min() >= 0.0
+
+
+@pytest.mark.parametrize("name", ["scan", "hash"])
+def test_window_of_the_flow_holds_the_bits_of_the_whole(name):
+    engine = loaded(engine_of(name), scene(spacing=COARSE), sheet(0.7))
+    whole, window = engine.columns(), engine.flow_columns()
+    assert (whole.mass[window.window] == window.mass).all()
+    assert whole.mass.sum() == pytest.approx(window.mass.sum(), rel=1e-15)
+
+
+def test_sums_have_the_same_bits_for_any_number_of_threads():
+    from runout.backends.protocol import get_backend
+
+    one, two = (loaded(get_backend("scan", "cpu", threads=n), scene(spacing=COARSE), sheet(0.1)).flow_columns() for n in (1, 2))
+    assert (one.momentum == two.momentum).all()
+
+
+def test_raster_as_coarse_as_the_grid_needs_no_footprints():
+    assert not apply_to(scene(spacing=(2.0, 2.5, 1.0)))
+    assert apply_to(scene(spacing=(2.0, 2.6, 1.0)))
+
+
+def test_footprint_is_that_of_four_particles_between_its_bounds():
+    assert [footprint_area(count) for count in (100.0, 4.0, 2.0, 1.0, 0.01)] == pytest.approx([1.0, 1.0, 2.0, 4.0, 7.25])
