@@ -29,7 +29,7 @@ from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
 OBSERVATIONS = 200  # at least so many over the whole time
-CROSSING = 0.5  # and one whenever the fastest particle crosses so much of a cell of the raster
+CROSSING = 0.5  # and one whenever the fastest particle crosses so much of a raster cell, or of half a grid cell if that is longer
 BATCH = 32  # steps at one step size: gravity adds little to the speed meanwhile, and the limit is checked again after
 STEP_RATIO = 1.04  # steps of time change in these ratios, so that records are repacked rarely
 
@@ -49,8 +49,8 @@ class Course:
     snapshot_times : tuple of float
         Ascending [s].
     crossing : float
-        Observe whenever the fastest particle may have crossed so much of a cell of the raster, and at least
-        :data:`OBSERVATIONS` times; 0 observes after every step.
+        Observe whenever the fastest particle may have crossed so much of a cell of the raster, or of half a grid cell if that
+        is longer, and at least :data:`OBSERVATIONS` times; 0 observes after every step.
     crop : bool
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
     """
@@ -381,7 +381,8 @@ class Run:
         if self.progress:
             self.progress(1.0 if self.reason else self.time / self.course.end_time)
         self.observing += clock.perf_counter() - started
-        crossing = self.course.crossing * min(self.scene.raster.cell_size) / max(row.max_speed, 1e-3)
+        length = max(min(self.scene.raster.cell_size), 0.5 * min(self.scene.spacing[:2]))
+        crossing = self.course.crossing * length / max(row.max_speed, 1e-3)
         return self.time + min(self.course.end_time / OBSERVATIONS, crossing)
 
     def _frame(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:

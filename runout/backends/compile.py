@@ -98,7 +98,7 @@ class NumbaBinding:
         if contract:
             self.options["fastmath"] = {"contract"}
         self.inlined: dict[str, Any] = {**self.options, "forceinline": True, "_nrt": False}  # they make no array: none is counted
-        names = {"real": real, "i64": numba.int64}
+        names = {"real": real, "i64": numba.int64, "prange": numba.prange}
         for name in CONSTRUCTORS:
             names[name] = numba.njit(forceinline=True, **self.options)(getattr(tensors, name))
         inline = numba.njit(**self.inlined)

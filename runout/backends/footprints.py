@@ -5,17 +5,19 @@ over more cells of the lattice (:func:`runout.physics.resolution.footprint_area`
 of the raster then takes its share by area. Each stage keeps the sums to rounding, and no order depends on threads.
 """
 
-import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 
+from runout.backends import spreading
+from runout.backends.compile import numba_binding
 from runout.backends.protocol import Columns
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
-from runout.physics.resolution import footprint_area, part_beyond, smoothed_area
+from runout.physics.resolution import smoothed_area
 
 HALVES = 2  # cells of the lattice in a cell of the grid, along each axis
 WIDTHS = (3, 5)  # cells of the lattice over which mass is smoothed
@@ -65,19 +67,28 @@ def nothing() -> Columns:
     return Columns(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 3)))
 
 
+@cache
+def loops() -> SimpleNamespace:
+    """The compiled loops of :mod:`runout.backends.spreading`, without fused operations."""
+    return numba_binding(np.float64, False).kernels(spreading)
+
+
 def on_raster(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float) -> Columns:
     """Columns over the cells of the raster that the lattice covers.
 
     ``sums`` (rows from the north, columns, 5) on the lattice: volume, mass and momentum of particles of the mean volume [m3].
     """
-    spread = _spread(np.ascontiguousarray(np.moveaxis(sums[::-1], 1, 0)), particle_volume)
-    for axis, count in enumerate((raster.columns, raster.rows)):
-        first, spread = _shared(spread, lattice.first[axis], lattice.cell[axis], raster.cell_size[axis], count)
-        if axis == 0:
-            column, spread = first, np.ascontiguousarray(np.moveaxis(spread, 1, 0))
-    row = raster.rows - first - len(spread)
-    spread = spread[::-1]
-    return Columns(spread[..., 0], spread[..., 1], spread[..., 2:], row, column)
+    (east, north), cell, size = lattice.first, lattice.cell, raster.cell_size
+    spread = _spread(np.ascontiguousarray(sums[::-1]), particle_volume)
+    north, spread = _inside(spread, north, math.ceil(raster.rows * size[1] / cell[1] - 1e-9))
+    east, turned = _inside(np.swapaxes(spread, 0, 1), east, math.ceil(raster.columns * size[0] / cell[0] - 1e-9))
+    spread = np.ascontiguousarray(np.swapaxes(turned, 0, 1))
+    column, *across = _shares(east, spread.shape[1], cell[0], size[0], raster.columns)
+    south, *along = _shares(north, spread.shape[0], cell[1], size[1], raster.rows)
+    found = np.empty((len(along[0]), len(across[0]), 5))
+    loops().share(spread, *along, *across, found)
+    found, row = found[::-1], raster.rows - south - len(found)
+    return Columns(found[..., 0], found[..., 1], found[..., 2:], row, column)
 
 
 def on_whole(found: Columns, raster: Raster) -> Columns:
@@ -118,52 +129,33 @@ def _box_shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndar
 
 
 def _spread(sums: np.ndarray, particle_volume: float) -> np.ndarray:
-    """Sums (columns, rows, 5) on the lattice with every mass over the footprint that the particles around it need."""
-    around = _smoothed(sums[..., 0], max(WIDTHS))
-    count = np.full(around.shape, np.inf)
-    np.divide(around, particle_volume / HALVES**2, out=count, where=around > 0)
-    area = footprint_area(count)
-    beyond = [np.asarray(part_beyond(area, *pair))[..., None] for pair in itertools.pairwise(AREAS)]
-    spread = (1.0 - beyond[0]) * sums
-    for width, part, further in zip(WIDTHS, beyond, (*beyond[1:], 0.0), strict=True):
-        spread += _smoothed((part - further) * sums, width)
-    return spread
+    """Sums (rows, columns, 5) on the lattice with every mass over the footprint that the particles around it need."""
+    rows, columns, _ = sums.shape
+    around, half = np.zeros((rows, columns)), np.empty((rows, 5 * columns))
+    loops().smooth(np.ascontiguousarray(sums[..., 0]), 1, max(WIDTHS), half, around)
+    parts = np.empty((3, *sums.shape))
+    loops().divide(sums, around, particle_volume / HALVES**2, np.array(AREAS), parts)
+    flat = parts.reshape(3, rows, -1)
+    for k, width in enumerate(WIDTHS):
+        loops().smooth(flat[k + 1], 5, width, half, flat[0])
+    return parts[0]
 
 
-def _smoothed(values: np.ndarray, width: int) -> np.ndarray:
-    """Means over squares of ``width`` cells around each (columns, rows, ...); what is beyond the rim counts as nothing."""
-    for axis in (0, 1):
-        total = np.zeros_like(values)
-        source, target = np.moveaxis(values, axis, 0), np.moveaxis(total, axis, 0)
-        for shift in range(-(width // 2), width // 2 + 1):
-            n = len(source) - abs(shift)
-            target[max(-shift, 0) :][:n] += source[max(shift, 0) :][:n]
-        values = total / width
-    return values
+def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """First cell of the raster under a row of the lattice; the first of the lattice (n,) in each and parts (n, m) from it on.
 
-
-def _shared(values: np.ndarray, first: int, size: float, cell: float, count: int) -> tuple[int, np.ndarray]:
-    """First of the cells of the raster under the first axis of values (n, ...), and their shares by length.
-
-    The lattice starts at its cell ``first`` of ``size`` [m]; the raster has ``count`` cells of length ``cell`` [m]. What hangs
-    over its edge is mirrored.
+    The row has ``count`` cells of ``size`` [m] from ``first`` on, the raster ``cells`` of length ``cell`` [m].
     """
-    first, values = _inside(values, first, math.ceil(count * cell / size - 1e-9))
-    low = min(math.floor(first * size / cell), count - 1)
-    high = min(max(math.ceil((first + len(values)) * size / cell), low + 1), count)
-    edges: Any = np.arange(low, high + 1) * (cell / size)
-    if high == count:
-        edges[-1] = max(edges[-1], first + len(values))
-    begin, end = edges[:-1, None], edges[1:, None]
+    low = min(math.floor(first * size / cell), cells - 1)
+    high = min(max(math.ceil((first + count) * size / cell), low + 1), cells)
+    edges = np.arange(low, high + 1) * (cell / size)
+    if high == cells:
+        edges[-1] = max(edges[-1], first + count)
     base = np.floor(edges[:-1]).astype(int)
-    shares = np.zeros((len(base), values[0].size))
-    flat = values.reshape(len(values), -1)
-    for k in range(int(np.max(np.ceil(edges[1:]) - base))):
-        place = base[:, None] + k
-        part = np.maximum(np.minimum(end, place + 1) - np.maximum(begin, place), 0.0)
-        part[(place < first) | (place >= first + len(values))] = 0.0
-        shares += part * flat[np.clip(place[:, 0] - first, 0, len(values) - 1)]
-    return low, shares.reshape(-1, *values.shape[1:])
+    place = base[:, None] + np.arange(int(np.max(np.ceil(edges[1:]) - base)))
+    part = np.maximum(np.minimum(edges[1:, None], place + 1) - np.maximum(edges[:-1, None], place), 0.0)
+    part[(place < first) | (place >= first + count)] = 0.0
+    return low, base - first, part
 
 
 def _inside(values: np.ndarray, first: int, count: int) -> tuple[int, np.ndarray]:

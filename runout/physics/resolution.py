@@ -30,11 +30,9 @@ def footprint_area(count: Any):
     """Plan area [grid cells] over which a particle spreads where ``count`` particles stand over a grid cell, 1 to 7.25.
 
     So wide that four particles share it, at least one cell: the map of a flow has no holes between particles that have moved
-    apart. A box of one cell smoothed over squares of 2.5 cells has the area 7.25. Numbers or arrays.
+    apart. A box of one cell smoothed over squares of 2.5 cells has the area 7.25.
     """
-    area = real(4.0) / count
-    above = real(0.5) * (area + real(1.0) + abs(area - real(1.0)))
-    return real(0.5) * (above + real(7.25) - abs(above - real(7.25)))
+    return min(max(real(4.0) / count, real(1.0)), real(7.25))
 
 
 def smoothed_area(width: Any):
@@ -45,10 +43,9 @@ def smoothed_area(width: Any):
 def part_beyond(area: Any, narrow: Any, wide: Any):
     """Part of a mass with a footprint of ``area`` that spreads over ``wide``, the rest over ``narrow`` or less, 0 to 1.
 
-    The mean area is kept. Numbers or arrays.
+    The mean area is kept.
     """
-    part = (area - narrow) / (wide - narrow)
-    return real(0.5) * (abs(part) + real(1.0) - abs(part - real(1.0)))
+    return min(max((area - narrow) / (wide - narrow), real(0.0)), real(1.0))
 
 
 def smallest_feature(h: Any, raster_cell: Any):
