@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.grid_index import GridIndex, compared
+from pipelines.grid_index import GridIndex, area_above, compared
 from runout import log
 from runout.errors import ConfigError
 
@@ -87,7 +87,7 @@ def study(
     runs: dict[int, list[Run]] = {0: [], 1: [], 2: []}
     for (level, shift), cost in zip(plan, costs, strict=True):
         h = ratio**level * spacing
-        runs[level].append(_run(arguments, h, shift / shifts, shift, thresholds, simulate))
+        runs[level].append(run_once(arguments, h, shift / shifts, shift, thresholds, simulate))
         LOGGER.info("cells of %.4g m, shifted by %.2g: %.1f s", h[0], shift / shifts, runs[level][-1].seconds)
         if progress:
             progress(cost / costs[-1])
@@ -111,7 +111,9 @@ def _require_room(arguments: Mapping[str, Any], coarsest: np.ndarray) -> None:
             )
 
 
-def _run(arguments: Mapping[str, Any], h: np.ndarray, shift: float, seed: int, thresholds: Sequence[float], simulate: Any) -> Run:
+def run_once(
+    arguments: Mapping[str, Any], h: np.ndarray, shift: float, seed: int, thresholds: Sequence[float], simulate: Any = None
+) -> Run:
     """One run with cells ``h`` (3,) [m], the terrain raised by ``shift`` cells."""
     if simulate is None:
         from runout.simulation import simulate
@@ -148,7 +150,7 @@ def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[f
         "peak_speed": float(np.quantile(result.fields["max_speed"][result.fields["max_speed"] > 0], 0.99)),
     }
     for threshold in thresholds:
-        found[f"area_above_{threshold:g}_m"] = float((result.fields["max_flow_thickness"] > threshold).sum() * terrain.cell_area)
+        found[f"area_above_{threshold:g}_m"] = area_above(result.fields["max_flow_thickness"], threshold, terrain.cell_area)
     return found
 
 

@@ -7,7 +7,7 @@ from typing import Any
 def _verdict(found: Mapping[str, Any]) -> str:
     if found["converging"]:
         return f"order {found['order']:.1f}"
-    return "no order seen: range and spread"
+    return "no order seen"
 
 
 def as_lines(content: Mapping[str, Any]) -> Iterator[str]:
@@ -29,9 +29,11 @@ def as_markdown(content: Mapping[str, Any]) -> str:
         f"# Numerical error of {content['site']}",
         "",
         f"Scenario: the median of every sampled parameter ({scenario}). Three grids; the coarser two were also "
-        "shifted against the terrain, with other positions of the particles. The error is the grid convergence index (Roache "
-        "1994, safety factor 1.25) where the three grids show an order between 0.5 and 3 beyond twice the spread of the shifts; "
-        "else half the range of the grids plus twice that spread. It says nothing about the model, the release or the friction.",
+        "shifted against the terrain, with other positions of the particles. The error is the whole range of the three grids or "
+        "the grid convergence index (Roache 1994, safety factor 1.25), whichever is more, plus twice the spread of the shifts. "
+        "The index takes the observed order where the grids go one way with an order of 0.5 to 2, beyond twice the spread; else "
+        "the order 0.5 and the larger difference. Areas count fractions of cells. The error "
+        "says nothing about the model, the release or the friction.",
         "",
         "| cells [m] | runs | particles | seconds |",
         "|---|---|---|---|",

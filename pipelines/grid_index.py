@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 SAFETY = 1.25  # for three grids
-LOWEST_ORDER, HIGHEST_ORDER = 0.5, 3.0  # outside, the three grids are not on the way to a limit
+LOWEST_ORDER, HIGHEST_ORDER = 0.5, 2.0  # of what is trusted: outside, the three grids are not on the way to a limit
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,11 @@ class GridIndex:
     extrapolated : float or None
         Richardson's limit.
     error : float
-        Bar around the fine value, in its unit: the index of convergence where an order was observed, else half the range of
-        the three means plus two spreads.
+        Bar around the fine value, in its unit: the whole range of the three means or the index of convergence, whichever is
+        more, plus two spreads. Without an order that is trusted the index is that of the lowest such order and of the larger
+        difference.
     converging : bool
-        Whether ``error`` is the index.
+        Whether an order between the bounds was observed, beyond the spread.
     """
 
     coarse: float
@@ -45,16 +46,20 @@ class GridIndex:
         """Index from the values on the three grids, coarse first, one per shift; ``ratio`` between neighbouring cells."""
         coarse, middle, fine = (float(np.mean(v)) for v in values)
         spread = float(np.std(values[1], ddof=1)) if len(values[1]) > 1 else 0.0
+        return cls.of_means(coarse, middle, fine, spread, ratio)
+
+    @classmethod
+    def of_means(cls, coarse: float, middle: float, fine: float, spread: float, ratio: float) -> "GridIndex":
+        """Index from the means of the three grids and the spread of the middle one."""
         first, second = middle - coarse, fine - middle
-        order = limit = None
-        if first * second > 0 and min(abs(first), abs(second)) > 2 * spread:
-            order = float(np.log(first / second) / np.log(ratio))
-        if order is None or not LOWEST_ORDER <= order <= HIGHEST_ORDER:
-            error = 0.5 * float(np.ptp([coarse, middle, fine])) + 2 * spread
-            return cls(coarse, middle, fine, spread, order, None, error, False)
+        whole, largest = float(np.ptp([coarse, middle, fine])), max(abs(first), abs(second))
+        order = float(np.log(first / second) / np.log(ratio)) if first * second > 0 else None
+        seen = order is not None and LOWEST_ORDER <= order <= HIGHEST_ORDER and min(abs(first), abs(second)) > 2 * spread
+        if order is None or not seen:
+            error = SAFETY * largest / (ratio**LOWEST_ORDER - 1) + 2 * spread
+            return cls(coarse, middle, fine, spread, order, None, max(error, whole + 2 * spread), False)
         left = second / (ratio**order - 1)
-        limit = fine + left
-        return cls(coarse, middle, fine, spread, order, limit, SAFETY * abs(left), True)
+        return cls(coarse, middle, fine, spread, order, fine + left, max(SAFETY * abs(left), whole) + 2 * spread, True)
 
     @property
     def relative(self) -> float:
@@ -86,3 +91,22 @@ def compared(field: np.ndarray, reference: np.ndarray, block: int, thresholds: S
         either = int(((a > threshold) | (b > threshold)).sum())
         index[f"{threshold:g}"] = float(((a > threshold) & (b > threshold)).sum() / either) if either else 1.0
     return {"relative_l1": distance, "critical_success_index": index}
+
+
+def area_above(field: np.ndarray, threshold: float, cell_area: float) -> float:
+    """Plan area [m2] where a map (rows, columns) exceeds a threshold, by fractions of cells.
+
+    Between the centres of neighbouring cells the map is linear; the mean of all lines east-west and north-south. Ground beyond
+    the map is at 0, and unknown cells count as dry.
+    """
+    padded = np.pad(np.nan_to_num(np.asarray(field, float)), 1)
+    lengths = [_length_above(padded, threshold), _length_above(padded.T, threshold)]
+    return 0.5 * cell_area * sum(lengths)
+
+
+def _length_above(field: np.ndarray, threshold: float) -> float:
+    """Length [cells] above a threshold along all rows of a map (rows, columns)."""
+    low, high = np.minimum(field[:, 1:], field[:, :-1]), np.maximum(field[:, 1:], field[:, :-1])
+    rise = high - low
+    part = np.divide(high - threshold, rise, out=(high > threshold).astype(float), where=rise > 0)
+    return float(np.clip(part, 0.0, 1.0).sum())

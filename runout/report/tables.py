@@ -202,11 +202,11 @@ def _resolved(found: dict[str, float]) -> str:
     if not found:
         return ""
     viscosity, time = quantity(found["numerical_viscosity"], "m2 s-1", 2), quantity(found["shear_decay_time"], "s", 2)
-    cells = number(found["cells_through_depth"], 2)
+    cells, width = number(found["cells_through_depth"], 2), found.get("smallest_feature")
+    feature = f" The smallest feature that the maps can show is {quantity(width, 'm', 2)} wide." if width else ""
     return (
         f"The member that is resolved least has {cells} cells through its depth; there the scheme acts like a viscosity of "
-        f"{viscosity}, which stops shear through the depth in {time}. The smallest feature that the maps can show is "
-        f"{quantity(found['smallest_feature'], 'm', 2)} wide: two cells of the grid, or of the raster where that is coarser."
+        f"{viscosity}, which stops shear through the depth in {time}.{feature}"
     )
 
 
