@@ -3,6 +3,14 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+METHOD = (
+    "Three grids; the coarser two were also shifted against the terrain, with other positions of the particles. The error is the "
+    "whole range of the three grids or the grid convergence index (Roache 1994, safety factor 1.25), whichever is more, plus "
+    "twice the spread of the shifts. The index takes the observed order where the grids go one way with an order of 0.5 to 2, "
+    "beyond twice the spread; else the order 0.5 and the larger difference. Areas count fractions of cells. The error says "
+    "nothing about the model, the release or the friction."
+)
+
 
 def _verdict(found: Mapping[str, Any]) -> str:
     if found["converging"]:
@@ -28,12 +36,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     lines = [
         f"# Numerical error of {content['site']}",
         "",
-        f"Scenario: the median of every sampled parameter ({scenario}). Three grids; the coarser two were also "
-        "shifted against the terrain, with other positions of the particles. The error is the whole range of the three grids or "
-        "the grid convergence index (Roache 1994, safety factor 1.25), whichever is more, plus twice the spread of the shifts. "
-        "The index takes the observed order where the grids go one way with an order of 0.5 to 2, beyond twice the spread; else "
-        "the order 0.5 and the larger difference. Areas count fractions of cells. The error "
-        "says nothing about the model, the release or the friction.",
+        f"Scenario: the median of every sampled parameter ({scenario}). {METHOD}",
         "",
         "| cells [m] | runs | particles | seconds |",
         "|---|---|---|---|",

@@ -66,7 +66,7 @@ class Course:
         self.engine.load(scene, particles)
         self.peaks, self.ledger, self.now = PeakMaps(scene.raster, 0.1), Ledger(), 0.0
         self.dt = STEP_SHARE * self.engine.stable_step()
-        crossing = CROSSING * max(min(scene.raster.cell_size), 0.5 * min(scene.spacing[:2])) / self.engine.ledger().max_speed
+        crossing = CROSSING * scene.observed_length / self.engine.ledger().max_speed
         self.steps = max(1, math.floor(crossing / self.dt))
         self.advance(UNTIMED_STEPS)
         self.observe()

@@ -49,8 +49,8 @@ class Course:
     snapshot_times : tuple of float
         Ascending [s].
     crossing : float
-        Observe whenever the fastest particle may have crossed so much of a cell of the raster, or of half a grid cell if that
-        is longer, and at least :data:`OBSERVATIONS` times; 0 observes after every step.
+        Observe whenever the fastest particle may have crossed so much of a raster cell, or of half a grid cell if that is longer,
+        and at least :data:`OBSERVATIONS` times; 0 observes after every step.
     crop : bool
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
     """
@@ -381,8 +381,7 @@ class Run:
         if self.progress:
             self.progress(1.0 if self.reason else self.time / self.course.end_time)
         self.observing += clock.perf_counter() - started
-        length = max(min(self.scene.raster.cell_size), 0.5 * min(self.scene.spacing[:2]))
-        crossing = self.course.crossing * length / max(row.max_speed, 1e-3)
+        crossing = self.course.crossing * self.scene.observed_length / max(row.max_speed, 1e-3)
         return self.time + min(self.course.end_time / OBSERVATIONS, crossing)
 
     def _frame(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:

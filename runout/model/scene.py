@@ -140,6 +140,11 @@ class Scene:
         """Part of its own velocity that a particle keeps [1]."""
         return self.flip_ratio if self.transfer == "aflip" else 0.0
 
+    @property
+    def observed_length(self) -> float:
+        """Length [m] that maps tell apart between two observations: a cell of the raster, or half a grid cell if that is longer."""
+        return max(min(self.raster.cell_size), 0.5 * min(self.spacing[:2]))
+
     @cached_property
     def isolated_cfl(self) -> float:
         """Courant number above which an isolated particle would gain energy."""
