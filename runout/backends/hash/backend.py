@@ -88,7 +88,7 @@ def bytes_needed(
     number = 4 if precision == "float32" else 8
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
-    particle = (ROWS + 1 + 6 * (transfer != "mls")) * number + 14 + 4 * f_bar  # rows, radius, stress; release, number, key, lists
+    particle = (ROWS + 5 + 6 * (transfer != "mls")) * number + 14 + 4 * f_bar  # rows, radius, force, stress; release, number, ...
     nodes = 64 * room_for(blocks)
     grid = 4 * number * (max((1 + (transfer == "aflip")) * nodes, particles // 4) + nodes * (f_bar and not deterministic))
     block = 508 + 2 * number + 260 * f_bar + deterministic * (TILE * 4 * number + 36)
