@@ -6,7 +6,7 @@ import numpy as np
 
 from runout.errors import InputError
 
-REAL = "biuf"  # kinds of NumPy's types that are real numbers
+REAL = "iuf"  # kinds of NumPy's types that are real numbers; a mask is none
 LARGEST_TEXT = 80  # characters of a value in a message
 
 

@@ -183,5 +183,5 @@ def without_overlap(
     pairs = sorted(zip(first[counts].tolist(), second[counts].tolist(), strict=True))
     named = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs[:NAMED])
     if len(pairs) > NAMED or not found.complete:
-        named += f" and {'at least ' * (not found.complete)}{len(pairs) - NAMED} pairs more"
+        named += f" and {'more than ' * (not found.complete)}{len(pairs) - NAMED} pairs more"
     return polygons, (f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",)

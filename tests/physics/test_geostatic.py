@@ -19,7 +19,7 @@ REST = {"density": 2000.0, "youngs_modulus": 5e6, "poisson_ratio": 0.3}
 SLOPES = st.floats(-1.5, 1.5)
 MATERIALS = st.one_of(
     st.builds(
-        DruckerPrager, **{k: st.just(v) for k, v in REST.items()}, friction_angle=st.floats(0.5, 60), cone=st.sampled_from(Cone),
+        DruckerPrager, **{k: st.just(v) for k, v in REST.items()}, friction_angle=st.floats(1.6, 60), cone=st.sampled_from(Cone),
         cohesion=st.sampled_from([0.0, 500.0, 5e4]),
     ),
     st.builds(DruckerPrager, **{k: st.just(v) for k, v in REST.items()}, friction_angle=st.just(0.0), cohesion=st.just(3e3)),
@@ -109,8 +109,8 @@ def test_the_strain_of_a_stress_has_that_stress(tau):
 
 def test_simple_shear_of_the_law_ends_at_the_shear_strength():
     """Sheared at constant volume, each law passes on what shear_strength says: sin(phi) with the default cone."""
-    fast = GranularFlow(**REST, static_friction=0.4, dynamic_friction=0.6, grain_size=1e3)  # grains so large that I is 100
-    for material, rate in ((DruckerPrager(**REST, friction_angle=30.0), 1e-4), (fast, 1e-3)):
+    fast = GranularFlow(**REST, static_friction=0.4, dynamic_friction=0.6, grain_size=100.0)  # grains so large that I is 100
+    for material, rate in ((DruckerPrager(**REST, friction_angle=30.0), 1e-4), (fast, 1e-2)):
         mat, history = record(material), 0.0
         _, strain = stress_of(material, 4.0, 0.0, 0.0, 0.0)
         for _ in range(3000):

@@ -9,9 +9,9 @@ from runout.errors import ExitCode
 SECOND = SITE.replace("material:", "  - {name: second, raster: inputs/second.tif, placement: on_surface}\nmaterial:")
 
 
-def hole_in_the_way():
+def hole_under_the_release():
     elevation = ramp()
-    elevation[12, 30] = -9999.0
+    elevation[12, 7] = -9999.0
     return elevation
 
 
@@ -20,7 +20,7 @@ BAD = {
     "keys and data": {"text": SITE.replace("end_time", "end_tiem"), "thickness": -slab()},
     "overlap": {"text": SECOND},
     "overlap and negative thickness": {"text": SECOND, "thickness": -slab()},
-    "hole in the way of the flow": {"elevation": hole_in_the_way()},
+    "hole under the release": {"elevation": hole_under_the_release()},
     "cells larger than the release": {"text": SITE.replace("cell_size: 10", "cell_size: 200")},
 }
 

@@ -70,7 +70,7 @@ def test_thickness_array_has_the_limit_of_a_raster(terrain):
 
 @pytest.mark.parametrize("kind", [bool, complex, str, "datetime64[s]"])
 def test_thickness_array_of_another_type_is_refused(terrain, kind):
-    with pytest.raises(ReleaseError, match=r"thickness is of type .*; give real numbers, in m"):
+    with pytest.raises(ReleaseError, match=r"thickness is an array of .*; an array of real numbers is needed"):
         Release.from_array(np.ones(terrain.shape, int).astype(kind), terrain)
 
 

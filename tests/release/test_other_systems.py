@@ -152,7 +152,7 @@ def test_a_release_in_the_dems_own_system_is_accepted_when_the_dem_is_projected(
     box = shapely.box(10.005, 46.99, 10.01, 46.995)
     frame = geopandas.GeoDataFrame({"a": [1]}, geometry=[box], crs="EPSG:4326" if stated else None)
     frame.to_file(tmp_path / "scar.shp")
-    vector = Release.from_vector(tmp_path / "scar.shp", terrain, thickness=3.0)
+    vector = Release.from_vector(tmp_path / "scar.shp", terrain, thickness=3.0, edge="vertical")
     exact = pyproj.Geod(ellps="WGS84").geometry_area_perimeter(box)[0]
     assert vector.volume == pytest.approx(3.0 * abs(exact), rel=1e-3)  # the map's own scale
     values = np.zeros((60, 70))
