@@ -112,7 +112,7 @@ def main() -> None:
         backend._rebuild()
         told("sort", 1)
         backend._settle()
-    contact = sum(step[name] for name in ("find_contacts", "begin_contacts", "solve_contacts") if name in step)
+    contact = sum(step[name] for name in ("find_contacts", "solve_contacts") if name in step)
     launches = sum(step.values())
     with_sorts = 100 * (contact + ground / between) / (launches + whole / between)
     print(f"contact {contact:.3f} of {launches:.3f} ms, {100 * contact / launches:.1f} %;")

@@ -346,11 +346,7 @@ class Batch:
         run_each(
             k.find_contacts, n.places, WARP, s.rec, s.radius, s.order, i.cstart, self.flags, i.tally, n.standing, i.member,
             self.clock, n.tiles, n.bounds, self.h, self.band, self.real(self.largest), i.around, n.falls, i.touching, i.touched,
-            self.contacts, n.near_up, n.shares, n.arenas, *self._pressed(),
-        )  # fmt: skip
-        run_each(
-            k.begin_contacts, n.places, WARP, s.rec, s.number, s.forces, *self._pressed(), i.up, self.flags, i.tally, i.touched,
-            i.member, self.clock, self.step_counts, n.grid, n.arenas,
+            self.contacts, n.near_up, n.shares, n.arenas, *self._pressed(), s.number, s.forces, i.up, self.step_counts, n.grid,
         )  # fmt: skip
         if self.deterministic:
             run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.shares, n.grid)

@@ -35,7 +35,6 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     Vector,
-    add_node,
     lane_count,
     node4,
     own_block,
@@ -209,66 +208,6 @@ def _give_all(tile: Tile, shares: Reals, bases: Tile, q: int):
         _give(tile, shares, bases, u, q)
         _give(tile, shares, bases, u + 3, q)
     _give(tile, shares, bases, 6, q)
-
-
-def _add_given(tile: Tile, grid: Nodes, bases: Tile, u: int, q: int):
-    """Impulse at a node of the tile, number ``q`` of its piece ``u``, to the momentum of that of the grid."""
-    piece = _piece(u, q)
-    s = tile[wp.max(piece[2], 0)]
-    if piece[2] >= 0 and (s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0)):
-        add_node(grid, bases[piece[0]] + piece[1], s)
-
-
-def _add_all_given(tile: Tile, arenas: Nodes, grid: Nodes, bases: Tile, b: int, lane: int):
-    """The same for all nodes; for sums in fixed order to the arena of the block, beside the sums of weights."""
-    if ORDERED:
-        for t in range(lane, TILE, lane_count()):
-            arenas[b * TILE + t] += node4(tile[t])
-    else:
-        for q in range(lane, PIECE, lane_count()):
-            for u in range(3):
-                _add_given(tile, grid, bases, u, q)
-                _add_given(tile, grid, bases, u + 3, q)
-            _add_given(tile, grid, bases, 6, q)
-
-
-def begin_contacts(
-    rec: Rows, number: Ints, forces: Nodes, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
-    touched: Table2, member: Ints, clock: Rows, counts: Ints, grid: Nodes, arenas: Nodes,
-):  # fmt: skip
-    """Impulses by the forces of the step before to the momentum of the nodes."""
-    begin, lane = wp.tid()
-    begin, lane = own_block(begin), own_lane(lane)
-    row = tally[TOUCHED] - 1 - begin
-    if flags[HALT] != 0 or row < 0:
-        return
-    b = int(touched[row, 0])
-    s = _scene_of(member, b, clock)
-    dt = clock[s, 0]
-    stamp = real((counts[s] - 1) & STAMPS)
-    starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
-    tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
-    bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-    _set_bases(bases, up, b, lane)
-    first = int(pressed_start[b, 0])
-    filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
-    many = _number_pressed(starts, filled, pressed_start, b, lane)
-    total = int(starts[CELL_LANES])
-    pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-    offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
-    for base in range(0, total, HELD):
-        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
-        for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
-            n = base + q * lane_count() + lane
-            p = pressed[first + wp.min(n, total - 1)] & NOT_NEGATIVE
-            given = _given(forces, number[p], stamp, dt)
-            f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-            _hold(pushes, offsets, n - base, given, f, n < total)
-        _clear(tile, node4(), lane)
-        for turn in range((many + lane_count() - 1) // lane_count()):
-            mine = turn * lane_count() + lane
-            _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
-        _add_all_given(tile, arenas, grid, bases, b, lane)
 
 
 def solve_contacts(

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact import HELD, _around, _clear, _ground, _number
+from runout.backends.hash.contact import HELD, HELD_TWICE, _around, _clear, _given, _ground, _hold, _number
 from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
@@ -19,6 +19,7 @@ from runout.backends.hash.layout import (
     OFFSET,
     ORDERED,
     PIECE,
+    STAMPS,
     STARTS,
     TILE,
     TOUCHED,
@@ -31,13 +32,14 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     Vector,
+    add_node,
     lane_count,
     node4,
     own_block,
     own_lane,
-    sums1,
+    sums9,
 )
-from runout.backends.hash.stencil import _cell_of, _first_node, _piece, _scene_of, _set_near_bases
+from runout.backends.hash.stencil import _cell_of, _first_node, _piece, _scene_of, _set_bases, _set_near_bases
 from runout.physics.bspline import weights
 from runout.physics.contact import in_contact, reach
 from runout.physics.heightfield import height_at
@@ -128,12 +130,12 @@ def _queue_low(
 
 
 def _keep_touching(
-    queue: Tile, begin: int, end: int, counts: Tile, spots: Tile, found: int, rec: Rows, radius: Reals, lane: int, tiles: Rows,
+    queue: Tile, begin: int, end: int, counts: Tile, found: int, rec: Rows, radius: Reals, lane: int, tiles: Rows,
     near: int, h: Vector, dt: Any, band: Any, far: Any, pressed: Ints, pressed_begin: int,
 ):  # fmt: skip
     """List those that touch the ground of particles in a queue, one a lane; ``found`` before. Returns how many are found then.
 
-    ``counts`` are told how many a cell has, ``spots`` the offsets of the first.
+    ``counts`` are told how many a cell has.
     """
     n = begin + lane
     c = int(0)
@@ -154,7 +156,6 @@ def _keep_touching(
     hits = hits_before(hit)
     if hit:
         pressed[pressed_begin + found + hits[0]] = p
-    wp.tile_scatter_masked(spots, wp.min(found + hits[0], HELD - 1), f, hit and found + hits[0] < HELD)
     wp.tile_scatter_add(counts, c, 1, hit, True)
     return found + hits[1]
 
@@ -167,64 +168,75 @@ def _note_starts(starts: Tile, pressed_start: Table2, begin: int, b: int, lane: 
         pressed_start[b, 0] = begin
 
 
-def _load_spots(spots: Tile, rec: Rows, pressed: Ints, begin: int, end: int, lane: int):
-    """Offsets of the particles at some places of the list, at most so many as are held at once."""
+def _load_given(
+    pushes: Tile, offsets: Tile, rec: Rows, number: Ints, forces: Nodes, pressed: Ints, begin: int, end: int, lane: int,
+    stamp: Any, dt: Any,
+):  # fmt: skip
+    """Impulses by the forces of the step before, and offsets, of the particles at some places of the list: HELD at most."""
     for q in range((end - begin + lane_count() - 1) // lane_count()):
         n = q * lane_count() + lane
         p = pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
-        wp.tile_scatter_masked(spots, n, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), begin + n < end)
+        f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+        _hold(pushes, offsets, n, _given(forces, number[p], stamp, dt), f, begin + n < end)
 
 
-def _add_shares(tile: Tile, spots: Tile, starts: Tile, filled: Tile, many: int, base: int, lane: int):
-    """Weights of the contact particles of a block from number ``base`` on, with offsets ``spots``, to the nodes of its tile.
-
-    A thread owns one of the ``many`` filled cells: no two add to a node at once.
-    """
-    for turn in range((many + lane_count() - 1) // lane_count()):
-        mine = turn * lane_count() + lane
-        c = int(filled[wp.min(mine, many - 1)])
-        acc = sums1()
-        for n in range(wp.max(int(starts[c]), base), wp.min(int(starts[c + 1]), base + HELD)):
-            f = spots[n - base]
-            wx = weights(f[0])
-            wy = weights(f[1])
-            wz = weights(f[2])
-            for i in range(3):
-                for j in range(3):
-                    for k in range(3):
-                        acc[(i * 3 + j) * 3 + k] += wx[i] * wy[j] * wz[k]
-        first = _first_node(c)
-        for i in range(3):
+def _add_shares(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool):
+    """Weights of the contact particles of a cell, and their given impulses, to its 27 nodes, nine at a time."""
+    begin = wp.max(int(starts[c]), base)
+    end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
+    first = _first_node(c)
+    for i in range(3):
+        acc = sums9()
+        for t in range(begin, end):
+            push = pushes[t - base]
+            wx = weights(push[3])
+            wy = weights(offsets[t - base])
+            wz = weights(offsets[HELD + t - base])
             for j in range(3):
+                share = wx[i] * wy[j]
                 for k in range(3):
-                    wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, acc[(i * 3 + j) * 3 + k], mine < many, False)
+                    w = share * wz[k]
+                    acc[j * 3 + k, 0] += w
+                    for d in range(3):
+                        acc[j * 3 + k, d + 1] += w * push[d]
+        for j in range(3):
+            for k in range(3):
+                s = node4(acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2], acc[j * 3 + k, 3])
+                wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
 
 
-def _give_share(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
-    """Sum of weights at a node of the tile, number ``q`` of its piece ``u``, to that of the grid."""
+def _give_share(tile: Tile, shares: Reals, grid: Nodes, bases: Tile, near_bases: Tile, u: int, q: int):
+    """Sum of weights and impulse at a node of the tile, number ``q`` of its piece ``u``, to the node of the grid."""
     piece = _piece(u, q)
-    share = tile[wp.max(piece[2], 0)]
-    if piece[2] >= 0 and share != real(0.0):
-        wp.atomic_add(shares, bases[piece[0]] + piece[1], share)
+    s = tile[wp.max(piece[2], 0)]
+    if piece[2] >= 0 and s[0] != real(0.0):
+        wp.atomic_add(shares, near_bases[piece[0]] + piece[1], s[0])
+        if s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
+            add_node(grid, bases[piece[0]] + piece[1], node4(real(0.0), s[1], s[2], s[3]))
 
 
-def _give_shares(tile: Tile, shares: Reals, bases: Tile, q: int):
-    """The same for a node of each piece."""
-    for u in range(3):
-        _give_share(tile, shares, bases, u, q)
-        _give_share(tile, shares, bases, u + 3, q)
-    _give_share(tile, shares, bases, 6, q)
+def _give_shares(tile: Tile, arenas: Nodes, shares: Reals, grid: Nodes, bases: Tile, near_bases: Tile, b: int, lane: int):
+    """The same for all nodes; for sums in fixed order to the arena of the block."""
+    if ORDERED:
+        for t in range(lane, TILE, lane_count()):
+            arenas[b * TILE + t] = tile[t]
+    else:
+        for q in range(lane, PIECE, lane_count()):
+            for u in range(3):
+                _give_share(tile, shares, grid, bases, near_bases, u, q)
+                _give_share(tile, shares, grid, bases, near_bases, u + 3, q)
+            _give_share(tile, shares, grid, bases, near_bases, 6, q)
 
 
 def find_contacts(
     rec: Rows, radius: Reals, order: Ints, cstart: Table2, flags: Ints, tally: Ints, standing: Ints, member: Ints,
     clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, largest: Real, around: Table2, falls: Reals,
     touching: Ints, touched: Table2, contacts: Ints, near_up: Table2, shares: Reals, arenas: Nodes, pressed: Ints,
-    pressed_start: Table2,
+    pressed_start: Table2, number: Ints, forces: Nodes, up: Table2, step_counts: Ints, grid: Nodes,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
 
-    They are listed by cell. ``shares`` are those sums.
+    They are listed by cell. ``shares`` are those sums. Impulses by the forces of the step before go to the momentum of the nodes.
     """
     place, lane = wp.tid()
     place, lane = own_block(place), own_lane(lane)
@@ -235,23 +247,22 @@ def find_contacts(
     if clock[s, 0] > real(0.0):
         starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
         counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
-        spots = wp.tile_empty(shape=HELD, dtype=vec, storage="shared")
         filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
         places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
-        tile = wp.tile_empty(shape=TILE, dtype=real, storage="shared")  # limits of the cells first, then sums of weights
+        limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
         queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
         first = int(cstart[b, 0])
         far = _farthest(falls, around, b, lane, largest, clock[s, 0], band, clock[s, 4])
-        total = _number_listed(starts, places, tile, cstart, b, lane, bounds, place, h, far)
+        total = _number_listed(starts, places, limits, cstart, b, lane, bounds, place, h, far)
         found = int(0)
         head = int(0)
         end = int(0)
         for n in range(0, total, 4 * lane_count()):  # the list of those that touch may be the same memory: it stays behind
-            end = _queue_low(queue, end, n, total, starts, places, tile, rec, order, lane)
+            end = _queue_low(queue, end, n, total, starts, places, limits, rec, order, lane)
             least = wp.where(n + 4 * lane_count() < total, lane_count(), 1)
             while end - head >= least:
                 found = _keep_touching(
-                    queue, head, end, counts, spots, found, rec, radius, lane, tiles, place, h, clock[s, 0], band,
+                    queue, head, end, counts, found, rec, radius, lane, tiles, place, h, clock[s, 0], band,
                     far, pressed, first,
                 )  # fmt: skip
                 head = wp.min(head + lane_count(), end)
@@ -264,18 +275,22 @@ def find_contacts(
                 touching[b] = found
                 wp.atomic_add(contacts, s, found)
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            _set_near_bases(bases, near_up, place, lane)
-            _clear(tile, real(0.0), lane)
+            near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+            tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
+            pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
+            offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+            _set_bases(bases, up, b, lane)
+            _set_near_bases(near_bases, near_up, place, lane)
+            _clear(tile, node4(), lane)
+            stamp = real((step_counts[s] - 1) & STAMPS)
             for base in range(0, found, HELD):
-                if base > 0:
-                    _load_spots(spots, rec, pressed, first + base, wp.min(first + found, first + base + HELD), lane)
-                _add_shares(tile, spots, starts, filled, many, base, lane)
-            if ORDERED:
-                for t in range(lane, TILE, lane_count()):
-                    arenas[b * TILE + t] = node4(tile[t], real(0.0), real(0.0), real(0.0))
-            else:
-                for q in range(lane, PIECE, lane_count()):
-                    _give_shares(tile, shares, bases, q)
+                wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
+                last = wp.min(first + found, first + base + HELD)
+                _load_given(pushes, offsets, rec, number, forces, pressed, first + base, last, lane, stamp, clock[s, 0])
+                for turns in range((many + lane_count() - 1) // lane_count()):
+                    mine = turns * lane_count() + lane
+                    _add_shares(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
+            _give_shares(tile, arenas, shares, grid, bases, near_bases, b, lane)
             if lane == 0:
                 touched[turn, 0] = b
                 touched[turn, 1] = place

@@ -28,7 +28,7 @@ from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import LAWS
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
-WARP_KERNELS = ("find_contacts", "begin_contacts", "solve_contacts", "list_cells", "renumber")
+WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
 # what a general scene has of its own: kernels that differ from those of the packed form, and those that it needs besides
 GENERAL_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
 GENERAL_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
@@ -38,7 +38,7 @@ OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
 # threads of a block and blocks that share a multiprocessor in single precision, which bounds the registers of each thread
 FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
-    "find_contacts": (WARP, 28), "begin_contacts": (WARP, 24), "solve_contacts": (WARP, 20),
+    "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20),
 }  # fmt: skip
 GENERAL_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
@@ -52,9 +52,9 @@ def _argument_types(real: Any, record: Any) -> dict[str, Any]:
         "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16), "Doubles": wp.array(dtype=wp.float64),
         "Halves": wp.array2d(dtype=wp.float16), "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64),
         "Materials": wp.array(dtype=record), "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real),
-        "sums3": wp.types.matrix(shape=(9, 3), dtype=real),
+        "sums3": wp.types.matrix(shape=(9, 3), dtype=real), "sums9": wp.types.matrix(shape=(9, 4), dtype=real),
         "sums27": wp.types.matrix(shape=(27, 3), dtype=real), "sums2": wp.types.matrix(shape=(27, 2), dtype=real),
-        "sums1": wp.types.vector(length=27, dtype=real), "double7": wp.types.vector(length=7, dtype=wp.float64),
+        "double7": wp.types.vector(length=7, dtype=wp.float64),
     }  # fmt: skip
 
 
