@@ -117,7 +117,7 @@ def page(found: Mapping[str, Any]) -> str:
         "# Transfers and F-bar",
         "",
         "What the choices `transfer` and `f_bar` cost and gain ({doc}`../theory`,",
-        "{doc}`../decisions/028-transfers-beside-the-packed-one`).",
+        "{doc}`../decisions/06-transfers`).",
         "",
         f"    python -m pipelines.transfers docs/benchmarks{' --full' if found['full'] else ''}",
         "",

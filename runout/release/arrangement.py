@@ -1,7 +1,7 @@
 """Particles of a cell where nobody states them: four above each other, or one where a thick mass stays thick.
 
 A flow on a slope thins, and what is thinner than a cell needs several particles above each other. A mass that friction holds on
-level ground keeps much of its thickness, and more particles in plan pay there (docs/decisions/037-particles-on-level-ground.md).
+level ground keeps much of its thickness, and more particles in plan pay there (docs/decisions/11-particle-arrangement.md).
 """
 
 import math

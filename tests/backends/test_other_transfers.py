@@ -178,7 +178,7 @@ def test_f_bar_smooths_the_pressure_of_a_collapsing_column_and_leaves_its_shape(
 
 @pytest.mark.parametrize("ratio", [0.95, 1.0])
 def test_clay_without_friction_that_runs_down_a_slope_gains_no_energy_with_aflip(ratio):
-    """Where velocities alone keep their slip it gains 1.6 and 3.4 % of the drop of its potential energy (decision 28)."""
+    """With the slip of velocities alone it gains 1.6 and 3.4 % of its potential energy drop (docs/decisions/06-transfers.md)."""
     clay = replace(SAND, youngs_modulus=1e7, friction_angle=0.0, cohesion=1e3)
     ground, engine = plane(-0.577, 0.0, 40.0), get_backend("scan", threads=1)
     p = box((12.0, 30.0, 0.0), (8.0, 8.0, 2.0), (1.0, 1.0, 1.0), clay.density, surface=ground)

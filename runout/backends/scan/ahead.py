@@ -2,7 +2,7 @@
 
 Numba optimises the body of a parallel loop once by itself and once more as a part of its kernel. The first stays in the process
 that compiled, the second goes to the cache; they round differently where products and sums are fused. A process that compiled would
-not repeat the bits of one that found the cache (decision 26).
+not repeat the bits of one that found the cache (docs/decisions/01-packaging-and-compilation.md).
 """
 
 import base64
