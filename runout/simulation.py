@@ -130,17 +130,17 @@ def simulate(
         "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
         ``docs/theory``.
     flip_ratio : float
-        Part of what the grid has not seen of its velocity that a particle keeps with "aflip", 0 to 1; 0 is "apic".
+        Fraction, 0 to 1, that a particle keeps of the velocity that the grid does not represent ("aflip"); 0 is "apic".
     f_bar : bool
         Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
     sleep_speed : float
-        Let what stays slower [m/s] rest until something moves beside it, on the backend "scan"; 0, the default, for nothing. Only
-        where much of the mass rests while the rest flows does it save time; see ``docs/benchmarks/skip.md``.
+        Blocks slower than this [m/s] rest until something moves beside them, on the backend "scan"; 0, the default, switches it
+        off. It saves time if much of the mass rests while the rest flows; see ``docs/benchmarks/skip.md``.
     initial_stress : str
-        "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": they settle under it.
+        "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
     accuracy : str, optional
         "screening", "standard" or "high": cell_size and cfl that follow from the mean thickness of the release
-        (:data:`runout.accuracy.PRESETS`); either may still be given and then counts.
+        (:data:`runout.accuracy.PRESETS`); an explicit value of either overrides the preset.
     threads : int, optional
         Threads of the CPU; all by default. The result does not depend on it.
     stop : bool

@@ -90,14 +90,14 @@ class TerrainSettings(Settings):
         "resolution", "average the raster over whole blocks of cells to about this size", None, examples=[10.0]
     )
     obstacles: list[ObstacleSettings] | None = quantity(
-        "dams, walls and basins that the raster does not hold, a list: polygons of a vector file, with the height by which they "
+        "list of dams, walls and basins that the raster does not contain: polygons of a vector file, with the height by which they "
         "raise the ground",
         None,
         min_length=1,
         examples=[[{"polygons": "inputs/dams.gpkg", "height": 8.0}]],
     )
     friction_zones: list[ZoneSettings] | None = quantity(
-        "ground that changes the friction of what moves over it (forest, bedrock, snow), a list: polygons of a vector file, with "
+        "list of zones with another basal friction (forest, bedrock, snow): polygons of a vector file, with "
         "factor, which multiplies the friction coefficient of the mass, or basal_friction_angle_deg, which replaces its angle",
         None,
         min_length=1,
@@ -157,7 +157,7 @@ class ReleaseSettings(Settings):
         "instead of polygons: raster of vertical thickness in m, same forms as terrain.dem", None, examples=["inputs/thickness.tif"]
     )
     sign: Literal["positive", "negative"] | None = quantity(
-        "negative: the raster states what fails as a loss of elevation", None, examples=["negative"]
+        "negative: the raster states the failed thickness as a loss of elevation", None, examples=["negative"]
     )
     thickness: Thickness | None = quantity(
         "mean vertical thickness inside the polygons, or the name of the attribute that holds it", None, unit="m", examples=[10.0]
@@ -169,8 +169,8 @@ class ReleaseSettings(Settings):
         "excavated: the mass is part of the elevation raster; on_surface: it lies on top of it", "excavated"
     )
     edge: Literal["tapered", "vertical"] | None = quantity(
-        "tapered: the mass thins out to its outline, with the same volume, and an excavated one slides on a surface that leads out "
-        "of its scar; vertical: as thick at the outline as inside; default: tapered if excavated, vertical if on_surface",
+        "tapered: the mass thins out to its outline and keeps its volume; if excavated, its sliding surface leads out "
+        "of the scar; vertical: the same thickness up to the outline; default: tapered if excavated, vertical if on_surface",
         None,
         examples=["vertical"],
     )
@@ -249,13 +249,13 @@ class SimulationSettings(Settings):
     """How each member is computed."""
 
     accuracy: Literal["screening", "standard", "high"] | None = quantity(
-        "screening, standard or high: sets cell_size and cfl from the thickness of the release, where they are "
-        "not given; `runout check` says what error and cost to expect",
+        "screening, standard or high: sets cell_size and cfl from the thickness of the release, unless they are "
+        "given; `runout check` prints the expected error and cost",
         None,
         examples=["standard"],
     )
     cell_size: CellSize | None = quantity(
-        "grid spacing, one number or [east, north, up]; below a quarter of the flow's depth is good",
+        "grid spacing, one number or [east, north, up]; at most a quarter of the flow depth is recommended",
         None,
         unit="m",
         examples=[10.0],
@@ -278,10 +278,10 @@ class SimulationSettings(Settings):
     flip_ratio: float = limited("flip_ratio", "part of its own velocity that a particle keeps with aflip", 0.95)
     f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
     sleep_speed: float = limited(
-        "sleep_speed", "what stays slower rests until something moves beside it, on scan; 0 for never", 0.0
+        "sleep_speed", "blocks slower than this rest until something moves beside them (backend scan); 0 switches it off", 0.0
     )
     initial_stress: Literal["at_rest", "none"] = quantity(
-        "at_rest: releases start with the stress of their own weight; none: without, and settle under it", "at_rest"
+        "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"
     )
     cfl: float = limited("cfl", "time step as a fraction of the stable one", CFL)
     arrival_threshold: float = limited("arrival_threshold", "thickness that counts as arrival of the flow", 0.1)
