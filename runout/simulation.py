@@ -41,11 +41,11 @@ class Course:
     Attributes
     ----------
     end_time : float
-        Latest time [s].
+        Time at which the run ends at the latest [s].
     stop : bool
         Stop at rest.
     arrival_threshold : float
-        Thickness from which a cell counts as reached [m].
+        Thickness [m] above which the flow has arrived in a cell.
     snapshot_times : tuple of float
         Ascending [s].
     crossing : float
@@ -103,29 +103,29 @@ def simulate(
     ----------
     terrain : Terrain
     release : Release or sequence of Release
-        What starts to move; several must not overlap.
+        The masses that start to move; several must not overlap.
     material : Material
-        Of every release that brings none of its own.
+        Material of every release without a material of its own.
     basal_friction_angle : float
-        Coulomb friction angle at the ground [deg], of every release that brings none; 0 to 60.
+        Coulomb friction angle at the ground [deg], 0 to 60, for every release without an angle of its own.
     friction_zones : FrictionZones, optional
-        Where the ground multiplies or replaces the friction, as in :meth:`runout.FrictionZones.from_vector`.
+        Zones where the ground multiplies or replaces the friction, see :meth:`runout.FrictionZones.from_vector`.
     cell_size : float or (dx, dy, dz)
-        Spacing of the grid [m]; needed where no ``accuracy`` is given.
+        Grid spacing [m]; required without ``accuracy``.
     particles_per_cell : int or (nx, ny, nz)
-        8 is (2, 2, 2). By default (2, 2, 4), since flows are thin; (3, 3, 1) for a mass of five cells or more on ground so level
-        that it stays thick (:mod:`runout.release.arrangement`).
+        Particles per cell; 8 is (2, 2, 2). Default: (2, 2, 4), or (3, 3, 1) for a mass at least five cells thick on level
+        ground (:mod:`runout.release.arrangement`).
     end_time : float
         Latest time [s].
     backend, device : str
-        "scan" (CPU, numba), "hash" (warp: "cuda:0", or slowly "cpu"), "auto" (hash where there is a GPU, else scan) or
+        "scan" (CPU, numba), "hash" (warp: "cuda:0", or "cpu", slow), "auto" (hash if there is a GPU, else scan) or
         "reference" (NumPy, slow).
     precision : str
         "float32" or "float64".
     seed : int
-        Of the particles' positions.
+        Seed of the positions of the particles.
     cfl : float
-        Courant number, 0.6 at most and by default. A smaller one is not more accurate: the transfer damps once a step.
+        Courant number; 0.6 by default, which is also the largest. A smaller value is not more accurate, since each step damps.
     transfer : str
         "mls" (fastest), "apic" (stress and strain by the gradients of the weights) or "aflip" (apic that damps less); see
         ``docs/theory``.
@@ -144,27 +144,26 @@ def simulate(
     threads : int, optional
         Threads of the CPU; all by default. The result does not depend on it.
     stop : bool
-        Stop as soon as the flow has come to rest.
+        Stop when the flow has come to rest.
     arrival_threshold : float
         Thickness from which a cell counts as reached [m].
     snapshot_times : sequence of float
-        Times [s] at which thickness and speed are kept.
+        Times [s] at which maps of thickness and speed are stored.
     progress : callable, optional
-        Called with the fraction of the time that is done, 0 to 1.
+        Called with the fraction of the simulated time, 0 to 1.
     checkpoint : path, optional
-        File from which the same call goes on when it was broken off, bit by bit as if it had not been; written now and then,
-        removed at the end.
+        Checkpoint file. If a run was interrupted, the same call continues from it and gives the same bits. Removed at the end.
     checkpoint_every : float
         Wall time between two checkpoints [s].
     memory_gb : float, optional
-        Most memory that the run may take [GB], besides what is available: a run that is expected to take more is refused.
+        Limit of the memory [GB]. A run with a larger forecast is refused, as is one that exceeds the available memory.
 
     Raises
     ------
     DemError, ReleaseError, MaterialError, ConfigError
-        For an input that cannot be used; names the place, the value and the remedy.
+        If an input cannot be used; the message names place, value and remedy.
     StabilityError, CapacityError, DeviceError
-        For a run that cannot go on.
+        If a run cannot continue.
     """
     started = clock.perf_counter()
     course = Course(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))

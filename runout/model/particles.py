@@ -45,7 +45,7 @@ class Particles:
     volume : (n,)
         Volume in the stress-free state [m3].
     radius : (n,)
-        How close to the ground the particle comes, along its normal [m]: half of what lies between heights of particles there.
+        Distance from the ground, along its normal, at which the particle touches [m]: half the spacing of particle heights.
     ground_force : (n, 3)
         Force of the ground in the last step [N], zero for a particle that did not touch it: contact starts from it.
     release : (n,) int32

@@ -68,11 +68,11 @@ class Release:
     name, source : str
         For messages and products.
     changes : tuple of str
-        What was assumed or changed on the way in, one sentence each.
+        Assumptions and changes of the reader, one sentence each.
     edge : Edge
-        How it ends at its outline.
+        Shape at the outline: tapered or vertical.
     body : TaperedMass or None
-        What a tapered edge was made of, to be made larger or smaller.
+        Data of a tapered mass, used by :meth:`scaled`.
     """
 
     thickness: np.ndarray

@@ -54,24 +54,24 @@ class Scene:
         Largest friction coefficient that the mass of each release passes on to the ground [1], see
         :meth:`runout.model.materials.Material.shear_strength`; empty for no limit.
     initial_stress : str
-        What stress the particles were given, one of :data:`runout.initial_stress.CHOICES`; for the record.
+        Initial stress of the particles, one of :data:`runout.initial_stress.CHOICES`; for the record.
     gravity : tuple of float
         Acceleration [m/s2].
     cfl : float
-        Courant number of the acoustic limit, at most 0.6; steps are shorter where an isolated particle needs that.
+        Courant number of the acoustic limit, at most 0.6. The limit of an isolated particle can shorten the steps.
     precision : str
         "float32" or "float64".
     transfer : str
         How stress, strain and velocity pass between particles and grid: "mls" (packed in the affine matrix), "apic" (gradients of
         the weights) or "aflip" (apic, and particles keep a part of their own velocity).
     flip_ratio : float
-        That part, 0 to 1; of "aflip" alone.
+        That fraction, 0 to 1; for "aflip" only.
     f_bar : bool
         Average the volumetric strain of a step over the grid, against locking and checkerboards of pressure.
     sleep_speed : float
-        Blocks whose particles stay slower [m/s] are put to rest until something moves beside them; 0 for none, on "scan" alone.
+        Blocks slower than this [m/s] rest until something moves beside them; 0 switches it off; "scan" only.
     friction_zones : FrictionZones or None
-        Where the ground changes the friction; None for nowhere.
+        Zones where the ground changes the friction, or None.
     unknown : ndarray (columns, rows) of bool or None
         Cells of the raster without elevation, first index east, second north, from the south-west corner: an open edge, as the
         outline is. None where every cell has one.

@@ -28,11 +28,11 @@ class Terrain:
     source : str
         Where the elevations come from.
     changes : tuple of str
-        Every change that was made on the way in, one sentence each.
+        Changes that the reader made, one sentence each.
     own_crs : str or None
-        System of the file as WKT, where the elevations were projected from it; None where that is ``crs``.
+        Coordinate system of the file as WKT if the elevations were reprojected; None if it is ``crs``.
     vertical_datum : str or None
-        What the elevations count from, in words; None where nothing says.
+        Vertical datum of the elevations; None if unknown.
 
     Raises
     ------
