@@ -141,7 +141,7 @@ def _draw_slots(axes: Any) -> None:
     note(axes, 34, 39.6, "order: slots of a block by cell; starts: first entry of each of the 64 cells")
     for k, text in enumerate(("m, momentum", "fx, A column 0", "fy, A column 1", "fz, A column 2")):
         cell(axes, 34 + 12 * k, 32.3, 12, 2.9, SCRATCH, text)
-    note(axes, 34, 31.7, "record: 16 numbers = one cache line in float32; the only particle data that the transfer to the grid reads")
+    note(axes, 34, 31.7, "record: 16 numbers = one cache line in float32; the transfer to the grid reads only this")
     for k, (width, text) in enumerate(((24, "strain b - I (6)"), (12, "history"), (12, "volume"))):
         cell(axes, 34 + (0, 24, 36)[k], 24.4, width, 2.9, SCRATCH, text)
     note(axes, 34, 23.8, "state: 8 numbers, read on the way back from the grid")
