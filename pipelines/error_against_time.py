@@ -18,17 +18,17 @@ from pipelines.error_cases.choice import BASE, REPEATED_BELOW, Outcome, Variatio
 from pipelines.error_cases.curve import cost_at, fitted, on_front
 from pipelines.error_cases.presets import at_hand, measured_presets
 from pipelines.error_cases.problems import FINEST_SMALL, PROBLEMS, Problem, on_terrain
-from pipelines.error_page import as_markdown, figure, rows
+from pipelines.error_page import page, rows
 from pipelines.grid_index import GridIndex
 from pipelines.verification_cases.column_collapse import measured_surface
 from pipelines.work_precision import machine, versions
 from runout import log
 from runout.errors import ConfigError
-from runout.io.atomic import whole_file, write_json, write_text
+from runout.io.atomic import write_json
 
 LOGGER = logging.getLogger("runout.work_precision")
 SCHEMA = 1
-NAME = "work_precision"
+FILE = "work_precision.json"
 PRESETS_COARSER = 4.0  # cells of the presets in the small study over theirs
 COARSE = 2  # grids of a slow variation; one in the small study
 
@@ -105,17 +105,14 @@ def measured(
 
 
 def command(out: Path | None, full: bool = False) -> None:
-    """What ``runout bench --error`` does: measure, print the table, and write page, JSON and figures to the folder ``out``."""
+    """What ``runout bench --error`` does: measure, print the table, and write page, tables, figure and JSON to ``out``."""
     with log.progress("bench") as bar:
         content = measured(full=full, repeats=2 if full else 1, progress=bar)
     log.output().print(rows(content), markup=False)
     if out is None:
         return
-    for problem in content["problems"]:
-        with whole_file(out / f"{NAME}_{problem['name']}.png") as picture:
-            picture.write_bytes(figure(problem))
-    write_json(content, out / f"{NAME}.json")
-    LOGGER.info("wrote %s", write_text(as_markdown(content), out / f"{NAME}.md"))
+    write_json(content, out / FILE)
+    LOGGER.info("wrote %s, its tables, its figure and %s", page(content).write(out), FILE)
 
 
 def _part(progress: Callable[[float], None], number: int, total: int) -> Callable[[float], None]:

@@ -1,7 +1,7 @@
 """How often the error bar of a study of convergence holds the value of a grid twice as fine.
 
 A ladder of grids nests: a case takes three neighbouring rungs for its bar and the rung two below its finest as the truth, so
-that a run serves several cases. Run as ``python -m pipelines.error_bar_coverage OUT.json``; :data:`PLANS` says what it takes.
+that a run serves several cases. Run as ``python -m pipelines.error_bar_coverage DIR``; :data:`PLANS` says what it takes.
 """
 
 import json
@@ -19,6 +19,7 @@ import numpy as np
 from pipelines.convergence import RATIO, SHIFTS, run_once
 from pipelines.grid_index import GridIndex
 
+FILE = "error_bars.json"
 FINER = 2  # rungs from the finest grid of a case to its truth: cells half as large
 FRICTIONS = (11.0, 13.0, 15.0, 17.0, 19.0)  # [deg]
 CASES = 3  # of neighbouring grids in a ladder
@@ -105,11 +106,15 @@ def measure(plan: Plan, friction: float, shifts: int = SHIFTS) -> list[dict[str,
 
 def record(cases: Sequence[Mapping[str, Any]], seconds: float) -> dict[str, Any]:
     """Machine, versions, cases and how many bars hold, after so many seconds."""
+    from pipelines.work_precision import commit
+    from runout import __version__
     from runout.io.provenance import installed_versions
 
     return {
         "machine": {"architecture": platform.machine(), "cores": os.cpu_count()},
         "versions": installed_versions(),
+        "version": __version__,
+        "commit": commit(),
         "seconds": round(seconds),
         "shifts": SHIFTS,
         "coverage": coverage(cases),
@@ -120,15 +125,17 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float) -> dict[str, Any]
 
 
 def main(out: Path) -> None:
-    """Measure all ladders and write the record after each, so that a broken run keeps what it has."""
+    """Measure all ladders; write the record after each, so that a broken run keeps what it has, and the page at the end."""
+    from pipelines.error_bar_page import page
     from runout.io.atomic import write_json
 
     started, cases = time.time(), []
     for plan in PLANS:
         for friction in FRICTIONS:
             cases += measure(plan, friction)
-            write_json(record(cases, time.time() - started), out)
+            write_json(record(cases, time.time() - started), out / FILE)
             print(json.dumps({"site": plan.site, "friction": friction, "coverage": coverage(cases)}), flush=True)
+    page(record(cases, time.time() - started)).write(out)
 
 
 if __name__ == "__main__":

@@ -1,239 +1,217 @@
-"""Error against time as a page of the documentation, as a table on the terminal and as figures."""
+"""Error against time as a page of the documentation with its tables and figure, and as a table on the terminal."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 
 from pipelines.error_cases.choice import BASE, PLAN, REPEATED_BELOW
-from pipelines.error_cases.curve import Fit, on_front
+from pipelines.error_cases.curve import on_front
+from pipelines.study_page import StudyPage, as_csv, as_png, download, markdown
 from runout.accuracy import CFL, PARTICLES_PER_CELL
 from runout.release.arrangement import LEVEL
 
+COLUMNS = 2  # of the figure
 OPENING = """# Error against time
 
-Written by `runout bench --error{full} --out docs/benchmarks`; do not edit. Problems with a known answer, on finer and finer
-grids; a curve is what one change from the defaults of `runout.simulate` ({base})
-makes of them.
-Commit {commit}, runout {runout}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
-({architecture}, vectors of {vector_bits} bits), with other work on them; seed {seed}.
+Problems with a known answer are run on finer and finer grids. Each curve changes one choice from the defaults of
+`runout.simulate`: {base}.
 
-Time is processor time of the steps on one thread, the shortest of the runs that took turns (once only beyond {repeated:g} s). It is
-still that of a machine; **particle-steps** are the work without its noise. Rings mark the Pareto front of a panel: no other
-point is both cheaper and more accurate; the table of all runs takes particle-steps for it.
-*hash* runs on the CPU here; no GPU was at hand, its throughput is in {{doc}}`gpu`.
-*Contact at nodes* is the usual scheme, a condition on nodes below the surface, on the reference backend: compare with *reference*.
+![Error against processor time, one panel for each problem](work_precision.png)
 
-## What each choice costs at equal error
+*Black: the defaults. Rings: Pareto front of a panel; no other point is both cheaper and more accurate. Dashed:
+other choices.*
 
-Cost over that of the defaults at the errors that they reach, between grids by power laws; geometric means,
-particle-steps (processor time). Less than one: cheaper than the defaults. A dash: never as accurate as their coarsest grid,
-or always better than their finest.
+{problems}
+
+## Cost at equal error
+
+Processor time over that of the defaults, at the errors that the defaults reach; geometric mean over the grids, with
+power laws between grids. Less than 1 is cheaper than the defaults. A dash: the choice is never as accurate as the
+coarsest grid of the defaults, or always more accurate than their finest.
 
 {ranking}
 
-## Where the defaults lie on the Pareto front
+*hash* ran on the CPU; {{doc}}`gpu` has its speed on a GPU. *Contact at nodes* is the usual scheme, a condition on
+the nodes below the surface, on the reference backend; compare it with *reference*.
 
-One rule serves all problems. The largest cost of every other choice over that of the defaults, at equal error and in
-processor time: {rivals}.
+## Defaults on the Pareto front
 
 {places}
+
+{presets}
+## Full tables
+
+- {runs}: cells, particles, steps, blocks, wall and processor time, memory, quantity of interest, error
+- {curves}: order and floor of the error, grid convergence index (GCI), cost at equal error in particle-steps and in
+  time
+
+## How to make this page
+
+    runout bench --error{full} --out DIR
+
+It writes this page, its tables, its figure and the record `work_precision.json`. `python -m
+pipelines.documentation` makes the same files again from the record in `tests/benchmarks/records/`.
+
+Time is processor time of the steps on one thread, the shortest of {repeats} runs that took turns (one run beyond
+{repeated:g} s), on a machine with other work. Particle-steps in the tables are the work without the noise of a
+machine.
+
+Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
+({architecture}, vectors of {vector_bits} bits); seed {seed}; {created}.
+"""
+PRESETS = """## Presets of accuracy
+
+Two sites, 60 s, with `accuracy=...` alone. The error is the distance from `high` with half its cells, plus what
+that has left by the order that these two and `standard` show (safety factor 1.25), or by the last distance where no
+order between 0.5 and 3 is seen. Other sites have other errors; `runout verify SITE --convergence` measures them.
+
+{table}
+
 """
 SLIGHTEST = 0.1  # order below which none is seen
-ROWS = (
-    "problem",
-    "choice",
-    "h [m]",
-    "N",
-    "steps",
-    "blocks",
-    "wall [s]",
-    "processor [s]",
-    "setup [s]",
-    "memory [MB]",
-    "QoI",
-    "error",
+RUNS = (
+    *("problem", "choice", "cell [m]", "particles", "steps", "blocks", "wall [s]", "processor [s]", "setup [s]", "memory [MB]"),
+    *("quantity of interest", "error", "DoE = -log10(error x processor time)", "on the front by particle-steps"),
+)
+CURVES = (
+    *("problem", "choice", "order", "floor", "GCI of the finest grid", "order of the GCI", "GCI converging"),
+    *("particle-steps over the defaults", "processor time over the defaults"),
 )
 
 
-def rows(content: Mapping[str, Any]) -> str:
-    """Cost at equal error: a table, a row a choice and a column a problem."""
-    problems = content["problems"]
-    names = list(dict.fromkeys(name for p in problems for name in p["cost_at_equal_error"]))
-    lines = ["| choice | " + " | ".join(p["name"] for p in problems) + " |", "|---" * (len(problems) + 1) + "|"]
-    for name in names:
-        cells = [_ratio(p["cost_at_equal_error"].get(name)) for p in problems]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def as_markdown(content: Mapping[str, Any]) -> str:
-    """The whole study as a page; figures lie beside it."""
-    versions, machine = content["versions"], content["machine"]
+def page(content: Mapping[str, Any]) -> StudyPage:
+    """The page of a record as :func:`pipelines.error_against_time.measured` makes it, with its full tables and its figure."""
+    versions, machine, problems = content["versions"], content["machine"], content["problems"]
     text = OPENING.format(
-        full=" --full" if content["full"] else "",
-        base=f"{_count(PARTICLES_PER_CELL)} particles a cell, on the level ground of F5 {_count(LEVEL)}, "
-        f"in solids {_count(3 * (PLAN,))}; CFL {CFL:g}, float32, backend scan",
-        repeated=REPEATED_BELOW,
+        base=f"{_count(PARTICLES_PER_CELL)} particles a cell (F5: {_count(LEVEL)}, solids: {_count(3 * (PLAN,))}), CFL {CFL:g}, "
+        "float32, backend `scan`",
+        problems=markdown(("problem", "", "error"), ((p["name"], p["title"], p["error"]) for p in problems)),
         ranking=rows(content),
-        rivals=_rivals(content),
-        places="\n".join(_places(content)),
-        seed=content["seed"],
+        places=markdown(("problem", "grids", "on the front by processor time", "by particle-steps"), _places(content)),
+        presets=_presets(content["presets"]),
+        runs=download("work_precision_runs.csv", "every run"),
+        curves=download("work_precision_curves.csv", "every curve"),
+        full=" --full" if content["full"] else "",
+        repeats=max(point["runs"] for p in problems for curve in p["curves"] for point in curve["points"]),
+        repeated=REPEATED_BELOW,
+        **{name: content[name] for name in ("seed", "created")},
         **{name: versions[name] for name in ("commit", "runout", "numba", "numpy", "python")},
         **machine,
     )
-    parts = [text]
-    parts.append("\n".join(_presets(content["presets"])) + "\n")
-    for problem in content["problems"]:
-        parts.append(f"## {problem['name']}: {problem['title']}\n")
-        parts.append(f"Error: {problem['error']}. {problem['remark']}".strip() + "\n")
-        parts.append(f"![Error against time, work and size of cells](work_precision_{problem['name']}.png)\n")
-        parts.append("\n".join(_fits(problem)) + "\n")
-    parts.append("## All runs\n\nMemory: all arrays of the backend. DoE = -log10(error times processor time).\n")
-    parts.append("\n".join(_points(content)) + "\n")
-    return "\n".join(parts)
+    tables = {"work_precision_runs.csv": _runs(content), "work_precision_curves.csv": _curves(content)}
+    return StudyPage("work_precision", text, tables, {"work_precision.png": figure(problems)})
 
 
-def _rivals(content: Mapping[str, Any]) -> str:
-    """The largest cost in time of each choice over that of the defaults, and where."""
-    found = []
-    for name in dict.fromkeys(name for p in content["problems"] for name in p["cost_at_equal_error"]):
-        costs = {p["name"]: p["cost_at_equal_error"].get(name, {}).get("seconds", 0.0) for p in content["problems"]}
-        worst = max(costs, key=lambda problem: costs[problem])
-        if name != BASE.name and costs[worst]:
-            found.append(f"{name} {costs[worst]:.2g} ({worst})")
-    return ", ".join(found)
+def rows(content: Mapping[str, Any]) -> str:
+    """Processor time at equal error over that of the defaults: a table, a row a choice and a column a problem."""
+    problems = content["problems"]
+    names = dict.fromkeys(name for p in problems for name in p["cost_at_equal_error"])
+    cells = ((name, *(_ratio(p["cost_at_equal_error"].get(name)) for p in problems)) for name in names)
+    return markdown(("choice", *(p["name"] for p in problems)), cells)
 
 
-def _places(content: Mapping[str, Any]) -> Iterator[str]:
-    """On how many of its grids the front of a problem has the defaults, by time and by work."""
-    yield "| problem | grids | on the front by processor time | by particle-steps |"
-    yield "|---|---|---|---|"
+def _ratio(found: Mapping[str, Any] | None) -> str:
+    """Cost in time over that of the defaults; nothing where the choice was not run."""
+    return "" if found is None else f"{found['seconds']:.2g}" if "seconds" in found else "-"
+
+
+def _places(content: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Rows: on how many of its grids the front of a problem has the defaults, by time and by work."""
     for problem in content["problems"]:
         curves = {c["variation"]: c["points"] for c in problem["curves"]}
         if BASE.name in curves:
-            rings = [sum(on_front(curves, cost)[BASE.name]) for cost in ("seconds", "particle_steps")]
-            yield f"| {problem['name']} | {len(curves[BASE.name])} | {rings[0]} | {rings[1]} |"
+            rings = (sum(on_front(curves, cost)[BASE.name]) for cost in ("seconds", "particle_steps"))
+            yield problem["name"], str(len(curves[BASE.name])), *map(str, rings)
 
 
 def _count(particles: Sequence[int]) -> str:
     return " x ".join(map(str, particles))
 
 
-def figure(problem: Mapping[str, Any]) -> bytes:
-    """PNG of error against processor time, particle-steps and size of cells of one problem."""
+def figure(problems: Sequence[Mapping[str, Any]]) -> bytes:
+    """PNG of error against processor time, a panel a problem."""
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(15.0, 4.2), layout="constrained")
-    panels = canvas.subplots(1, 3, sharey=True)
-    for axes, key, label in zip(
-        panels, ("seconds", "particle_steps", "cell"), ("processor time [s]", "particle-steps", "size of cells [m]"), strict=True
-    ):
-        _panel(axes, problem, key)
-        axes.set_xlabel(label)
-        axes.grid(color="0.9", which="both")
-        _label_decades(axes.xaxis)
-    _label_decades(panels[0].yaxis)
-    sizes = sorted({p["cell"] for curve in problem["curves"] for p in curve["points"]})
-    panels[2].set_xticks(sizes, [f"{size:.3g}" for size in sizes], fontsize=8)
-    panels[2].set_xticks([], minor=True)
-    panels[0].set_ylabel("relative error")
-    canvas.legend(*panels[2].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside right upper")
-    canvas.suptitle(f"{problem['name']}: {problem['title']}; {problem['error']}", fontsize=10)
-    picture = BytesIO()
-    canvas.savefig(picture, format="png", dpi=80)
-    return picture.getvalue()
+    lines = math.ceil(len(problems) / COLUMNS)
+    canvas = Figure(figsize=(4.4 * COLUMNS, 3.2 * lines + 1.4), layout="constrained")
+    styles = _styles(problems)
+    for k, problem in enumerate(problems):
+        _panel(canvas.add_subplot(lines, COLUMNS, k + 1), problem, styles)
+    shown = {label: line for axes in canvas.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    canvas.legend(list(shown.values()), list(shown), fontsize=8, frameon=False, loc="outside lower center", ncols=4)
+    return as_png(canvas)
 
 
-def _label_decades(axis: Any) -> None:
-    """Numbers at the decades of a logarithmic axis; at 2 and 5 besides where it spans few."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    low, high = axis.get_view_interval()
-    few = high < 300 * low
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-    axis.set_minor_formatter(NullFormatter())
-    if few and low > 1e-4 and high < 1e4:
-        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+def _styles(problems: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Marker and colour of every choice, the same in all panels."""
+    names = dict.fromkeys(c["variation"] for p in problems for c in p["curves"])
+    styles = {
+        name: {"marker": "sD^vP*X<>"[k % 9], "color": f"C{k % 10}", "linestyle": "--", "linewidth": 0.7, "markersize": 4}
+        for k, name in enumerate(names)
+    }
+    return styles | {BASE.name: {"marker": "o", "color": "black", "linewidth": 1.8, "markersize": 5, "zorder": 3}}
 
 
-def _panel(axes: Any, problem: Mapping[str, Any], key: str) -> None:
-    """Curves over one number of their points, with rings by that number where it is a cost."""
-    rings = on_front({c["variation"]: c["points"] for c in problem["curves"]}, key)
-    for k, curve in enumerate(problem["curves"]):
-        points = curve["points"]
-        x, e = np.array([p[key] for p in points]), np.array([p["error"] for p in points])
-        style = {"marker": "osD^vP*X"[k % 8], "color": f"C{k % 10}", "linestyle": ":" if k >= 10 else "-"}
-        axes.loglog(x, e, markersize=5, linewidth=1.0, label=curve["variation"], **style)
-        best = np.array(rings[curve["variation"]])
-        if key == "cell" and curve["variation"] == BASE.name and curve["fit"] and curve["fit"]["order"] >= SLIGHTEST:
-            fit, fine = Fit(**curve["fit"]), np.geomspace(x.min() / 2, x.max(), 50)
-            floor = f", floor {fit.floor:.1e}" if fit.floor else ""
-            axes.loglog(fine, [fit.at(c) for c in fine], "--", color="0.4", label=f"order {fit.order:.2f}{floor}")
-        elif key != "cell" and best.any():
-            axes.loglog(x[best], e[best], "o", color="black", markerfacecolor="none", markersize=11)
-
-
-def _presets(presets: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """What the presets of accuracy gave."""
-    if not presets:
-        return
-    yield "## Presets of accuracy\n"
-    yield "Two sites, 60 s, with `accuracy=...` alone. Errors: distance from `high` with half its cells plus what that has left by"
-    yield "the order that these two and `standard` show (safety factor 1.25), or by the last distance where none between 0.5 and 3"
-    yield "is seen. Other sites have other errors, `runout verify SITE --convergence` tells.\n"
-    heads = ("site", "preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]", "error of the map")
-    yield "| " + " | ".join((*heads, "order", "error of the run-out", "order")) + " |"
-    yield "|---" * 11 + "|"
-    for p in presets:
-        orders = ["none" if p[key] is None else f"{p[key]:.2f}" for key in ("map_order", "runout_order")]
-        yield (
-            f"| {p['site']} | {p['name']} | {' x '.join(f'{x:g}' for x in p['cell_size'])} | {p['particles']} | {p['steps']} | "
-            f"{p['particle_steps']:.2g} | {p['seconds']:.3g} | {100 * p['map_error']:.2g} % | {orders[0]} | "
-            f"{100 * p['runout_error']:.2g} % | {orders[1]} |"
-        )
-
-
-def _fits(problem: Mapping[str, Any]) -> Iterator[str]:
-    """Order, floor and index of every curve of a problem."""
-    yield "| choice | order | floor | GCI of the QoI on the finest grid |"
-    yield "|---|---|---|---|"
+def _panel(axes: Any, problem: Mapping[str, Any], styles: Mapping[str, Mapping[str, Any]]) -> None:
+    """Curves of a problem over processor time, with rings on the Pareto front."""
+    rings = on_front({c["variation"]: c["points"] for c in problem["curves"]}, "seconds")
     for curve in problem["curves"]:
-        fit, gci = curve["fit"], curve["gci"]
-        order, floor = ("none", "-") if fit is None or fit["order"] < SLIGHTEST else (f"{fit['order']:.2f}", "none seen")
-        floor = f"{fit['floor']:.1e}" if fit and fit["floor"] else floor
-        index = (
-            "-" if gci is None else f"{100 * gci['relative']:.2g} % ({'order ' if gci['converging'] else 'range, no order seen'}"
+        x, e = (np.array([p[key] for p in curve["points"]]) for key in ("seconds", "error"))
+        axes.loglog(x, e, label=curve["variation"], **styles[curve["variation"]])
+        best = np.array(rings[curve["variation"]])
+        axes.loglog(x[best], e[best], "o", color="0.2", markerfacecolor="none", markersize=10, zorder=4)
+    axes.set_title(f"{problem['name']}: {problem['title']}", fontsize=9)
+    axes.set_xlabel("processor time [s]", fontsize=8)
+    axes.set_ylabel("relative error", fontsize=8)
+    axes.tick_params(labelsize=7, which="both")
+    axes.grid(color="0.9", which="both")
+
+
+def _presets(presets: Sequence[Mapping[str, Any]]) -> str:
+    """Section with what the presets of accuracy gave; nothing where they were not run."""
+    if not presets:
+        return ""
+    heads = ("site", "preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]")
+    found = [
+        (
+            *(p["site"], p["name"], f"{p['cell_size'][0]:g}", str(p["particles"]), str(p["steps"])),
+            *(f"{p['particle_steps']:.2g}", f"{p['seconds']:.3g}"),
+            *(f"{100 * p[error]:.2g} %" for error in ("map_error", "runout_error")),
         )
-        index += "" if gci is None else f"{gci['order']:.1f})" if gci["converging"] else ")"
-        yield f"| {curve['variation']} | {order} | {floor} | {index} |"
-    yield ""
-    yield f"Compiling, or loading what was compiled, took {problem['jit_seconds']:.2g} s beside the above."
+        for p in presets
+    ]
+    return PRESETS.format(table=markdown((*heads, "error of the map", "error of the run-out"), found))
 
 
-def _points(content: Mapping[str, Any]) -> Iterator[str]:
-    """Every run, as a row."""
-    yield "| " + " | ".join((*ROWS, "DoE", "front")) + " |"
-    yield "|---" * (len(ROWS) + 2) + "|"
+def _curves(content: Mapping[str, Any]) -> str:
+    """Order, floor, index and cost of every curve, as CSV."""
+    found = []
+    for problem in content["problems"]:
+        for curve in problem["curves"]:
+            fit, gci, cost = curve["fit"] or {}, curve["gci"] or {}, problem["cost_at_equal_error"].get(curve["variation"], {})
+            seen = fit.get("order", 0.0) >= SLIGHTEST
+            order, floor = (f"{fit['order']:.2f}", f"{fit['floor']:.1e}") if seen else (None, None)
+            index = (_form(gci.get("relative"), ".2g"), _form(gci.get("order"), ".1f"), gci.get("converging"))
+            costs = (_form(cost.get(name), ".3g") for name in ("particle_steps", "seconds"))
+            found.append((problem["name"], curve["variation"], order, floor, *index, *costs))
+    return as_csv(CURVES, found)
+
+
+def _runs(content: Mapping[str, Any]) -> str:
+    """Every run, as CSV."""
+    found = []
     for problem in content["problems"]:
         for curve in problem["curves"]:
             for p in curve["points"]:
-                numbers = (f"{p['cell']:.4g}", f"{p['particles']}", f"{p['steps']}", f"{p['blocks']}")
+                counts = (f"{p['cell']:.4g}", p["particles"], p["steps"], p["blocks"])
                 seconds = tuple(f"{p[key]:.2g}" for key in ("wall", "seconds", "setup"))
-                memory, value = _or_dash(p["bytes"] and 1e-6 * p["bytes"], ".2f"), _or_dash(p["value"], ".5g")
-                last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", "yes" if p["front"] else "")
-                yield "| " + " | ".join((problem["name"], curve["variation"], *numbers, *seconds, *last)) + " |"
+                memory, value = _form(p["bytes"] and 1e-6 * p["bytes"], ".2f"), _form(p["value"], ".5g")
+                last = (memory, value, f"{p['error']:.2e}", f"{p['doe']:.2f}", "yes" if p["front"] else "no")
+                found.append((problem["name"], curve["variation"], *counts, *seconds, *last))
+    return as_csv(RUNS, found)
 
 
-def _or_dash(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
-
-
-def _ratio(found: Mapping[str, Any] | None) -> str:
-    if found is None:
-        return ""
-    if "particle_steps" not in found:
-        return "-"
-    seconds = f" ({found['seconds']:.2g})" if "seconds" in found else ""
-    return f"{found['particle_steps']:.2g}{seconds}"
+def _form(value: float | None, form: str) -> str | None:
+    return None if value is None else format(value, form)

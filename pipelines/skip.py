@@ -5,7 +5,7 @@ import os
 import platform
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from inspect import signature
 from pathlib import Path
@@ -15,16 +15,19 @@ import numpy as np
 
 from pipelines.recorded_sites import with_vertical_edges
 from pipelines.sloping_layer import Layer
+from pipelines.study_page import StudyPage, as_csv, as_png, download, markdown
+from pipelines.work_precision import commit
 from runout import DruckerPrager, Release, Terrain, __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
 from runout.checkpoint import EVERY, Checkpoint
-from runout.io.atomic import write_json, write_text
+from runout.io.atomic import write_json
 from runout.model.particles import Particles
 from runout.model.release import Placement
 from runout.model.scene import Scene
 from runout.simulation import Course, Run, build_scene
 
 SITE = Path(__file__).parents[1] / "sites" / "jacksboro"
+FILE = "skip.json"
 MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
 REPEATS, CHECKPOINTED = 2, 400_000
 FLOWING = (15.0, 60.0, False)  # basal friction angle [deg], end time [s], stop rule: a flow that is fast all the time
@@ -148,7 +151,7 @@ def measure(scenes: Mapping[str, Made], repeats: int = REPEATS, threads: int | N
     }
     raster = [scene.raster.rows, scene.raster.columns]
     scale = {"particles": len(particles), "raster": raster, "cell_size": list(scene.spacing), "bed": len(scenes["bed"][1])}
-    return {"version": __version__, "machine": machine, "scene": scale, "repeats": repeats, "rows": rows}
+    return {"version": __version__, "commit": commit(), "machine": machine, "scene": scale, "repeats": repeats, "rows": rows}
 
 
 def checkpoint_cost(particles: int = CHECKPOINTED) -> dict[str, Any]:
@@ -172,50 +175,95 @@ def checkpoint_cost(particles: int = CHECKPOINTED) -> dict[str, Any]:
     return {"particles": len(p), "bytes_per_particle": size / len(p), "seconds": min(seconds), "steps": min(seconds) / min(steps)}
 
 
-def page(found: Mapping[str, Any]) -> str:
+HEADS = ("switch", "on / off", "time", "share of observers on, off", "same bits", "largest change of a map")
+OPENING = """# What a run skips
+
+Time that a run saves by skipping what its scene does not need, and how much the maps change.
+
+![Time with each switch over the time without it](skip.png)
+
+{table}
+
+- *Time*: processor time with the switch over that without it, the shortest of {repeats} runs that took turns,
+  without setup.
+- *Share of observers*: of the wall time.
+- *Largest change of a map*: relative L1, of {maps}. {changes} has the change of each map.
+
+Scenes: site jacksboro on the backend scan, {particles:,} particles, cells of {cell:g} m, a raster of {rows} x
+{columns} cells; {flowing[1]:g} s with a basal friction angle of {flowing[0]:g} deg, or {resting[1]:g} s with
+{resting[0]:g} deg (stop rule; *creeping*: without it). *Bed*: {bed:,} particles, a slab that slides onto a bed at
+rest, 30 s.
+
+## Checkpoints
+
+A checkpoint of {checkpoint[particles]:,} particles in float32 takes {checkpoint[bytes_per_particle]:.0f} bytes a
+particle and the time of {checkpoint[steps]:.1f} steps on one thread ({checkpoint[seconds]:.2g} s). By default a run
+writes one every {every:g} s of wall time.
+
+## How to make this page
+
+    python -m pipelines.skip DIR
+
+It writes this page, its table, its figure and the record `skip.json`. `python -m pipelines.documentation` makes the
+same files again from the record in `tests/benchmarks/records/`.
+
+Record: runout {version}, commit {commit}, Python {python}, NumPy {numpy}; {cores} cores ({processor}), with other
+work.
+"""
+
+
+def page(found: Mapping[str, Any]) -> StudyPage:
     """The results as a page of the documentation."""
-    scene = found["scene"]
-    lines = [
-        "# What is skipped",
-        "",
-        f"Site jacksboro on the scan backend: {scene['particles']:,} particles, cells of {scene['cell_size'][0]:g} m, a raster of "
-        f"{scene['raster'][0]} x {scene['raster'][1]} cells; {FLOWING[1]:g} s with a basal friction angle of {FLOWING[0]:g} deg, "
-        f"for the stop rule {RESTING[1]:g} s with {RESTING[0]:g} deg, the same to the end time for sleep (creeping). Bed: "
-        f"{scene['bed']:,} particles, a slab that slides onto a bed at rest, 30 s. Runs with and without each switch took turns; "
-        f"times are processor time, the shortest of {found['repeats']}, without setup, as ratios within the study. "
-        f"runout {found['version']}, Python {found['machine']['python']}, numpy {found['machine']['numpy']}; "
-        f"{found['machine']['cores']} cores ({found['machine']['processor']}), not idle otherwise.",
-        "",
-        "    python -m pipelines.skip docs/benchmarks",
-        "",
-        "| skip | on / off | time on : off | observers' share on, off | steps on, off | observations on, off | same bits | "
-        + " | ".join(name.replace("_", " ") for name in MAPS)
-        + " |",
-        "|" + "---|" * (7 + len(MAPS)),
-    ]
-    for row in found["rows"]:
-        numbers = " | ".join(f"{100 * row['difference'][name]:.2g} %" if row["difference"][name] else "0" for name in MAPS)
-        lines.append(
-            f"| {row['skip']} | {row['remark']} | {row['time_on_over_off']:.2f} | {100 * row['observers_share_on']:.0f} %, "
-            f"{100 * row['observers_share_off']:.0f} % | {row['steps'][0]}, {row['steps'][1]} | {row['observations'][0]}, "
-            f"{row['observations'][1]} | {'yes' if row['same_bits'] else 'no'}{' (must)' if row['exact'] else ''} | {numbers} |"
-        )
-    cost = found["checkpoint"]
-    lines += [
-        "",
-        "The last columns are relative L1 differences of the maps, on against off. Observers' shares are of wall time.",
-        "",
-        "## Checkpoints",
-        "",
-        f"A checkpoint of {cost['particles']:,} particles in float32 takes {cost['bytes_per_particle']:.0f} bytes a particle and "
-        f"as long as {cost['steps']:.1f} steps on one thread ({cost['seconds']:.2g} s here); by default one is written every "
-        f"{EVERY:g} s of wall time.",
-    ]
-    return "\n".join(lines) + "\n"
+    scene, rows = found["scene"], found["rows"]
+    text = OPENING.format(
+        table=markdown(HEADS, map(_row, rows)),
+        repeats=found["repeats"],
+        maps=", ".join(name.replace("_", " ") for name in MAPS),
+        changes=download("skip.csv", "The table"),
+        cell=scene["cell_size"][0],
+        rows=scene["raster"][0],
+        columns=scene["raster"][1],
+        flowing=FLOWING,
+        resting=RESTING,
+        every=EVERY,
+        **{name: scene[name] for name in ("particles", "bed")},
+        **{name: found[name] for name in ("checkpoint", "version")},
+        commit=found.get("commit") or "not recorded",
+        **found["machine"],
+    )
+    return StudyPage("skip", text, {"skip.csv": _table(rows)}, {"skip.png": _figure(rows)})
+
+
+def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
+    shares = f"{100 * row['observers_share_on']:.0f} %, {100 * row['observers_share_off']:.0f} %"
+    name, largest = max(row["difference"].items(), key=lambda item: float(item[1]))
+    change = f"{100 * largest:.2g} % ({name.replace('_', ' ')})" if largest else "0"
+    same = ("yes" if row["same_bits"] else "no") + (" (must)" if row["exact"] else "")
+    return row["skip"], row["remark"], f"{row['time_on_over_off']:.2f}", shares, same, change
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Steps, observations and the change of each map, as CSV."""
+    heads = ("switch", "time on over off", "steps on", "steps off", "observations on", "observations off", *MAPS)
+    numbers = ((r, (f"{r['difference'][name]:.2g}" for name in MAPS)) for r in rows)
+    return as_csv(heads, [(r["skip"], f"{r['time_on_over_off']:.2f}", *r["steps"], *r["observations"], *n) for r, n in numbers])
+
+
+def _figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """PNG of the time with each switch over the time without it."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(7.0, 0.8 + 0.35 * len(rows)), layout="constrained")
+    axes = canvas.add_subplot()
+    bars = axes.barh([r["skip"] for r in rows][::-1], [r["time_on_over_off"] for r in rows][::-1], color="#33658a")
+    axes.bar_label(bars, fmt="%.2f", padding=3, fontsize=8)
+    axes.axvline(1.0, color="0.4", lw=0.8)
+    axes.set(xlabel="processor time with the switch over that without it")
+    return as_png(canvas)
 
 
 def study(out: Path, *, repeats: int = REPEATS, threads: int | None = None, checkpointed: int = CHECKPOINTED) -> str:
-    """The page ``skip.md`` and its numbers ``skip.json`` in the folder ``out``; returns the page.
+    """Write ``skip.md``, its table and figure, and ``skip.json`` to the folder ``out``; returns the page.
 
     Parameters
     ----------
@@ -230,10 +278,10 @@ def study(out: Path, *, repeats: int = REPEATS, threads: int | None = None, chec
     creeping = (*resting[:2], replace(resting[2], stop=False))
     scenes = {"flowing": jacksboro(*FLOWING), "resting": resting, "creeping": creeping, "bed": fall_on_a_bed()}
     found = measure(scenes, repeats, threads) | {"checkpoint": checkpoint_cost(checkpointed)}
-    write_json(found, out / "skip.json")
-    text = page(found)
-    write_text(text, out / "skip.md")
-    return text
+    write_json(found, out / FILE)
+    made = page(found)
+    made.write(out)
+    return made.text
 
 
 if __name__ == "__main__":

@@ -10,12 +10,13 @@ import numpy as np
 
 from pipelines import transfer_cases as cases
 from pipelines.sloping_layer import Layer
+from pipelines.study_page import StudyPage, as_png, markdown
 from pipelines.verification_cases.bar import vibration
 from pipelines.verification_cases.column_collapse import measured_surface
 from pipelines.verification_cases.column_collapse import rods as collapsed_rods
 from pipelines.work_precision import machine, versions
 from runout.backends.protocol import get_backend
-from runout.io.atomic import write_json, write_text
+from runout.io.atomic import write_json
 from runout.physics.resolution import numerical_viscosity
 
 WAYS: dict[str, dict[str, Any]] = {
@@ -25,6 +26,7 @@ WAYS: dict[str, dict[str, Any]] = {
     "mls, F-bar": {"f_bar": True},
     "apic, F-bar": {"transfer": "apic", "f_bar": True},
 }
+FILE = "transfers.json"
 ROUNDS, STEPS = 7, 5  # of the timed layers
 
 
@@ -110,50 +112,84 @@ def measure(full: bool = False, particles: int = 100_000) -> dict[str, Any]:
     return {"versions": versions(), "machine": machine(), "full": full, "particles": particles, "rows": rows}
 
 
-def page(found: Mapping[str, Any]) -> str:
+REMARKS = """- *Amplitude left*: a bar of 16 cells after ten periods (U6).
+- *Viscosity*: decay of a shear wave, in units of h²/Δt (h/λ)².
+- *Checkerboard*: RMS difference of the pressure from its linear fit over the 20 nearest particles, over its mean,
+  in a collapsing column of sand of 6 x 6 x 8 cells. *Front*: the width of the column then.
+- *Surface of rods*: aluminium rods of 100 mm height that collapse (F5), surface at the end against the experiment
+  of Bui et al. 2008.
+- *Footing*: a rigid rough strip, six cells wide, pressed into weightless clay (friction angle 0, Poisson's ratio
+  0.49), over (2 + π) c and the width that the grid gives it, half a cell more on each side. More than 1 is locking.
+- *Landed*: height of a periodic layer of four cells of sand that was thrown up, came apart by a tenth (3 m/s) or a
+  third (6 m/s) of its volume and landed. 1 is the density of before.
+- *Lost*: share of the kinetic energy that two blocks of sand lose when they part at 1 m/s, by the distance of their
+  particles at the start. From three cells on, they share no node and lose nothing.
+"""
+OPENING = """# Transfers and F-bar
+
+Cost and accuracy of the choices `transfer` and `f_bar` ({{doc}}`../theory`).
+
+![Time of a step and error of the surface of the rods](transfers.png)
+
+{table}
+
+{remarks}
+Steps: layers of {particles:,} particles in float32 on one thread, processor time, taken in turns. All else: float64.
+
+## How to make this page
+
+    python -m pipelines.transfers DIR{full}
+
+It writes this page, its figure and the record `transfers.json`. `python -m pipelines.documentation` makes the same
+files again from the record in `tests/benchmarks/records/`.
+
+Record: runout {runout}, commit {commit}, Python {python}, NumPy {numpy}, numba {numba}; {cores} cores
+({architecture}), with other work.
+"""
+
+
+def page(found: Mapping[str, Any]) -> StudyPage:
     """The numbers as a page of the documentation."""
-    rows, made = found["rows"], found["versions"]
-    lines = [
-        "# Transfers and F-bar",
-        "",
-        "What the choices `transfer` and `f_bar` cost and gain ({doc}`../theory`,",
-        "{doc}`../decisions/06-transfers`).",
-        "",
-        f"    python -m pipelines.transfers docs/benchmarks{' --full' if found['full'] else ''}",
-        "",
-        f"runout {made['runout']}, commit {made['commit']}, Python {made['python']}, numpy {made['numpy']}, numba {made['numba']}; "
-        f"{found['machine']['cores']} cores ({found['machine']['architecture']}), not idle otherwise. Steps: layers of "
-        f"{found['particles']:,} particles in float32 on one thread, processor time, taken in turns. All else: float64.",
-        "",
-        "| | " + " | ".join(rows) + " |",
-        "|---|" + "---|" * len(rows),
-    ]
-    for key in next(iter(rows.values())):
-        lines.append(f"| {key} | " + " | ".join(f"{row[key]:.4g}" for row in rows.values()) + " |")
-    return "\n".join([*lines, "", *REMARKS, ""])
+    ways, made = found["rows"], found["versions"]
+    quantities = ((key, *(f"{row[key]:.4g}" for row in ways.values())) for key in next(iter(ways.values())))
+    text = OPENING.format(
+        table=markdown(("", *ways), quantities),
+        remarks=REMARKS,
+        full=" --full" if found["full"] else "",
+        particles=found["particles"],
+        **{name: made[name] for name in ("runout", "commit", "python", "numpy", "numba")},
+        **{name: found["machine"][name] for name in ("cores", "architecture")},
+    )
+    return StudyPage("transfers", text, pictures={"transfers.png": _figure(ways)})
 
 
-REMARKS = (
-    "- *amplitude left*: a bar of 16 cells after ten periods (U6). *viscosity*: of a shear wave, in units of h²/Δt (h/λ)².",
-    "- *checkerboard*: RMS difference of the pressure from its linear fit over the 20 nearest particles, over its mean, in a",
-    "  collapsing column of sand of 6 x 6 x 8 cells; *front*: its width then.",
-    "- *rods*: aluminium rods of 100 mm height that collapse (F5), surface at the end against the experiment of Bui et al. 2008.",
-    "- *footing*: a rigid rough strip, six cells wide, pressed into weightless clay (friction angle 0, Poisson's ratio 0.49), over",
-    "  (2 + π) c and the width that the grid gives it, half a cell more on each side: locking shows as more than 1.",
-    "- *landed*: height of a periodic layer of four cells of sand that was thrown up, came apart by a tenth (3 m/s) or a third",
-    "  (6 m/s) of its volume and landed; 1 is the density of before.",
-    "- *lost*: two blocks of sand, three cells each way, part at 1 m/s from so many cells between their particles on; from three",
-    "  cells on no node is shared and nothing is lost, to the bit.",
-)
+def _figure(ways: Mapping[str, Mapping[str, float]]) -> bytes:
+    """PNG of the time of a step and of the error of the surface of the rods, a bar a way."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(9.0, 3.2), layout="constrained")
+    keys = list(next(iter(ways.values())))
+    panels = (
+        ("time of a step over mls", [key for key in keys if key.endswith("cells deep")]),
+        ("surface of rods: RMS error [mm]", [key for key in keys if key.startswith("surface of rods")]),
+    )
+    for axes, (label, shown) in zip(canvas.subplots(1, 2), panels, strict=True):
+        for k, key in enumerate(shown):
+            name = key.split(", ")[-1].split(":")[0]
+            axes.bar([n + 0.4 * k for n in range(len(ways))], [row[key] for row in ways.values()], 0.4, label=name)
+        axes.set_xticks([n + 0.2 for n in range(len(ways))], list(ways), fontsize=8)
+        axes.set(ylabel=label)
+        axes.legend(fontsize=8, frameon=False)
+    return as_png(canvas)
 
 
 def study(out: Path, full: bool = False) -> str:
-    """The page ``transfers.md`` and its numbers ``transfers.json`` in the folder ``out``; returns the page."""
+    """Write ``transfers.md``, its figure and ``transfers.json`` to the folder ``out``; returns the page."""
     found = measure(full)
-    write_json(found, out / "transfers.json")
-    text = page(found)
-    write_text(text, out / "transfers.md")
-    return text
+    write_json(found, out / FILE)
+    made = page(found)
+    made.write(out)
+    return made.text
 
 
 if __name__ == "__main__":

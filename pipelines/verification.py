@@ -27,11 +27,12 @@ from pipelines.verification_cases import (
     thin_layers,
     transfers,
 )
-from pipelines.verification_cases.finding import SLACK, Case, Finding
-from pipelines.verification_cases.page import as_json, as_lines, as_markdown, figure, kept
+from pipelines.verification_cases.finding import Case, Finding
+from pipelines.verification_cases.page import as_lines, page
+from pipelines.verification_cases.record import as_json, kept
 from pipelines.work_precision import commit
 from runout.errors import ConfigError, ExitCode
-from runout.io.atomic import whole_file, write_json, write_text
+from runout.io.atomic import write_json
 
 LOGGER = logging.getLogger("runout.verification")
 FILE = "verification.json"
@@ -61,7 +62,7 @@ def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) 
     full : bool
         At the sizes of the documentation (about an hour) instead of those of CI (about two minutes).
     out : Path or None
-        Folder for ``verification.md``, :data:`FILE` and ``images/verification.png``; nothing is written when None.
+        Folder for ``verification.md``, its tables and figure, and :data:`FILE`; nothing is written when None.
 
     Raises
     ------
@@ -160,12 +161,10 @@ def _named(name: str) -> Case:
 
 
 def _write(findings: Sequence[Finding], cases: Sequence[str], code: Mapping[str, Any], out: Path) -> None:
-    """Page, figure and at last the record of what is finished, each as a whole."""
-    said = " ".join(["runout verify", *cases, *(["--full"] if code["full"] else []), "--out", out.name])
-    left = [name for name in code["cases_asked"] if name not in {f.case.name for f in findings}]
-    with whole_file(out / "images" / "verification.png") as picture:
-        picture.write_bytes(figure(findings))
-    page = write_text(as_markdown(findings, said, SLACK, left, code["commit"]), out / "verification.md")
-    write_json({**as_json(findings, code["full"]), **code}, out / FILE)
-    if not left:
-        LOGGER.info("wrote %s, %s and images/verification.png", page, FILE)
+    """Page, tables, figure and at last the record of what is finished, each as a whole."""
+    command = " ".join(["runout verify", *cases, *(["--full"] if code["full"] else []), "--out DIR"])
+    content = {**as_json(findings, code["full"]), **code, "command": command}
+    written = page(content).write(out)
+    write_json(content, out / FILE)
+    if len(findings) == len(code["cases_asked"]):
+        LOGGER.info("wrote %s, its tables, its figure and %s", written, FILE)

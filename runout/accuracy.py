@@ -13,7 +13,7 @@ from runout.errors import ConfigError
 if TYPE_CHECKING:
     from runout.model.release import Release
 
-SOURCE = "docs/benchmarks/work_precision.json"
+SOURCE = "tests/benchmarks/records/work_precision.json"
 EXAMPLE = "two sites, flows 35 and 55 m thick, 60 s"  # what the errors were measured on, of which the larger counts
 PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # where the caller says nothing; others where a mass stays thick (release/arrangement)
 FEWEST_ACROSS = 4.0  # cells across a release of its area

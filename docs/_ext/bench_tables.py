@@ -1,4 +1,4 @@
-"""Directive that prints the tables of a file that `runout bench --json` wrote: ``{bench} bench.json``."""
+"""Directive that prints the tables of a file that `runout bench --json` wrote: ``{bench} RECORD.json``."""
 
 import json
 from pathlib import Path

@@ -1,56 +1,101 @@
-"""What the verification found, as JSON, as a page of the documentation and as a figure."""
+"""What the verification found, as a page of the documentation, as a figure and as lines on the terminal."""
 
 import math
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from typing import Any
 
-from pipelines.verification_cases.finding import Bound, Case, Convergence, Finding, Result
-from runout import __version__
+from pipelines.study_page import StudyPage, as_csv, as_png, download, markdown
+from pipelines.verification_cases.finding import SLACK, Bound, Convergence, Finding, Result
+from pipelines.verification_cases.record import recorded
 
 WORST, BEST = "**no**", "yes"
-COLUMNS = 3  # of the figure
+COLUMNS = 2  # of the figure
+SHOWN = 4  # orders of a case in the summary
+HEADS = ("case", "subject", "quantities", "order measured (declared)", "closest to its bound: measured (required)", "holds")
 OPENING = """# Verification
 
-Closed forms, manufactured solutions and convergence orders of the scheme. Written by `{command}`{code}; do not edit. Every case
-runs in CI on coarser grids, with the same declared orders, in float64 on one thread. An order counts as reached when the
-least-squares slope is at most {slack:g} below the declared one. Errors are relative unless a unit is given.
+The scheme is compared with closed forms and manufactured solutions, and its orders of convergence are measured.
+
+- Each case runs in CI on coarser grids with the same declared orders, in float64 on one thread.
+- An order holds if the least-squares slope is at most {slack:g} below the declared order.
+- Errors are relative unless a unit is given.
 
 {verdict}
 
-![Errors over resolution, one panel a case](images/verification.png)
+![Error against number of cells, one panel for each case with orders](images/verification.png)
 
-*Measured errors (marks) and the declared order (dashed).*
+*Measured errors (marks) and declared order (dashed).*
+
+## Summary
+
+{summary}
+
+## Full tables
+
+- {results}: measured value, required value, verdict
+- {cases}
+
+## How to make this page
+
+    {command}
+
+It writes this page, its tables, its figure and the record `verification.json`. `python -m pipelines.documentation`
+makes the same files again from the record in `tests/benchmarks/records/`.
+
+Record: runout {version}, commit {commit}.
 """
 
 
-def as_json(findings: Sequence[Finding], full: bool) -> dict[str, Any]:
-    """Everything measured, ready for a JSON file; infinite bounds are None."""
-    return {"version": __version__, "full": full, "holds": all(f.holds for f in findings), "cases": [_case(f) for f in findings]}
-
-
-def kept(record: Mapping[str, Any], case: Case) -> Finding:
-    """The finding of a case from what :func:`as_json` made of it."""
-    return Finding(case, tuple(_kept_result(r) for r in record["results"]), record["seconds"])
-
-
-def as_markdown(
-    findings: Sequence[Finding], command: str, slack: float, left: Sequence[str] = (), commit: str | None = None
-) -> str:
-    """The page: a section a case with its set-up, its table and what does not hold; names the cases that are ``left``."""
+def page(content: Mapping[str, Any]) -> StudyPage:
+    """The page of a record as :func:`pipelines.verification.run` writes it, with its full tables and its figure."""
+    findings = recorded(content)
     failed = [f.case.name for f in findings if not f.holds]
+    left = [name for name in content["cases_asked"] if name not in {f.case.name for f in findings}]
     verdict = f"**Does not hold: {', '.join(failed)}.**" if failed else f"All {len(findings)} cases hold."
-    if left:
-        verdict += f" Not finished: {', '.join(left)}."
-    code = f" at commit {commit}" if commit else ""
-    parts = [OPENING.format(command=command, code=code, slack=slack, verdict=verdict)]
-    for finding in findings:
-        case = finding.case
-        parts.append(f"## {case.name}: {case.title}\n\n{_sentence(case.setup)} ({finding.seconds:.1f} s.)\n")
-        parts.append(_table(finding.results))
-        if case.remark:
-            parts.append(case.remark + "\n")
-    return "\n".join(parts)
+    text = OPENING.format(
+        command=content["command"],
+        version=content["version"],
+        commit=content["commit"] or "unknown",
+        slack=SLACK,
+        verdict=f"{verdict} Not finished: {', '.join(left)}." if left else verdict,
+        results=download("verification.csv", "all quantities"),
+        cases=download("verification_cases.csv", "set-up and remarks of each case"),
+        summary=markdown(HEADS, (_summary(f) for f in findings)),
+    )
+    tables = {"verification.csv": _results(findings), "verification_cases.csv": _cases(findings)}
+    return StudyPage("verification", text, tables, {"images/verification.png": figure(findings)})
+
+
+def _summary(finding: Finding) -> tuple[str, ...]:
+    """Row of a case: its orders, and the number that is closest to its bound."""
+    orders = [f"{r.order:.2f} ({r.declared:g})" for r in finding.results if isinstance(r, Convergence)]
+    bounds = [r for r in finding.results if isinstance(r, Bound) and _share(r) is not None]
+    closest = max(bounds, key=lambda r: _share(r) or 0.0, default=None)
+    number = f"{closest.quantity}: {_number(closest.value)} ({_required(closest)})" if closest else ""
+    case = finding.case
+    shown = ", ".join(orders[:SHOWN]) + (", ..." if len(orders) > SHOWN else "")
+    return case.name, case.title, str(len(finding.results)), shown, number, BEST if finding.holds else WORST
+
+
+def _share(r: Bound) -> float | None:
+    """Distance of a number from the middle of its range or from zero, over that of its bound; None where there is no such bound."""
+    if math.isfinite(r.low) and math.isfinite(r.high):
+        return abs(2 * r.value - r.low - r.high) / (r.high - r.low)
+    if math.isfinite(r.high):
+        return r.value / r.high if r.high else 0.0
+    return r.low / r.value if math.isfinite(r.low) and r.value > 0 else None
+
+
+def _results(findings: Sequence[Finding]) -> str:
+    """Every quantity of every case, as CSV."""
+    rows = [(f.case.name, r.quantity, _measured(r), _required(r), BEST if r.holds else "no") for f in findings for r in f.results]
+    return as_csv(("case", "quantity", "measured", "required", "holds"), rows)
+
+
+def _cases(findings: Sequence[Finding]) -> str:
+    """What each case is, as CSV."""
+    rows = [(f.case.name, f.case.title, f.case.setup, f.case.remark, f"{f.seconds:.1f}") for f in findings]
+    return as_csv(("case", "title", "set-up", "remark", "seconds"), rows)
 
 
 def as_lines(finding: Finding) -> list[str]:
@@ -68,9 +113,7 @@ def figure(findings: Sequence[Finding]) -> bytes:
     canvas = Figure(figsize=(4.6 * COLUMNS, 3.9 * rows), layout="constrained")
     for k, finding in enumerate(shown):
         _panel(canvas.add_subplot(rows, COLUMNS, k + 1), finding)
-    picture = BytesIO()
-    canvas.savefig(picture, format="png", dpi=100)
-    return picture.getvalue()
+    return as_png(canvas)
 
 
 def _panel(axes: Any, finding: Finding) -> None:
@@ -92,12 +135,6 @@ def _panel(axes: Any, finding: Finding) -> None:
     axes.grid(color="0.9")
 
 
-def _table(results: Sequence[Result]) -> str:
-    lines = ["| quantity | measured | required | holds |", "|---|---|---|---|"]
-    lines += [f"| {r.quantity} | {_measured(r)} | {_required(r)} | {BEST if r.holds else WORST} |" for r in results]
-    return "\n".join(lines) + "\n"
-
-
 def _measured(r: Result) -> str:
     if isinstance(r, Bound):
         return _number(r.value)
@@ -117,28 +154,3 @@ def _required(r: Result) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.4g}" if 1e-2 <= abs(value) < 1e4 or value == 0 else f"{value:.2g}"
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + "."
-
-
-def _case(finding: Finding) -> dict[str, Any]:
-    case = finding.case
-    head = {"name": case.name, "title": case.title, "setup": case.setup, "holds": finding.holds, "seconds": finding.seconds}
-    return {**head, "results": [_result(r) for r in finding.results], "remark": case.remark}
-
-
-def _result(r: Result) -> dict[str, Any]:
-    if isinstance(r, Convergence):
-        sizes = {"cells": list(r.cells), "errors": list(r.errors)}
-        return {"quantity": r.quantity, **sizes, "order": r.order, "declared_order": r.declared, "holds": r.holds}
-    low, high = (b if math.isfinite(b) else None for b in (r.low, r.high))
-    return {"quantity": r.quantity, "value": float(r.value), "low": low, "high": high, "holds": r.holds}
-
-
-def _kept_result(r: Mapping[str, Any]) -> Result:
-    if "cells" in r:
-        return Convergence(r["quantity"], tuple(r["cells"]), tuple(r["errors"]), r["declared_order"])
-    high, low = (default if r[end] is None else r[end] for end, default in (("high", math.inf), ("low", -math.inf)))
-    return Bound(r["quantity"], r["value"], high, low)

@@ -126,9 +126,10 @@ def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
     assert cli.main(["bench", "--error", "--out", str(tmp_path)]) == ExitCode.OK
     page = (tmp_path / "work_precision.md").read_text()
     assert "| 1 particle per axis | " in page
-    assert "| U7 | defaults | 0.125 | 32 | 37 |" in page
-    assert "## U7: manufactured waves" in page
-    assert (tmp_path / "work_precision_U7.png").read_bytes().startswith(b"\x89PNG")
+    assert "| U7 | manufactured waves" in page
+    assert "\nU7,defaults,0.125,32,37," in (tmp_path / "tables" / "work_precision_runs.csv").read_text()
+    assert "\nU7,1 particle per axis," in (tmp_path / "tables" / "work_precision_curves.csv").read_text()
+    assert (tmp_path / "work_precision.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "work_precision.json").is_file()
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from pipelines import error_bar_coverage as study
 
-RECORD = Path(__file__).parents[2] / "docs" / "benchmarks" / "error_bars.json"
+RECORD = Path(__file__).parents[2] / "tests" / "benchmarks" / "records" / "error_bars.json"
 
 
 def made_up(order, noise, seed):

@@ -112,7 +112,7 @@ def test_study_writes_a_page_with_a_row_for_each_switch(tmp_path, monkeypatch):
     text = skip.study(tmp_path, repeats=1, checkpointed=20_000)
     assert (tmp_path / "skip.md").read_text() == text
     assert (tmp_path / "skip.json").exists()
-    assert [line.split(" | ")[0].strip("| ") for line in text.splitlines() if line.startswith("| ")][1:] == [
+    assert [line.split(" | ")[0].strip("| ") for line in text.splitlines() if line.startswith("| ")][2:] == [
         switch.name for switch in skip.SWITCHES
     ]
     assert "| yes (must) |" in text

@@ -17,7 +17,7 @@ from pipelines.verification_cases.column_collapse import WALLED, deposit, held_b
 from runout.model.materials import Cone
 
 SCATTER = 0.25
-RECORD = Path(__file__).parents[2] / "docs" / "verification.json"
+RECORD = Path(__file__).parents[2] / "tests" / "benchmarks" / "records" / "verification.json"
 
 
 @pytest.mark.parametrize("aspect", [1.0, 1.5])

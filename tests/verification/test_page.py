@@ -1,5 +1,6 @@
 """What the verification writes: page, figure, JSON; and what its command says."""
 
+import csv
 import json
 
 import pytest
@@ -7,7 +8,8 @@ from matplotlib.image import imread
 
 from pipelines import verification
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Finding
-from pipelines.verification_cases.page import as_json, as_lines, as_markdown
+from pipelines.verification_cases.page import as_lines, page
+from pipelines.verification_cases.record import as_json
 from pipelines.work_precision import commit
 from runout.cli import main
 
@@ -15,13 +17,42 @@ CASE = Case("U0", "a case", "a set-up", lambda full: [], "A remark.")
 GOOD, BAD = Bound("a length [m]", 2e-5, 1e-4), Convergence("an error", (8, 16), (0.1, 0.09), 2.0)
 
 
+def page_of(*results):
+    """Page of one case with these results."""
+    content = as_json([Finding(CASE, results, 1.0)], False)
+    return page({**content, "cases_asked": ["U0"], "commit": "abc", "command": "runout verify --out DIR"})
+
+
 def test_page_names_what_does_not_hold():
-    page = as_markdown([Finding(CASE, (GOOD, BAD), 1.0)], "runout verify", 0.2)
-    assert "**Does not hold: U0.**" in page
-    assert "| a length [m] | 2e-05 | at most 0.0001 | yes |" in page
-    assert "| an error | 8: 0.1, 16: 0.09; order 0.15 | order 2 | **no** |" in page
-    assert "A remark." in page
-    assert "All 1 cases hold." in as_markdown([Finding(CASE, (GOOD,), 1.0)], "runout verify", 0.2)
+    made = page_of(GOOD, BAD)
+    assert "**Does not hold: U0.**" in made.text
+    assert "| U0 | a case | 2 | 0.15 (2) | a length [m]: 2e-05 (at most 0.0001) | **no** |" in made.text
+    assert "All 1 cases hold." in page_of(GOOD).text
+
+
+def test_tables_hold_every_quantity_set_up_and_remark():
+    results, cases = (
+        list(csv.reader(page_of(GOOD, BAD).tables[f"verification{name}.csv"].splitlines())) for name in ("", "_cases")
+    )
+    assert results[1:] == [
+        ["U0", "a length [m]", "2e-05", "at most 0.0001", "yes"],
+        ["U0", "an error", "8: 0.1, 16: 0.09; order 0.15", "order 2", "no"],
+    ]
+    assert cases[1] == ["U0", "a case", "a set-up", "A remark.", "1.0"]
+
+
+@pytest.mark.parametrize(
+    ("bound", "closest"),
+    [
+        (Bound("wide", 0.5, high=1.0), "wide"),
+        (Bound("at the end of its range", 0.9, high=1.0, low=-1.0), "at the end of its range"),
+        (Bound("below a least value", 1.25, low=1.0), "below a least value"),
+        (Bound("in the middle of its range", 0.5, high=1.0, low=0.0), "a length [m]"),
+        (Bound("without a bound", 9.0), "a length [m]"),
+    ],
+)
+def test_summary_shows_the_number_that_is_closest_to_its_bound(bound, closest):
+    assert f"| 2 |  | {closest}: " in page_of(GOOD, bound).text
 
 
 def test_terminal_names_what_does_not_hold():
@@ -42,10 +73,11 @@ def test_json_states_bounds_orders_and_verdicts():
 def test_command_writes_page_figure_and_json(tmp_path):
     assert main(["verify", "U1", "U10", "--out", str(tmp_path), "--json", str(tmp_path / "again.json")]) == 0
     page = (tmp_path / "verification.md").read_text()
-    assert "`runout verify U1 U10 --out" in page
-    assert "## U1: weights" in page
-    assert "## U10: element paths" in page
-    assert imread(tmp_path / "images" / "verification.png").shape[1] > 1000
+    assert "runout verify U1 U10 --out DIR" in page
+    assert "| U1 | weights |" in page
+    assert "| U10 | element paths |" in page
+    assert (tmp_path / "tables" / "verification.csv").read_text().count("\nU10,") > 5
+    assert imread(tmp_path / "images" / "verification.png").shape[1] > 900
     assert json.loads((tmp_path / "again.json").read_text()).keys() == {"version", "full", "holds", "cases"}
     record = json.loads((tmp_path / "verification.json").read_text())
     assert record["cases_asked"] == ["U1", "U10"]
@@ -81,8 +113,8 @@ def test_a_run_that_was_broken_off_goes_on_after_its_last_whole_case(counted, tm
     assert measured == ["A1", "A2", "A2"]
     assert findings[0].results == findings[1].results
     page = (tmp_path / "verification.md").read_text()
-    assert "## A1: a case" in page
-    assert "## A2: a case" in page
+    assert "| A1 | a case |" in page
+    assert "| A2 | a case |" in page
     assert "Not finished" not in page
     verification.run(full=True, out=tmp_path)
     assert measured[3:] == ["A1", "A2"], "a run that had ended is measured again"

@@ -1,5 +1,6 @@
 """Stability: the pinned set survives or is refused in advance, and the judge would notice if a run broke."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ from pipelines import stability_stress
 from pipelines.stability_cases.invariants import Watch
 from pipelines.stability_cases.layout import Layout
 from pipelines.stability_cases.matrix import AXES, PINNED, named, one_at_a_time, pinned, sampled
+from pipelines.stability_cases.page import page as stability_page
 from pipelines.stability_cases.trial import LARGEST, attempt
 from runout.backends.protocol import get_backend
 from runout.errors import RunoutError
@@ -126,8 +128,11 @@ def test_page_and_exit_code_tell_what_failed(tmp_path, monkeypatch):
     assert stability_stress.command(tmp_path, False, "reference") == 0
     page = (tmp_path / "stress.md").read_text()
     assert "**1 survived, 1 were refused, 0 failed.**" in page
-    assert "unstable above 0.6" in page
-    assert "`runout stress --backend reference --out" in page
+    assert "| bad | 1 | 0 | 1 | 0 | cfl (1) |" in page
+    assert "unstable above 0.6" in (tmp_path / "tables" / "stress.csv").read_text()
+    assert "runout stress --backend reference --out DIR" in page
+    assert (tmp_path / "images" / "stress.png").read_bytes().startswith(b"\x89PNG")
+    assert stability_page(json.loads((tmp_path / "stress.json").read_text())).text == page, "the record gives the page"
     failing = [replace(attempt("x", Layout(cfl=0.7)), verdict="failed", reason="mass 1")]
     monkeypatch.setattr(stability_stress, "stress", lambda *_: failing)
     assert stability_stress.command(None, False, "reference") == 1
