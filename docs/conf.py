@@ -45,17 +45,22 @@ autodoc_typehints = "none"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 
-html_theme = "alabaster"
+html_theme = "pydata_sphinx_theme"
 html_title = f"runout {__version__}"
 html_static_path = ["_static"]
 html_css_files = ["runout.css"]
 html_show_sourcelink = False
+html_copy_source = False
+html_sidebars = {"index": [], "quickstart": [], "tutorial": [], "api": []}
 html_theme_options = {
-    "description": "From a DEM to hazard maps with a sparse 3D material point method",
-    "fixed_sidebar": True,
-    "page_width": "1120px",
-    "sidebar_width": "250px",
-    "font_family": 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif',
-    "head_font_family": 'system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif',
-    "show_powered_by": False,
+    "logo": {"text": "runout"},
+    "navbar_align": "left",
+    "header_links_before_dropdown": 7,
+    "navbar_end": ["theme-switcher"],
+    "navigation_with_keys": False,
+    "show_toc_level": 2,
+    "footer_start": ["copyright"],
+    "footer_end": ["theme-version"],
+    "pygments_light_style": "tango",
+    "pygments_dark_style": "github-dark",
 }

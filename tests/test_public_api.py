@@ -1,4 +1,4 @@
-"""The lines that the README prints for Python work as they stand."""
+"""The lines that README.md and the landing page print for Python work as they stand."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from shapely.geometry import box
 
 import runout
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
 UTM = "EPSG:32632"
 
 
@@ -29,10 +29,20 @@ def inputs(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_python_lines_of_the_readme_work_as_printed(inputs):
-    code = re.search(r"```python\n(import runout\n.*?)```", README.read_text(), re.S).group(1)
+def printed(page: str) -> dict:
+    """Names that the Python lines of a page leave."""
+    code = re.search(r"```python\n(import runout\n.*?)```", (ROOT / page).read_text(), re.S).group(1)
     names: dict = {}
-    exec(compile(code, "README.md", "exec"), names)
+    exec(compile(code, page, "exec"), names)
+    return names
+
+
+def test_python_lines_of_the_landing_page_work_as_printed(inputs):
+    assert printed("docs/index.md")["result"].maps.max_flow_thickness.max() > 1.0
+
+
+def test_python_lines_of_the_readme_work_as_printed(inputs):
+    names = printed("README.md")
     result, release = names["result"], names["release"]
     assert release.volume == pytest.approx(40 * 40 * 20)
     assert set(result.maps) == {"max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness"}

@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from links import broken
 from ruamel.yaml import YAML
 
 import runout
@@ -46,6 +47,24 @@ def test_sphinx_builds_every_page_without_a_warning(pages, repository):
     assert len(sources) > 15
     for page in sources:
         assert (pages / page.with_suffix(".html")).exists()
+
+
+def test_every_link_and_anchor_within_the_pages_is_there(pages):
+    assert broken(pages) == []
+
+
+def test_a_link_to_a_page_a_picture_or_an_anchor_that_is_not_there_is_found(tmp_path):
+    (tmp_path / "a.html").write_text('<a id="top" href="b.html#here"></a><a href="#top"></a><a href="https://x.org/y"></a>')
+    (tmp_path / "b.html").write_text('<p id="here"><a href="c.html"></a><img src="d.png"><a href="a.html#gone"></a></p>')
+    assert broken(tmp_path) == ["b.html: a.html#gone", "b.html: c.html", "b.html: d.png"]
+
+
+def test_every_file_that_the_readme_names_is_there(repository):
+    text = (repository / "README.md").read_text()
+    named = re.findall(r"`(docs/[\w/.]+|CONTRIBUTING.md)`", text) + re.findall(r"\]\((?!http)([^)]+)\)", text)
+    assert len(named) > 3
+    for path in named:
+        assert (repository / path).exists(), path
 
 
 def test_every_public_name_is_on_the_api_page(pages):
