@@ -21,7 +21,7 @@ of a grid twice as fine.
 
 ![Difference from the value of the fine grid against the bar](error_bars.png)
 
-*Below the line: the bar holds.*
+*Below the line: the bar holds. Differences below 1e-4 are drawn at 1e-4.*
 
 {table}
 

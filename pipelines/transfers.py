@@ -122,7 +122,7 @@ REMARKS = """- *Amplitude left*: a bar of 16 cells after ten periods (U6).
   0.49), over (2 + π) c and the width that the grid gives it, half a cell more on each side. More than 1 is locking.
 - *Landed*: height of a periodic layer of four cells of sand that was thrown up, came apart by a tenth (3 m/s) or a
   third (6 m/s) of its volume and landed. 1 is the density of before.
-- *Lost*: share of the kinetic energy that two blocks of sand lose when they part at 1 m/s, by the distance of their
+- *Lost*: share of their speed that two blocks of sand lose when they part at 1 m/s, by the distance of their
   particles at the start. From three cells on, they share no node and lose nothing.
 """
 OPENING = """# Transfers and F-bar
@@ -151,7 +151,7 @@ Record: runout {runout}, commit {commit}, Python {python}, NumPy {numpy}, numba 
 def page(found: Mapping[str, Any]) -> StudyPage:
     """The numbers as a page of the documentation."""
     ways, made = found["rows"], found["versions"]
-    quantities = ((key, *(f"{row[key]:.4g}" for row in ways.values())) for key in next(iter(ways.values())))
+    quantities = ((key, *(_number(row[key]) for row in ways.values())) for key in next(iter(ways.values())))
     text = OPENING.format(
         table=markdown(("", *ways), quantities),
         remarks=REMARKS,
@@ -161,6 +161,11 @@ def page(found: Mapping[str, Any]) -> StudyPage:
         **{name: found["machine"][name] for name in ("cores", "architecture")},
     )
     return StudyPage("transfers", text, pictures={"transfers.png": _figure(ways)})
+
+
+def _number(value: float) -> str:
+    """A number with four digits; what only rounding leaves is 0."""
+    return f"{value:.4g}" if abs(value) > 1e-12 else "0"
 
 
 def _figure(ways: Mapping[str, Mapping[str, float]]) -> bytes:
@@ -178,7 +183,7 @@ def _figure(ways: Mapping[str, Mapping[str, float]]) -> bytes:
             name = key.split(", ")[-1].split(":")[0]
             axes.bar([n + 0.4 * k for n in range(len(ways))], [row[key] for row in ways.values()], 0.4, label=name)
         axes.set_xticks([n + 0.2 for n in range(len(ways))], list(ways), fontsize=8)
-        axes.set(ylabel=label)
+        axes.set(ylabel=label, ylim=(0, 1.3 * axes.get_ylim()[1]))
         axes.legend(fontsize=8, frameon=False)
     return as_png(canvas)
 
