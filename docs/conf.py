@@ -51,7 +51,7 @@ html_static_path = ["_static"]
 html_css_files = ["runout.css"]
 html_show_sourcelink = False
 html_copy_source = False
-html_sidebars = dict.fromkeys(("index", "quickstart", "tutorial", "theory", "api"), [])
+html_sidebars = {name: [] for name in ("index", "quickstart", "tutorial", "theory", "api")}
 html_theme_options = {
     "logo": {"text": "runout"},
     "navbar_align": "left",
