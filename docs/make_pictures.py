@@ -1,7 +1,7 @@
-"""Make the pictures of the landing page and of README.md: ``python docs/make_pictures.py [jacksboro] [frank_slide]``.
+"""Make the picture of the landing page and of README.md: ``python docs/make_pictures.py [RESULTS]``.
 
-jacksboro takes the results of ``runout run sites/jacksboro``. frank_slide runs a copy of the site with the cells and members of
-:data:`FINE`, about four minutes on two cores; its rasters come from ``RUNOUT_DATA`` or from the network.
+Without results of an earlier run, it runs a copy of frank_slide with the cells and members of :data:`FINE`, which takes
+some minutes. The rasters come from ``RUNOUT_DATA`` or from the network.
 """
 
 import re
@@ -20,12 +20,10 @@ from runout.report.sheets import Sheet, headline_sheets, reached_window
 from runout.report.study import Study, read_study
 
 HERE = Path(__file__).parent
-SITES = HERE.parent / "sites"
-FINE = {"cell_size": 16, "members": 5}  # of frank_slide
-SHOWN = {  # starts of the titles of the maps
-    "jacksboro": ("Probability", "Peak flow speed, 95th"),
-    "frank_slide": ("Probability", "Deposit, mean"),
-}
+SITE = HERE.parent / "sites" / "frank_slide"
+PICTURE = HERE / "images" / "frank_slide.png"
+FINE = {"cell_size": 16, "members": 5}  # in place of the numbers in site.yaml
+SHOWN = ("Probability", "Deposit, mean")  # starts of the titles of the maps
 
 
 def side_by_side(study: Study, sheets: list[Sheet]) -> np.ndarray:
@@ -38,12 +36,12 @@ def side_by_side(study: Study, sheets: list[Sheet]) -> np.ndarray:
     return np.concatenate(pictures, axis=1)
 
 
-def draw(results: Path, name: str) -> None:
-    """Write the maps of :data:`SHOWN` of a site's results to docs/images/NAME.png."""
-    study, file = read_study(results), HERE / "images" / f"{name}.png"
-    sheets = [sheet for start in SHOWN[name] for sheet in headline_sheets(study) if sheet.title.startswith(start)]
-    imsave(file, side_by_side(study, sheets))
-    print(f"wrote {file}")
+def draw(results: Path) -> None:
+    """Write the maps of :data:`SHOWN` of a site's results to :data:`PICTURE`."""
+    study = read_study(results)
+    sheets = [sheet for start in SHOWN for sheet in headline_sheets(study) if sheet.title.startswith(start)]
+    imsave(PICTURE, side_by_side(study, sheets))
+    print(f"wrote {PICTURE}")
 
 
 def fine_copy(site: Path, folder: Path) -> Path:
@@ -58,16 +56,16 @@ def fine_copy(site: Path, folder: Path) -> Path:
     return copy
 
 
-def main(names: list[str]) -> None:
-    """Write docs/images/NAME.png for each name; both when none is given."""
-    if not names or "jacksboro" in names:
-        draw(SITES / "jacksboro" / "results", "jacksboro")
-    if not names or "frank_slide" in names:
-        with tempfile.TemporaryDirectory() as folder:
-            copy = fine_copy(SITES / "frank_slide", Path(folder))
-            subprocess.run([sys.executable, "-m", "runout", "run", str(copy)], check=True)
-            draw(copy / "results", "frank_slide")
+def main() -> None:
+    """Draw the results that are named, or those of a run."""
+    if len(sys.argv) > 1:
+        draw(Path(sys.argv[1]))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = fine_copy(SITE, Path(folder))
+        subprocess.run([sys.executable, "-m", "runout", "run", str(copy)], check=True)
+        draw(copy / "results")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

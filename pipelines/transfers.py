@@ -127,7 +127,7 @@ REMARKS = """- *Amplitude left*: a bar of 16 cells after ten periods (U6).
 """
 OPENING = """# Transfers and F-bar
 
-Cost and accuracy of the choices `transfer` and `f_bar` ({{doc}}`../theory`).
+Cost and accuracy of the choices `transfer` and `f_bar` ({{doc}}`../theory`, {{doc}}`../decisions/06-transfers`).
 
 ![Time of a step and error of the surface of the rods](transfers.png)
 
