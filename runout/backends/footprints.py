@@ -1,8 +1,10 @@
 """Footprints of particles on a raster finer than the grid: sums on a lattice of half grid cells, spread, brought to the raster.
 
 A backend adds each particle, a box of one grid cell, to the lattice. Where particles have moved apart, their mass is smoothed
-over more cells of the lattice (:func:`runout.physics.resolution.footprint_area`), mass, momentum and volume alike. Every cell
-of the raster then takes its share by area. Each stage keeps the sums to rounding, and no order depends on threads.
+over more cells of the lattice (:func:`runout.physics.resolution.footprint_area`), mass, momentum and volume alike: over so many
+that few particles share them to find where the flow is, and over so many that more share them, inside that, to say how much is
+there. Every cell of the raster then takes its share by area. Each stage keeps the sums to rounding, and no order depends on
+threads.
 """
 
 import math
@@ -20,9 +22,32 @@ from runout.model.scene import Raster, Scene
 from runout.physics.resolution import smoothed_area
 
 HALVES = 2  # cells of the lattice in a cell of the grid, along each axis
-WIDTHS = (3, 5)  # cells of the lattice over which mass is smoothed
-REACH = max(WIDTHS) // 2  # cells of the lattice
-AREAS = (1.0, *(smoothed_area(width / HALVES) for width in WIDTHS))
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Footprints that a number of particles share.
+
+    Attributes
+    ----------
+    sharing : float
+        Particles over each place.
+    widths : tuple of int
+        Squares [cells of the lattice] over which a box of one grid cell may be smoothed, ascending.
+    """
+
+    sharing: float
+    widths: tuple[int, ...]
+
+    @property
+    def areas(self) -> np.ndarray:
+        """Areas of the box and of what each width makes of it [grid cells], (1 + number of widths,)."""
+        return np.array([1.0, *(smoothed_area(width / HALVES) for width in self.widths)])
+
+
+EXTENT = Footprint(4.0, (3, 5))  # says where the flow is
+DEPTH = Footprint(16.0, (3, 5, 9))  # says how much of it
+REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 
 
 @dataclass(frozen=True)
@@ -130,15 +155,31 @@ def _box_shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndar
 
 def _spread(sums: np.ndarray, particle_volume: float) -> np.ndarray:
     """Sums (rows, columns, 5) on the lattice with every mass over the footprint that the particles around it need."""
-    rows, columns, _ = sums.shape
-    around, half = np.zeros((rows, columns)), np.empty((rows, 5 * columns))
-    loops().smooth(np.ascontiguousarray(sums[..., 0]), 1, max(WIDTHS), half, around)
-    parts = np.empty((3, *sums.shape))
-    loops().divide(sums, around, particle_volume / HALVES**2, np.array(AREAS), parts)
-    flat = parts.reshape(3, rows, -1)
-    for k, width in enumerate(WIDTHS):
-        loops().smooth(flat[k + 1], 5, width, half, flat[0])
-    return parts[0]
+    one, covered, span = particle_volume / HALVES**2, np.ones(sums.shape[:2]), np.empty((len(sums), 2), np.int64)
+    volume = np.ascontiguousarray(sums[..., :1])
+    loops().find_spans(volume[..., 0], REACH, span)
+    extent = _smoothed(volume, span, one, EXTENT, covered)[..., 0]
+    loops().cover(extent, span, one, covered)
+    return _smoothed(sums, span, one, DEPTH, covered)
+
+
+def _smoothed(sums: np.ndarray, span: np.ndarray, one: float, footprint: Footprint, covered: np.ndarray) -> np.ndarray:
+    """Sums (rows, columns, lanes) over footprints, inside the part of each cell that is ``covered`` (rows, columns).
+
+    All mass lies :data:`REACH` cells or more inside the ``span`` (rows, 2) of columns of each row.
+    """
+    rows, columns, lanes = sums.shape
+    around, total, part = np.zeros((rows, columns)), np.zeros_like(sums), np.empty_like(sums)
+    weights = (one, footprint.sharing, footprint.areas)
+    loops().smooth(np.ascontiguousarray(sums[..., 0]), span, 1, max(footprint.widths), around)
+    for n, width in enumerate(footprint.widths, 1):
+        mean = np.zeros((rows, columns))
+        loops().smooth(covered, span, 1, width, mean)
+        loops().take(sums, span, around, mean, *weights, n, part)
+        loops().smooth(part.reshape(rows, -1), span, lanes, width, total.reshape(rows, -1))
+    loops().take(sums, span, around, covered, *weights, 0, part)
+    loops().confine(part, span, covered, total)
+    return total
 
 
 def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tuple[int, np.ndarray, np.ndarray]:

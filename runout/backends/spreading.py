@@ -7,45 +7,80 @@ from typing import Any
 
 import numpy as np
 
-from runout.physics.resolution import footprint_area, part_beyond
+from runout.physics.resolution import covered_part, footprint_area, part_beyond
 
 prange = range  # that of the compiler takes its place
 
 
-def smooth(values: Any, lanes: int, width: int, half: Any, total: Any):
-    """Add to ``total`` (rows, columns lanes) the means of ``values`` over squares of ``width`` cells; ``half`` is scratch.
+def find_spans(volume: Any, margin: int, span: Any):
+    """Find the columns ``span`` (rows, 2), first and one past the last, that lie within ``margin`` cells of any ``volume``."""
+    rows, columns = volume.shape
+    for i in prange(rows):
+        first, last = columns, 0
+        for k in range(max(i - margin, 0), min(i + margin + 1, rows)):
+            for j in range(columns):
+                if volume[k, j] != 0.0:
+                    first, last = min(first, j), max(last, j + 1)
+        span[i, 0] = max(min(first, last) - margin, 0)
+        span[i, 1] = min(last + margin, columns)
+        if last == 0:
+            span[i, 1] = span[i, 0]
 
-    What lies beyond the rim counts as nothing.
+
+def smooth(values: Any, span: Any, lanes: int, width: int, total: Any):
+    """Add to ``total`` (rows, columns lanes) the means of ``values`` over squares of ``width`` cells.
+
+    What lies beyond the ``span`` of columns of a row counts as nothing.
     """
     rows, size = values.shape
-    reach = width // 2
+    reach, share = width // 2, 1.0 / (width * width)
     for i in prange(rows):
-        for j in range(size):
-            half[i, j] = 0.0
-        for k in range(max(i - reach, 0), min(i + reach + 1, rows)):
-            for j in range(size):
-                half[i, j] += values[k, j]
-        for s in range(-reach, reach + 1):
-            for j in range(max(0, -s * lanes), min(size, size - s * lanes)):
-                total[i, j] += half[i, j + s * lanes] / (width * width)
+        first, last = span[i, 0] * lanes, span[i, 1] * lanes
+        if first < last:
+            column = np.zeros(size)
+            for k in range(max(i - reach, 0), min(i + reach + 1, rows)):
+                for j in range(span[k, 0] * lanes, span[k, 1] * lanes):
+                    column[j] += share * values[k, j]
+            for s in range(-reach, reach + 1):
+                for j in range(max(first, -s * lanes), min(last, size - s * lanes)):
+                    total[i, j] += column[j + s * lanes]
 
 
-def divide(sums: Any, around: Any, one: float, areas: Any, parts: Any):
-    """Divide ``sums`` (rows, columns, 5) into ``parts`` (3, rows, columns, 5) of footprints of three ``areas`` [grid cells].
+def take(sums: Any, span: Any, around: Any, covered: Any, one: float, sharing: float, areas: Any, n: int, part: Any):
+    """Take the ``part`` (rows, columns, lanes) of ``sums`` that gets footprints of the area ``areas[n]`` [grid cells].
 
-    ``around`` (rows, columns) is the mean volume over cells near each, ``one`` that of one particle a grid cell [m3].
+    ``around`` (rows, columns) is the mean volume over cells near each, ``one`` that of one particle a grid cell [m3]; ``covered``
+    the mean of the part that the flow covers over that area, on which alone the mass will lie.
     """
     for i in prange(sums.shape[0]):
-        for j in range(sums.shape[1]):
-            near = far = 0.0
+        for j in range(span[i, 0], span[i, 1]):
+            scale = 0.0
             if around[i, j] > 0.0:
-                area = footprint_area(around[i, j] / one)
-                near = part_beyond(area, areas[0], areas[1])
-                far = part_beyond(area, areas[1], areas[2])
-            for k in range(5):
-                parts[0, i, j, k] = (1.0 - near) * sums[i, j, k]
-                parts[1, i, j, k] = (near - far) * sums[i, j, k]
-                parts[2, i, j, k] = far * sums[i, j, k]
+                area = footprint_area(around[i, j] / one, sharing, areas[-1])
+                scale = 1.0
+                if n > 0:
+                    scale = part_beyond(area, areas[n - 1], areas[n])
+                if n + 1 < len(areas):
+                    scale -= part_beyond(area, areas[n], areas[n + 1])
+                if n > 0 and scale > 0.0:  # where no mass is, nothing may be covered
+                    scale /= max(covered[i, j], 1e-300)
+            for k in range(sums.shape[2]):
+                part[i, j, k] = scale * sums[i, j, k]
+
+
+def cover(volume: Any, span: Any, one: float, covered: Any):
+    """Part of each cell that the flow covers, ``covered`` (rows, columns), from the ``volume`` of narrow footprints in it [m3]."""
+    for i in prange(volume.shape[0]):
+        for j in range(span[i, 0], span[i, 1]):
+            covered[i, j] = covered_part(volume[i, j], one)
+
+
+def confine(rest: Any, span: Any, covered: Any, total: Any):
+    """Keep of ``total`` (rows, columns, lanes) what lies where the flow covers cells, and add the ``rest``."""
+    for i in prange(total.shape[0]):
+        for j in range(span[i, 0], span[i, 1]):
+            for k in range(total.shape[2]):
+                total[i, j, k] = covered[i, j] * total[i, j, k] + rest[i, j, k]
 
 
 def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, shared: Any):

@@ -26,13 +26,20 @@ def shear_wave_length(depth: Any):
     return real(4.0) * depth
 
 
-def footprint_area(count: Any):
-    """Plan area [grid cells] over which a particle spreads where ``count`` particles stand over a grid cell, 1 to 7.25.
+def footprint_area(count: Any, sharing: Any, largest: Any):
+    """Plan area [grid cells] over which a particle spreads where ``count`` particles stand over a grid cell, 1 to ``largest``.
 
-    So wide that four particles share it, at least one cell: the map of a flow has no holes between particles that have moved
-    apart. A box of one cell smoothed over squares of 2.5 cells has the area 7.25.
+    So wide that ``sharing`` particles share every place, at least one cell.
     """
-    return min(max(real(4.0) / count, real(1.0)), real(7.25))
+    return min(max(sharing / count, real(1.0)), largest)
+
+
+def covered_part(volume: Any, particle_volume: Any):
+    """Part of a place that the flow covers, 0 to 1, where ``volume`` [m3] of narrow footprints lies over a grid cell.
+
+    All of it from a quarter of a particle on.
+    """
+    return min(real(4.0) * volume / particle_volume, real(1.0))
 
 
 def smoothed_area(width: Any):

@@ -5,7 +5,7 @@ import pytest
 from scenes import ROCK, at, engine_of, loaded, scene
 from test_columns import overlaps
 
-from runout.backends.footprints import apply_to
+from runout.backends.footprints import DEPTH, EXTENT, apply_to
 from runout.physics.resolution import footprint_area
 
 COARSE = (6.0, 7.5, 1.0)  # grid cells on raster cells of 2 m x 2.5 m
@@ -89,5 +89,21 @@ def test_raster_as_coarse_as_the_grid_needs_no_footprints():
     assert apply_to(scene(spacing=(2.0, 2.6, 1.0)))
 
 
-def test_footprint_is_that_of_four_particles_between_its_bounds():
-    assert [footprint_area(count) for count in (100.0, 4.0, 2.0, 1.0, 0.01)] == pytest.approx([1.0, 1.0, 2.0, 4.0, 7.25])
+def test_footprint_is_shared_by_as_many_particles_between_its_bounds():
+    areas = [footprint_area(count, 4.0, 7.25) for count in (100.0, 4.0, 2.0, 1.0, 0.01)]
+    assert areas == pytest.approx([1.0, 1.0, 2.0, 4.0, 7.25])
+    assert EXTENT.areas[-1] == 7.25
+    assert DEPTH.areas[-1] == 21.25
+
+
+def test_sheet_of_few_particles_is_smooth_and_ends_where_its_particles_do(backend):
+    """One particle a grid cell at random: boxes alone scatter by more than the mean; the rim is no farther out than a cell."""
+    h, rng = np.array(COARSE[:2]), np.random.default_rng(3)
+    x = rng.uniform((20.0, 15.0), (62.0, 60.0), (42, 2))
+    c = loaded(backend, scene(spacing=COARSE), at(np.column_stack([x, np.zeros(len(x))]), COARSE, volume=4.5)).columns()
+    inner = c.volume[10:20, 14:27]
+    assert inner.std() < 0.25 * inner.mean()  # 0.43 where four share a place, 0.71 with boxes
+    columns = np.nonzero(c.volume > 0.1 * inner.mean())[1]
+    assert 2.0 * columns.min() > x[:, 0].min() - 1.5 * h[0]
+    assert 2.0 * (columns.max() + 1) < x[:, 0].max() + 1.5 * h[0]
+    assert c.volume.sum() == pytest.approx(42 * 4.5, rel=1e-13)
