@@ -20,7 +20,7 @@ from runout.model.friction import FrictionZones
 from runout.model.limits import checked, spacing_of
 from runout.model.materials import Material
 from runout.model.particles import Particles
-from runout.model.release import Placement, Release
+from runout.model.release import Release
 from runout.model.resolution import FEWEST_CELLS, Resolution, flow_depth
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.terrain import Terrain
@@ -241,8 +241,8 @@ def build_scene(
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
     strength = basal_strength.strengths(materials, spacing[2])
-    dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
-    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if dug else None, spacing[:2])
+    dug = [r.excavation for r in releases]
+    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2])
     if accept:
         accept(expected_extent(releases, surface, spacing, particles_per_axis(particles_per_cell)))
     raster, friction = Raster(*terrain.shape, terrain.cell_size), tuple(math.tan(a) for a in angles)

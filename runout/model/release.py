@@ -73,6 +73,8 @@ class Release:
         Shape at the outline: tapered or vertical.
     body : TaperedMass or None
         Data of a tapered mass, used by :meth:`scaled`.
+    deepest : ndarray (rows, columns) or None
+        Largest depth of an excavated mass below the surface [m]; what is thicker stands above it. None: no limit.
     """
 
     thickness: np.ndarray
@@ -86,6 +88,7 @@ class Release:
     changes: tuple[str, ...] = ()
     edge: Edge = Edge.VERTICAL
     body: Any = None
+    deepest: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         t = real_array(self.thickness, f"{self.source}: thickness", ReleaseError)
@@ -174,11 +177,28 @@ class Release:
         return release_from_array(thickness, terrain, placement=placement, **choices)
 
     def scaled(self, factor: float) -> "Release":
-        """The same outline with ``factor`` times the volume: thicker everywhere, or with a tapered edge on a deeper surface."""
+        """The same outline with ``factor`` times the volume.
+
+        The scar never gets deeper than that of the volume as stated: a larger mass is thicker in proportion, and what it has
+        more stands above the ground. A smaller one is thinner, with a tapered edge above a steeper sliding surface.
+        """
+        deepest = self.thickness if self.deepest is None else self.deepest
         if self.body is None:
-            return replace(self, thickness=self.thickness * factor)
+            return replace(self, thickness=self.thickness * factor, deepest=deepest)
         body = self.body.scaled(factor)
-        return replace(self, thickness=body.thickness(), body=body)
+        return replace(self, thickness=body.thickness(), body=body, deepest=deepest)
+
+    @property
+    def excavation(self) -> np.ndarray:
+        """How deep the mass lies below the surface (rows, columns) [m]; 0 where it lies on the surface."""
+        if self.placement is Placement.ON_SURFACE:
+            return np.zeros(self.terrain.shape)
+        return self.thickness if self.deepest is None else np.minimum(self.thickness, self.deepest)
+
+    @property
+    def heap(self) -> np.ndarray:
+        """How high the mass stands above the surface (rows, columns) [m]."""
+        return self.thickness - self.excavation
 
     @property
     def volume(self) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from runout.accuracy import PARTICLES_PER_CELL
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
-from runout.model.release import Placement, Release
+from runout.model.release import Release
 from runout.terrain.fill import filled
 from runout.terrain.prepare import reachable, steepness
 
@@ -69,8 +69,7 @@ def _steepest(releases: Sequence[Release], friction: float) -> float:
     """
     terrain = releases[0].terrain
     thickness = np.sum([r.thickness for r in releases], axis=0)
-    dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
-    ground = filled(terrain.elevation, terrain.cell_size) - (np.sum(dug, axis=0) if dug else 0.0)
+    ground = filled(terrain.elevation, terrain.cell_size) - np.sum([r.excavation for r in releases], axis=0)
     slope = steepness(ground, terrain.cell_size)
     below = float(slope[thickness > 0].max())
     if HELD * below >= friction:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from runout.model.release import Placement, Release
+from runout.model.release import Release
 from runout.terrain.fill import filled
 
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows, columns
@@ -54,7 +54,7 @@ def trapped_share(release: Release, angle: float) -> float:
     With the basal friction angle: mass that cannot slide out by itself, whatever way it takes. With 0: what lies below the lowest
     outlet.
     """
-    thickness = release.thickness
+    thickness, excavation = release.thickness, release.excavation
     rows, columns = np.nonzero(thickness > 0)
     block = int(np.ceil(np.sqrt(np.ptp(rows) * np.ptp(columns) / LARGEST))) or 1
     window = tuple(
@@ -65,8 +65,7 @@ def trapped_share(release: Release, angle: float) -> float:
     inside[[0, -1]] = 0.0
     inside[:, [0, -1]] = 0.0
     ground = filled(release.terrain.elevation[np.ix_(*window)], release.terrain.cell_size)
-    mass, ground = _blocks(inside, block), _blocks(ground, block)
-    dug = ground - mass if release.placement is Placement.EXCAVATED else ground
+    mass, dug = _blocks(inside, block), _blocks(ground - np.minimum(excavation[np.ix_(*window)], inside), block)
     cell = (block * release.terrain.cell_size[0], block * release.terrain.cell_size[1])
     line = rising_from_rim(dug, mass > 0, cell, float(np.tan(angle)))
     return float(np.clip(line - dug, 0.0, mass).sum() / mass.sum())

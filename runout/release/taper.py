@@ -85,6 +85,8 @@ class Part:
 class TaperedMass:
     """A mass that thins out to its rim, and may be made larger or smaller within its outline.
 
+    A smaller one lies above a sliding surface of its own; a larger one has the shape of the stated one, thicker in proportion.
+
     Attributes
     ----------
     parts : tuple of Part
@@ -105,8 +107,8 @@ class TaperedMass:
         """Mean thickness (rows, columns) [m] over the cells of the terrain; its volume is exact."""
         volume = np.zeros(self.terrain.shape)
         for part in self.parts:
-            volume[part.window] += part.volumes(self.factor)
-        return volume / self.terrain.cell_area
+            volume[part.window] += part.volumes(min(self.factor, 1.0))
+        return volume * (max(self.factor, 1.0) / self.terrain.cell_area)
 
 
 def tapered(polygons: np.ndarray, depths: np.ndarray, outline: Any, terrain: Terrain, *, excavated: bool) -> TaperedMass:

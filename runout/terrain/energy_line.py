@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runout.model.release import Placement, Release
+from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY
 from runout.terrain.fill import filled
 from runout.terrain.prepare import reachable
@@ -26,9 +26,7 @@ def largest_speed(releases: Sequence[Release], angle: float) -> float:
     """
     terrain = releases[0].terrain
     reach = reachable(terrain, np.sum([r.thickness for r in releases], axis=0), angle)
-    natural = filled(terrain.elevation, terrain.cell_size)
-    dug = [r.thickness for r in releases if r.placement is Placement.EXCAVATED]
-    ground = natural - np.sum(dug, axis=0) if dug else natural
+    ground = filled(terrain.elevation, terrain.cell_size) - np.sum([r.excavation for r in releases], axis=0)
     fall = max(_fall(ground, r, reach, math.tan(angle)) for r in releases)
     return math.sqrt(2.0 * STANDARD_GRAVITY * fall)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from runout.model.release import Placement, Release
+from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.terrain.fill import filled
 from runout.terrain.sdf import sliding_surface
@@ -50,8 +50,9 @@ def free_surface(release: Release, spacing: tuple[float, float]) -> FreeSurface:
     ground = replace(terrain, elevation=filled(terrain.elevation[rows, columns], terrain.cell_size))
     origin = (columns.start * terrain.cell_size[0], (terrain.shape[0] - rows.stop) * terrain.cell_size[1])
     slopes = None
-    if release.placement is Placement.ON_SURFACE:
-        slopes = _slopes(release.thickness[rows, columns][::-1].T, terrain.cell_size, spacing)
+    heap = release.heap[rows, columns]
+    if heap.any():
+        slopes = _slopes(heap[::-1].T, terrain.cell_size, spacing)
     return FreeSurface(sliding_surface(ground, None, spacing), origin, terrain.cell_size, slopes)
 
 
