@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
-from runout.config.distributions import plausible_degrees, shape
+from runout.config.distributions import plausible_degrees, refuse, shape
 from runout.model.limits import LIMITS
 
 
@@ -22,6 +22,16 @@ FrictionFactor = Annotated[Text | Annotated[float, _range("friction_factor"), Ta
 Height = Annotated[Text | Annotated[float, _range("obstacle_height"), Tag("<number>")], Discriminator(shape)]
 Thickness = Annotated[Text | Annotated[float, _range("thickness"), Tag("<number>")], Discriminator(shape)]
 Size = Annotated[float, _range("cell_size")]
+
+
+def _in_order(edges: list[float]) -> list[float]:
+    if edges[0] >= edges[2] or edges[1] >= edges[3]:
+        raise refuse(f"{edges} is not west, south, east, north with west < east and south < north", "put the edges in this order")
+    return edges
+
+
+Edge = Annotated[float, Field(allow_inf_nan=False)]
+Extent = Annotated[list[Edge], Field(min_length=4, max_length=4), AfterValidator(_in_order)]
 CellSize = Annotated[
     Annotated[Size, Tag("<number>")] | Annotated[list[Size], Field(min_length=3, max_length=3), Tag("<list>")], Discriminator(shape)
 ]

@@ -14,13 +14,13 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from runout.config.extent import VECTOR_SUFFIXES
 from runout.config.problems import inner_model
 from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import DruckerPragerSettings, SiteSettings
 from runout.config.thickness_attribute import thickness_of
 from runout.errors import InputError
 
-VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb")
 RASTER_SUFFIXES = (".tif", ".tiff", ".asc", ".nc", ".img", ".vrt", ".flt", ".bil")
 SIDE_SUFFIXES = (".shx", ".dbf", ".prj", ".cpg", ".tfw", ".hdr", ".aux.xml")
 WIDTH = 110
@@ -88,7 +88,7 @@ def _first_settings(folder: Path, dem: Path | str, release: Path, thickness: str
     """Settings to start from: what the inputs say, and ordinary values for the rest."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "site"
     is_sample = str(dem).startswith("matplotlib:")
-    cell = _cell_size(str(dem) if is_sample else _existing(Path(dem), "elevation"))
+    cell = _cell_size(str(dem) if is_sample else _existing(Path(dem), "elevation"), release)
     angle = {"distribution": "uniform", "low": 15.0, "high": 25.0}
     return {
         "name": name,
@@ -115,11 +115,12 @@ def _first_release(path: Path, thickness: str | None) -> dict[str, Any]:
     return {"polygons": place, "thickness": thickness_of(path, thickness)}
 
 
-def _cell_size(dem: Path | str) -> float:
+def _cell_size(dem: Path | str, release: Path) -> float:
     """Grid spacing to start with: the raster's cell, to two digits [m]."""
+    from runout.config.extent import extent_around
     from runout.terrain.read import read_terrain
 
-    cell = min(read_terrain(dem).cell_size)
+    cell = min(read_terrain(dem, extent=extent_around(dem, release)).cell_size)
     step = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return round(round(cell / step) * step, 6)
 

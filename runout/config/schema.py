@@ -18,7 +18,17 @@ from runout.config.distributions import (
     shape,
 )
 from runout.config.metadata import METADATA, MetadataSettings
-from runout.config.quantities import CellSize, Degrees, FrictionAngle, FrictionFactor, Height, ParticlesPerCell, Text, Thickness
+from runout.config.quantities import (
+    CellSize,
+    Degrees,
+    Extent,
+    FrictionAngle,
+    FrictionFactor,
+    Height,
+    ParticlesPerCell,
+    Text,
+    Thickness,
+)
 from runout.config.remote import RemoteFile
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
@@ -85,6 +95,12 @@ class TerrainSettings(Settings):
     )
     crs: str | None = quantity(
         "coordinate reference system of a raster that states none", None, hint="for example EPSG:32632", examples=["EPSG:32632"]
+    )
+    extent: Extent | None = quantity(
+        "part of the raster that is read, [west, south, east, north] in the coordinates of its file; by default all of it, or of a "
+        "raster of more than 100 million cells what the releases can reach",
+        None,
+        examples=[[500000, 5000000, 510000, 5008000]],
     )
     resolution: float | None = limited(
         "resolution", "average the raster over whole blocks of cells to about this size", None, examples=[10.0]

@@ -17,6 +17,7 @@ from runout.errors import ConfigError, Problem
 from runout.io.side_files import files_of
 
 if TYPE_CHECKING:
+    from runout.config.extent import DerivedExtent
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
     from runout.model.release import Release
@@ -63,15 +64,37 @@ class Site:
         DemError
             If it cannot be used.
         """
-        from runout.terrain.read import read_terrain
-
         stated = self.settings.terrain
-        terrain = read_terrain(locate(stated.dem, self.folder), stated.crs)
-        if stated.resolution:
-            terrain = self._averaged(terrain, stated.resolution)
+        if stated.extent is None and self.derived_extent is not None:
+            terrain = self.read_elevations(self.derived_extent.edges)
+            terrain = replace(terrain, changes=(self.derived_extent.sentence, *terrain.changes))
+        else:
+            terrain = self.read_elevations(stated.extent)
         for obstacle in stated.obstacles or []:
             terrain = terrain.with_obstacles(locate(obstacle.polygons, self.folder), obstacle.height, obstacle.layer)
         return terrain
+
+    def read_elevations(self, extent: "Sequence[float] | None") -> "Terrain":
+        """The elevations of an extent (west, south, east, north; all of them where it is None), without the obstacles.
+
+        Raises
+        ------
+        DemError
+            If they cannot be used.
+        """
+        from runout.terrain.read import read_terrain
+
+        stated = self.settings.terrain
+        edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
+        terrain = read_terrain(locate(stated.dem, self.folder), stated.crs, edges)
+        return self._averaged(terrain, stated.resolution) if stated.resolution else terrain
+
+    @cached_property
+    def derived_extent(self) -> "DerivedExtent | None":
+        """Extent of a huge elevation raster that the masses need, where site.yaml states none; None for other rasters."""
+        from runout.config.extent import needed_extent
+
+        return needed_extent(self) if self.settings.terrain.extent is None else None
 
     def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
         """The friction zones on the terrain; None where site.yaml states none.
@@ -246,6 +269,8 @@ class Site:
         content = self.settings.model_dump(mode="json", exclude_none=True)
         if "cell_size" not in content["simulation"]:
             content["simulation"]["cell_size"] = self._grid["cell_size"]
+        if self.derived_extent is not None:
+            content["terrain"]["extent"] = list(self.derived_extent.edges)
         return content
 
     def computed(self) -> dict[str, Any]:

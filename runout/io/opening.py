@@ -50,7 +50,8 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
     Raises
     ------
     InputError
-        If it is no regular file, of no known format, refers to what is not to be read, or does not fit into memory.
+        If it is no regular file, of no known format, refers to what is not to be read, or is stored in blocks that do not fit
+        into the memory.
     """
     import rasterio
     from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
@@ -64,8 +65,7 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
                 _require_own_overviews(dataset, name, error)
                 _require_real(dataset, name, error)
                 require_own_grids(dataset.crs.to_wkt() if dataset.crs else "", name, error)
-                if dataset.count:
-                    require_room(dataset.height, dataset.width, name, error)
+                _require_blocks(dataset, name, error)
                 yield dataset
         except (RasterioError, CRSError, UnicodeDecodeError) as cause:
             remedy = "check it with `gdalinfo`, or write it as GeoTIFF"
@@ -101,13 +101,22 @@ def _require_real(dataset: Any, name: Path | str, error: type[InputError]) -> No
         raise error(f"{name}: holds complex numbers ({wrong[0]}); a raster of real numbers is needed")
 
 
+def _require_blocks(dataset: Any, name: Path | str, error: type[InputError]) -> None:
+    """The error for a raster whose cells are stored in blocks, read as a whole, that do not fit into the memory."""
+    for rows, columns in dataset.block_shapes:
+        if rows * columns * BYTES_PER_CELL > _free_memory():
+            remedy = f"write it in tiles: `gdal_translate -co TILED=YES {name} tiled.tif`"
+            raise error(f"{name}: its cells are stored in blocks of {columns} x {rows}, too large for the memory; {remedy}")
+
+
 def require_room(rows: int, columns: int, source: Path | str, error: type[InputError]) -> None:
-    """Nothing, if a raster of so many cells fits into the free memory; else the error, with both numbers."""
+    """Nothing, if so many cells of a raster fit into the free memory; else the error, with both numbers."""
     needed, free = rows * columns * BYTES_PER_CELL, _free_memory()
     if needed > free:
         raise error(
             f"{source}: {columns} x {rows} cells need about {needed / 1e9:.3g} GB of memory to read, {free / 1e9:.3g} GB are free; "
-            f"crop it to the slope under study, for example `gdalwarp -te WEST SOUTH EAST NORTH {source} cropped.tif`"
+            "state the part under study, terrain.extent: [WEST, SOUTH, EAST, NORTH] in the coordinates of the elevation raster, or "
+            f"crop it: `gdal_translate -projwin WEST NORTH EAST SOUTH {source} cropped.tif`"
         )
 
 

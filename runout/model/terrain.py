@@ -93,11 +93,16 @@ class Terrain:
         return with_obstacles(self, path, height, layer)
 
     @classmethod
-    def from_raster(cls, path: str | PathLike[str], crs: Any = None) -> "Terrain":
-        """Terrain of any raster that GDAL reads; ``crs`` names the system of a file that states none."""
+    def from_raster(
+        cls, path: str | PathLike[str], crs: Any = None, extent: tuple[float, float, float, float] | None = None
+    ) -> "Terrain":
+        """Terrain of any raster that GDAL reads; ``crs`` names the system of a file that states none.
+
+        ``extent`` is west, south, east and north of the part that is read, in the coordinates of the file.
+        """
         from runout.terrain.read import read_terrain
 
-        return read_terrain(path, crs)
+        return read_terrain(path, crs, extent)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -96,7 +96,7 @@ def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: 
         Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
         features without a geometry, or polygons that cross themselves (with the place).
     """
-    frame, driver = _read(path, layer, what)
+    frame, driver = read_frame(path, layer, what)
     if len(frame) == 0:
         raise ReleaseError(f"{path}: the layer is empty; draw at least one {what} polygon")
     frame, changes = polygons_on_terrain(path, frame, driver, terrain)
@@ -106,7 +106,7 @@ def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: 
     return PolygonLayer(path, geometry, frame.drop(columns=frame.geometry.name), changes)
 
 
-def _read(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
+def read_frame(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
     """Frame of the layer and the name of the GDAL driver."""
     if not exists(path):
         near = difflib.get_close_matches(path.name, names_in(path.parent), n=1)

@@ -4,15 +4,18 @@ GDAL drops the coordinates of a variable that names no grid mapping, and then pl
 variables themselves say more.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from runout.errors import DemError
 from runout.io.georeference import require_usable
-from runout.io.opening import open_netcdf, require_room
+from runout.io.opening import open_netcdf
+from runout.io.window import Bounds
 from runout.terrain.crs import parse
-from runout.terrain.raster import ElevationRaster
+from runout.terrain.raster import ElevationRaster, Header
 
 ELEVATION_NAMES = ("elevation", "surface_altitude", "dem", "z", "altitude", "height", "topography", "orog", "band1")
 AXES = {
@@ -22,32 +25,41 @@ AXES = {
 UNEVEN = 1e-3  # of a cell; single-precision coordinates stay below it
 
 
-def read_netcdf(text: str) -> ElevationRaster:
-    """Elevation raster of a NetCDF file: its only two-dimensional variable, or the one that is named like an elevation.
+@contextmanager
+def open_elevation(text: str) -> "Iterator[NetcdfElevation]":
+    """The open elevation of a NetCDF file: its only two-dimensional variable, or the one that is named like an elevation.
 
     Any order of rows, columns and dimensions. DemError if the file cannot be read, the variable cannot be told, or the
     coordinates are missing or uneven.
     """
     with open_netcdf(text, DemError) as dataset:
-        return _raster_of(dataset, text)
+        yield NetcdfElevation(dataset, text)
 
 
-def _raster_of(dataset: Any, text: str) -> ElevationRaster:
-    variable = _elevation_variable(dataset, text).squeeze(drop=True)
-    x, y = (_coordinate(variable, axis, text) for axis in ("x", "y"))
-    variable = variable.transpose(y.name, x.name)
-    dx, dy = _step(x, text), _step(y, text)
-    transform = (dx, 0.0, float(x.values[0]) - dx / 2, 0.0, dy, float(y.values[0]) - dy / 2)
-    require_usable(transform, text, DemError)
-    rows, columns = variable.shape
-    require_room(rows, columns, text, DemError)
-    mapping = _grid_mapping(dataset, variable)
-    unit = str(variable.attrs.get("units", "")) or None
-    values = np.array(variable.values, dtype=np.float64)
-    raster = ElevationRaster(values, _exact_transform(transform, mapping), _crs(mapping, x, text), unit, text)
-    if raster.crs is None and _in_degrees(x):
-        raster = raster.noted("coordinates are degrees of an unnamed datum; taken as WGS 84", crs=parse("EPSG:4326", text))
-    return raster
+class NetcdfElevation:
+    """The elevation of an open xarray dataset."""
+
+    def __init__(self, dataset: Any, text: str):
+        variable = _elevation_variable(dataset, text).squeeze(drop=True)
+        x, y = (_coordinate(variable, axis, text) for axis in ("x", "y"))
+        self.variable = variable.transpose(y.name, x.name)
+        dx, dy = _step(x, text), _step(y, text)
+        transform = (dx, 0.0, float(x.values[0]) - dx / 2, 0.0, dy, float(y.values[0]) - dy / 2)
+        require_usable(transform, text, DemError)
+        mapping = _grid_mapping(dataset, variable)
+        system = _crs(mapping, x, text)
+        self.unnamed = system is None and _in_degrees(x)
+        system = parse("EPSG:4326", text) if self.unnamed else system
+        self.header = Header(_exact_transform(transform, mapping), self.variable.shape, system, text)
+
+    def read(self, extent: Bounds | None) -> ElevationRaster:
+        """The cells of an extent."""
+        header, variable = self.header, self.variable
+        part = header.part(extent, DemError)
+        unit = str(variable.attrs.get("units", "")) or None
+        values = np.array(variable[part.slices].values, dtype=np.float64)
+        raster = ElevationRaster(values, part.transform(header.transform), header.crs, unit, header.source, header.said(part))
+        return raster.noted("coordinates are degrees of an unnamed datum; taken as WGS 84") if self.unnamed else raster
 
 
 def _elevation_variable(dataset: Any, text: str) -> Any:

@@ -6,7 +6,56 @@ from typing import Any
 
 import numpy as np
 
+from runout.errors import InputError
+from runout.io.opening import require_room
+from runout.io.window import Bounds, Part, bounds_of, part_of
+
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the file of a raster states before a value is read.
+
+    Attributes
+    ----------
+    transform : tuple of float
+        Affine map, as of :class:`ElevationRaster`.
+    shape : tuple of int
+        Rows and columns.
+    crs : pyproj.CRS or None
+        As stated.
+    source : str
+        For messages.
+    """
+
+    transform: tuple[float, float, float, float, float, float]
+    shape: tuple[int, int]
+    crs: Any
+    source: str
+
+    @property
+    def cells(self) -> int:
+        """How many cells it has."""
+        return self.shape[0] * self.shape[1]
+
+    @property
+    def bounds(self) -> Bounds:
+        """Outer edges in its own coordinates."""
+        return bounds_of(self.transform, self.shape)
+
+    def part(self, extent: Bounds | None, error: type[InputError]) -> Part:
+        """The part that an extent needs, if it fits into the memory; else the error."""
+        part = part_of(self.transform, self.shape, extent, self.source, error)
+        require_room(part.rows, part.columns, self.source, error)
+        return part
+
+    def said(self, part: Part) -> tuple[str, ...]:
+        """A sentence of what is read, where that is not all."""
+        if (part.rows, part.columns) == self.shape:
+            return ()
+        edges = ", ".join(f"{edge:.10g}" for edge in bounds_of(part.transform(self.transform), (part.rows, part.columns)))
+        return (f"{part.rows} x {part.columns} of its {self.shape[0]} x {self.shape[1]} cells are read, extent [{edges}]",)
 
 
 @dataclass(frozen=True)
@@ -52,10 +101,7 @@ class ElevationRaster:
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Outer edges ``(west, south, east, north)`` in map units, for a raster that is not rotated."""
-        a, _, c, _, e, f = self.transform
-        rows, columns = self.values.shape
-        x, y = sorted((c, c + a * columns)), sorted((f, f + e * rows))
-        return x[0], y[0], x[1], y[1]
+        return bounds_of(self.transform, (self.values.shape[0], self.values.shape[1]))
 
     def changed(self, sentence: str, **fields: Any) -> "ElevationRaster":
         """The raster with other fields, the change recorded and logged as a warning."""

@@ -1,9 +1,12 @@
 """Reading elevation rasters: GeoTIFF, ESRI ASCII, NetCDF, anything GDAL reads, arrays, and the sample of matplotlib."""
 
 import difflib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,17 +14,18 @@ from runout.errors import DemError
 from runout.io.boundary import as_path, exists, kind_of, names_in
 from runout.io.georeference import require_usable
 from runout.io.opening import PARTS, open_raster
+from runout.io.window import Bounds
 from runout.model.arrays import real_array, real_pair, shown
 from runout.model.terrain import Terrain
 from runout.terrain import crs as coordinate_systems
 from runout.terrain import prepare
-from runout.terrain.raster import ElevationRaster
+from runout.terrain.raster import ElevationRaster, Header
 
 SAMPLE = "matplotlib:jacksboro_fault_dem"
 NETCDF_SUFFIXES = (".nc", ".nc4", ".cdf")
 
 
-def read_terrain(path: str | PathLike[str], crs: Any = None) -> Terrain:
+def read_terrain(path: str | PathLike[str], crs: Any = None, extent: Bounds | None = None) -> Terrain:
     """Terrain of an elevation raster, checked and in metres.
 
     Parameters
@@ -31,6 +35,8 @@ def read_terrain(path: str | PathLike[str], crs: Any = None) -> Terrain:
         for the sample that matplotlib ships.
     crs : anything that pyproj understands, optional
         Coordinate reference system of a raster that states none.
+    extent : tuple of float, optional
+        West, south, east and north edge of what is read, in the coordinates of the file; whole cells, the rest is not touched.
 
     Returns
     -------
@@ -42,16 +48,68 @@ def read_terrain(path: str | PathLike[str], crs: Any = None) -> Terrain:
     DemError
         If the file is missing or unreadable, or its georeference, units or values cannot be used as they are.
     """
-    text = fspath(as_path(path, DemError)) if not isinstance(path, str) else path
+    text, extent = _text_of(path), real_extent(extent)
     if text.startswith("matplotlib:"):
-        raster = _sample(text)
-    elif text.lower().endswith(NETCDF_SUFFIXES) and not _is_gdal_name(text):
-        from runout.terrain.netcdf import read_netcdf
-
-        raster = read_netcdf(_existing(text))
+        raster = _cropped(_sample(text), extent)
     else:
-        raster = _read_gdal(text if _is_gdal_name(text) else _existing(text))
+        with _opened(text) as source:
+            raster = source.read(extent)
     return prepare.terrain(coordinate_systems.with_stated(raster, crs))
+
+
+def read_header(path: str | PathLike[str], crs: Any = None) -> Header:
+    """What the file of an elevation raster states; no value is read. Parameters and errors as of :func:`read_terrain`."""
+    text = _text_of(path)
+    if text.startswith("matplotlib:"):
+        sample = _sample(text)
+        return Header(sample.transform, sample.values.shape, sample.crs, text)  # type: ignore[arg-type]
+    with _opened(text) as source:
+        header = source.header
+    return header if crs is None or header.crs else replace(header, crs=coordinate_systems.parse(crs, text))
+
+
+def real_extent(extent: Any) -> Bounds | None:
+    """West, south, east and north as numbers; DemError unless they are finite and in order."""
+    if extent is None:
+        return None
+    edges = real_array(extent, "extent", DemError)
+    if edges.shape != (4,) or not np.isfinite(edges).all() or edges[0] >= edges[2] or edges[1] >= edges[3]:
+        raise DemError(f"extent is {shown(extent)}; it must be west, south, east and north, with west < east and south < north")
+    return tuple(edges.tolist())  # type: ignore[return-value]
+
+
+class _Source(Protocol):
+    """An open elevation raster."""
+
+    header: Header
+
+    def read(self, extent: Bounds | None) -> ElevationRaster:
+        """The cells of an extent."""
+
+
+@contextmanager
+def _opened(text: str) -> Iterator[_Source]:
+    if text.lower().endswith(NETCDF_SUFFIXES) and not _is_gdal_name(text):
+        from runout.terrain.netcdf import open_elevation
+
+        with open_elevation(_existing(text)) as source:
+            yield source
+    else:
+        path = text if _is_gdal_name(text) else _existing(text)
+        with open_raster(path, DemError) as dataset:
+            yield GdalElevation(dataset, path)
+
+
+def _text_of(path: str | PathLike[str]) -> str:
+    return fspath(as_path(path, DemError)) if not isinstance(path, str) else path
+
+
+def _cropped(raster: ElevationRaster, extent: Bounds | None) -> ElevationRaster:
+    """The part of a raster that has been read already."""
+    header = Header(raster.transform, raster.values.shape, raster.crs, raster.source)  # type: ignore[arg-type]
+    part = header.part(extent, DemError)
+    changes = (*raster.changes, *header.said(part))
+    return replace(raster, values=raster.values[part.slices], transform=part.transform(raster.transform), changes=changes)
 
 
 def terrain_from_array(
@@ -95,31 +153,38 @@ def _existing(text: str) -> str:
     raise DemError(f"{text}: no such file; {remedy}")
 
 
-def _read_gdal(text: str) -> ElevationRaster:
-    with open_raster(text, DemError) as dataset:
-        return _elevation_of(dataset, text)
+class GdalElevation:
+    """An open rasterio dataset whose one band, besides transparency, is the elevation."""
 
+    def __init__(self, dataset: Any, text: str):
+        from rasterio.enums import ColorInterp
 
-def _elevation_of(dataset: Any, text: str) -> ElevationRaster:
-    from rasterio.enums import ColorInterp
+        meanings = zip(dataset.indexes, dataset.colorinterp, strict=True)
+        self.dataset, self.alpha = dataset, [index for index, meaning in meanings if meaning == ColorInterp.alpha]
+        _require_one_band(dataset, text, dataset.count - len(self.alpha))
+        _require_georeference(dataset, text)
+        transform = tuple(dataset.transform)[:6]
+        require_usable(transform, text, DemError)
+        system = coordinate_systems.of_raster(dataset.crs, text) if dataset.crs else None
+        self.header = Header(transform, (dataset.height, dataset.width), system, text)
 
-    alpha = [index for index, meaning in zip(dataset.indexes, dataset.colorinterp, strict=True) if meaning == ColorInterp.alpha]
-    _require_one_band(dataset, text, dataset.count - len(alpha))
-    _require_georeference(dataset, text)
-    require_usable(tuple(dataset.transform)[:6], text, DemError)
-    band = dataset.read(1, masked=True)
-    values = np.ma.filled(band.astype(np.float64), np.nan)
-    for index in alpha:  # GDAL itself heeds transparency only where it is stored as whole numbers
-        values[dataset.read(index) == 0] = np.nan
-    system = coordinate_systems.of_raster(dataset.crs, text) if dataset.crs else None
-    raster = ElevationRaster(values, tuple(dataset.transform)[:6], system, dataset.units[0] or None, text)
-    scale, offset = dataset.scales[0], dataset.offsets[0]
-    if (scale, offset) != (1.0, 0.0):
-        packing = f"the file stores packed numbers; elevation = {scale:g} x number + {offset:g}"
-        raster = raster.noted(packing, values=values * scale + offset)
-    elif np.issubdtype(band.dtype, np.integer):
-        raster = raster.noted(f"elevations are whole numbers ({band.dtype}); slopes are stepped by one unit a cell")
-    return raster
+    def read(self, extent: Bounds | None) -> ElevationRaster:
+        """The cells of an extent."""
+        dataset, header = self.dataset, self.header
+        part = header.part(extent, DemError)
+        band = dataset.read(1, window=part.window, masked=True)
+        values = np.ma.filled(band.astype(np.float64), np.nan)
+        for index in self.alpha:  # GDAL itself heeds transparency only where it is stored as whole numbers
+            values[dataset.read(index, window=part.window) == 0] = np.nan
+        place = part.transform(header.transform)
+        raster = ElevationRaster(values, place, header.crs, dataset.units[0] or None, header.source, header.said(part))
+        scale, offset = dataset.scales[0], dataset.offsets[0]
+        if (scale, offset) != (1.0, 0.0):
+            packing = f"the file stores packed numbers; elevation = {scale:g} x number + {offset:g}"
+            raster = raster.noted(packing, values=values * scale + offset)
+        elif np.issubdtype(band.dtype, np.integer):
+            raster = raster.noted(f"elevations are whole numbers ({band.dtype}); slopes are stepped by one unit a cell")
+        return raster
 
 
 def _require_one_band(dataset: Any, text: str, bands: int) -> None:

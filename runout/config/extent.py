@@ -1,0 +1,211 @@
+"""Which part of a huge elevation raster a site needs: what its masses can reach, by the energy line."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.config.fetch import locate
+from runout.errors import DemError
+from runout.io.opening import BYTES_PER_CELL
+from runout.io.window import LARGEST_WHOLE, Bounds, part_of
+
+if TYPE_CHECKING:
+    from runout.config.schema import ReleaseSettings
+    from runout.config.site import Site
+    from runout.model.release import Release
+    from runout.model.terrain import Terrain
+    from runout.terrain.raster import Header
+
+FIRST = 64  # cells around the releases that are looked at first
+BEYOND = 16  # cells around what the masses can reach that are kept
+SHARE_BEYOND = 0.05  # of its width, the same
+VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb")
+EDGE_POINTS = 21  # of an extent that is brought to another system
+
+
+@dataclass(frozen=True)
+class DerivedExtent:
+    """Extent that the masses of a site need.
+
+    Attributes
+    ----------
+    edges : tuple of float
+        West, south, east and north, in the coordinates of the elevation raster's file.
+    sentence : str
+        How it was found.
+    """
+
+    edges: Bounds
+    sentence: str
+
+
+def needed_extent(site: "Site") -> DerivedExtent | None:
+    """Extent of a site's elevation raster that no mass leaves; None where the raster is read as a whole.
+
+    Raises
+    ------
+    DemError
+        If the raster is huge and the extent cannot be found, or is too large itself.
+    InputError
+        If an input cannot be used.
+    """
+    from runout.terrain.read import read_header
+
+    stated = site.settings.terrain
+    header = read_header(locate(stated.dem, site.folder), stated.crs)
+    if header.cells <= LARGEST_WHOLE:
+        return None
+    boxes = [release_bounds(release, site.folder, header) for release in site.settings.release]
+    if not boxes or "basal_friction_angle_deg" not in site.settings.model_fields_set:
+        unknown = "and site.yaml does not say yet where masses may get"
+        raise DemError(f"{header.source}: {_too_many(header)}, {unknown}; {_state(header)}")
+    low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
+    return _grown(site, header, (float(low[0]), float(low[1]), float(high[0]), float(high[1])))
+
+
+def extent_around(dem: Path | str, release: Path) -> Bounds | None:
+    """Extent of a huge elevation raster around a release; None of another one, which is read as a whole.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used.
+    """
+    from runout.config.schema import ReleaseSettings
+    from runout.terrain.read import read_header
+
+    header = read_header(dem)
+    if header.cells <= LARGEST_WHOLE:
+        return None
+    is_vector = release.suffix.lower() in VECTOR_SUFFIXES
+    path = str(release.absolute())
+    stated = ReleaseSettings.model_construct(polygons=path) if is_vector else ReleaseSettings.model_construct(raster=path)
+    west, south, east, north = release_bounds(stated, Path(), header)
+    dx, dy = FIRST * abs(header.transform[0]), FIRST * abs(header.transform[4])
+    return west - dx, south - dy, east + dx, north + dy
+
+
+def release_bounds(release: "ReleaseSettings", folder: Path, header: "Header") -> Bounds:
+    """West, south, east and north of a release in the coordinates of an elevation raster's file."""
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    from runout.release.bounds import polygon_bounds, thickness_bounds
+    from runout.release.crs import stated_crs
+
+    if release.polygons is not None:
+        found = polygon_bounds(Path(locate(release.polygons, folder)), release.layer, header.crs)
+    else:
+        assert release.raster is not None  # the settings hold one of the two
+        found = thickness_bounds(Path(locate(release.raster, folder)), _state(header))
+    wanted = stated_crs(header.crs)
+    if found.crs is None or wanted is None:
+        return found.edges
+    try:
+        edges = Transformer.from_crs(found.crs, wanted, always_xy=True).transform_bounds(*found.edges, densify_pts=EDGE_POINTS)
+    except ProjError:
+        edges = (math.nan,) * 4
+    if not np.isfinite(edges).all():
+        raise DemError(f"{header.source}: a release has no place in the coordinate system of this raster; check those of both")
+    return tuple(float(edge) for edge in edges)  # type: ignore[return-value]
+
+
+def _grown(site: "Site", header: "Header", edges: Bounds) -> DerivedExtent:
+    """Extent around releases, which grows on each side that a mass can reach, unless the known ground ends there."""
+    cell = abs(header.transform[0]), abs(header.transform[4])
+    more = [max(FIRST * cell[k % 2], edges[2 + k % 2] - edges[k % 2]) for k in range(4)]
+    whole, before = header.bounds, np.full(4, np.nan)
+    growing: list[int] = []
+    ended: set[int] = set()
+    while True:
+        tried = tuple(_limited(edge + (-d if k < 2 else d), k, whole) for k, (edge, d) in enumerate(zip(edges, more, strict=True)))
+        part = part_of(header.transform, header.shape, tried, header.source, DemError)  # type: ignore[arg-type]
+        if part.rows * part.columns > LARGEST_WHOLE:
+            needed = f"{part.columns} x {part.rows} cells or more, about {part.rows * part.columns * BYTES_PER_CELL / 1e9:.3g} GB"
+            raise DemError(f"{header.source}: the masses may reach {needed} (energy line, least friction); {_state(header)}")
+        terrain = site.read_elevations(tried)  # type: ignore[arg-type]
+        angle, reach = _reach(site, terrain)
+        touched = _touched(reach)
+        ended |= {k for k in growing if abs(terrain.extent[k] - before[k]) < terrain.cell_size[k % 2]}
+        growing = [k for k in range(4) if touched[k] and tried[k] != whole[k] and k not in ended]
+        before = np.array(terrain.extent)
+        if not growing:
+            return _kept(header, terrain, reach, tried, angle)  # type: ignore[arg-type]
+        more = [2.0 * d if k in growing else d for k, d in enumerate(more)]
+
+
+def _limited(edge: float, side: int, whole: Bounds) -> float:
+    return max(edge, whole[side]) if side < 2 else min(edge, whole[side])
+
+
+def _touched(reach: np.ndarray) -> tuple[bool, bool, bool, bool]:
+    """Whether cells (rows, columns) reach the west, south, east and north edge, or lie beside it."""
+    near = reach[:, :2], reach[-2:], reach[:, -2:], reach[:2]
+    west, south, east, north = (bool(cells.any()) for cells in near)
+    return west, south, east, north
+
+
+def _reach(site: "Site", terrain: "Terrain") -> tuple[float, np.ndarray]:
+    """Least friction angle [rad], and the cells that the largest masses of any member reach against it."""
+    from runout.terrain.prepare import reachable
+
+    largest = max(1.0, _support(site, "release_volume_factor", 1.0)[1])
+    releases = site.releases(terrain, {"release_volume_factor": largest})
+    angle = _least_friction(site, terrain, releases)
+    return angle, reachable(terrain, np.sum([release.thickness for release in releases], axis=0), angle)
+
+
+def _least_friction(site: "Site", terrain: "Terrain", releases: "list[Release]") -> float:
+    """Smallest friction angle [rad] that any member may have on any ground in reach."""
+    from runout.errors import ZoneError
+    from runout.model.basal_strength import least_angle, strengths
+
+    common = math.radians(_support(site, "basal_friction_angle_deg", site.settings.basal_friction_angle_deg)[0])
+    sampled = site.settings.ensemble.parameters
+    weakest = site.material({name: sampled[name].support()[0] for name in ("friction_angle_deg", "cohesion") if name in sampled})
+    angles = [common if r.basal_friction_angle is None else r.basal_friction_angle for r in releases]
+    height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
+    strength = strengths([r.material or weakest for r in releases], height)
+    try:
+        zones = site.friction_zones(terrain)
+    except ZoneError:  # none within this extent; who reads the site says what is wrong with them
+        zones = None
+    return least_angle(angles, strength, zones)
+
+
+def _support(site: "Site", name: str, otherwise: float) -> tuple[float, float]:
+    """Smallest and largest value of a parameter of the members."""
+    distribution: Any = site.settings.ensemble.parameters.get(name)
+    return distribution.support() if distribution is not None else (otherwise, otherwise)
+
+
+def _kept(header: "Header", terrain: "Terrain", reach: np.ndarray, tried: Bounds, angle: float) -> DerivedExtent:
+    """The cells that are reached and some around them, within the extent that was tried."""
+    from pyproj import Transformer
+
+    rows, columns = np.flatnonzero(reach.any(axis=1)), np.flatnonzero(reach.any(axis=0))
+    x, y = terrain.easting[columns[[0, -1]]], terrain.northing[rows[[-1, 0]]]
+    more = [BEYOND * size + SHARE_BEYOND * float(np.ptp(ends)) for size, ends in zip(terrain.cell_size, (x, y), strict=True)]
+    edges = [x[0] - more[0], y[0] - more[1], x[1] + more[0], y[1] + more[1]]
+    if terrain.own_crs and terrain.crs:
+        to_file = Transformer.from_crs(terrain.crs, terrain.own_crs, always_xy=True)
+        west, south, east, north = edges
+        edges = list(to_file.transform_bounds(west, south, east, north, densify_pts=EDGE_POINTS))
+    kept = [max(a, b) if k < 2 else min(a, b) for k, (a, b) in enumerate(zip(edges, tried, strict=True))]
+    said = (
+        f"{_too_many(header)}; its extent is derived from the releases and the energy line at the least friction of "
+        f"{math.degrees(angle):.3g} deg, which ends inside it; terrain.extent sets another one"
+    )
+    return DerivedExtent((float(kept[0]), float(kept[1]), float(kept[2]), float(kept[3])), said)
+
+
+def _too_many(header: "Header") -> str:
+    return f"{header.shape[1]} x {header.shape[0]} cells are more than a site reads as a whole ({LARGEST_WHOLE:,})"
+
+
+def _state(header: "Header") -> str:
+    edges = ", ".join(f"{edge:.10g}" for edge in header.bounds)
+    return f"state terrain.extent: [west, south, east, north] within [{edges}], {BYTES_PER_CELL} bytes of memory a cell"

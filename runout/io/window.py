@@ -1,0 +1,85 @@
+"""The part of a raster that is read: whole cells around a stated extent, so that memory does not grow with the raster."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from runout.errors import InputError
+
+LARGEST_WHOLE = 100_000_000  # cells; of larger rasters a site reads what it needs
+NEVER_BELOW = 3  # cells along a side
+
+Bounds = tuple[float, float, float, float]  # west, south, east, north, in the coordinates of the raster's own file
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows and columns of a raster.
+
+    Attributes
+    ----------
+    row, column : int
+        First of them, as the file counts.
+    rows, columns : int
+        How many.
+    """
+
+    row: int
+    column: int
+    rows: int
+    columns: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns, for an array."""
+        return slice(self.row, self.row + self.rows), slice(self.column, self.column + self.columns)
+
+    @property
+    def window(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Rows and columns, for rasterio."""
+        return (self.row, self.row + self.rows), (self.column, self.column + self.columns)
+
+    def transform(self, whole: Sequence[float]) -> tuple[float, float, float, float, float, float]:
+        """Affine map ``(a, b, c, d, e, f)`` of the part of a raster."""
+        a, b, c, d, e, f = whole
+        return a, b, c + a * self.column + b * self.row, d, e, f + d * self.column + e * self.row
+
+
+def bounds_of(transform: Sequence[float], shape: tuple[int, int]) -> Bounds:
+    """Outer edges of a raster that is not rotated."""
+    a, _, c, _, e, f = transform
+    x, y = sorted((c, c + a * shape[1])), sorted((f, f + e * shape[0]))
+    return x[0], y[0], x[1], y[1]
+
+
+def part_of(
+    transform: Sequence[float], shape: tuple[int, int], extent: Bounds | None, source: Path | str, error: type[InputError]
+) -> Part:
+    """The whole cells that an extent touches; all of a raster where no extent is given, or where it is rotated.
+
+    Raises
+    ------
+    InputError
+        Of the given kind, if the extent lies beside the raster, or covers less than three cells along a side.
+    """
+    a, b, c, d, e, f = transform
+    if extent is None or b != 0 or d != 0:
+        return Part(0, 0, *shape)
+    west, south, east, north = extent
+    columns = _span((west - c) / a, (east - c) / a, shape[1])
+    rows = _span((south - f) / e, (north - f) / e, shape[0])
+    if min(columns[1], rows[1]) < NEVER_BELOW:
+        stated, held = (f"{', '.join(f'{edge:.10g}' for edge in edges)}" for edges in (extent, bounds_of(transform, shape)))
+        raise error(
+            f"{source}: the extent [{stated}] covers {max(columns[1], 0)} x {max(rows[1], 0)} cells of the raster, which spans "
+            f"[{held}] (west, south, east, north in its own coordinates); state one that it covers"
+        )
+    return Part(rows[0], columns[0], rows[1], columns[1])
+
+
+def _span(one: float, other: float, count: int) -> tuple[int, int]:
+    """First cell and number of cells between two places along an axis [cells]; what lies a millionth of a cell in is left out."""
+    low, high = sorted((one, other))
+    first, last = max(math.floor(min(low, count) + 1e-6), 0), min(math.ceil(max(high, 0) - 1e-6), count)
+    return first, last - first
