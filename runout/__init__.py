@@ -3,6 +3,11 @@
 The public names are listed in ``__all__``; they are imported on first use, so that ``import runout`` stays quick.
 """
 
+from runout import ending
+
+if ending.is_command():  # before anything is loaded that takes time
+    ending.end_at_once()
+
 from importlib import import_module
 from typing import Any
 

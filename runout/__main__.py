@@ -2,7 +2,7 @@
 
 import sys
 
-from runout.interrupt import end_at_once
+from runout.ending import end_at_once
 
 
 def main() -> int:

@@ -93,6 +93,50 @@ def test_an_interrupt_is_one_line_while(tmp_path, moment):
     assert not list(tmp_path.rglob("*.part"))
 
 
+LOADED = """
+    import os, signal, sys
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    class Interrupting:
+        def find_spec(name, path=None, target=None):
+            if name == WHEN: os.kill(os.getpid(), signal.SIGINT)
+    for name in [name for name in sys.modules if name.split(".")[0] == WHEN]: del sys.modules[name]
+    sys.meta_path.insert(0, Interrupting)
+    sys.argv = ["/usr/bin/runout", "doctor"]
+    from runout.__main__ import main
+    sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("module", ["typing", "runout.__main__", "runout.cli", "runout.errors", "contextlib", "cyclopts", "rich"])
+def test_an_interrupt_is_one_line_while_it_loads(module):
+    program = f"WHEN = {module!r}\n" + textwrap.dedent(LOADED)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=20, check=False)
+    assert (done.returncode, done.stderr) == (130, LINE)
+
+
+@pytest.mark.parametrize("delay", [0.01, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.0])
+def test_an_interrupt_is_one_line_whenever_runout_has_begun(tmp_path, delay):
+    script = tmp_path / "runout"  # as installers write it
+    script.write_text("import re, sys\nfrom runout.__main__ import main\nsys.exit(main())\n")
+    process = subprocess.Popen(
+        [sys.executable, str(script), "doctor"], preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    package = os.path.join("runout", "")
+    begun = [line for line in said.splitlines() if 'File "' in line and package in line.replace(str(tmp_path), "")]
+    assert begun == []  # before the first line of runout Python itself answers, with a frame of its own start at most
+    assert "Traceback" in said or process.returncode in (0, 1, -signal.SIGINT) or (process.returncode, said) == (130, LINE)
+
+
+def test_a_program_that_imports_the_package_keeps_its_own_interrupt():
+    program = START + "import runout, signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=20, check=True)
+    assert done.stdout == "True\n"
+
+
 def test_a_request_to_end_is_one_line_too(tmp_path):
     process = started(tmp_path, "a file is written")
     process.stdout.readline()
