@@ -30,12 +30,12 @@ def digest(*parts: Any) -> str:
 
 
 def digest_files(paths: Iterable[Path]) -> str:
-    """Checksum of the contents of files, whatever their folder is called."""
+    """Checksum of the contents of files in their order, whatever their folder is called."""
     found = []
     for path in paths:
         with path.open("rb") as stream:
             found.append((path.name, hashlib.file_digest(stream, "sha256").hexdigest()))
-    return digest(sorted(found))
+    return digest(found)
 
 
 def stage_key(stage: Stage, resolved: Mapping[str, Any], inputs: str, state: Any = None) -> str:

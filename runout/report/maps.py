@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.report.marks import INK, Mark, draw_marks
+from runout.report.marks import INK, Mark, draw_marks, draw_unknown
 
 Window = tuple[slice, slice]  # rows and columns of the raster
 
@@ -179,6 +179,7 @@ def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = Tr
     extent = basemap.extent(window)
     axes.set_facecolor("#e9ebee")
     axes.imshow(shade, cmap="gray", vmin=-1.5, vmax=1.05, extent=extent, interpolation="bicubic", zorder=0)
+    draw_unknown(axes, ~np.isfinite(z), extent)
     if contours and np.ptp(known) > 0:
         _contours(axes, basemap, window)
 

@@ -4,11 +4,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 INK = "#22282f"
 RELEASE = "#d7263d"
 OBSTACLE = "#6b3f16"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
+UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # of cells without elevation; obstacles lean the other way
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,27 @@ def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zo
     marks = [*((obstacle, OBSTACLE) for obstacle in obstacles), *((zone, INK) for zone in zones)]
     for mark, colour in _largest(marks) if labels else ():
         _label(axes, mark, colour)
+
+
+def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, float, float]) -> None:
+    """Grey and hatched cells (rows, columns) of an extent (west, east, south, north) [m], with a key; nothing where none is."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.patches import Patch
+
+    if not unknown.any():
+        return
+    west, east, south, north = extent
+    dx, dy = (east - west) / unknown.shape[1], (north - south) / unknown.shape[0]
+    x, y = west + (np.arange(-1, unknown.shape[1] + 1) + 0.5) * dx, north - (np.arange(-1, unknown.shape[0] + 1) + 0.5) * dy
+    inside = np.pad(unknown.astype(float), 1, mode="edge")
+    drawn = axes.contourf(x, y, inside, levels=[0.5, 1.5], colors=[UNKNOWN_GROUND], hatches=[HATCH], zorder=1)
+    drawn.set(edgecolor=UNKNOWN_HATCH, linewidth=0.0)
+    key = Patch(facecolor=UNKNOWN_GROUND, edgecolor=UNKNOWN_HATCH, hatch=HATCH, linewidth=0.5, label="no elevation")
+    legend = axes.legend(
+        handles=[key], loc="upper left", prop=FontProperties(size=LABEL_SIZE), handlelength=1.6, borderpad=0.3, framealpha=0.85,
+        edgecolor="none", labelcolor=INK,
+    )  # fmt: skip
+    legend.set_zorder(6)
 
 
 def _largest(marks: list[tuple[Mark, str]]) -> list[tuple[Mark, str]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import InputError, StorageError
+from runout.report.error_bars import require_error_bars
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
 from runout.report.members import member_figures
@@ -44,7 +45,7 @@ class Study:
     ledgers: "dict[int, xr.Dataset]"
     basemap: Basemap
     run: dict[str, Any]
-    convergence: dict[str, Any] | None = None
+    convergence: Mapping[str, Any] | None = None
 
     @property
     def valid(self) -> "pd.DataFrame":
@@ -82,7 +83,7 @@ def read_study(results: Path) -> Study:
         ledgers,
         basemap,
         _provenance(_required(results, "run.json")),
-        _provenance(error, "verify --convergence") if error.is_file() else None,
+        require_error_bars(_provenance(error, "verify --convergence"), error) if error.is_file() else None,
     )
 
 

@@ -1,6 +1,7 @@
 """The tables of the report: key figures, warnings, members, balances, settings and provenance, as printed text."""
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -299,7 +300,7 @@ def provenance(run: dict[str, Any]) -> dict[str, Any]:
     return {"inputs": inputs, "lines": _lines(rest), "changes": run.get("changes", [])}
 
 
-def numerical_error(convergence: dict[str, Any] | None) -> str | None:
+def numerical_error(convergence: Mapping[str, Any] | None) -> str | None:
     """The numerical error of the maps in a sentence; None where it was not found out."""
     if convergence is None:
         return None

@@ -64,6 +64,12 @@ def test_inputs_are_known_by_their_contents(tmp_path):
         (tmp_path / folder / "dem.asc").write_text(content)
     one, copy, other = (digest_files([tmp_path / folder / "dem.asc"]) for folder in "abc")
     assert one == copy != other
+    both = [tmp_path / folder / "dem.asc" for folder in "ac"]
+    before = digest_files(both)
+    contents = [path.read_text() for path in both]
+    for path, content in zip(both, reversed(contents), strict=True):
+        path.write_text(content)
+    assert digest_files(both) != before  # two files of one name that swap their contents
 
 
 class FakeSite:

@@ -259,3 +259,20 @@ def test_numerical_error_is_said_where_it_was_found_out(site, copy, text):
     said = write_report(site, copy).read_text(encoding="utf-8").replace("\u202f", " ")
     assert "The grid itself has an error.</b> Of the median scenario on cells of 4 m, from three grids: " in said
     assert "front of 99 % of the mass 1 230 ± 21 m." in said
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({}, "holds no quantities"),
+        ({"quantities": {"f99": {"title": "front", "unit": "m", "fine": 1.0}}, "levels": []}, "quantities.f99.error is missing"),
+        ({"quantities": {"f99": 3}, "levels": []}, "quantities.f99.fine is missing"),
+        ({"quantities": {"f99": {"title": "x", "unit": "m", "fine": "1", "error": 1}}}, "quantities.f99.fine is '1'"),
+        ({"quantities": {"f99": {"title": "x", "unit": "m", "fine": 1, "error": 1}}, "levels": [{}]}, "has no cell_size"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_study_of_convergence_that_lacks_an_entry_is_named_with_the_remedy(site, copy, content, said):
+    (copy / "convergence.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(StorageError, match=rf"convergence.json: .*{said}.*; run `runout verify --convergence`"):
+        write_report(site, copy)

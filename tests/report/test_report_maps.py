@@ -57,6 +57,22 @@ def test_a_map_without_any_value_and_with_unknown_terrain_is_still_drawn(basemap
     assert png(draw_map(replace(basemap, elevation=holes), np.full((N, N), np.nan), STYLES["pressure"])).startswith(b"\x89PNG")
 
 
+def test_unknown_ground_is_grey_and_hatched_with_a_key_and_known_ground_has_none(basemap):
+    holes = np.zeros((N, N))
+    holes[:20, :20] = np.nan
+    flat = replace(basemap, elevation=holes, outlines=[])
+    nothing = np.zeros((N, N))
+    figure = draw_map(flat, nothing, STYLES["thickness"])
+    (key,) = figure.axes[0].get_legend().get_texts()
+    assert key.get_text() == "no elevation"
+    patch = [rgb_at(figure, 5100.0 + 3.0 * k, 8880.0).mean() for k in range(12)]
+    assert np.ptp(patch) > 0.05  # hatched
+    known = [rgb_at(figure, 5400.0 + 3.0 * k, 8500.0).mean() for k in range(12)]
+    assert np.ptp(known) < 0.02
+    whole = draw_map(replace(flat, elevation=np.zeros((N, N))), nothing, STYLES["thickness"])
+    assert whole.axes[0].get_legend() is None
+
+
 def test_the_window_holds_the_release_and_every_reached_cell(basemap):
     reached = np.zeros((N, N), bool)
     reached[40, 50] = True
