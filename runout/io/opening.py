@@ -19,6 +19,7 @@ from typing import Any
 from runout.errors import InputError
 from runout.io.boundary import require_regular
 from runout.io.georeference import require_own_grids
+from runout.io.hdf5 import require_own_storage
 from runout.io.references import header, is_vrt, require_geopackage_inside, require_json_inside, require_vrt_inside
 
 RASTER_DRIVERS = (
@@ -77,6 +78,7 @@ def _raster_target(name: str, error: type[InputError]) -> tuple[str, list[str]]:
     part = PARTS.match(name)
     if part and not Path(name).exists():
         path = require_regular(Path(part.group(2)), error)
+        require_own_storage(path, error)
         return name.replace(part.group(2), str(path), 1), [PART_DRIVERS[part.group(1)]]
     path = require_regular(Path(name), error)
     if path.is_dir():
@@ -143,6 +145,7 @@ def open_netcdf(name: Path | str, error: type[InputError]) -> Iterator[Any]:
     first = b"" if path.is_dir() else header(path)
     if not first.startswith(NETCDF) and b"\x89HDF\r\n\x1a\n" not in first:
         raise error(f"{name}: cannot be read as NetCDF (it begins like another format); check it with `ncdump -h`, or rename it")
+    require_own_storage(path, error)
     try:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
             yield dataset
