@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
     from runout.terrain.raster import Header
 
+LARGEST_DERIVED = 50_000_000  # cells; who needs more states so
 FIRST = 64  # cells around the releases that are looked at first
 BEYOND = 16  # cells around what the masses can reach that are kept
 SHARE_BEYOND = 0.05  # of its width, the same
@@ -123,7 +124,7 @@ def _grown(site: "Site", header: "Header", edges: Bounds) -> DerivedExtent:
     while True:
         tried = tuple(_limited(edge + (-d if k < 2 else d), k, whole) for k, (edge, d) in enumerate(zip(edges, more, strict=True)))
         part = part_of(header.transform, header.shape, tried, header.source, DemError)  # type: ignore[arg-type]
-        if part.rows * part.columns > LARGEST_WHOLE:
+        if part.rows * part.columns > LARGEST_DERIVED:
             needed = f"{part.columns} x {part.rows} cells or more, about {part.rows * part.columns * BYTES_PER_CELL / 1e9:.3g} GB"
             raise DemError(f"{header.source}: the masses may reach {needed} (energy line, least friction); {_state(header)}")
         terrain = site.read_elevations(tried)  # type: ignore[arg-type]

@@ -156,7 +156,7 @@ def test_an_extent_in_the_wrong_order_is_named_with_its_key(huge, tmp_path):
 
 
 def test_too_large_a_part_and_one_that_cannot_be_found_say_what_to_state(huge, tmp_path, monkeypatch):
-    monkeypatch.setattr(extents, "LARGEST_WHOLE", 15_000)
+    monkeypatch.setattr(extents, "LARGEST_DERIVED", 15_000)
     with pytest.raises(DemError, match=r"may reach \d+ x \d+ cells or more, about .* GB .*; state terrain.extent: \[west, south"):
         read_site(huge).terrain()
     site = write_site(tmp_path / "raster", "dem.tif", "{raster: inputs/dem.tif}")

@@ -18,8 +18,10 @@ from odd_arrays import call_odd_array
 from odd_sites import write_odd_site
 
 from runout import plan, preview
+from runout.config import extent
 from runout.errors import RunoutError
 
+LARGEST_DERIVED = 2_000_000  # cells that a site on a huge raster may need here, so that memory and time of a case are bounded
 LIMIT = 20  # [s] of a case; most take some hundredths
 
 
@@ -117,7 +119,8 @@ def run(first: int, count: int, calibrated_every: int = 0) -> tuple[dict[str, in
     for seed in range(first, first + count):
         case = array_case if seed % 5 == 0 else site_case
         real = calibrated_every and seed % calibrated_every == 0
-        with contextlib.nullcontext() if real else mock.patch.object(plan, "_calibrated", _uncalibrated):
+        calibrated = contextlib.nullcontext() if real else mock.patch.object(plan, "_calibrated", _uncalibrated)
+        with calibrated, mock.patch.object(extent, "LARGEST_DERIVED", LARGEST_DERIVED):
             outcome, fault = case(seed)
         outcomes[outcome] = outcomes.get(outcome, 0) + 1
         if fault:

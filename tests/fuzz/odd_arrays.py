@@ -76,4 +76,6 @@ def call_odd_array(seed: int) -> None:
     elif kind == "vector":
         Release.from_vector(path, terrain, thickness=number, layer=random.choice([None, "x", 5]))
     else:
-        Terrain.from_raster(path, crs=random.choice([None, *ODD]))
+        Terrain.from_raster(
+            path, crs=random.choice([None, *ODD]), extent=random.choice([None, (0.0, 0.0, 9.0, 9.0), *FLOATS, *ODD])
+        )

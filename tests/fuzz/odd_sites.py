@@ -10,6 +10,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from odd_large import odd_extent, odd_hdf5, odd_huge
 from odd_values import FLOATS, SYSTEMS, mutated, scalar
 
 ROWS, COLUMNS, CELL, WEST, SOUTH = 12, 16, 10.0, 500_000.0, 5_000_000.0
@@ -315,13 +316,26 @@ def _other_format(path: Path, random: Random) -> None:
     site.write_text(site.read_text(encoding="utf-8").replace(path.name, other.name), encoding="utf-8")
 
 
-KINDS: dict[str, Callable[[Path, Random], None]] = {"yaml": odd_yaml, "raster": odd_raster, "vector": odd_vector}
+def huge(folder: Path, random: Random) -> None:
+    """The slope, or a thickness, in a raster of 1.6e9 cells."""
+    odd_huge(folder, random, slope(), (WEST, SOUTH + ROWS * CELL), CELL)
+
+
+KINDS: dict[str, Callable[[Path, Random], None]] = {
+    "yaml": odd_yaml,
+    "raster": odd_raster,
+    "vector": odd_vector,
+    "huge": huge,
+    "extent": odd_extent,
+    "hdf5": odd_hdf5,
+}
+OFTEN = ["yaml", "raster", "vector"] * 4 + ["huge", "extent", "hdf5"]
 
 
 def write_odd_site(folder: Path, seed: int) -> str:
     """Write the site of a seed; the kind of its fault."""
     random = Random(seed)
-    kind = random.choice(["yaml", "raster", "vector"])
+    kind = random.choice(OFTEN)
     write_good(folder)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
