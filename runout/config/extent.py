@@ -64,7 +64,12 @@ def needed_extent(site: "Site") -> DerivedExtent | None:
         unknown = "and site.yaml does not say yet where masses may get"
         raise DemError(f"{header.source}: {_too_many(header)}, {unknown}; {_state(header)}")
     low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
-    return _grown(site, header, (float(low[0]), float(low[1]), float(high[0]), float(high[1])))
+    edges = float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    west, south, east, north = header.bounds
+    if edges[0] >= east or edges[2] <= west or edges[1] >= north or edges[3] <= south:
+        place, held = (", ".join(f"{edge:.10g}" for edge in box) for box in (edges, header.bounds))
+        raise DemError(f"{header.source}: the releases [{place}] lie outside [{held}]; check the coordinate systems of both")
+    return _grown(site, header, edges)
 
 
 def extent_around(dem: Path | str, release: Path) -> Bounds | None:

@@ -10,7 +10,9 @@ FLATTEST = 1e-9  # slope that stands for a level line: a path of no length count
 LARGEST = 250_000  # cells; a larger window is looked at in blocks of cells
 
 
-def rising_from_rim(ground: np.ndarray, inside: np.ndarray, cell_size: tuple[float, float], slope: float) -> np.ndarray:
+def rising_from_rim(
+    ground: np.ndarray, inside: np.ndarray, cell_size: tuple[float, float], slope: float | np.ndarray
+) -> np.ndarray:
     """Lowest elevation (rows, columns) [m] from which ground that falls at ``slope`` [1] leads out of an area.
 
     For each cell of the area it is the least elevation of a cell beside the area plus ``slope`` times the length of the path from
@@ -24,25 +26,26 @@ def rising_from_rim(ground: np.ndarray, inside: np.ndarray, cell_size: tuple[flo
         The area; it does not touch the rim of the array.
     cell_size : tuple of float
         East and north [m].
-    slope : float
+    slope : float or ndarray (rows, columns)
         [1], 0 or more.
     """
     from scipy import sparse
     from scipy.sparse import csgraph
 
     first, second, length = _edges(ground.shape, cell_size)
-    area, z, slope = inside.ravel(), ground.ravel(), max(slope, FLATTEST)
+    area, z = inside.ravel(), ground.ravel()
+    slopes = np.broadcast_to(np.maximum(slope, FLATTEST), ground.shape).ravel()
     within = area[first] & area[second]
     crossing = area[first] != area[second]
     cell = np.where(area[first], first, second)[crossing]
     beside = np.where(area[first], second, first)[crossing]
     base, source = float(z.min()) - 1.0, z.size
     start = np.full(z.size, np.inf)
-    np.minimum.at(start, cell, z[beside] + slope * length[crossing] - base)
+    np.minimum.at(start, cell, z[beside] + slopes[cell] * length[crossing] - base)
     rim = np.flatnonzero(np.isfinite(start))
     rows = np.concatenate((first[within], np.full(len(rim), source)))
     columns = np.concatenate((second[within], rim))
-    weights = np.concatenate((slope * length[within], start[rim]))
+    weights = np.concatenate((slopes[first[within]] * length[within], start[rim]))
     graph = sparse.csr_array((weights, (rows, columns)), shape=(source + 1, source + 1))
     path = csgraph.dijkstra(graph, directed=False, indices=source)[:-1].reshape(ground.shape)
     return np.where(inside, path + base, ground)

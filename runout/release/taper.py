@@ -5,6 +5,7 @@ local base level (Jaboyedoff et al. 2020, Eng. Geol. 267:105478). Where the mass
 that falls to the rim as steeply as the volume allows: the mass lies on a plane that leads out of its scar, not in a pit.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,8 +18,9 @@ from runout.release.outlets import rising_from_rim
 from runout.terrain.fill import filled
 
 FINEST, COARSEST = 96, 10  # nodes across a part
-MOST_PARTS = 300
+MOST_PARTS = 5000
 NODES = 400_000  # of all parts together
+SHEET = 30_000  # nodes of the lattices that are solved together
 DEEPEST = 2.0  # times the bowl of the volume: how much deeper the mass may lie above the plane
 SLOPES, FEW_SLOPES = 13, 5  # planes, from level to as steep as the ground; few where many parts have coarse lattices
 THINNEST = 1e-3  # of the mean thickness, everywhere inside the outline
@@ -131,31 +133,80 @@ def tapered(polygons: np.ndarray, depths: np.ndarray, outline: Any, terrain: Ter
     pieces = pieces[shapely.area(pieces) > 0]
     finest = int(np.clip(np.sqrt(NODES / len(pieces)), COARSEST, FINEST))
     tree = shapely.STRtree(polygons)
+    outlined = [_outlined(piece, tree, polygons, depths, terrain, finest) for piece in pieces]
+    shaped = [one for one in outlined if one.lattice is not None]
     ground = filled(terrain.elevation, terrain.cell_size) if excavated else None
-    parts = []
-    for piece in pieces:
-        own = tree.query(piece, predicate="intersects")
-        parts.append(_part(piece, polygons[own], depths[own], terrain, ground, finest))
+    count = SLOPES if finest == FINEST else FEW_SLOPES
+    parts = [_with_vertical_edge(one) for one in outlined if one.lattice is None]
+    for group in _groups(shaped):
+        parts += _shaped(group, terrain, ground, count)
     return TaperedMass(tuple(parts), terrain)
 
 
-def _part(piece: Any, polygons: np.ndarray, depths: np.ndarray, terrain: Terrain, ground: np.ndarray | None, finest: int) -> Part:
-    import shapely
-    from scipy import sparse
+@dataclass(frozen=True)
+class _Outlined:
+    """One connected part before it has a shape: its cells as in :class:`Part`, and what is 0 where it keeps a vertical edge."""
 
+    window: tuple[slice, slice]
+    covered: np.ndarray
+    volume: float
+    lattice: "_Lattice | None"
+    depth: np.ndarray  # (ny, nx) stated thickness [m] at the nodes of the lattice
+
+
+def _outlined(piece: Any, tree: Any, polygons: np.ndarray, depths: np.ndarray, terrain: Terrain, finest: int) -> _Outlined:
+    import shapely
+
+    own = tree.query(piece, predicate="intersects")
     (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
     local = shapely.transform(piece, terrain.frame.to_local)
     (x, y), area = covered_window(local, (np.arange(columns + 1) * dx, np.arange(rows + 1) * dy))
     window, covered = (slice(rows - y.stop, rows - y.start), x), np.ascontiguousarray(area.T[::-1])
-    volume = float(np.sum(depths * shapely.area(shapely.intersection(polygons, piece))))
+    volume = float(np.sum(depths[own] * shapely.area(shapely.intersection(polygons[own], piece))))
     lattice = _Lattice.over(piece, terrain, finest)
     if not lattice.resolves(piece):
-        return Part(window, covered, volume, np.ones(1), None, sparse.csr_array(covered.reshape(-1, 1)))
-    planes = None
+        return _Outlined(window, covered, volume, None, np.zeros((0, 0)))
+    return _Outlined(window, covered, volume, lattice, lattice.stated(polygons[own], depths[own]))
+
+
+def _with_vertical_edge(one: _Outlined) -> Part:
+    from scipy import sparse
+
+    return Part(one.window, one.covered, one.volume, np.ones(1), None, sparse.csr_array(one.covered.reshape(-1, 1)))
+
+
+def _groups(outlined: list[_Outlined]) -> Iterator[list[_Outlined]]:
+    """Parts whose lattices fit together into :data:`SHEET` nodes: a group takes hardly longer than one part of so many nodes."""
+    group: list[_Outlined] = []
+    for one in outlined:
+        rows, columns = zip(*(other.depth.shape for other in (*group, one)), strict=True)
+        if group and sum(rows) * max(columns) > SHEET:
+            yield group
+            group = []
+        group.append(one)
+    if group:
+        yield group
+
+
+def _shaped(group: list[_Outlined], terrain: Terrain, ground: np.ndarray | None, count: int) -> Iterator[Part]:
+    """The parts of a group; their lattices lie one below the other in a sheet, apart by the nodes around each."""
+    lattices = [one.lattice for one in group if one.lattice is not None]
+    inside = _stacked([lattice.inside for lattice in lattices])
+    ends = np.cumsum([int(lattice.inside.sum()) for lattice in lattices])[:-1]
+    bowls = np.split(_bowl(inside, _stacked([one.depth for one in group])), ends)
+    planes: list[Any] = [None] * len(group)
     if ground is not None:
-        count = SLOPES if finest == FINEST else FEW_SLOPES
-        planes = _planes(_at(ground, terrain, *lattice.places), lattice.inside, lattice.size, count)
-    return Part(window, covered, volume, lattice.bowl(volume, polygons, depths), planes, _to_cells(lattice, terrain, window))
+        natural = [_at(ground, terrain, *lattice.places) for lattice in lattices]
+        planes = np.split(_planes(natural, lattices, inside, count), ends, axis=1)
+    for one, lattice, bowl, above in zip(group, lattices, bowls, planes, strict=True):
+        thickness = bowl * (one.volume / (bowl.sum() * lattice.size**2))
+        yield Part(one.window, one.covered, one.volume, thickness, above, _to_cells(lattice, terrain, one.window))
+
+
+def _stacked(arrays: list[np.ndarray]) -> np.ndarray:
+    """Arrays (rows, columns) one below the other, their last column repeated up to the width of the widest."""
+    widest = max(array.shape[1] for array in arrays)
+    return np.concatenate([np.pad(array, ((0, 0), (0, widest - array.shape[1])), mode="edge") for array in arrays])
 
 
 @dataclass(frozen=True)
@@ -191,16 +242,15 @@ class _Lattice:
         x, y = np.meshgrid(self.x, self.y)
         return x, y
 
-    def bowl(self, volume: float, polygons: np.ndarray, depths: np.ndarray) -> np.ndarray:
-        """Thickness (n,) [m] at the nodes inside of a bowl with a volume [m3], curved in proportion to ``depths``."""
+    def stated(self, polygons: np.ndarray, depths: np.ndarray) -> np.ndarray:
+        """Thickness (ny, nx) [m] that polygons state at the nodes."""
         import shapely
 
         depth = np.full(self.inside.shape, depths.mean())
         for polygon, own in zip(polygons, depths, strict=True) if np.ptp(depths) > 0 else ():
             shapely.prepare(polygon)
             depth[shapely.contains_xy(polygon, *self.places)] = own
-        bowl = _bowl(self.inside, depth)
-        return bowl * (volume / (bowl.sum() * self.size**2))
+        return depth
 
 
 def _bowl(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
@@ -225,12 +275,15 @@ def _bowl(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
     return found
 
 
-def _planes(ground: np.ndarray, inside: np.ndarray, size: float, count: int) -> np.ndarray:
-    """Thickness (m, n) [m] above ``count`` surfaces that fall to the rim with slopes from 0 to that of the ground."""
-    south, east = np.gradient(ground, size)
-    steepest = max(float(np.hypot(south, east)[inside].max()), 1e-3)
-    surfaces = [rising_from_rim(ground, inside, (size, size), slope)[inside] for slope in np.linspace(0.0, steepest, count)]
-    return np.maximum(ground[inside] - np.array(surfaces), 0.0)
+def _planes(ground: list[np.ndarray], lattices: list[_Lattice], inside: np.ndarray, count: int) -> np.ndarray:
+    """Thickness (m, n) [m] above ``count`` surfaces that fall to the rim of each lattice, as steep as 0 to all of its ground."""
+    rises = []  # of the steepest ground of each lattice from node to node [m]
+    for z, lattice in zip(ground, lattices, strict=True):
+        south, east = np.gradient(z, lattice.size)
+        rises.append(max(float(np.hypot(south, east)[lattice.inside].max()), 1e-3) * lattice.size)
+    natural, steepest = _stacked(ground), np.repeat(rises, [len(z) for z in ground])[:, None]
+    surfaces = [rising_from_rim(natural, inside, (1.0, 1.0), share * steepest)[inside] for share in np.linspace(0.0, 1.0, count)]
+    return np.maximum(natural[inside] - np.array(surfaces), 0.0)
 
 
 def _at(values: np.ndarray, terrain: Terrain, easting: np.ndarray, northing: np.ndarray) -> np.ndarray:

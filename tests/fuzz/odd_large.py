@@ -48,7 +48,8 @@ def odd_huge(folder: Path, random: Random, slope: np.ndarray, corner: tuple[floa
     if random.random() < 0.3:
         site = folder / "site.yaml"
         angle = random.choice(["0", "3", "12", "59"])
-        text = site.read_text(encoding="utf-8").replace("{distribution: uniform, low: 12, high: 22}", angle)
+        sampled = f"{{distribution: discrete, values: [{angle}], frequencies: [1]}}"
+        text = site.read_text(encoding="utf-8").replace("{distribution: uniform, low: 12, high: 22}", sampled)
         site.write_text(text.replace("basal_friction_angle_deg: 20", f"basal_friction_angle_deg: {angle}"), encoding="utf-8")
 
 

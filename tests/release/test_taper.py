@@ -11,6 +11,7 @@ from runout import DruckerPrager, simulate
 from runout.errors import ReleaseError
 from runout.model.release import Edge, Release
 from runout.model.terrain import Terrain
+from runout.release import taper
 from runout.release.outlets import trapped_share
 from runout.release.read import _on_cells
 from runout.release.taper import tapered
@@ -108,10 +109,10 @@ def test_trapped_share_of_many_cells_is_that_of_blocks(slope, monkeypatch):
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.5])
 def test_a_tapered_scar_leads_out_whatever_the_volume(slope, factor):
     angle = math.radians(15.0)
-    vertical, taper = mass(slope, 7.0, edge="vertical").scaled(factor), mass(slope, 7.0).scaled(factor)
-    assert taper.volume == pytest.approx(vertical.volume, rel=1e-12)
-    assert trapped_share(taper, 0.0) < 0.002
-    assert trapped_share(taper, angle) < 0.02
+    vertical, thin = mass(slope, 7.0, edge="vertical").scaled(factor), mass(slope, 7.0).scaled(factor)
+    assert thin.volume == pytest.approx(vertical.volume, rel=1e-12)
+    assert trapped_share(thin, 0.0) < 0.002
+    assert trapped_share(thin, angle) < 0.02
     assert trapped_share(vertical, angle) > 0.03
 
 
@@ -176,12 +177,28 @@ def test_what_is_too_narrow_to_be_tapered_keeps_its_thickness():
     assert body.thickness().sum() * CELL**2 == pytest.approx(3.0 * 230.0)
 
 
-def test_many_polygons_are_tapered_and_too_many_keep_a_vertical_edge(write_polygons, terrain):
+def test_many_polygons_are_tapered_and_too_many_keep_a_vertical_edge(write_polygons, terrain, monkeypatch):
     apart = [shapely.box(x, y, x + 10.0, y + 10.0) for x in range(5, 285, 14) for y in range(5, 185, 14)]
     few = Release.from_vector(write_polygons(apart[:60], "few.gpkg"), terrain, thickness=2.0)
     assert (few.edge, len(few.body.parts)) == (Edge.TAPERED, 60)
     assert few.volume == pytest.approx(2.0 * 100.0 * 60, rel=1e-9)
     specks = [shapely.box(x, y, x + 1.0, y + 1.0) for x in range(5, 45, 2) for y in range(5, 37, 2)]
+    assert Release.from_vector(write_polygons(specks, "many.gpkg"), terrain, thickness=2.0).edge is Edge.TAPERED
+    monkeypatch.setattr(taper, "MOST_PARTS", 300)
     many = Release.from_vector(write_polygons(specks, "many.gpkg"), terrain, thickness=2.0)
     assert (many.edge, many.body) == (Edge.VERTICAL, None)
     assert "separate parts are too many to be tapered" in many.changes[0]
+
+
+def test_parts_that_are_shaped_together_have_the_shape_that_each_has_alone():
+    ground, rng = plane(), np.random.default_rng(2)
+    shapes = np.array([shapely.Point(30 + 40 * i, 30 + 40 * j).buffer(5 + 12 * rng.random()) for i in range(9) for j in range(6)])
+    depths = rng.uniform(1.0, 6.0, len(shapes))
+    together = tapered(shapes, depths, shapely.union_all(shapes), ground, excavated=True)
+    alone = np.zeros(ground.shape)
+    finest = int(np.sqrt(taper.NODES / len(shapes)))
+    for k in range(len(shapes)):
+        outlined = taper._outlined(shapes[k], shapely.STRtree(shapes), shapes, depths, ground, finest)
+        (part,) = taper._shaped([outlined], ground, taper.filled(ground.elevation, ground.cell_size), taper.FEW_SLOPES)
+        alone[part.window] += part.volumes(0.8) / ground.cell_area
+    np.testing.assert_allclose(together.scaled(0.8).thickness(), alone, atol=1e-9)
