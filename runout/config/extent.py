@@ -203,7 +203,7 @@ def _kept(header: "Header", terrain: "Terrain", reach: np.ndarray, tried: Bounds
     kept = [max(a, b) if k < 2 else min(a, b) for k, (a, b) in enumerate(zip(edges, tried, strict=True))]
     said = (
         f"{_too_many(header)}; its extent is derived from the releases and the energy line at the least friction of "
-        f"{math.degrees(angle):.3g} deg, which ends inside it; terrain.extent sets another one"
+        f"{math.degrees(angle):.3g} deg; terrain.extent sets another one"
     )
     return DerivedExtent((float(kept[0]), float(kept[1]), float(kept[2]), float(kept[3])), said)
 
