@@ -65,18 +65,9 @@ def cases_of(found: Sequence[Sequence[Mapping[str, float]]], ratio: float = RATI
         truth = found[first + 2 + FINER][0]
         for name, value in truth.items():
             index = GridIndex.of([[run[name] for run in coarse], [run[name] for run in middle], [fine[0][name]]], ratio)
-            cases.append({"rung": first, "quantity": name, "truth": value, **_judged(index, value)})
+            holds = bool(abs(value - index.fine) <= index.error)
+            cases.append({"rung": first, "quantity": name, "truth": value, "holds": holds, **index.as_dict()})
     return cases
-
-
-def _judged(index: GridIndex, truth: float) -> dict[str, Any]:
-    return {"holds": bool(abs(truth - index.fine) <= index.error), **index.as_dict()}
-
-
-def with_bars(cases: Sequence[Mapping[str, Any]], ratio: float = RATIO) -> list[dict[str, Any]]:
-    """Recorded cases with the bars that their means and spreads give."""
-    index = (GridIndex.of_means(c["coarse"], c["middle"], c["fine"], c["spread"], ratio) for c in cases)
-    return [{**c, **_judged(i, c["truth"])} for c, i in zip(cases, index, strict=True)]
 
 
 def coverage(cases: Sequence[Mapping[str, Any]], key: str | None = None) -> dict[str, tuple[int, int]]:

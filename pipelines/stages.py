@@ -1,16 +1,15 @@
 """Which stages of a study are up to date: each leaves a key of all that it was made from."""
 
-import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from runout import __version__
-from runout.io.atomic import write_json
+from runout.io.atomic import read_json, write_json
 from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.lock import locked_folder
+from runout.io.provenance import checksum, sha256
 
 RECORD = "stages.json"
 
@@ -24,24 +23,15 @@ class Stage:
     sections: tuple[str, ...]
 
 
-def digest(*parts: Any) -> str:
-    """Checksum (sha256, hex) of plain values."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
-
-
 def digest_files(paths: Iterable[Path]) -> str:
     """Checksum of the contents of files in their order, whatever their folder is called."""
-    found = []
-    for path in paths:
-        with path.open("rb") as stream:
-            found.append((path.name, hashlib.file_digest(stream, "sha256").hexdigest()))
-    return digest(found)
+    return checksum([[(path.name, sha256(path)) for path in paths]])
 
 
 def stage_key(stage: Stage, resolved: Mapping[str, Any], inputs: str, state: Any = None) -> str:
     """Key of a stage: version, contents of the inputs, its part of the configuration, and the state it starts from."""
     sections = {name: resolved.get(name) for name in stage.sections}
-    return digest(__version__, stage.name, inputs, sections, state)
+    return checksum([__version__, stage.name, inputs, sections, state])
 
 
 class StageRecord:
@@ -92,11 +82,7 @@ class StageRecord:
             write_json({name: one.stored() for name, one in {**self._entries(), stage: entry}.items()}, self.path)
 
     def _entries(self) -> "dict[str, Entry]":
-        try:
-            stored = json.loads(self.path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
-            return {}
-        found = {name: Entry.read(one) for name, one in stored.items()} if isinstance(stored, dict) else {}
+        found = {name: Entry.read(one) for name, one in read_json(self.path).items()}
         return {name: entry for name, entry in found.items() if entry is not None}
 
 

@@ -108,9 +108,9 @@ class Study:
 
     def member_files(self, state: str) -> list[Path]:
         """Files of the members of a state."""
-        from runout.ensemble.member import members_folder
+        from runout.ensemble.member import member_file
 
-        return [members_folder(self.results) / f"{member:04d}.nc" for member in self.status.index[self.status["state"] == state]]
+        return [member_file(self.results, member) for member in self.status.index[self.status["state"] == state]]
 
     @property
     def failed(self) -> dict[int, str]:

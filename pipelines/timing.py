@@ -12,11 +12,11 @@ from pipelines.sloping_layer import Layer
 from runout.accuracy import CFL
 from runout.backends.protocol import get_backend
 from runout.observers import Ledger, PeakMaps
+from runout.simulation import CROSSING
 
 STEP_SHARE = 0.475 / CFL  # of the stable step at the start: the Courant number of all records, with room for a flow that speeds up
 UNTIMED_STEPS = 3
 WORK_OF_A_RUN = 400_000  # particle-steps between two looks at the clock
-CROSSING = 0.5  # of a cell of the raster between observations, as in runout.simulation
 NODE_BYTES = 64  # that a node may take, by the aim of the design
 
 
@@ -135,12 +135,6 @@ def _runs(steps: int, n: int) -> list[int]:
     """Lengths of short runs that make up ``steps``: the shorter, the likelier that nothing disturbs one of them."""
     length = min(max(WORK_OF_A_RUN // n, 1), steps)
     return [min(length, steps - done) for done in range(0, steps, length)]
-
-
-def measure(cases: Sequence[Case], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
-    """Measurements of the cases, which take turns; ``tick`` is called after every round."""
-    courses = [Course(case) for case in cases]
-    return take_turns(courses, repetitions, tick)
 
 
 def take_turns(courses: Sequence[Any], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:

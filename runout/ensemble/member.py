@@ -1,19 +1,19 @@
 """One member: what it is, the key that says whether its result is still right, and how it is run."""
 
-import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from runout import __version__
 from runout.ensemble.design import member_table
 from runout.errors import InputError, RunoutError
 from runout.io.atomic import whole_file
+from runout.io.provenance import checksum, sha256
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -46,11 +46,11 @@ class Member:
 
     def file(self, results: Path) -> Path:
         """Where its result goes."""
-        return members_folder(results) / f"{self.number:04d}.nc"
+        return member_file(results, self.number)
 
     def failure_file(self, results: Path) -> Path:
         """Where the reason goes when it fails."""
-        return members_folder(results) / f"{self.number:04d}.failed.json"
+        return failure_file(results, self.number)
 
     def checkpoint_file(self, results: Path) -> Path:
         """Where its checkpoint lies while it runs, or since it was broken off; each key has its own."""
@@ -67,6 +67,16 @@ def members_folder(results: Path) -> Path:
     return Path(results) / "members"
 
 
+def member_file(results: Path, number: int) -> Path:
+    """Where the result of a member goes."""
+    return members_folder(results) / f"{number:04d}.nc"
+
+
+def failure_file(results: Path, number: int) -> Path:
+    """Where the reason goes when a member fails."""
+    return members_folder(results) / f"{number:04d}.failed.json"
+
+
 def plan_members(site: "Site") -> list[Member]:
     """All members of a site with their keys.
 
@@ -81,7 +91,7 @@ def plan_members(site: "Site") -> list[Member]:
     samples = [{name: float(value) for name, value in row.items()} for row in table[names].to_dict("records")]
     seeds = [int(s) for s in table["seed"]]
     return [
-        Member(i, p, s, _checksum({"site": common, "parameters": p, "seed": s}))
+        Member(i, p, s, checksum({"site": common, "parameters": p, "seed": s}))
         for i, p, s in zip(range(len(table)), samples, seeds, strict=True)
     ]
 
@@ -90,17 +100,12 @@ def _common_key(site: "Site") -> str:
     """Checksum of what all members share: input contents, configuration, version of the solver."""
     configuration = {k: v for k, v in site.computed().items() if k not in NOT_IN_KEY}
     inputs = [_contents(path) for path in site.inputs()]
-    return _checksum({"inputs": inputs, "configuration": configuration, "version": __version__})
-
-
-def _checksum(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+    return checksum({"inputs": inputs, "configuration": configuration, "version": __version__})
 
 
 def _contents(path: Path) -> str:
     try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256(path)
     except OSError as cause:
         raise InputError(f"{path}: the input cannot be read ({cause.strerror}); put it there or mend site.yaml") from cause
 

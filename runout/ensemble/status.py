@@ -1,6 +1,5 @@
 """What has become of every member: done, failed with its reason, or left to do."""
 
-import json
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -10,7 +9,7 @@ from runout.checkpoint import stored_time
 from runout.ensemble.member import Member, members_folder, plan_members
 from runout.ensemble.written import Found, Written
 from runout.errors import InputError, StabilityError
-from runout.io.atomic import write_json
+from runout.io.atomic import read_json, write_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,8 +66,8 @@ class Failure:
     def read(cls, path: Path) -> "Failure | None":
         """The failure of a file; None if there is none that can be read."""
         try:
-            found = cls(**json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError, RecursionError):
+            found = cls(**read_json(path))
+        except TypeError:  # no failure
             return None
         return found if isinstance(found.reason, str) and isinstance(found.key, str) else None
 
@@ -104,9 +103,3 @@ def member_status(site: "Site", results: Path) -> "pd.DataFrame":
     table["state"] = [str(state) for state, _ in states]
     table["reason"] = [reason for _, reason in states]
     return table
-
-
-def member_files(site: "Site", results: Path) -> dict[int, Path]:
-    """Files of the members that are done, by number; files of an older configuration are not among them."""
-    written = Written(results)
-    return {m.number: m.file(results) for m in plan_members(site) if written.look(m.file(results)).key == m.key}

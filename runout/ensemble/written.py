@@ -1,14 +1,12 @@
 """What the files of the members held when they were written, so that a damaged one is found and simulated again."""
 
-import json
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from runout.ensemble.member import stored_key
-from runout.io.atomic import write_json
+from runout.io.atomic import read_json, write_json
 from runout.io.fingerprint import Fingerprint, fingerprints
 from runout.io.provenance import sha256
 
@@ -49,7 +47,7 @@ class Written:
         self.entries: dict[str, tuple[str, Fingerprint]] = {}
         self.new: dict[str, tuple[str, Path]] = {}  # keys and places of files whose checksums are not computed yet
         self.saved = time.monotonic()
-        for name, entry in _stored(self.path).items():
+        for name, entry in read_json(self.path).items():
             found = Fingerprint.read(entry.get("file")) if isinstance(entry, dict) else None
             if found and isinstance(entry.get("key"), str):
                 self.entries[name] = (entry["key"], found)
@@ -107,11 +105,3 @@ class Written:
         entries = sorted(self.entries.items())
         write_json({name: {"key": key, "file": written.stored()} for name, (key, written) in entries}, self.path)
         self.saved = time.monotonic()
-
-
-def _stored(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return content if isinstance(content, dict) else {}

@@ -1,6 +1,5 @@
 """Which members of an ensemble are valid, and their maps stacked into one file."""
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.ensemble.member import failure_file, member_file
 from runout.errors import StorageError
 from runout.io import netcdf
-from runout.io.atomic import storage_error, whole_file
+from runout.io.atomic import read_json, storage_error, whole_file
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -47,11 +47,10 @@ class Ensemble:
         ``states`` says of each member "done", "failed" or "left"; a file of a member that is not done is of an older
         configuration and does not count. Without it the files decide. Reasons come from ``*.failed.json``.
         """
-        folder = Path(results) / "members"
-        reasons = {int(m): _stated_reason(folder / f"{m:04d}.failed.json") for m in table.index}
+        reasons = {int(m): _stated_reason(failure_file(results, m)) for m in table.index}
         if states is None:
             states = {m: "done" if reason is None else "failed" for m, reason in reasons.items()}
-        files = {int(m): folder / f"{m:04d}.nc" for m in table.index if states.get(m) == "done"}
+        files = {int(m): member_file(results, m) for m in table.index if states.get(m) == "done"}
         failed = {m: reason or "no reason is stated" for m, reason in reasons.items() if states.get(m) == "failed"}
         return cls(table, {m: path for m, path in files.items() if path.is_file()}, failed)
 
@@ -152,9 +151,4 @@ def _copy_layers(file: "netCDF4.Dataset", name: str, ensemble: Ensemble) -> None
 
 
 def _stated_reason(path: Path) -> str | None:
-    try:
-        return str(json.loads(path.read_text(encoding="utf-8"))["reason"])
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # written by something else
-        return ""
+    return str(read_json(path).get("reason", "")) if path.is_file() else None

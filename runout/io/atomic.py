@@ -102,5 +102,14 @@ def write_json(content: Mapping[str, Any], path: str | os.PathLike[str]) -> Path
     return write_text(json.dumps(content, indent=2, ensure_ascii=False, default=_plain) + "\n", path)
 
 
+def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The mapping of a JSON file; an empty one if there is no such file, or it holds anything else."""
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
 def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else str(value)

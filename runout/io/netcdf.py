@@ -2,7 +2,8 @@
 
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,12 +130,8 @@ def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset"
     """
     import xarray as xr
 
-    try:
-        with LOCK, xr.open_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_timedelta=False) as dataset:
-            return dataset.load()
-    except OSError as cause:
-        where = f"{path}, group {group}" if group else f"{path}"
-        raise StorageError(f"{where}: cannot be read ({cause}); remove it and run again") from cause
+    with _reading(path, f"group {group} " if group else ""):
+        return xr.load_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_timedelta=False)
 
 
 def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
@@ -147,12 +144,9 @@ def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
     """
     import xarray as xr
 
-    try:
-        with LOCK, xr.open_dataset(path, engine="netcdf4", decode_coords="all", decode_timedelta=False) as dataset:
-            wanted = [name for name in ("x", "y", "crs", "longitude", "latitude") if name in dataset.variables]
-            return xr.Dataset(coords={name: dataset.variables[name].load() for name in wanted})
-    except OSError as cause:
-        raise StorageError(f"{path}: cannot be read ({cause}); remove it and run again") from cause
+    with _reading(path), xr.open_dataset(path, engine="netcdf4", decode_coords="all", decode_timedelta=False) as dataset:
+        wanted = [name for name in ("x", "y", "crs", "longitude", "latitude") if name in dataset.variables]
+        return xr.Dataset(coords={name: dataset.variables[name].load() for name in wanted})
 
 
 def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -165,11 +159,8 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     import netCDF4
 
-    try:
-        with LOCK, netCDF4.Dataset(path) as file:
-            return {name: file.getncattr(name) for name in file.ncattrs()}
-    except (OSError, RuntimeError) as cause:
-        raise StorageError(f"{path}: cannot be read ({cause}); remove it and run again") from cause
+    with _reading(path), netCDF4.Dataset(path) as file:
+        return {name: file.getncattr(name) for name in file.ncattrs()}
 
 
 def unreadable(path: str | os.PathLike[str]) -> str | None:
@@ -196,11 +187,18 @@ def read_rows(path: str | os.PathLike[str], name: str, rows: slice) -> np.ndarra
     """
     import netCDF4
 
+    with _reading(path, f"{name} "), netCDF4.Dataset(path) as file:
+        return np.ma.filled(file[name][rows], np.nan)
+
+
+@contextmanager
+def _reading(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
+    """Block that alone uses the netCDF library; a file that it cannot read, or ``part`` of it, is named in a StorageError."""
     try:
-        with LOCK, netCDF4.Dataset(path) as file:
-            return np.ma.filled(file[name][rows], np.nan)
+        with LOCK:
+            yield
     except (OSError, IndexError, RuntimeError) as cause:
-        raise StorageError(f"{path}: {name} cannot be read ({cause}); remove the file and run again") from cause
+        raise StorageError(f"{path}: {part}cannot be read ({cause}); remove the file and run again") from cause
 
 
 def _encoded(dataset: "xr.Dataset") -> "xr.Dataset":

@@ -89,7 +89,12 @@ def sha256(path: str | os.PathLike[str]) -> str:
 
 def configuration_checksum(configuration: Mapping[str, Any]) -> str:
     """SHA-256 of a configuration; the order of its keys does not matter."""
-    return hashlib.sha256(json.dumps(plain(configuration), sort_keys=True).encode()).hexdigest()
+    return checksum(plain(configuration))
+
+
+def checksum(content: Any) -> str:
+    """SHA-256 of plain values, in hexadecimal; the order of keys does not matter."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def plain(value: Any) -> Any:

@@ -21,7 +21,6 @@ BUDGET = {  # where the released potential energy goes: label and colour, bottom
     "elastic_energy": ("elastic", "#7fb7be"),
     "kinetic_energy": ("kinetic", "#1f6f8b"),
 }
-ACCENT = "#d7263d"
 ENERGY_PREFIXES = ((1e15, "PJ"), (1e12, "TJ"), (1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runout.ensemble.member import member_file
 from runout.errors import InputError, StorageError
 from runout.report.error_bars import require_error_bars
 from runout.report.maps import Basemap
@@ -61,10 +62,10 @@ def read_study(results: Path) -> Study:
     StorageError
         If a file of the hazard stage is missing; names it and the command that makes it.
     """
-    from runout.io.netcdf import LOCK
+    from runout.io import netcdf
 
-    with LOCK:
-        hazard = _whole(_required(results, "hazard.nc"))
+    with netcdf.LOCK:
+        hazard = netcdf.read(_required(results, "hazard.nc"))
         table = member_table(_required(results, "members.nc"))
         figures, ledgers = _valid_members(results, table, hazard)
     drawn = _required(results, "outlines.gpkg")
@@ -88,17 +89,13 @@ def read_study(results: Path) -> Study:
 
 
 def _required(results: Path, name: str) -> Path:
-    path = Path(results) / name
+    return _existing(Path(results) / name)
+
+
+def _existing(path: Path) -> Path:
     if not path.is_file():
         raise StorageError(f"{path}: there is no such file, so there is nothing to report; run `runout hazard` for this site first")
     return path
-
-
-def _whole(path: Path, group: str | None = None) -> "xr.Dataset":
-    import xarray as xr
-
-    with xr.open_dataset(path, group=group, engine="netcdf4", decode_times=False) as opened:
-        return opened.load()
 
 
 def member_table(path: Path) -> "pd.DataFrame":
@@ -115,11 +112,13 @@ def member_table(path: Path) -> "pd.DataFrame":
 def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, xr.Dataset]]":
     import pandas as pd
 
+    from runout.io import netcdf
+
     figures, ledgers = {}, {}
     for member in table.index[table["status"] == "valid"]:
-        path = _required(Path(results) / "members", f"{member:04d}.nc")
-        ledgers[member] = _whole(path, "ledger")
-        figures[member] = member_figures(_whole(path), ledgers[member], hazard)
+        path = _existing(member_file(results, member))
+        ledgers[member] = netcdf.read(path, "ledger")
+        figures[member] = member_figures(netcdf.read(path), ledgers[member], hazard)
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 

@@ -142,5 +142,5 @@ def test_unreadable_files_are_named_with_a_remedy(terrain: Terrain, maps: dict, 
     path = netcdf.write(netcdf.map_dataset(terrain, maps, title="t"), tmp_path / "m.nc")
     with pytest.raises(StorageError, match=r"m\.nc: max_speed cannot be read"):
         netcdf.read_rows(path, "max_speed", slice(0, 1))
-    with pytest.raises(StorageError, match=r"m\.nc, group ledger"):
+    with pytest.raises(StorageError, match=r"m\.nc: group ledger cannot be read"):
         netcdf.read(path, "ledger")

@@ -9,7 +9,7 @@ import pytest
 
 from pipelines import prototype, work_precision
 from pipelines.sloping_layer import SPACING, Layer
-from pipelines.timing import Case, Course, measure
+from pipelines.timing import Case, Course, take_turns
 from pipelines.work_precision import Choices
 from pipelines.work_report import cost_table, table
 from runout import cli
@@ -74,7 +74,7 @@ def test_cases_take_turns_in_changing_order(monkeypatch):
     turns = []
     monkeypatch.setattr(Course, "repeat", lambda course: turns.append(course.case.layer.depth))
     monkeypatch.setattr(Course, "measured", lambda course: {})
-    measure([Case(Layer(1500, depth=d)) for d in (2, 4)], 2)
+    take_turns([Course(Case(Layer(1500, depth=d))) for d in (2, 4)], 2)
     assert turns == [2, 4, 4, 2]
 
 

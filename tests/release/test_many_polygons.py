@@ -9,8 +9,6 @@ from runout.errors import CapacityError, ConfigError, ReleaseError
 from runout.model.release import Release
 from runout.release import overlap
 
-AREA = 200.0 * 150.0
-
 
 @pytest.fixture
 def crowd():
