@@ -85,12 +85,17 @@ def compared(field: np.ndarray, reference: np.ndarray, block: int, thresholds: S
     The index is hits over hits, misses and false alarms; 1 where neither map exceeds the threshold.
     """
     a, b = restricted(field, block), restricted(reference, block)
-    distance = float(np.abs(a - b).sum() / b.sum()) if b.sum() else float(a.sum() > 0)
     index = {}
     for threshold in thresholds:
         either = int(((a > threshold) | (b > threshold)).sum())
         index[f"{threshold:g}"] = float(((a > threshold) & (b > threshold)).sum() / either) if either else 1.0
-    return {"relative_l1": distance, "critical_success_index": index}
+    return {"relative_l1": relative_l1(a, b), "critical_success_index": index}
+
+
+def relative_l1(field: np.ndarray, reference: np.ndarray) -> float:
+    """Relative L1 distance of two maps [1], 1 where only the reference is empty; unknown cells count as dry."""
+    a, b = (np.nan_to_num(np.asarray(one, float)) for one in (field, reference))
+    return float(np.abs(a - b).sum() / np.abs(b).sum()) if b.any() else float(a.any())
 
 
 def area_above(field: np.ndarray, threshold: float, cell_area: float) -> float:

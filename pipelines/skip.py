@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from pipelines.grid_index import relative_l1
 from pipelines.recorded_sites import with_vertical_edges
 from pipelines.sloping_layer import Layer
 from pipelines.study_page import StudyPage, as_csv, as_png, download, markdown
@@ -104,14 +105,8 @@ def compared(
         "observations": [on.observations, off.observations],
         "exact": switch.exact,
         "same_bits": all(on.maps[name].tobytes() == off.maps[name].tobytes() for name in MAPS),
-        "difference": {name: difference(on.maps[name], off.maps[name]) for name in MAPS},
+        "difference": {name: relative_l1(on.maps[name], off.maps[name]) for name in MAPS},
     }
-
-
-def difference(one: np.ndarray, other: np.ndarray) -> float:
-    """Relative L1 difference of two maps [1]; cells that only one of them has count as zero in the other."""
-    a, b = np.nan_to_num(one), np.nan_to_num(other)
-    return float(np.abs(a - b).sum() / max(np.abs(b).sum(), np.finfo(float).tiny))
 
 
 def jacksboro(friction: float, end_time: float, stop: bool) -> Made:

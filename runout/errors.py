@@ -1,7 +1,10 @@
 """Errors that runout raises at its boundary: each names the place, the offending value and the remedy."""
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, StrEnum
+from typing import Any, TypeVar
+
+Choice = TypeVar("Choice", bound=StrEnum)
 
 
 class ExitCode(IntEnum):
@@ -40,6 +43,14 @@ class ZoneError(InputError):
 
 class MaterialError(InputError):
     """Material parameters out of their range."""
+
+
+def member_of(kind: type[Choice], value: Any, name: str, error: type[InputError]) -> Choice:
+    """The member of an enumeration that has a value; ``error`` names the quantity and lists the values."""
+    try:
+        return kind(value)
+    except ValueError:
+        raise error(f"{name} is {value!r}; choose one of {', '.join(kind)}") from None
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from enum import StrEnum
 import numpy as np
 
 from runout.backends.compile import array_binding
-from runout.errors import ConfigError
+from runout.errors import ConfigError, member_of
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Release
@@ -27,10 +27,7 @@ class InitialStress(StrEnum):
     @classmethod
     def of(cls, value: "InitialStress | str") -> "InitialStress":
         """The initial stress of that name; ConfigError lists the names."""
-        try:
-            return cls(value)
-        except ValueError:
-            raise ConfigError(f"initial_stress is {value!r}; choose one of {', '.join(cls)}") from None
+        return member_of(cls, value, "initial_stress", ConfigError)
 
 
 def pressed_by(scene: Scene, releases: list[Release]) -> Press | None:

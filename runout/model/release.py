@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.errors import ReleaseError
+from runout.errors import ReleaseError, member_of
 from runout.model.arrays import real_array
 from runout.model.limits import LIMITS
 from runout.model.materials import Material
@@ -23,10 +23,7 @@ class Placement(StrEnum):
     @classmethod
     def of(cls, value: "Placement | str") -> "Placement":
         """The placement of that name; ReleaseError lists the names."""
-        try:
-            return cls(value)
-        except ValueError:
-            raise ReleaseError(f"placement is {value!r}; choose one of {', '.join(cls)}") from None
+        return member_of(cls, value, "placement", ReleaseError)
 
 
 class Edge(StrEnum):
@@ -40,10 +37,7 @@ class Edge(StrEnum):
         """The edge of that name, or where none is stated that of the placement; ReleaseError lists the names."""
         if value is None:
             return cls.TAPERED if placement is Placement.EXCAVATED else cls.VERTICAL
-        try:
-            return cls(value)
-        except ValueError:
-            raise ReleaseError(f"edge is {value!r}; choose one of {', '.join(cls)}") from None
+        return member_of(cls, value, "edge", ReleaseError)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.errors import ReleaseError
+from runout.errors import ReleaseError, member_of
 from runout.io.boundary import as_path
 from runout.model.limits import checked
 from runout.model.materials import Material
@@ -267,10 +267,7 @@ def _on_cells(parts: np.ndarray, depths: np.ndarray, terrain: Terrain) -> np.nda
 
 def _positive(values: np.ndarray, source: str, sign: Sign | str) -> np.ndarray:
     """Thickness [m], positive whichever way the raster states it."""
-    try:
-        values = values * (-1.0 if Sign(sign) is Sign.NEGATIVE else 1.0) + 0.0
-    except ValueError:
-        raise ReleaseError(f"{source}: sign is {sign!r}; choose one of {', '.join(Sign)}") from None
+    values = values * (-1.0 if member_of(Sign, sign, f"{source}: sign", ReleaseError) is Sign.NEGATIVE else 1.0) + 0.0
     if not values.any():
         raise ReleaseError(f"{source}: the release is empty; the raster is 0 or nodata everywhere")
     wrong, right = int((values < 0).sum()), int((values > 0).sum())

@@ -46,7 +46,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "name": site.name,
         "description": settings.get("description") or "",
         "heading": tables.heading(study),
-        "cards": tables.key_figures(study, settings),
+        "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
         "headline": [_printed(sheet, study, window) for sheet in headline],
         "further": [_printed(sheet, study, window) for sheet in further],

@@ -53,7 +53,7 @@ def sampled_parameters(study: Study) -> list[str]:
     return [c for c in study.members.columns if c not in BOOKKEEPING and c not in FIGURES]
 
 
-def key_figures(study: Study, settings: dict[str, Any]) -> list[tuple[str, str, str]]:
+def key_figures(study: Study) -> list[tuple[str, str, str]]:
     """Figures at the head of the report: label, value, remark."""
     hazard, valid = study.hazard, study.valid
     released = volume(hazard_volume(hazard["release_thickness"], hazard))

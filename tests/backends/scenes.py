@@ -12,6 +12,8 @@ from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 
 GRAVITY = 9.81
+STATE = ("velocity", "affine", "strain", "history")
+ROW_TOLERANCE = 10  # sums lose some digits more than their parts
 HASH_DEVICE = os.environ.get("RUNOUT_TEST_DEVICE", "cpu")  # "cuda:0" runs the tests of the hash backend on a GPU
 IN_ORDER = HASH_DEVICE != "cpu"  # where bits repeat only with sums in fixed order
 ROCK = Elastic(density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3)
@@ -79,6 +81,11 @@ def loaded(backend, a_scene, particles):
     return backend
 
 
+def on_cpu(**choices):
+    """The hash backend on the device that the environment names."""
+    return get_backend("hash", HASH_DEVICE, **choices)
+
+
 def single_precision(a_scene):
     """The same scene in float32."""
     return replace(a_scene, precision="float32")
@@ -95,3 +102,43 @@ def total_energy(row):
     """Energy and what has been booked as dissipated or gone [J]."""
     stored = row.kinetic_energy + row.potential_energy + row.elastic_energy
     return stored + row.basal_dissipation + row.plastic_dissipation + row.escaped_energy
+
+
+def assert_same_numbers(expected, found, of=""):
+    """Two states, or two rows of a ledger, hold equal numbers under the same names."""
+    for name, values in vars(expected).items():
+        np.testing.assert_array_equal(getattr(found, name), values, err_msg=f"{name} {of}")
+
+
+def assert_close_states(expected, found, tolerance, spacing=None):
+    """Velocity, affine matrix, strain and history within ``tolerance`` of their scale; places too where ``spacing`` is given."""
+    for name in STATE:
+        x, y = getattr(expected, name), getattr(found, name)
+        np.testing.assert_allclose(y, x, rtol=0, atol=tolerance * max(np.abs(x).max(), 1e-3), err_msg=name)
+    if spacing is not None:
+        h = np.array(spacing)
+        np.testing.assert_allclose(found.position(h), expected.position(h), rtol=0, atol=50 * tolerance)
+
+
+def assert_same(expected, found, tolerance, spacing, other_index=False):
+    """State, ledger and columns within ``tolerance`` of their scale; backends with ``other_index`` count other blocks."""
+    (a, row_a, columns_a), (b, row_b, columns_b) = expected, found
+    np.testing.assert_array_equal(a.identity, b.identity)
+    np.testing.assert_array_equal(a.release, b.release)
+    assert_close_states(a, b, tolerance, spacing)
+    for name in set(vars(row_a)) - ({"active_blocks"} if other_index else set()):
+        x, y = getattr(row_a, name), getattr(row_b, name)
+        scale = np.abs(x).max() if np.ndim(x) else max(abs(x), row_a.kinetic_energy * (name != "max_speed"))
+        np.testing.assert_allclose(y, x, rtol=0, atol=ROW_TOLERANCE * tolerance * scale, err_msg=name)
+    for name in ("volume", "mass", "momentum"):
+        x, y = getattr(columns_a, name), getattr(columns_b, name)
+        np.testing.assert_allclose(y, x, rtol=0, atol=ROW_TOLERANCE * tolerance * np.abs(x).max(), err_msg=name)
+
+
+def assert_close_bulk(expected, found, spacing):
+    """Centre of mass within 1e-4 of a cell, energy within 1e-4, kinetic energy within 1e-3."""
+    (a, row_a, _), (b, row_b, _) = expected, found
+    shift = np.average(b.position(np.array(spacing)) - a.position(np.array(spacing)), axis=0, weights=a.mass)
+    assert np.abs(shift).max() < 1e-4
+    np.testing.assert_allclose(total_energy(row_b), total_energy(row_a), rtol=1e-4)
+    np.testing.assert_allclose(row_b.kinetic_energy, row_a.kinetic_energy, rtol=1e-3)

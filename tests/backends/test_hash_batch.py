@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import HASH_DEVICE, IN_ORDER, SAND, bowl, plane, scene
+from scenes import HASH_DEVICE, IN_ORDER, SAND, assert_same_numbers, bowl, plane, scene
 from test_hash_equals_reference import GRAINS
 from test_sparse_equals_dense import CLAY, two_bodies
 
@@ -46,8 +46,7 @@ def test_scene_of_a_batch_ends_as_in_its_own_run(precision, deterministic):
     for n, (s, p) in enumerate(scenes):
         single = alone(s, p, DT[n], STEPS[n], deterministic)
         a, b = single.particles_of(0), together.particles_of(n)
-        for name in vars(a):
-            np.testing.assert_array_equal(getattr(b, name), getattr(a, name), err_msg=f"{name} of scene {n}")
+        assert_same_numbers(a, b, f"of scene {n}")
         row, expected = rows[n], single.ledgers()[0]
         assert row.contact_particles == expected.contact_particles > 0
         for name in vars(row):
@@ -69,8 +68,7 @@ def test_scenes_whose_friction_depends_on_the_rate_each_find_their_own_time_step
     together.advance(DT[:2], STEPS[:2])
     for n, (s, p) in enumerate((first, second)):
         a, b = alone(s, p, DT[n], STEPS[n], True).particles_of(0), together.particles_of(n)
-        for name in vars(a):
-            np.testing.assert_array_equal(getattr(b, name), getattr(a, name), err_msg=f"{name} of scene {n}")
+        assert_same_numbers(a, b, f"of scene {n}")
 
 
 def test_scene_that_is_done_leaves_and_the_others_go_on_unchanged():

@@ -4,8 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import HASH_DEVICE, IN_ORDER, SAND, box, loaded, plane, scene, single_precision, total_energy
-from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, rough, run, two_bodies
+from scenes import (
+    IN_ORDER,
+    SAND,
+    assert_close_bulk,
+    assert_same,
+    assert_same_numbers,
+    box,
+    loaded,
+    on_cpu,
+    plane,
+    scene,
+    single_precision,
+)
+from test_sparse_equals_dense import CASES, CLAY, on_nodes, rough, run, run_with_changing_step, two_bodies
 
 from runout.backends.protocol import get_backend
 from runout.model.materials import GranularFlow
@@ -14,29 +26,6 @@ from runout.model.particles import Particles
 GRAINS = GranularFlow(
     density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3, static_friction=0.3, dynamic_friction=0.8, grain_size=0.5
 )
-ROW_TOLERANCE = 10  # sums lose some digits more than their parts
-
-
-def on_cpu(**choices):
-    return get_backend("hash", HASH_DEVICE, **choices)
-
-
-def assert_same(expected, found, tolerance, spacing):
-    """State, ledger and columns within ``tolerance`` of their scale."""
-    (a, row_a, columns_a), (b, row_b, columns_b) = expected, found
-    np.testing.assert_array_equal(a.identity, b.identity)
-    np.testing.assert_array_equal(a.release, b.release)
-    for name in STATE:
-        x, y = getattr(a, name), getattr(b, name)
-        np.testing.assert_allclose(y, x, rtol=0, atol=tolerance * max(np.abs(x).max(), 1e-3), err_msg=name)
-    np.testing.assert_allclose(b.position(np.array(spacing)), a.position(np.array(spacing)), rtol=0, atol=50 * tolerance)
-    for name in vars(row_a):
-        x, y = getattr(row_a, name), getattr(row_b, name)
-        scale = np.abs(x).max() if np.ndim(x) else max(abs(x), row_a.kinetic_energy * (name != "max_speed"))
-        np.testing.assert_allclose(y, x, rtol=0, atol=ROW_TOLERANCE * tolerance * scale, err_msg=name)
-    for name in ("volume", "mass", "momentum"):
-        x, y = getattr(columns_a, name), getattr(columns_b, name)
-        np.testing.assert_allclose(y, x, rtol=0, atol=ROW_TOLERANCE * tolerance * np.abs(x).max(), err_msg=name)
 
 
 @pytest.mark.parametrize("deterministic", [False, True])
@@ -90,12 +79,9 @@ def test_hash_in_float32_stays_close_to_the_reference():
     surface, spacing = CASES["bowl"]
     s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
     p = two_bodies(surface, spacing)
-    a, row_a, _ = run(get_backend("reference"), s, p, 100, 2e-3)
-    b, row_b, _ = run(on_cpu(), single_precision(s), p, 100, 2e-3)
-    shift = np.average(b.position(np.array(spacing)) - a.position(np.array(spacing)), axis=0, weights=a.mass)
-    assert np.abs(shift).max() < 1e-4
-    assert total_energy(row_b) == pytest.approx(total_energy(row_a), rel=1e-4)
-    assert row_b.kinetic_energy == pytest.approx(row_a.kinetic_energy, rel=1e-3)
+    expected = run(get_backend("reference"), s, p, 100, 2e-3)
+    found = run(on_cpu(), single_precision(s), p, 100, 2e-3)
+    assert_close_bulk(expected, found, spacing)
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
@@ -108,10 +94,8 @@ def test_batch_of_steps_gives_the_bits_of_single_steps(precision):
     batch.load(s, p)
     batch.steps(2e-3, 60)
     b, row_b, columns_b = batch.particles(), batch.ledger(), batch.columns()
-    for name in vars(a):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
-    for name in vars(row_a):
-        np.testing.assert_array_equal(getattr(row_a, name), getattr(row_b, name), err_msg=name)
+    assert_same_numbers(a, b)
+    assert_same_numbers(row_a, row_b)
     np.testing.assert_array_equal(columns_a.momentum, columns_b.momentum)
     assert batch.counters.steps == single.counters.steps == 60
     assert batch.counters.particle_steps == 60 * len(p)
@@ -123,10 +107,8 @@ def test_deterministic_run_repeats_its_bits(precision):
     s = replace(scene(surface, spacing, (SAND, CLAY), (0.4, 0.25)), precision=precision)
     p = two_bodies(surface, spacing)
     (a, row_a, columns_a), (b, row_b, columns_b) = (run(on_cpu(deterministic=True), s, p, 40, 2e-3) for _ in range(2))
-    for name in vars(a):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
-    for name in vars(row_a):
-        np.testing.assert_array_equal(getattr(row_a, name), getattr(row_b, name), err_msg=name)
+    assert_same_numbers(a, b)
+    assert_same_numbers(row_a, row_b)
     np.testing.assert_array_equal(columns_a.mass, columns_b.mass)
 
 
@@ -145,12 +127,7 @@ def test_time_step_that_changes_gives_what_the_reference_gives():
     surface, spacing = CASES["bowl"]
     s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
     p = two_bodies(surface, spacing)
-    ends = []
-    for backend in (get_backend("reference"), on_cpu()):
-        backend.load(s, p)
-        for n in range(30):
-            backend.step(2e-3 * (1 + 0.3 * (n % 3)))
-        ends.append((backend.particles(), backend.ledger(), backend.columns()))
+    ends = [run_with_changing_step(backend, s, p) for backend in (get_backend("reference"), on_cpu())]
     assert_same(*ends, 1e-11, spacing)
 
 
@@ -159,12 +136,7 @@ def test_flow_whose_friction_grows_with_the_rate_gives_what_the_reference_gives_
     s = scene(surface, spacing, (GRAINS,), (0.3,))
     p = two_bodies(surface, spacing)
     p.release[:] = 0
-    ends = []
-    for backend in (get_backend("reference"), on_cpu()):
-        backend.load(s, p)
-        for n in range(30):
-            backend.step(2e-3 * (1 + 0.3 * (n % 3)))
-        ends.append((backend.particles(), backend.ledger(), backend.columns()))
+    ends = [run_with_changing_step(backend, s, p) for backend in (get_backend("reference"), on_cpu())]
     assert_same(*ends, 1e-11, spacing)
     assert ends[1][1].plastic_dissipation > 0
 

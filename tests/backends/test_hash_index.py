@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import HASH_DEVICE, IN_ORDER, ROCK, SAND, at, box, cloud, loaded, plane, scene
+from scenes import IN_ORDER, ROCK, SAND, assert_same_numbers, at, box, cloud, loaded, on_cpu, plane, scene
 
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError, DeviceError
@@ -14,8 +14,9 @@ UNIT = (1.0, 1.0, 1.0)
 WEIGHTLESS = (0.0, 0.0, 0.0)
 
 
-def on_cpu(**choices):
-    return get_backend("hash", HASH_DEVICE, **choices)
+def full(*_):
+    """Fail as warp does on a device without memory."""
+    raise RuntimeError("Failed to allocate 1234 bytes on device 'cuda:0'")
 
 
 def scattered(n, reach, seed=3):
@@ -91,8 +92,7 @@ def test_restored_run_spreads_into_new_blocks_as_the_one_that_went_on(determinis
     one.steps(0.01, 60), other.steps(0.01, 60)
     assert one.counters.rebuilds == other.counters.rebuilds > 3
     assert one.index.nall == other.index.nall
-    for name, values in vars(one.particles()).items():
-        np.testing.assert_array_equal(getattr(other.particles(), name), values, err_msg=name)
+    assert_same_numbers(one.particles(), other.particles())
     assert one.ledger().basal_dissipation == other.ledger().basal_dissipation > 0
 
 
@@ -208,9 +208,6 @@ def test_forecast_of_the_memory_is_within_two_percent(precision, deterministic):
 
 
 def test_device_without_memory_is_reported_with_particles_and_what_is_held(monkeypatch):
-    def full(*_):
-        raise RuntimeError("Failed to allocate 1234 bytes on device 'cuda:0'")
-
     backend = on_cpu()
     monkeypatch.setattr(batch, "NodeArrays", full)
     with pytest.raises(CapacityError, match=r"1234 bytes.*for 64 particles.*GiB so far"):
@@ -218,9 +215,6 @@ def test_device_without_memory_is_reported_with_particles_and_what_is_held(monke
 
 
 def test_device_that_is_full_when_the_index_must_grow_is_reported_with_numbers(monkeypatch):
-    def full(*_):
-        raise RuntimeError("Failed to allocate 1234 bytes on device 'cuda:0'")
-
     p = box((38.0, 36.0, 0.0), (2.0, 2.0, 2.0), UNIT)
     p.velocity[:] = 20.0 * (p.position(np.array(UNIT)) - np.array([39.0, 37.0, 1.0]))
     p.volume[:] = 1e-9

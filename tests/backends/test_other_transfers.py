@@ -4,9 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SAND, angular_momentum, box, cloud, engine_of, loaded, plane, scene, total_energy
+from scenes import (
+    SAND,
+    angular_momentum,
+    assert_close_states,
+    assert_same_numbers,
+    box,
+    cloud,
+    engine_of,
+    loaded,
+    plane,
+    scene,
+    total_energy,
+)
 from scipy.spatial import cKDTree
-from test_sparse_equals_dense import CASES, CLAY, STATE, on_nodes, run, two_bodies
+from test_sparse_equals_dense import CASES, CLAY, on_nodes, run, two_bodies
 
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
@@ -71,10 +83,7 @@ def test_sparse_backends_equal_the_reference_in_float64(way, sparse, ground, ste
     made = [sandy(s, spacing, (0.4, 0.25), **WAYS[way]) for s in (on_nodes(surface, spacing), surface)]
     engines = [engine_of(name) for name in ("reference", sparse)]
     (a, row_a, _), (b, row_b, columns) = (run(one, s, p, steps, 2e-3) for one, s in zip(engines, made, strict=True))
-    for name in STATE:
-        x, y = getattr(a, name), getattr(b, name)
-        np.testing.assert_allclose(y, x, rtol=0, atol=tolerance * max(np.abs(x).max(), 1e-3), err_msg=name)
-    np.testing.assert_allclose(b.position(np.array(spacing)), a.position(np.array(spacing)), rtol=0, atol=50 * tolerance)
+    assert_close_states(a, b, tolerance, spacing)
     for name in ("kinetic_energy", "elastic_energy", "plastic_dissipation", "basal_dissipation", "max_speed"):
         assert getattr(row_b, name) == pytest.approx(getattr(row_a, name), rel=0, abs=20 * tolerance * row_a.kinetic_energy), name
     assert row_b.contact_particles == row_a.contact_particles > 0
@@ -92,11 +101,9 @@ def test_one_and_two_threads_give_the_same_bits_and_so_does_a_restored_run(monke
     again.restore(s, half.checkpoint())
     for _ in range(15):
         again.step(2e-3)
-    for name in vars(a):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-        np.testing.assert_array_equal(getattr(a, name), getattr(again.particles(), name))
-    for name in vars(row_a):
-        np.testing.assert_array_equal(getattr(row_a, name), getattr(row_b, name))
+    assert_same_numbers(a, b)
+    assert_same_numbers(a, again.particles())
+    assert_same_numbers(row_a, row_b)
 
 
 def test_aflip_that_keeps_nothing_is_apic():

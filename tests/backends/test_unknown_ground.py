@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SAND, box, engine_of, loaded, plane, scene, total_energy
+from scenes import SAND, STATE, box, engine_of, loaded, plane, scene, total_energy
 from test_other_transfers import sandy
 from test_sleep import bed
 from test_sleep import run as rested
-from test_sparse_equals_dense import STATE
 
 from runout.backends.state import part
 from runout.errors import ConfigError

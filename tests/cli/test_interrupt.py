@@ -146,7 +146,7 @@ def test_a_request_to_end_is_one_line_too(tmp_path):
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_an_interrupt_that_is_ignored_stays_ignored(tmp_path):
+def test_an_interrupt_that_is_ignored_stays_ignored():
     process = subprocess.Popen(
         [
             sys.executable,

@@ -3,6 +3,7 @@
 import os
 
 import pytest
+from refused_site import problems
 
 from runout.check import inspect
 from runout.config.read import load, site_file
@@ -12,12 +13,6 @@ from runout.errors import ConfigError, InputError
 LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{','.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(8)
 )
-
-
-def problems(folder) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        load(folder)
-    return str(caught.value).splitlines()
 
 
 @pytest.mark.parametrize(

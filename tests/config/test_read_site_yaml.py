@@ -4,17 +4,11 @@ import subprocess
 import sys
 
 import pytest
+from refused_site import problems
 
 from runout.config.read import load
 from runout.config.site import read_site
-from runout.errors import ConfigError, ExitCode
-
-
-def problems(folder) -> list[str]:
-    with pytest.raises(ConfigError) as caught:
-        load(folder)
-    assert caught.value.exit_code == ExitCode.CONFIGURATION
-    return str(caught.value).splitlines()
+from runout.errors import ConfigError
 
 
 def test_valid_file_gives_stated_values_and_defaults(site_folder):

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
@@ -155,6 +156,28 @@ def site(folder, **choices):
 def calls(site):
     """Friction angles of all simulations that were started, sorted."""
     return sorted(float(p.name.split("-")[0]) for p in (site.folder / "calls").iterdir())
+
+
+def started(folder, pause):
+    """:func:`main` in a process and a session of its own."""
+    site(folder)
+    here = Path(__file__).parent
+    return subprocess.Popen(
+        [sys.executable, "-c", "import ensemble_fakes; ensemble_fakes.main()", str(folder), str(pause)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(here), str(here.parent.parent)])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_until(condition, seconds=60):
+    """Wait for something that another process does."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "nothing happened in time"
+        time.sleep(0.05)
 
 
 def main():

@@ -7,12 +7,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from ensemble_fakes import calls, simulate, simulate_on, simulate_step_by_step, site
+from ensemble_fakes import calls, simulate, simulate_on, simulate_step_by_step, site, started, wait_until
 from netCDF4 import Dataset
 
 from runout.ensemble import machine, workers
@@ -22,7 +20,6 @@ from runout.ensemble.status import member_status
 from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 
-HERE = Path(__file__).parent
 ANGLE = "basal_friction_angle_deg"
 
 
@@ -331,26 +328,6 @@ def test_run_survives_workers_that_die_of_memory_or_at_once(tmp_path, two_cores,
     assert capfd.readouterr().err == ""
     healed = run(site(tmp_path))
     assert angles(place, healed.done) == [1, 3, 6]  # not the one that would fail again
-
-
-def started(tmp_path, pause):
-    site(tmp_path)
-    code = "import ensemble_fakes; ensemble_fakes.main()"
-    return subprocess.Popen(
-        [sys.executable, "-c", code, str(tmp_path), str(pause)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent.parent)])},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
-
-
-def wait_until(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened in time"
-        time.sleep(0.05)
 
 
 def process_group(leader):

@@ -3,23 +3,20 @@
 import logging
 import os
 import signal
-import subprocess
 import sys
 import time
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 
 import psutil
 import pytest
-from ensemble_fakes import site
+from ensemble_fakes import started, wait_until
 
 from runout.ensemble import machine, worker
 from runout.ensemble.member import Member
 from runout.ensemble.workers import in_workers
 from runout.errors import ConfigError, DeviceError, Problem
 
-HERE = Path(__file__).parent
 GROUPS = [(Member(number, {}, 0, ""),) for number in range(4)]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -90,26 +87,6 @@ def test_cores_and_memory_of_a_container_count(tmp_path, monkeypatch):
     (tmp_path / "memory.max").write_text("1000000\n")
     assert machine.core_count() == 2
     assert machine.memory_bytes() == 1_000_000
-
-
-def started(folder, pause):
-    """An ensemble of two slow workers in a process and a session of its own."""
-    site(folder)
-    return subprocess.Popen(
-        [sys.executable, "-c", "import ensemble_fakes; ensemble_fakes.main()", str(folder), str(pause)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent.parent)])},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
-
-
-def wait_until(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened in time"
-        time.sleep(0.05)
 
 
 @pytest.fixture

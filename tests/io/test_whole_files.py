@@ -68,13 +68,15 @@ def test_a_full_disk_is_reported_and_the_old_file_stays(name: str, writer: Calla
     assert (tmp_path / name).read_bytes() == b"old"
 
 
+def full(*_: object, **__: object) -> None:
+    """Fail as a disk without space does."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 @each_writer
 def test_a_disk_that_fills_at_the_last_moment_is_reported(
     name: str, writer: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     (tmp_path / name).write_bytes(b"old")
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(StorageError, match=rf"{name}: cannot be written \(No space left on device\); the disk is full; free"):
@@ -116,9 +118,6 @@ def test_a_file_appears_whole_in_a_new_folder_and_replaces_an_older_one(name: st
 
 @pytest.mark.parametrize("error", [RuntimeError("NetCDF: HDF error"), PermissionError(errno.EACCES, "Permission denied")])
 def test_a_full_disk_that_a_library_calls_otherwise_is_called_full(error: Exception, tmp_path: Path, monkeypatch) -> None:
-    def full(*_: object, **__: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     def fail(*_: object, **__: object) -> None:
         monkeypatch.setattr(atomic.tempfile, "TemporaryFile", full)
         raise error

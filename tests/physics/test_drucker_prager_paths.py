@@ -11,6 +11,7 @@ from parity_cases import CASES
 from scipy.optimize import brentq
 from symmetric import components, flat, matrix, rotation
 
+from pipelines.verification_cases.element import pressed
 from runout import Cone, DruckerPrager
 from runout.physics import drucker_prager as dp
 from runout.physics import elastic
@@ -33,11 +34,6 @@ def material(cone=Cone.TRIAXIAL_COMPRESSION, cohesion=COHESION, volume_correctio
     return SimpleNamespace(**m.record(), bulk=m.lame_lambda + 2 * m.shear_modulus / 3)
 
 
-def isotropic_state(p, mat):
-    """B of a mean Kirchhoff pressure [Pa]."""
-    return elastic.strain_of_log((*[-p / (3 * mat.bulk)] * 3, 0.0, 0.0, 0.0))
-
-
 def invariants(h, mat):
     return dp.pressure(h, mat), dp.deviatoric_stress(h, mat)
 
@@ -55,7 +51,7 @@ def test_cone_has_its_closed_form_and_shears_to_its_plateau(cone, slope, interce
     mat, p0 = material(cone), 50e3
     assert mat.cone_slope == pytest.approx(slope, rel=1e-12)
     assert mat.cone_intercept == pytest.approx(intercept * COHESION, rel=1e-12)
-    B, history, step = isotropic_state(p0, mat), 0.0, (0.0, 1e-2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    B, history, step = pressed(mat, p0), 0.0, (0.0, 1e-2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(500):  # constant-volume simple shear to gamma = 5
         B, h, history, _ = dp.update(B, step, history, mat)
     p, q = invariants(h, mat)
@@ -83,7 +79,7 @@ def test_plane_strain_cone_recovers_mohr_coulomb_when_the_middle_stress_is_the_m
 
 def test_triaxial_compression_peaks_at_the_closed_form():
     mat, cell = material(), 100e3
-    B, history, h = isotropic_state(cell, mat), 0.0, None
+    B, history, h = pressed(mat, cell), 0.0, None
     for _ in range(40):
 
         def lateral_pressure(d, B=B, history=history):
@@ -136,7 +132,7 @@ def test_returned_stress_is_admissible_and_the_cone_keeps_the_volume(h, cohesion
 @given(st.lists(st.tuples(*[st.floats(-0.02, 0.02)] * 9), min_size=1, max_size=6))
 def test_cohesionless_material_never_gives_back_dissipated_energy(path):
     mat = material(cohesion=0.0)
-    B, history = isotropic_state(20e3, mat), 0.0
+    B, history = pressed(mat, 20e3), 0.0
     for rate in path:
         B, h, history, work = dp.update(B, rate, history, mat)
         assert work >= 0.0
@@ -146,7 +142,7 @@ def test_cohesionless_material_never_gives_back_dissipated_energy(path):
 
 def test_dissipation_of_shear_is_stress_times_plastic_strain():
     mat, p0, dgamma = material(cohesion=0.0, cone=Cone.PLANE_STRAIN), 50e3, 1e-4
-    B, history, work = isotropic_state(p0, mat), 0.0, 0.0
+    B, history, work = pressed(mat, p0), 0.0, 0.0
     for _ in range(3000):
         B, _, history, lost = dp.update(B, (0, dgamma, 0, 0, 0, 0, 0, 0, 0), history, mat)
         work += lost

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from symmetric import matrix
 
 from runout import DruckerPrager, Elastic, GranularFlow
 from runout.initial_stress import strain_at_rest
@@ -29,10 +30,6 @@ MATERIALS = st.one_of(
     ),
     st.just(Elastic(**REST)),
 )  # fmt: skip
-
-
-def matrix(a):
-    return np.array([[a[0], a[3], a[5]], [a[3], a[1], a[4]], [a[5], a[4], a[2]]])
 
 
 def record(material):

@@ -157,13 +157,18 @@ def test_defaults_lie_on_the_published_front_of_error_over_time_of_every_problem
         assert any(on_front(curves, "seconds")[BASE.name]), problem["name"]
 
 
-def test_contact_at_nodes_is_coulomb_friction_on_the_whole_tangential_vector():
-    """A body below the ground that moves at (1, 1, -1) m/s keeps sqrt(2) - 0.5 m/s at 45 degrees with a friction of 0.5."""
-    ground = Surface.through(np.full((12, 12), 30.0), (4.0, 4.0))
-    body = particles_at(20.0 + lattice((2.0, 2.0, 2.0), 1.0), 1.0, 1000.0, 0.25)
+def body_at_20_m(ground, size):
+    """A body of a size [m] that moves at (1, 1, -1) m/s, and contact at nodes with level ground at an elevation [m]."""
+    body = particles_at(20.0 + lattice(size, 1.0), 1.0, 1000.0, 0.25)
     body.velocity[:] = (1.0, 1.0, -1.0)
     engine = node_contact()
-    engine.load(replace(free_scene(1.0, BOX, ground), friction=(0.5,)), body)
+    engine.load(replace(free_scene(1.0, BOX, Surface.through(np.full((12, 12), ground), (4.0, 4.0))), friction=(0.5,)), body)
+    return body, engine
+
+
+def test_contact_at_nodes_is_coulomb_friction_on_the_whole_tangential_vector():
+    """A body below the ground that moves at (1, 1, -1) m/s keeps sqrt(2) - 0.5 m/s at 45 degrees with a friction of 0.5."""
+    body, engine = body_at_20_m(30.0, (2.0, 2.0, 2.0))
     before = engine.ledger().kinetic_energy
     engine.step(1e-4)
     after, found = engine.ledger(), engine.particles().velocity
@@ -173,11 +178,7 @@ def test_contact_at_nodes_is_coulomb_friction_on_the_whole_tangential_vector():
 
 
 def test_nodes_above_the_ground_feel_no_contact():
-    ground = Surface.through(np.full((12, 12), 10.0), (4.0, 4.0))
-    body = particles_at(20.0 + lattice((1.0, 1.0, 1.0), 1.0), 1.0, 1000.0, 0.25)
-    body.velocity[:] = (1.0, 1.0, -1.0)
-    engine = node_contact()
-    engine.load(replace(free_scene(1.0, BOX, ground), friction=(0.5,)), body)
+    body, engine = body_at_20_m(10.0, (1.0, 1.0, 1.0))
     engine.step(1e-4)
     np.testing.assert_allclose(engine.particles().velocity, body.velocity, atol=1e-12)
     assert engine.ledger().contact_particles == 0

@@ -4,26 +4,9 @@ import numpy as np
 import pytest
 
 from pipelines.verification_cases import terrain_distance
+from pipelines.verification_cases.terrain_distance import hills
 from runout import DemError, Terrain
 from runout.terrain import sdf
-
-AMPLITUDE, WAVELENGTH = 30.0, 200.0
-K = 2 * np.pi / WAVELENGTH
-
-
-def hills(x, y):
-    return AMPLITUDE * np.sin(K * x) * np.cos(K * y)
-
-
-def points_at_known_distance(h, count=5000):
-    """Points within 2 h of the hills: exact distance and normal, because they lie closer than the radius of curvature (33.8 m)."""
-    random = np.random.default_rng(0)
-    u, v = random.uniform(200, 400, (2, count))
-    exact = random.uniform(-2 * h, 2 * h, count)
-    east, north = AMPLITUDE * K * np.cos(K * u) * np.cos(K * v), -AMPLITUDE * K * np.sin(K * u) * np.sin(K * v)
-    normal = np.stack([-east, -north, np.ones(count)], -1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return np.stack([u, v, hills(u, v)]) + exact * normal.T, exact, normal
 
 
 def terrain_of(function, cell, size=600.0):
@@ -42,7 +25,7 @@ def terrain_of(function, cell, size=600.0):
 )
 def test_distance_and_normal_of_hills_are_exact_to_a_thousandth_of_a_cell(h, cell, rms, worst, degrees):
     surface = sdf.sliding_surface(terrain_of(hills, cell), None, (h, h))
-    points, exact, normal = points_at_known_distance(h)
+    points, exact, normal = terrain_distance.points(h)
     distance, found = sdf.distance(surface, *points)
     error = (distance - exact) / h
     assert np.sqrt(np.mean(error**2)) < rms
@@ -61,7 +44,7 @@ def test_distance_converges_with_the_cube_of_the_grid_spacing():
     errors = []
     for h in (10.0, 5.0, 2.5):
         surface = sdf.sliding_surface(terrain_of(hills, 1.25), None, (h, h))
-        points, exact, _ = points_at_known_distance(h)
+        points, exact, _ = terrain_distance.points(h)
         errors.append(np.sqrt(np.mean((sdf.distance(surface, *points)[0] - exact) ** 2)))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (orders > 2.9).all(), (errors, orders)

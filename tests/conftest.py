@@ -1,4 +1,4 @@
-"""Commands run inside the process of the tests."""
+"""Each test leaves the process as it found it."""
 
 import logging
 import sys
