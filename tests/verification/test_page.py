@@ -85,9 +85,9 @@ def test_command_writes_page_figure_and_json(tmp_path):
 
 
 @pytest.fixture
-def counted(monkeypatch):
-    """Two cases that note when they are measured; the second is interrupted while the list ``broken`` holds its name."""
-    measured, broken = [], []
+def measured(monkeypatch, tmp_path):
+    """Names of the measured cases of a run of two, which was interrupted in the second; a further run measures both whole."""
+    measured, broken = [], ["A2"]
 
     def case(name):
         def measure(full):
@@ -99,16 +99,14 @@ def counted(monkeypatch):
         return Case(name, "a case", "a set-up", measure)
 
     monkeypatch.setattr(verification, "CASES", {name.lower(): case(name) for name in ("A1", "A2")})
-    return measured, broken
-
-
-def test_a_run_that_was_broken_off_goes_on_after_its_last_whole_case(counted, tmp_path):
-    measured, broken = counted
-    broken.append("A2")
     with pytest.raises(KeyboardInterrupt):
         verification.run(full=True, out=tmp_path)
-    assert "Not finished: A2." in (tmp_path / "verification.md").read_text()
     broken.clear()
+    return measured
+
+
+def test_a_run_that_was_broken_off_goes_on_after_its_last_whole_case(measured, tmp_path):
+    assert "Not finished: A2." in (tmp_path / "verification.md").read_text()
     findings = verification.run(full=True, out=tmp_path)
     assert measured == ["A1", "A2", "A2"]
     assert findings[0].results == findings[1].results
@@ -121,12 +119,7 @@ def test_a_run_that_was_broken_off_goes_on_after_its_last_whole_case(counted, tm
 
 
 @pytest.mark.parametrize("changed", [{"full": False}, {"cases": ("A2", "A1")}, {"commit": "another"}])
-def test_a_run_broken_off_is_not_mixed_with_other_code_or_sizes(counted, tmp_path, monkeypatch, changed):
-    measured, broken = counted
-    broken.append("A2")
-    with pytest.raises(KeyboardInterrupt):
-        verification.run(full=True, out=tmp_path)
-    broken.clear()
+def test_a_run_broken_off_is_not_mixed_with_other_code_or_sizes(measured, tmp_path, monkeypatch, changed):
     commit_now = changed.get("commit", commit())
     monkeypatch.setattr(verification, "commit", lambda: commit_now)
     choices = {name: value for name, value in changed.items() if name != "commit"}
