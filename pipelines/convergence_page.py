@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from pipelines.study_page import markdown
+
 METHOD = (
     "Three grids; the coarser two were also shifted against the terrain, with other positions of the particles. The error is the "
     "whole range of the three grids or the grid convergence index (Roache 1994, safety factor 1.25), whichever is more, plus "
@@ -10,6 +12,7 @@ METHOD = (
     "beyond twice the spread; else the order 0.5 and the larger difference. Areas count fractions of cells. The error says "
     "nothing about the model, the release or the friction."
 )
+QUANTITIES = ("quantity", "unit", "coarse", "middle", "fine", "spread of shifts", "error", "relative", "from")
 
 
 def _verdict(found: Mapping[str, Any]) -> str:
@@ -32,38 +35,35 @@ def as_lines(content: Mapping[str, Any]) -> Iterator[str]:
 def as_markdown(content: Mapping[str, Any]) -> str:
     """The whole study as a page."""
     block = content["block_of_cells"]
+    sizes = {level["level"]: level["cell_size"][0] for level in content["levels"]}
     scenario = ", ".join(f"{name} {value:.4g}" for name, value in content["scenario"].items()) or "as in site.yaml"
     lines = [
         f"# Numerical error of {content['site']}",
         "",
         f"Scenario: the median of every sampled parameter ({scenario}). {METHOD}",
         "",
-        "| cells [m] | runs | particles | seconds |",
-        "|---|---|---|---|",
-        *(
-            f"| {' x '.join(f'{x:.4g}' for x in level['cell_size'])} | {level['runs']} | {level['particles']} | "
-            f"{level['seconds']:.1f} |"
-            for level in content["levels"]
-        ),
+        markdown(("cells [m]", "runs", "particles", "seconds"), map(_level, content["levels"])),
         "",
-        "| quantity | unit | coarse | middle | fine | spread of shifts | error | relative | from |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for f in content["quantities"].values():
-        numbers = " | ".join(f"{f[k]:.4g}" for k in ("coarse", "middle", "fine"))
-        lines.append(
-            f"| {f['title']} | {f['unit']} | {numbers} | {f['spread']:.2g} | {f['error']:.2g} | "
-            f"{100 * f['relative_error']:.1f} % | {_verdict(f)} |"
-        )
-    lines += [
+        markdown(QUANTITIES, map(_quantity, content["quantities"].values())),
         "",
         f"Maps against those of the finest grid, as means over blocks of {block} x {block} cells of the DEM:",
         "",
-        "| cells [m] | map | relative L1 | critical success index |",
-        "|---|---|---|---|",
+        markdown(("cells [m]", "map", "relative L1", "critical success index"), (_map(f, sizes) for f in content["fields"])),
     ]
-    sizes = {level["level"]: level["cell_size"][0] for level in content["levels"]}
-    for field in content["fields"]:
-        index = ", ".join(f"{value:.2f} at {threshold} m" for threshold, value in field["critical_success_index"].items())
-        lines.append(f"| {sizes[field['level']]:.4g} | {field['map'].replace('_', ' ')} | {field['relative_l1']:.3f} | {index} |")
     return "\n".join(lines) + "\n"
+
+
+def _level(level: Mapping[str, Any]) -> tuple[str, ...]:
+    size = " x ".join(f"{x:.4g}" for x in level["cell_size"])
+    return size, f"{level['runs']}", f"{level['particles']}", f"{level['seconds']:.1f}"
+
+
+def _quantity(found: Mapping[str, Any]) -> tuple[str, ...]:
+    values = [f"{found[key]:.4g}" for key in ("coarse", "middle", "fine")]
+    errors = f"{found['spread']:.2g}", f"{found['error']:.2g}", f"{100 * found['relative_error']:.1f} %"
+    return found["title"], found["unit"], *values, *errors, _verdict(found)
+
+
+def _map(field: Mapping[str, Any], sizes: Mapping[int, float]) -> tuple[str, ...]:
+    index = ", ".join(f"{value:.2f} at {threshold} m" for threshold, value in field["critical_success_index"].items())
+    return f"{sizes[field['level']]:.4g}", field["map"].replace("_", " "), f"{field['relative_l1']:.3f}", index

@@ -1,8 +1,9 @@
 """Table and figure of a benchmark, from what its JSON holds."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from pipelines.study_page import markdown
 
 STAGE_COLOURS = ("#33658a", "#86bbd8", "#758e4f", "#f6ae2d", "#f26419", "#8d6a9f", "#b0a8b9", "#5c5c5c")
 
@@ -20,7 +21,7 @@ def table(content: dict[str, Any]) -> str:
     rows += [(f"runout over the prototype, threads: {x['threads']}", x["particles"], x["ratio"]) for x in r["against"]]
     for bound in ("bandwidth", "arithmetic"):
         rows += [(f"of the {bound} bound, threads: {x['threads']}", x["particles"], x[f"of_{bound}"]) for x in r["roofline"]]
-    return _markdown(("rate of particle-steps", "particles", "ratio"), [(a, _count(b), f"{c:.3g}") for a, b, c in rows])
+    return markdown(("rate of particle-steps", "particles", "ratio"), [(a, _count(b), f"{c:.3g}") for a, b, c in rows])
 
 
 def cost_table(content: dict[str, Any]) -> str:
@@ -32,7 +33,7 @@ def cost_table(content: dict[str, Any]) -> str:
         ns = m["ns_per_particle_step"]
         shares = [f"{100 * ns.get(name, 0.0) / sum(ns.values()):.0f} %" for name in stages]
         rows.append((_count(m["particles"]), *shares, f"{m['memory']['bytes_per_particle']:.0f}"))
-    return _markdown(("particles", *stages, "bytes a particle"), rows)
+    return markdown(("particles", *stages, "bytes a particle"), rows)
 
 
 def draw(content: dict[str, Any], file: Path) -> Path:
@@ -134,8 +135,3 @@ def _fewest(content: dict[str, Any]) -> int:
 def _count(particles: int) -> str:
     """Number of particles as people say it: 10 k, 0.4 M."""
     return f"{particles / 1e6:.2g} M" if particles >= 200_000 else f"{particles / 1e3:.3g} k"
-
-
-def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
