@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runout.model.materials import DruckerPrager
+from runout.materials.drucker_prager import DruckerPrager
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.surface import Surface

@@ -9,7 +9,9 @@ import numpy as np
 
 from pipelines.verification_cases.bodies import filled
 from runout.backends.protocol import get_backend
-from runout.model.materials import DruckerPrager, Elastic, Material
+from runout.materials.drucker_prager import DruckerPrager
+from runout.materials.elastic import Elastic
+from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface

@@ -1,6 +1,7 @@
 """Runout assessment of landslides, rock-ice avalanches and debris flows with a sparse material point method.
 
-The public names are listed in ``__all__``; they are imported on first use, so that ``import runout`` stays quick.
+The public names are listed in ``__all__``; they are imported on first use, so that ``import runout`` stays quick. The classes
+of the material laws are among them: each file of :mod:`runout.materials` brings its own.
 """
 
 from runout import ending
@@ -18,10 +19,8 @@ _HOME = {
     "Release": "runout.model.release",
     "Placement": "runout.model.release",
     "Material": "runout.model.materials",
-    "Elastic": "runout.model.materials",
-    "DruckerPrager": "runout.model.materials",
-    "GranularFlow": "runout.model.materials",
-    "Cone": "runout.model.materials",
+    "parameter": "runout.model.parameters",
+    "register_law": "runout.model.laws",
     "FrictionZones": "runout.model.friction",
     "Particles": "runout.model.particles",
     "Scene": "runout.model.scene",
@@ -40,16 +39,25 @@ _HOME = {
     "DeviceError": "runout.errors",
 }
 
-__all__ = sorted(_HOME)
+
+def _homes() -> dict[str, str]:
+    """Module of every public name, those of the laws included."""
+    laws = import_module("runout.model.laws")
+    return {**_HOME, **laws.public_names()}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module 'runout' has no attribute {name!r}")
-    value = getattr(import_module(_HOME[name]), name)
+    homes = _HOME if name in _HOME else _homes()
+    if name == "__all__":
+        return sorted(homes)
+    if name not in homes:
+        raise AttributeError(f"module 'runout' has no attribute {name!r}")
+    value = getattr(import_module(homes[name]), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted([*globals(), *_homes()])

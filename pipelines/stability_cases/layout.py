@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from runout.accuracy import CFL
-from runout.model.materials import DruckerPrager, Elastic, Material
+from runout.materials.drucker_prager import DruckerPrager
+from runout.materials.elastic import Elastic
+from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene

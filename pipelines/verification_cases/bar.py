@@ -10,7 +10,7 @@ import numpy as np
 from pipelines.verification_cases.bodies import filled, free_scene, loaded
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
 from runout.accuracy import CFL
-from runout.model.materials import Elastic
+from runout.materials.elastic import Elastic
 from runout.model.particles import Particles
 
 LENGTH, SPEED = 25.0, 0.1

@@ -5,7 +5,7 @@ import numpy as np
 from pipelines.verification_cases.bodies import equal_steps, filled, free_scene, loaded
 from pipelines.verification_cases.closed_forms import standing_column
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
-from runout.model.materials import Elastic
+from runout.materials.elastic import Elastic
 from runout.model.surface import Surface
 
 LENGTH, GRAVITY = 50.0, 10.0

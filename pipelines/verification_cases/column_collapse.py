@@ -17,7 +17,7 @@ from pipelines.verification_cases.closed_forms import GRAVITY, axisymmetric_heig
 from pipelines.verification_cases.dam_breaks import budget, columns
 from pipelines.verification_cases.finding import Bound, Case, Result
 from pipelines.verification_cases.flow import Frame
-from runout.model.materials import Cone, DruckerPrager
+from runout.materials.drucker_prager import Cone, DruckerPrager
 from runout.model.particles import Particles
 from runout.physics.geostatic import acting_friction
 

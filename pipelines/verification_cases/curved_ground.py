@@ -10,7 +10,7 @@ from pipelines.verification_cases.bodies import lattice, loaded, particles_at
 from pipelines.verification_cases.closed_forms import GRAVITY
 from pipelines.verification_cases.finding import Bound, Case, Result
 from runout.backends.protocol import Backend
-from runout.model.materials import Elastic
+from runout.materials.elastic import Elastic
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface

@@ -12,7 +12,7 @@ from pipelines.verification_cases.closed_forms import GRAVITY
 from pipelines.verification_cases.finding import Bound, Case, Result
 from pipelines.verification_cases.flow import Frame
 from pipelines.verification_cases.shallow_water import dam_break, wet_dam_break
-from runout.model.materials import DruckerPrager
+from runout.materials.drucker_prager import DruckerPrager
 from runout.model.scene import Scene
 
 STIFFNESS = 100.0  # bulk modulus over the weight of the depth

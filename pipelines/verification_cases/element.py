@@ -8,8 +8,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
-from runout.model.materials import Cone, DruckerPrager, GranularFlow
-from runout.physics import drucker_prager, elastic, granular_flow
+from runout.materials import granular_flow
+from runout.materials.drucker_prager import Cone, DruckerPrager
+from runout.materials.granular_flow import GranularFlow
+from runout.model.laws import LAWS
+from runout.physics import elastic
 
 COHESION, PRESSURE = 10e3, 50e3
 Tensor = tuple[float, ...]
@@ -33,7 +36,7 @@ def path(mat: SimpleNamespace, B: Tensor, rate: Callable[[int], Tensor], steps: 
     """B, Hencky strain and dissipated energy [J/m3] after each step with velocity gradient times dt ``rate(k)``."""
     history, states = 0.0, []
     for k in range(steps):
-        B, h, history, lost = drucker_prager.update(B, rate(k), history, mat)
+        B, h, history, lost = LAWS.find("drucker_prager").step(B, rate(k), history, mat)
         states.append((B, h, lost))
     return states
 
@@ -47,7 +50,7 @@ def shear(mat: SimpleNamespace, gamma: float, steps: int) -> list[tuple[Tensor, 
 def plateau_defect(mat: SimpleNamespace) -> float:
     """Relative distance of q from M p_0 + q_c after a shear of 5."""
     h = shear(mat, 5.0, 500)[-1][1]
-    return abs(drucker_prager.deviatoric_stress(h, mat) / (mat.cone_slope * PRESSURE + mat.cone_intercept) - 1)
+    return abs(elastic.deviatoric_stress(h, mat) / (mat.cone_slope * PRESSURE + mat.cone_intercept) - 1)
 
 
 def triaxial_defect() -> float:
@@ -57,20 +60,20 @@ def triaxial_defect() -> float:
     for _ in range(40):
 
         def excess(d: float, B: Tensor = B, history: float = history) -> float:
-            h = drucker_prager.update(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)[1]
+            h = LAWS.find("drucker_prager").step(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)[1]
             return float(-elastic.kirchhoff_stress(h, mat)[0] - CELL)
 
         d = brentq(excess, -1e-2, 1e-2, xtol=1e-16)
-        B, h, history, _ = drucker_prager.update(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)
+        B, h, history, _ = LAWS.find("drucker_prager").step(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)
     peak = 3 * (mat.cone_slope * CELL + mat.cone_intercept) / (3 - mat.cone_slope)
-    return abs(drucker_prager.deviatoric_stress(h, mat) / peak - 1)
+    return abs(elastic.deviatoric_stress(h, mat) / peak - 1)
 
 
 def apex_defect() -> float:
     """Relative distance of the pressure from that of the apex, -q_c/M, after isotropic extension past it."""
     mat = record()
     h = path(mat, (0.0,) * 6, lambda k: (1e-3, 0, 0, 0, 1e-3, 0, 0, 0, 1e-3), 50)[-1][1]
-    return abs(drucker_prager.pressure(h, mat) / (-mat.cone_intercept / mat.cone_slope) - 1)
+    return abs(elastic.pressure(h, mat) / (-mat.cone_intercept / mat.cone_slope) - 1)
 
 
 def path_errors(steps: tuple[int, ...], gamma: float = 0.1) -> list[float]:
@@ -94,8 +97,8 @@ def random_path_defects(steps: int = 400) -> tuple[float, float, float, int]:
     swell = -5e-4 * np.sin(np.arange(steps) / 20)[:, None]
     rates = 2e-3 * rng.normal(size=(steps, 9)) + swell * np.eye(3).ravel()
     states = path(mat, pressed(mat), lambda k: tuple(map(float, rates[k])), steps)
-    p = np.array([drucker_prager.pressure(h, mat) for _, h, _ in states])
-    q = np.array([drucker_prager.deviatoric_stress(h, mat) for _, h, _ in states])
+    p = np.array([elastic.pressure(h, mat) for _, h, _ in states])
+    q = np.array([elastic.deviatoric_stress(h, mat) for _, h, _ in states])
     excess, scale = q - mat.cone_slope * p, np.abs(p) + PRESSURE
     apex = p < 1e-9 * PRESSURE
     cone = ~apex & (excess > -1e-9 * scale)
@@ -130,10 +133,10 @@ def flowing(step: float = 1e-4) -> tuple[float, float, float]:
     B, history, losses = pressed(mat), 0.0, []
     for _ in range(2000):
         trial = elastic.log_strain(elastic.trial_strain(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
-        B, h, history, lost = granular_flow.update(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), history, mat)
+        B, h, history, lost = LAWS.find("granular_flow").step(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), history, mat)
         losses.append(lost)
-    shear = drucker_prager.deviatoric_stress(h, mat) / math.sqrt(3) / PRESSURE
-    plastic = (drucker_prager.deviatoric_stress(trial, mat) / math.sqrt(3) / PRESSURE - shear) * PRESSURE / mat.shear_modulus
+    shear = elastic.deviatoric_stress(h, mat) / math.sqrt(3) / PRESSURE
+    plastic = (elastic.deviatoric_stress(trial, mat) / math.sqrt(3) / PRESSURE - shear) * PRESSURE / mat.shear_modulus
     by_rate, by_flow = (granular_flow.friction(s / dt * inertia, mat) for s in (step, plastic))
     return abs(shear / by_rate - 1), abs(shear / by_flow - 1), min(losses) / PRESSURE
 

@@ -6,7 +6,7 @@ from pipelines.verification_cases import flow
 from pipelines.verification_cases.closed_forms import GRAVITY
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
 from pipelines.verification_cases.flow import Frame
-from runout.model.materials import GranularFlow
+from runout.materials.granular_flow import GranularFlow
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import elastic

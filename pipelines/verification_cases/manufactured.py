@@ -11,7 +11,7 @@ import numpy as np
 from pipelines.verification_cases.bodies import equal_steps, filled, free_scene, loaded
 from pipelines.verification_cases.closed_forms import AxisAlignedWave, Vortex
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
-from runout.model.materials import Elastic
+from runout.materials.elastic import Elastic
 from runout.model.particles import Particles
 
 STIFF = Elastic(density=1024.0, youngs_modulus=1.024e7, poisson_ratio=0.3)

@@ -5,7 +5,7 @@ import numpy as np
 from pipelines.verification_cases.bodies import free_scene, lattice, loaded, particles_at
 from pipelines.verification_cases.closed_forms import GRAVITY, rotated, symplectic_free_fall
 from pipelines.verification_cases.finding import Bound, Case, Result
-from runout.model.materials import Elastic
+from runout.materials.elastic import Elastic
 
 ROCK = Elastic(density=1550.0, youngs_modulus=1e6, poisson_ratio=0.3)
 SPACING = 0.1

@@ -19,7 +19,8 @@ from pipelines.verification_cases.closed_forms import GRAVITY, sliding_block, sy
 from pipelines.verification_cases.finding import Bound, Case, Result
 from runout.backends.protocol import Backend
 from runout.errors import ConfigError
-from runout.model.materials import Elastic, Material
+from runout.materials.elastic import Elastic
+from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface

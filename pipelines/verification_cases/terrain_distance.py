@@ -6,7 +6,7 @@ import numpy as np
 
 from pipelines.verification_cases.bodies import filled, free_scene, lattice, loaded
 from pipelines.verification_cases.finding import Bound, Case, Convergence, Result
-from runout.model.materials import Elastic
+from runout.materials.elastic import Elastic
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
 from runout.physics import heightfield

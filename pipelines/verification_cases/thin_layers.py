@@ -13,7 +13,8 @@ from pipelines.verification_cases.closed_forms import GRAVITY
 from pipelines.verification_cases.finding import Bound, Case, Result
 from pipelines.verification_cases.sliding_box import FRICTION, tilted_plane
 from runout.backends.protocol import get_backend
-from runout.model.materials import DruckerPrager, Material
+from runout.materials.drucker_prager import DruckerPrager
+from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.physics import elastic

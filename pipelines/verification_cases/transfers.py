@@ -4,7 +4,7 @@ import numpy as np
 
 from pipelines.verification_cases.bodies import filled, free_scene, loaded
 from pipelines.verification_cases.finding import Bound, Case, Result
-from runout.model.materials import Elastic
+from runout.materials.elastic import Elastic
 from runout.model.particles import Particles
 
 SPACING = 0.7

@@ -19,14 +19,14 @@ from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
+from runout.model.law_source import functions_of_law
+from runout.model.laws import Law
 from runout.physics import (
     blocks,
     bspline,
     contact,
-    drucker_prager,
     elastic,
     geostatic,
-    granular_flow,
     heightfield,
     moments,
     plastic,
@@ -37,7 +37,7 @@ from runout.physics import (
 )
 
 PHYSICS = (
-    *(tensors, bspline, moments, transfers, heightfield, elastic, plastic, drucker_prager, granular_flow),
+    *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),
     *(geostatic, contact, blocks, timestep, resolution),
 )
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
@@ -79,6 +79,17 @@ def _bind(
     return spaces, compiled
 
 
+def _bind_law(
+    law: Law, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
+) -> SimpleNamespace:
+    """``update`` of a law and its steps, ``step`` and ``step_small``; a material that never yields has the steps of elasticity."""
+    own: dict[Any, Any] = dict(compiled)
+    for function in [*(functions_of_law(law.update) if law.update else ()), law.step, law.step_small]:
+        if function not in own:
+            own[function] = compile_one(rebound(function, names, own))
+    return SimpleNamespace(update=own.get(law.update), step=own[law.step], step_small=own[law.step_small])
+
+
 class NumbaBinding:
     """Physics compiled by numba for one number type.
 
@@ -104,7 +115,16 @@ class NumbaBinding:
         inline = numba.njit(**self.inlined)
         spaces, self._compiled = _bind(PHYSICS, names, inline)
         self.names = names
+        self._laws: dict[Law, SimpleNamespace] = {}
         self.__dict__.update(vars(spaces))
+
+    def law(self, law: Law) -> SimpleNamespace:
+        """The compiled steps of a law: ``step`` and ``step_small`` of :mod:`runout.physics.plastic`, and its ``update``."""
+        if law not in self._laws:
+            import numba
+
+            self._laws[law] = _bind_law(law, self.names, self._compiled, numba.njit(**self.inlined))
+        return self._laws[law]
 
     def kernels(self, *modules: ModuleType, sources: tuple[ModuleType, ...] = (), **names: Any) -> SimpleNamespace:
         """Functions of kernel modules, compiled in order.
@@ -165,6 +185,7 @@ def warp_binding(real: Any) -> SimpleNamespace:
     compile_one: Callable[[FunctionType], Any] = partial(wp.func, module=module)
     spaces, compiled = _bind(PHYSICS, names, compile_one)
     spaces.names, spaces.compiled = names, compiled
+    spaces.law = cache(lambda law: _bind_law(law, names, compiled, compile_one))
     return spaces
 
 
@@ -193,6 +214,11 @@ def warp_kernels(
                 compiled[function] = wp.kernel(module=module_of(function.__name__), enable_backward=False)(copy)
                 setattr(space, function.__name__, compiled[function])
     return space
+
+
+def law_record(law: Law, real: Any) -> Any:
+    """Warp struct of the parameter record of a law."""
+    return warp_record(law.name, law.fields, real)
 
 
 @cache

@@ -1,13 +1,12 @@
-"""Distributions of sampled parameters, and what may be sampled."""
+"""Distributions of sampled parameters."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from runout.model.limits import LARGEST_RADIANS, LIMITS, looks_like_radians, radians_remedy
+from runout.model.limits import LARGEST_RADIANS, LIMITS, Range, looks_like_radians, radians_remedy
 
 FAR_TAIL = 4.0  # standard deviations; one sample in 30 000 lies further out
 
@@ -34,16 +33,6 @@ def limited(name: str, description: str, default: Any = ..., **more: Any) -> Any
     """A field of a settings model with the unit, the range and the hint of a quantity of :data:`runout.model.limits.LIMITS`."""
     valid = LIMITS[name]
     return quantity(description, default, unit=valid.unit, hint=valid.hint, **valid.bounds(), **more)
-
-
-PARAMETERS = {
-    "basal_friction_angle_deg": LIMITS["basal_friction_angle"],
-    "friction_angle_deg": LIMITS["friction_angle"],
-    "cohesion": LIMITS["cohesion"],
-    "density": LIMITS["density"],
-    "youngs_modulus": LIMITS["youngs_modulus"],
-    "release_volume_factor": LIMITS["release_volume_factor"],
-}
 
 
 def _require_order(low: float, high: float) -> None:
@@ -180,9 +169,9 @@ def plausible_degrees(value: float) -> float:
     return value
 
 
-def _within_range(name: str, distribution: Any) -> Any:
+def within_range(valid: Range, distribution: Any) -> Any:
     """The distribution; refused where it can give a value outside the valid range of its parameter."""
-    valid, (low, high) = PARAMETERS[name], distribution.support()
+    low, high = distribution.support()
     if valid.degrees:
         plausible_degrees(high)
     for value in (low, high):
@@ -202,24 +191,3 @@ def _require_no_radians(distribution: Any) -> None:
     if any(map(looks_like_radians, values)):
         fix = "leave these out" if isinstance(distribution, Discrete) else "cut it with low: 1.6"
         raise refuse(f"it can give angles below {LARGEST_RADIANS:.3g} deg, which are taken for radians", fix)
-
-
-def _sampled(name: str) -> Any:
-    """Type and default of a field of :class:`Parameters`."""
-    return Annotated[Distribution, AfterValidator(partial(_within_range, name))] | None, None
-
-
-Parameters = create_model(
-    "Parameters",
-    __base__=Settings,
-    __doc__="What an ensemble may sample; each parameter has a distribution.",
-    **{name: _sampled(name) for name in PARAMETERS},
-)
-
-
-def sampled_parameters(block: Any) -> Any:
-    """The distributions of a block of parameters by name, checked; what is no block is left to the next check."""
-    if not isinstance(block, dict):
-        return block
-    checked = Parameters.model_validate(block)
-    return {name: getattr(checked, name) for name in block}

@@ -1,21 +1,20 @@
 """What pydantic found wrong, said in the words of site.yaml: place, value, remedy."""
 
-import difflib
 from collections.abc import Iterable, Mapping
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from runout.config.distributions import DISTRIBUTIONS, PARAMETERS, Parameters
+from runout.config.distributions import DISTRIBUTIONS
 from runout.config.document import Document, Location
-from runout.config.schema import DruckerPragerSettings, ElasticSettings, RemoteFile, SiteSettings
+from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
+from runout.config.schema import RemoteFile, SiteSettings
+from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
 
 CHOSEN: dict[str, Any] = {  # models behind the marks of tagged unions
     **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
-    "<elastic>": ElasticSettings,
-    "<drucker_prager>": DruckerPragerSettings,
     "<block>": RemoteFile,
 }
 WANTED = {
@@ -39,16 +38,9 @@ def problems_of(error: ValidationError, document: Document) -> list[Problem]:
     return sorted(found, key=lambda p: p.line or 0)
 
 
-def nearest(word: str, choices: Iterable[str]) -> str | None:
-    """The choice that is most like a word, if any is."""
-    by_lower = {choice.lower(): choice for choice in choices}
-    match = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
-    return by_lower[match[0]] if match else None
-
-
 def _problem(details: Mapping[str, Any], document: Document) -> Problem:
     location = tuple(part for part in details["loc"] if not _is_mark(part))
-    model, field = _looked_up(details["loc"])
+    model, field = _looked_up(details["loc"], document)
     kind, context, value = details["type"], details.get("ctx", {}), details["input"]
     if kind == "runout":
         place = (*location, context["key"]) if context["key"] else location
@@ -56,7 +48,7 @@ def _problem(details: Mapping[str, Any], document: Document) -> Problem:
     if kind == "missing":
         return document.problem(location, "required key is missing", _missing_fix(field))
     if kind == "extra_forbidden":
-        return document.problem(location, "unknown key", _unknown_fix(str(location[-1]), model))
+        return document.problem(location, "unknown key", _unknown_fix(str(location[-1]), model, document))
     if kind == "union_tag_invalid":
         return _not_chosen(location, context, value, document)
     message, fix = _wrong_value(kind, context, value, details["msg"], field)
@@ -67,7 +59,7 @@ def _is_mark(part: Any) -> bool:
     return isinstance(part, str) and part.startswith("<")
 
 
-def _looked_up(location: Location) -> tuple[type[BaseModel], FieldInfo | None]:
+def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel], FieldInfo | None]:
     """The model that a location ends in and the field that it names there."""
     model: type[BaseModel] = SiteSettings
     field: FieldInfo | None = None
@@ -76,8 +68,9 @@ def _looked_up(location: Location) -> tuple[type[BaseModel], FieldInfo | None]:
             model = CHOSEN.get(str(part), model)
         elif isinstance(part, str):
             field = model.model_fields.get(part)
-            inner = Parameters if part == "parameters" else inner_model(field.annotation) if field else None
-            model = inner or model
+            law = known_law(document.value(("material",)))
+            inner = parameters_model(law) if part == "parameters" else inner_model(field.annotation) if field else None
+            model = settings_of(law) if part == "material" and law else inner or model
     return model, field
 
 
@@ -95,20 +88,23 @@ def _missing_fix(field: FieldInfo | None) -> str:
     return f"add it: {field.description}" + (f" [{unit}]" if unit else "")
 
 
-def _unknown_fix(word: str, model: type[BaseModel]) -> str:
+def _unknown_fix(word: str, model: type[BaseModel], document: Document) -> str:
     near = nearest(word, model.model_fields)
     if near:
         return f"did you mean {near!r}?"
-    homes = [section for section, fields in _sections().items() if word in fields]
+    homes = [section for section, fields in _sections(document).items() if word in fields]
     if homes:
         return f"it belongs under {homes[0]!r}" if homes[0] else "it belongs to the top of the file, without indentation"
     return f"choose among {', '.join(model.model_fields)}"
 
 
-def _sections() -> dict[str, Iterable[str]]:
+def _sections(document: Document) -> dict[str, Iterable[str]]:
     inner = {name: inner_model(field.annotation) for name, field in SiteSettings.model_fields.items()}
     fields = {name: model.model_fields for name, model in inner.items() if model}
-    known: dict[str, Iterable[str]] = {"material": DruckerPragerSettings.model_fields, "ensemble.parameters": PARAMETERS}
+    law = known_law(document.value(("material",)))
+    known: dict[str, Iterable[str]] = {"ensemble.parameters": sampled_ranges(law)}
+    if law:
+        known["material"] = settings_of(law).model_fields
     return {"": SiteSettings.model_fields, **fields, **known}
 
 
@@ -117,13 +113,13 @@ def _not_chosen(location: Location, context: Mapping[str, Any], value: Any, docu
     key = context["discriminator"].removesuffix("()")
     choices = [mark.strip("'") for mark in context["expected_tags"].split(", ")]
     if key == "shape":
-        return document.problem(location, f"{_shown(value)}; {' or '.join(SHAPES[c] for c in choices)} is needed")
+        return document.problem(location, f"{shown(value)}; {' or '.join(SHAPES[c] for c in choices)} is needed")
     names = [choice.strip("<>") for choice in choices]
     if not isinstance(value, Mapping):
-        return document.problem(location, f"{_shown(value)}; a block is needed", f"write {{{key}: {names[0]}, ...}}")
+        return document.problem(location, f"{shown(value)}; a block is needed", f"write {{{key}: {names[0]}, ...}}")
     if key not in value:
         return document.problem((*location, key), "required key is missing", f"choose one of {', '.join(names)}")
-    return document.problem((*location, key), f"{value[key]!r} is not known", _choice_fix(value[key], names))
+    return document.problem((*location, key), f"{value[key]!r} is not known", choice_fix(value[key], names))
 
 
 def _choices(annotation: Any) -> list[str]:
@@ -132,18 +128,13 @@ def _choices(annotation: Any) -> list[str]:
     return [c for c in inner if isinstance(c, str)] or [c for part in inner for c in _choices(part)]
 
 
-def _choice_fix(value: Any, names: Iterable[str]) -> str:
-    near = nearest(str(value), names)
-    return f"did you mean {near!r}?" if near else f"choose one of {', '.join(names)}"
-
-
 def _wrong_value(kind: str, context: Mapping[str, Any], value: Any, text: str, field: FieldInfo | None) -> tuple[str, str]:
     """What is wrong with a value, and the remedy."""
     unit, hint = _extra(field, "unit"), _extra(field, "hint")
     if kind in WANTED:
-        return f"{_shown(value)}; {WANTED[kind]} is needed", _number_fix(value, unit)
+        return f"{shown(value)}; {WANTED[kind]} is needed", _number_fix(value, unit)
     if kind == "literal_error" and field:
-        return f"{value!r} is not known", _choice_fix(value, _choices(field.annotation))
+        return f"{value!r} is not known", choice_fix(value, _choices(field.annotation))
     if any(bound in context for bound in BOUNDS):
         return _out_of_range(context, value, unit, field), hint
     if kind == "string_pattern_mismatch":
@@ -162,18 +153,6 @@ def _out_of_range(context: Mapping[str, Any], value: Any, unit: str, field: Fiel
     range_ = " and ".join(f"{BOUNDS[b]} {stated[b]:g}" for b in BOUNDS if b in stated)
     suffix = f" {unit}" if unit else ""
     return f"{value:g}{suffix} is out of range; it must be {range_}{suffix}"
-
-
-def _shown(value: Any) -> str:
-    """A value with what it is, in the words of a file."""
-    if value is None:
-        return "has no value"
-    if isinstance(value, bool):
-        return f"{str(value).lower()} is a yes or no"
-    if isinstance(value, Mapping):
-        return "is a block"
-    kind = {str: "text", list: "a list", int: "a number", float: "a number"}.get(type(value), "a date")
-    return f"{value!r} is {kind}" if isinstance(value, str) else f"{value} is {kind}"
 
 
 def _number_fix(value: Any, unit: str) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from runout.config.document import Document, Location, read_document, shortened
+from runout.config.material import foreign_parameters, known_law
 from runout.config.problems import problems_of
 from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts, zone_conflicts
 from runout.errors import ConfigError, Problem
@@ -16,7 +17,6 @@ from runout.io.georeference import file_named_by
 
 FILE_NAME = "site.yaml"
 MOST_NAMES, LONGEST_NAME = 1000, 255  # of a folder's names, that are compared with a missing one; characters of one
-STRENGTH = ("friction_angle_deg", "cohesion")
 
 
 def load(path: Path | str) -> SiteSettings:
@@ -34,7 +34,8 @@ def load(path: Path | str) -> SiteSettings:
     settings = None
     if isinstance(document.values, dict):
         try:
-            settings = SiteSettings.model_validate(document.values)
+            law = known_law(document.value(("material",)))
+            settings = SiteSettings.model_validate(document.values, context={"law": law})
         except ValidationError as error:
             problems += problems_of(error, document)
         problems += [*_contradictions(document), *_missing_files(document, file.parent), *_coordinate_system(document)]
@@ -104,12 +105,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     for i, zone in enumerate(_overlays(document, "friction_zones")):
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
-    law = document.value(("material", "law"))
-    if law in ("elastic", "granular_flow"):
-        for name in STRENGTH:
-            if name in sampled:
-                place = ("ensemble", "parameters", name)
-                yield document.problem(place, f"the law {law} has no such parameter", "remove it, or use law: drucker_prager")
+    for key, message, fix in foreign_parameters(document.value(("material",)), sampled):
+        yield document.problem(("ensemble", "parameters", key), message, fix)
 
 
 def _overlays(document: Document, key: str) -> list[dict[str, Any]]:

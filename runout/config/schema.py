@@ -4,19 +4,18 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, SerializeAsAny, Tag, model_validator
 
 from runout.accuracy import CFL, CHOICES, PARTICLES_PER_CELL, PRESETS
 from runout.config.distributions import (
     Distribution,
     Settings,
-    discriminator,
     limited,
     quantity,
     refuse,
-    sampled_parameters,
     shape,
 )
+from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.metadata import METADATA, MetadataSettings
 from runout.config.quantities import (
     CellSize,
@@ -200,67 +199,6 @@ class ReleaseSettings(Settings):
         return self
 
 
-class _Elasticity(Settings):
-    law: str
-    density: float = limited("density", "bulk density", 2000.0)
-    youngs_modulus: float = limited(
-        "youngs_modulus",
-        "Young's modulus; high enough that pressure waves are 10 times faster than the flow, no higher: steps grow with its root",
-    )
-    poisson_ratio: float = limited("poisson_ratio", "Poisson's ratio", 0.3)
-
-
-class ElasticSettings(_Elasticity):
-    """A material that never fails; for tests."""
-
-    law: Literal["elastic"] = quantity("material law: drucker_prager, granular_flow or elastic")
-
-
-class DruckerPragerSettings(_Elasticity):
-    """Soil, rock fragments, debris: elastic up to a friction cone, without dilation."""
-
-    law: Literal["drucker_prager"] = quantity("material law: drucker_prager, granular_flow or elastic", "drucker_prager")
-    friction_angle_deg: Degrees = limited("friction_angle", "internal friction angle")
-    cohesion: float = limited("cohesion", "cohesion", 0.0)
-    cone: Literal["triaxial_compression", "triaxial_extension", "plane_strain", "plane_strain_associated"] = quantity(
-        "how the Drucker-Prager cone meets Mohr-Coulomb: plane_strain, plane_strain_associated, triaxial_compression "
-        "or triaxial_extension",
-        "plane_strain",
-    )
-    volume_correction: bool = quantity("material that came apart must close up before it carries load again", True)
-
-    @model_validator(mode="after")
-    def _has_strength(self) -> "DruckerPragerSettings":
-        if self.friction_angle_deg == 0 and self.cohesion == 0:
-            raise refuse("friction_angle_deg and cohesion are both 0", "set one of them; such a material has no strength")
-        return self
-
-
-class GranularFlowSettings(_Elasticity):
-    """Dry grains whose friction rises with the rate of shear, mu(I): thick dense flows."""
-
-    law: Literal["granular_flow"] = quantity("material law: drucker_prager, granular_flow or elastic")
-    static_friction: float = limited("static_friction", "friction coefficient of slow flow, the tangent of the angle of repose")
-    dynamic_friction: float = limited("dynamic_friction", "friction coefficient of fast flow, above static_friction")
-    inertial_constant: float = limited("inertial_constant", "inertial number, with the bulk density, half way between the two", 0.3)
-    grain_size: float = limited("grain_size", "diameter of the grains")
-
-    @model_validator(mode="after")
-    def _rises(self) -> "GranularFlowSettings":
-        if self.dynamic_friction <= self.static_friction:
-            said = f"dynamic_friction is {self.dynamic_friction:g}, not above static_friction {self.static_friction:g}"
-            raise refuse(said, "friction rises with the rate; for one that does not, use law: drucker_prager")
-        return self
-
-
-MaterialSettings = Annotated[
-    Annotated[ElasticSettings, Tag("<elastic>")]
-    | Annotated[DruckerPragerSettings, Tag("<drucker_prager>")]
-    | Annotated[GranularFlowSettings, Tag("<granular_flow>")],
-    Discriminator(discriminator("law", "drucker_prager")),
-]
-
-
 class SimulationSettings(Settings):
     """How each member is computed."""
 
@@ -324,8 +262,8 @@ class EnsembleSettings(Settings):
     members: int = quantity("number of scenarios; powers of 2 cover the parameters evenly", 1, ge=1, le=100_000)
     seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
-        "sampled parameters: basal_friction_angle_deg, friction_angle_deg, cohesion, density, youngs_modulus, "
-        "release_volume_factor; each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
+        f"sampled parameters: {', '.join(sampled_ranges())} (of the material those that its law has); "
+        "each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},
     )
@@ -377,7 +315,7 @@ class SiteSettings(Settings):
     metadata: MetadataSettings | None = METADATA
     terrain: TerrainSettings = quantity("the terrain")
     release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
-    material: MaterialSettings = quantity("the material")
+    material: Annotated[SerializeAsAny[MaterialSettings], BeforeValidator(validated_material)] = quantity("the material")
     basal_friction_angle_deg: Degrees = limited("basal_friction_angle", "friction angle of the mass on the ground")
     simulation: SimulationSettings = quantity("how each member is computed")
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())

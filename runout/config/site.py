@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.accuracy import CHOICES, CellSize, choices
-from runout.config.distributions import PARAMETERS
 from runout.config.fetch import locate
+from runout.config.material import sampled_ranges
 from runout.config.read import load, site_file
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.errors import ConfigError, Problem
 from runout.io.side_files import files_of
+from runout.model.laws import LAWS
 
 if TYPE_CHECKING:
     from runout.config.extent import DerivedExtent
@@ -159,15 +160,7 @@ class Site:
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material with the sampled parameters in the place of the stated ones."""
-        from runout.model.materials import DruckerPrager, Elastic, GranularFlow
-
-        stated = self.settings.material.model_dump()
-        sampled = self._known(sample)
-        values = {name: sampled.get(name, value) for name, value in stated.items()}
-        law = {"drucker_prager": DruckerPrager, "elastic": Elastic, "granular_flow": GranularFlow}[values.pop("law")]
-        if "friction_angle_deg" in values:
-            values["friction_angle"] = values.pop("friction_angle_deg")
-        return law(**values)
+        return self.settings.material.material(self._known(sample))
 
     def member_arguments(self, sample: Mapping[str, float] | None = None, data: SiteData | None = None) -> dict[str, Any]:
         """Arguments of :func:`runout.simulate` for one member.
@@ -275,7 +268,9 @@ class Site:
 
     def computed(self) -> dict[str, Any]:
         """What of :meth:`resolved` makes the results: not where they are computed, since the sparse backends agree."""
-        content = self._stated()
+        content, law = self._stated(), LAWS.find(self.settings.material.law)
+        if not law.is_of_runout:  # whose laws change with its version
+            content["material"]["source"] = law.fingerprint
         place = content["simulation"]
         del place["device"]
         if place["backend"] != "reference":
@@ -309,10 +304,11 @@ class Site:
 
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
         """The sampled parameters; refused where a name is not one."""
-        unknown = [name for name in sample or {} if name not in PARAMETERS and name not in ROW_EXTRAS]
+        ranges = sampled_ranges(LAWS.find(self.settings.material.law))
+        unknown = [name for name in sample or {} if name not in ranges and name not in ROW_EXTRAS]
         if unknown:
-            raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(PARAMETERS)}")
-        return {name: float(value) for name, value in (sample or {}).items() if name in PARAMETERS}
+            raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
+        return {name: float(value) for name, value in (sample or {}).items() if name in ranges}
 
     def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
         from runout.release.read import read_raster, read_vector

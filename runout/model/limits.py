@@ -1,4 +1,4 @@
-"""Valid ranges of what a user states: one table for site.yaml, attributes, rasters and Python."""
+"""Valid ranges of what a user states, for site.yaml, attributes, rasters and Python; a law states those of its own parameters."""
 
 import math
 from collections.abc import Callable
@@ -46,6 +46,10 @@ class Range:
         """The range in the words of pydantic."""
         return {"gt" if self.open_low else "ge": self.low, "le": self.high}
 
+    def words(self) -> str:
+        """The range, for a table."""
+        return f"{'above ' if self.open_low else ''}{self.low:g} to {self.high:g}"
+
     def allowed(self) -> str:
         """The range in words."""
         bound = "above" if self.open_low else "at least"
@@ -55,15 +59,6 @@ class Range:
 LIMITS = {
     "thickness": Range(1e-5, 1000, "m", "thickness is vertical, in metres"),
     "volume": Range(1e-9, 1e12, "m3", "1 million m3 is 1.0e6"),
-    "density": Range(100, 5000, "kg m-3", "2 g/cm3 is 2000"),
-    "youngs_modulus": Range(1e3, 1e12, "Pa", "5 MPa is 5.0e6"),
-    "poisson_ratio": Range(0, 0.495),
-    "friction_angle": Range(0, 60, "deg", degrees=True),
-    "cohesion": Range(0, 1e9, "Pa", "1 kPa is 1.0e3"),
-    "static_friction": Range(0, 2),
-    "dynamic_friction": Range(0, 2, open_low=True),
-    "inertial_constant": Range(0, 1000, open_low=True),
-    "grain_size": Range(0, 100, "m", open_low=True),
     "basal_friction_angle": Range(0, 60, "deg", degrees=True),
     "release_volume_factor": Range(0, 100, hint="1 is the volume as stated", open_low=True),
     "friction_factor": Range(0, 10),
@@ -112,7 +107,11 @@ def checked(name: str, value: Any, *, place: str = "", key: str = "", error: Cal
     error
         If the value is no finite number or lies outside the range: place, key, value, range and remedy.
     """
-    valid, what = LIMITS[name], f"{place}: {key or name}" if place else key or name
+    return checked_within(LIMITS[name], f"{place}: {key or name}" if place else key or name, value, error=error)
+
+
+def checked_within(valid: Range, what: str, value: Any, *, error: Callable[[str], Exception] = InputError) -> float:
+    """The value of ``what`` as a number in a range; errors as for :func:`checked`."""
     unit = f" in {valid.unit}" if valid.unit else ""
     if not is_number(value):
         raise error(f"{what} is {value!r}; it must be a number{unit}")

@@ -10,7 +10,7 @@ import numpy as np
 from runout.accuracy import CFL
 from runout.errors import ConfigError, StabilityError
 from runout.model.friction import FrictionZones
-from runout.model.laws import LAWS, Law
+from runout.model.laws import Law, law_of
 from runout.model.limits import LARGEST_CFL, checked, is_number
 from runout.model.materials import Material
 from runout.model.surface import Surface
@@ -102,8 +102,9 @@ class Scene:
             checked("cell_size", h, error=ConfigError)
         if not is_number(self.cfl):
             raise ConfigError(f"cfl is {self.cfl!r}; it must be a number, {CFL:g} is usual")
-        if not 0 < self.cfl <= LARGEST_CFL:
-            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
+        most = min((m.largest_cfl for m in self.materials), default=LARGEST_CFL)
+        if not 0 < self.cfl <= most:
+            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {most:g}, use {CFL:g}")
         if self.precision not in ("float32", "float64"):
             raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
         if self.transfer not in TRANSFERS:
@@ -125,10 +126,10 @@ class Scene:
         if self.unknown is not None and self.unknown.shape != (raster.columns, raster.rows):
             raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
 
-    @property
+    @cached_property
     def law(self) -> Law:
         """The law that all materials follow."""
-        return LAWS[self.materials[0].law]
+        return law_of(self.materials[0])
 
     @property
     def packed(self) -> bool:
@@ -153,8 +154,8 @@ class Scene:
 
     @property
     def largest_cfl(self) -> float:
-        """Courant number above which steps are refused: :attr:`isolated_cfl`, at most :data:`LARGEST_CFL`."""
-        return min(LARGEST_CFL, self.isolated_cfl)
+        """Courant number above which steps are refused: :attr:`isolated_cfl`, at most that of the law."""
+        return min(self.law.material.largest_cfl, self.isolated_cfl)
 
     @cached_property
     def wave_speed(self) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 from runout.physics.tensors import (
     added,
     contracted,
+    deviator,
     horner,
     invariants,
     inverse,
@@ -180,8 +181,18 @@ def energy_density(h: Any, mat: Any):
     return real(0.5) * mat.lame_lambda * t * t + mat.shear_modulus * n * n
 
 
-def update(B: Any, L: Any, history: Any, mat: Any):
-    """One step of the law.
+def pressure(h: Any, mat: Any):
+    """Mean Kirchhoff pressure [Pa], compression positive."""
+    return -(mat.lame_lambda + real(2.0) * mat.shear_modulus / real(3.0)) * trace(h)
+
+
+def deviatoric_stress(h: Any, mat: Any):
+    """Equivalent Kirchhoff stress q = sqrt(3/2) |dev tau| [Pa]."""
+    return math.sqrt(real(6.0)) * mat.shear_modulus * norm(deviator(h))
+
+
+def step(B: Any, L: Any, history: Any, mat: Any):
+    """One step of a material that never yields.
 
     Returns the new B, the Hencky strain that gives its stress, the history variable and the energy
     dissipated per stress-free volume [J/m3].
@@ -190,7 +201,7 @@ def update(B: Any, L: Any, history: Any, mat: Any):
     return trial, log_strain(trial), history, real(0.0)
 
 
-def update_small(B: Any, L: Any, history: Any, mat: Any):
-    """:func:`update` without branches for small strain, and the square that :func:`is_small` must accept."""
+def step_small(B: Any, L: Any, history: Any, mat: Any):
+    """:func:`step` without branches for small strain, and the square that :func:`is_small` must accept."""
     trial = trial_strain(B, L)
     return trial, log_strain_series(trial), history, real(0.0), contracted(trial, trial)

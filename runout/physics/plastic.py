@@ -1,12 +1,12 @@
-"""What the laws that flow share: the end of a step, once the return has said which stress is left.
+"""The step of every law that yields: trial strain, return of the law, new state.
 
-The return remembers the log volume that was gained without stress; it must be lost again before the material carries load
-(Tampubolon et al. 2017, ACM TOG 36:105, sec. 4.3.4).
+A law is a return mapping: from the Hencky strain of an elastic step it makes the strain of an admissible stress. It takes the place
+of :func:`law_return` where kernels are compiled.
 """
 
 from typing import Any
 
-from runout.physics.elastic import kirchhoff_stress, strain_of_log, strain_series
+from runout.physics.elastic import kirchhoff_stress, log_strain, log_strain_series, strain_of_log, strain_series, trial_strain
 from runout.physics.tensors import added, contracted, real, scaled, trace
 
 
@@ -16,7 +16,11 @@ def same(a: Any, b: Any):
 
 
 def gained_volume(h: Any, new: Any):
-    """Log volume [1] that a return from Hencky strain ``h`` to ``new`` has taken from the strain, not below 0."""
+    """Log volume [1] that a return from Hencky strain ``h`` to ``new`` has taken from the strain, not below 0.
+
+    A law without tension remembers it: it must be lost again before the material carries load (Tampubolon et al. 2017, ACM TOG
+    36:105, sec. 4.3.4).
+    """
     left = trace(h) - trace(new)
     if left < real(0.0):
         left = real(0.0)
@@ -49,3 +53,31 @@ def end_of_small_step(trial: Any, elastic: Any, new: Any, left: Any, lost: Any):
     if same(elastic, new):
         return trial, elastic, left, real(0.0), square
     return strain_series(scaled(new, real(2.0))), new, left, lost, square
+
+
+def law_return(h: Any, history: Any, mat: Any):
+    """Hencky strain, history and energy dissipated per stress-free volume [J/m3] after the return of a trial Hencky strain.
+
+    Here that of a material without yield; the ``update`` of a law stands in its place where kernels are compiled.
+    """
+    return h, history, real(0.0)
+
+
+def step(B: Any, L: Any, history: Any, mat: Any):
+    """One step of a law.
+
+    Returns the new B, the Hencky strain that gives its stress, the history variable and the energy
+    dissipated per stress-free volume [J/m3].
+    """
+    trial = trial_strain(B, L)
+    elastic = log_strain(trial)
+    new, left, lost = law_return(elastic, history, mat)
+    return end_of_step(trial, elastic, new, left, lost)
+
+
+def step_small(B: Any, L: Any, history: Any, mat: Any):
+    """:func:`step` without loops for small strain, and the square that ``elastic.is_small`` must accept."""
+    trial = trial_strain(B, L)
+    elastic = log_strain_series(trial)
+    new, left, lost = law_return(elastic, history, mat)
+    return end_of_small_step(trial, elastic, new, left, lost)

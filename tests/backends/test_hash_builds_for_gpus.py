@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from runout.model.laws import LAWS
+
 wp = pytest.importorskip("warp")
 kernels_of = pytest.importorskip("runout.backends.hash.kernels").compiled_kernels
 
@@ -64,14 +66,17 @@ def require_within(kernels, modules, folder, registers, spilled):
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precision, tmp_path):
-    kernels = kernels_of("drucker_prager", precision, False)
+    kernels = kernels_of(LAWS.find("drucker_prager"), precision, False)
     assert require_within(kernels, kernels.modules, tmp_path, LARGEST[precision], SPILLED[precision]) > 20
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_packed_one(precision, tmp_path):
     """Only what differs: the rest is the packed form's own, which stays as it was."""
-    plain, general = kernels_of("drucker_prager", precision, False), kernels_of("drucker_prager", precision, False, False, True)
+    plain, general = (
+        kernels_of(LAWS.find("drucker_prager"), precision, False),
+        kernels_of(LAWS.find("drucker_prager"), precision, False, False, True),
+    )
     assert general.modules[: len(plain.modules)] == plain.modules
     more = general.modules[len(plain.modules) :]
     assert require_within(general, more, tmp_path, GENERAL[precision], GENERAL_SPILLED[precision]) == 9
@@ -81,6 +86,6 @@ def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_p
     ("law", "ordered", "zoned", "general"), [("drucker_prager", True, True, True), ("granular_flow", False, False, False)]
 )
 def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(law, ordered, zoned, general, tmp_path):
-    for module, _lanes in kernels_of(law, "float32", ordered, zoned, general).modules:
+    for module, _lanes in kernels_of(LAWS.find(law), "float32", ordered, zoned, general).modules:
         paths = wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
         assert all(".version" in path.read_text()[:2000] for path in paths)

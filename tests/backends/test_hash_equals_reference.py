@@ -20,7 +20,7 @@ from scenes import (
 from test_sparse_equals_dense import CASES, CLAY, on_nodes, rough, run, run_with_changing_step, two_bodies
 
 from runout.backends.protocol import get_backend
-from runout.model.materials import GranularFlow
+from runout.materials.granular_flow import GranularFlow
 from runout.model.particles import Particles
 
 GRAINS = GranularFlow(

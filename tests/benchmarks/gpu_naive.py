@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from runout.backends.compile import warp_binding, warp_kernels, warp_record
+from runout.backends.compile import law_record, warp_binding, warp_kernels
 from runout.backends.hash import deform, motion, natives, stencil
 from runout.backends.hash.deform import _slopes, _store, _strain_of
 from runout.backends.hash.kernels import OPTIONS, _argument_types
@@ -40,8 +40,8 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics.bspline import weights
 from runout.physics.elastic import kirchhoff_stress
-from runout.physics.elastic import update as law_update
 from runout.physics.moments import affine_columns, stress_columns, velocity_gradient
+from runout.physics.plastic import step as law_update
 from runout.physics.tensors import real, vec
 
 
@@ -114,8 +114,8 @@ def _kernels(law: str) -> SimpleNamespace:
     physics = warp_binding(wp.float32)
     own, others = (wp.get_module(f"runout.naive.{law}{part}") for part in ("", ".unused"))
     own.options.update(OPTIONS)
-    record = warp_record(law, LAWS[law].fields, wp.float32)
-    update = getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update
+    record = law_record(LAWS.find(law), wp.float32)
+    update = physics.law(LAWS.find(law)).step
     kernels = warp_kernels(
         physics, (stencil, deform, motion, modules[__name__]), lambda name: others if name in vars(motion) else own,
         **_argument_types(wp.float32, record), **natives.of("float32"), law_update=update,

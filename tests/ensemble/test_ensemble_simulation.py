@@ -14,7 +14,7 @@ from runout.ensemble import machine
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import member_status
-from runout.model.materials import DruckerPrager
+from runout.materials.drucker_prager import DruckerPrager
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 

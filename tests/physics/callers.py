@@ -5,13 +5,15 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numba
 import numpy as np
 import warp as wp
-from parity_cases import CASES, LENGTH, MATERIAL, Case
+from parity_cases import CASES, LENGTH, Case, law_cases
 
 from runout.backends.compile import numba_binding, warp_binding, warp_record
+from runout.model.laws import Law
 
 WARP_TYPES = {"s": "real", "v": "vec", "y": "sym", "t": "tens", "i": "wp.int32", "k": "wp.int64"}
 
@@ -23,7 +25,7 @@ def integral(case: Case) -> bool:
 
 def plain(case: Case, arguments: list[np.ndarray]) -> np.ndarray:
     """Results (n, length) of the function as it stands in its module."""
-    material = SimpleNamespace(**MATERIAL)
+    material = SimpleNamespace(**case.material)
     rows = []
     for p in range(len(arguments[0])):
         row = [a[p].tolist() for a in arguments]
@@ -37,9 +39,8 @@ def plain(case: Case, arguments: list[np.ndarray]) -> np.ndarray:
 def through_numba(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:
     """Results (n, length) of the function compiled by numba."""
     binding = numba_binding(real, False)
-    module, function = case.function.__module__.rsplit(".", 1)[-1], case.function.__name__
-    record = np.array([tuple(MATERIAL.values())], dtype=[(name, real) for name in MATERIAL])
-    scope = {"f": getattr(getattr(binding, module), function)}
+    record = np.array([tuple(case.material.values())], dtype=[(name, real) for name in case.material])
+    scope = {"f": _function(binding, case)}
     exec(_numba_source(case), scope)
     out = _results(case, len(arguments[0]), real)
     numba.njit(scope["run"], error_model="numpy")(*(_typed(a, real) for a in arguments), record, out)
@@ -48,10 +49,10 @@ def through_numba(case: Case, arguments: list[np.ndarray], real: type) -> np.nda
 
 def through_warp(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:
     """Results (n, length) of the function compiled by warp, on the CPU."""
-    kernels = _warp_kernels(real)
+    kernels = _warp_kernels(real, case.law)
     scalar = wp.float32 if real is np.float32 else wp.float64
     material = kernels.record()
-    for name, value in MATERIAL.items():
+    for name, value in case.material.items():
         setattr(material, name, value)
     types = {"s": scalar, "i": wp.int32, "k": wp.int64, **{c: getattr(kernels, WARP_TYPES[c]) for c in "vyt"}}
     inputs = [
@@ -90,25 +91,29 @@ def _numba_source(case: Case) -> str:
 
 
 @cache
-def _warp_kernels(real: type) -> ModuleType:
-    """A module with one kernel per case; warp reads its source from a file."""
+def _warp_kernels(real: type, law: Law | None) -> ModuleType:
+    """A module with one kernel per case of physics, or of a law; warp reads its source from a file."""
     wp.config.quiet = True
-    path = Path(mkdtemp(prefix="runout-parity-")) / f"parity_kernels_{real.__name__}.py"
-    path.write_text("import warp as wp\n" + "\n".join(_warp_source(case) for case in CASES))
+    cases = law_cases(law) if law else CASES
+    name = law.name if law else "physics"
+    path = Path(mkdtemp(prefix="runout-parity-")) / f"parity_kernels_{name}_{real.__name__}.py"
+    path.write_text("import warp as wp\n" + "\n".join(_warp_source(case) for case in cases))
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     scalar = wp.float32 if real is np.float32 else wp.float64
     binding = warp_binding(scalar)
     names = {name: binding.names[name] for name in ("vec", "sym", "tens")}
-    names |= {"real": scalar, "record": warp_record("parity", tuple(MATERIAL), scalar)}
-    names |= {f"f_{case.name}": _function(binding, case) for case in CASES}
+    names |= {"real": scalar, "record": warp_record(f"parity_{name}", tuple(cases[0].material), scalar)}
+    names |= {f"f_{case.name}": _function(binding, case) for case in cases}
     module.__dict__.update(names)
     spec.loader.exec_module(module)
     module.__dict__.update(names)
     return module
 
 
-def _function(binding: SimpleNamespace, case: Case):
+def _function(binding: Any, case: Case):
+    if case.law:
+        return getattr(binding.law(case.law), case.function.__name__)
     return getattr(getattr(binding, case.function.__module__.rsplit(".", 1)[-1]), case.function.__name__)
 
 

@@ -10,14 +10,13 @@ from types import FunctionType
 
 import numpy as np
 
+from runout.model.laws import Law
 from runout.physics import (
     blocks,
     bspline,
     contact,
-    drucker_prager,
     elastic,
     geostatic,
-    granular_flow,
     heightfield,
     moments,
     plastic,
@@ -28,8 +27,8 @@ from runout.physics import (
 )
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
-MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "cone_slope": 0.75, "cone_intercept": 2.0e3, "volume_correction": 1.0}
-MATERIAL |= {"static_friction": 0.38, "friction_rise": 0.26, "inertial_constant": 0.3, "grain_inertia": 1.2, "time_step": 1e-3}
+MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6}
+TIME_STEP = 1e-3
 Sampler = Callable[[np.random.Generator, int], np.ndarray]
 
 
@@ -40,10 +39,18 @@ class Case:
     results: str
     samplers: tuple[Sampler, ...]
     single_precision: float = 1e-6  # difference from float64, relative to the largest result
+    law: Law | None = None  # whose function it is
 
     @property
     def name(self) -> str:
-        return f"{self.function.__module__.rsplit('.', 1)[-1]}_{self.function.__name__}"
+        home = self.law.name if self.law else self.function.__module__.rsplit(".", 1)[-1]
+        return f"{home}_{self.function.__name__}"
+
+    @property
+    def material(self) -> dict[str, float]:
+        """Record of parameters."""
+        record = self.law.example.record() if self.law else MATERIAL
+        return {**record, "time_step": TIME_STEP} if "time_step" in record else record
 
     def sample(self, n: int = 400, seed: int = 3) -> list[np.ndarray]:
         """Arguments (n, length) without the material record."""
@@ -134,31 +141,20 @@ CASES = [
     Case(elastic.kirchhoff_stress, "ym", "y", (strain,)),
     Case(elastic.strain_of_stress, "ym", "y", (spread(1e4, 6),)),
     Case(elastic.energy_density, "ym", "s", (strain,)),
-    Case(elastic.update, "ytsm", "yyss", (strain, rate, ratio)),
+    Case(elastic.pressure, "ym", "s", (strain,)),
+    Case(elastic.deviatoric_stress, "ym", "s", (strain,)),
+    Case(elastic.step, "ytsm", "yyss", (strain, rate, ratio)),
     Case(elastic.vanishes, "s", "b", (whole(0, 1),)),
     Case(elastic.is_small, "s", "b", (outside_of(0.009, 0.08),)),  # between, it depends on the precision
-    Case(elastic.update_small, "ytsm", "yysss", (strain, rate, ratio)),
-    Case(drucker_prager.cone_triaxial_compression, "ss", "ss", (angle, modulus)),
-    Case(drucker_prager.cone_triaxial_extension, "ss", "ss", (angle, modulus)),
-    Case(drucker_prager.cone_plane_strain, "ss", "ss", (angle, modulus)),
-    Case(drucker_prager.cone_plane_strain_associated, "ss", "ss", (angle, modulus)),
-    Case(drucker_prager.pressure, "ym", "s", (strain,)),
-    Case(drucker_prager.deviatoric_stress, "ym", "s", (strain,)),
-    Case(drucker_prager.return_to_cone, "ym", "y", (loaded,)),
-    Case(drucker_prager.plastic_return, "ysm", "yss", (loaded, remembered)),
+    Case(elastic.step_small, "ytsm", "yysss", (strain, rate, ratio)),
     Case(plastic.same, "yy", "b", (strain, strain)),
     Case(plastic.gained_volume, "yy", "s", (strain, strain)),
     Case(plastic.dissipated_energy, "yym", "s", (strain, strain)),
     Case(plastic.end_of_step, "yyyss", "yyss", (strain, strain, strain, remembered, number)),
     Case(plastic.end_of_small_step, "yyyss", "yysss", (strain, strain, strain, remembered, number)),
-    Case(drucker_prager.update_small, "ytsm", "yysss", (loaded, rate, remembered)),
-    Case(drucker_prager.update, "ytsm", "yyss", (loaded, rate, remembered)),
-    Case(granular_flow.friction, "sm", "s", (angle,)),
-    Case(granular_flow.plastic_shear, "ssm", "s", (between(1.0, 1e5), between(1.0, 1e5))),
-    Case(granular_flow.return_to_flow, "ym", "y", (loaded,)),
-    Case(granular_flow.flow_return, "ysm", "yss", (loaded, remembered)),
-    Case(granular_flow.update_small, "ytsm", "yysss", (loaded, rate, remembered)),
-    Case(granular_flow.update, "ytsm", "yyss", (loaded, rate, remembered)),
+    Case(plastic.law_return, "ysm", "yss", (strain, remembered)),
+    Case(plastic.step, "ytsm", "yyss", (strain, rate, remembered)),
+    Case(plastic.step_small, "ytsm", "yysss", (strain, rate, remembered)),
     Case(geostatic.at_rest, "s", "s", (angle,)),
     Case(geostatic.shear_strength, "ss", "s", (angle, modulus)),
     Case(geostatic.acting_friction, "ss", "s", (angle, angle)),
@@ -231,3 +227,13 @@ CASES = [
     Case(timestep.isolated_limit, "sss", "s", (modulus, modulus, between(0.5, 1.0))),
     Case(timestep.particle_limit, "ss", "s", (step, between(0.1, 50.0))),
 ]
+
+
+def law_cases(law: Law) -> list[Case]:
+    """The return mapping of a law and the steps that a kernel makes of it."""
+    returns = [Case(law.update, "ysm", "yss", (loaded, remembered), law=law)] if law.update else []
+    return [
+        *returns,
+        Case(law.step, "ytsm", "yyss", (loaded, rate, remembered), law=law),
+        Case(law.step_small, "ytsm", "yysss", (loaded, rate, remembered), law=law),
+    ]

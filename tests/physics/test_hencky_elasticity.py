@@ -59,8 +59,8 @@ def test_trial_strain_is_that_of_the_deformation_gradient(B, L):
 def test_superposed_rotation_turns_strain_and_keeps_energy(seed):
     rng = np.random.default_rng(seed)
     q, B, L = rotation(rng), components(0.02 * matrix(rng.normal(size=6))), 0.02 * rng.normal(size=(3, 3))
-    still = elastic.update(B, flat(L), 0.0, MAT)
-    turned = elastic.update(B, flat(q @ (np.eye(3) + L) - np.eye(3)), 0.0, MAT)
+    still = elastic.step(B, flat(L), 0.0, MAT)
+    turned = elastic.step(B, flat(q @ (np.eye(3) + L) - np.eye(3)), 0.0, MAT)
     np.testing.assert_allclose(matrix(turned[0]), q @ matrix(still[0]) @ q.T, atol=1e-14)
     np.testing.assert_allclose(matrix(turned[1]), q @ matrix(still[1]) @ q.T, atol=1e-14)
     np.testing.assert_allclose(elastic.energy_density(turned[1], MAT), elastic.energy_density(still[1], MAT), rtol=1e-10)

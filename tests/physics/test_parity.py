@@ -1,13 +1,15 @@
-"""One source, three machines: plain Python, numba and warp on the CPU agree on every function of physics."""
+"""One source, three machines: plain Python, numba and warp on the CPU agree on every function of physics and on every law."""
 
 import numpy as np
 import pytest
 from callers import integral, plain, through_numba, through_warp
-from parity_cases import CASES
+from parity_cases import CASES, law_cases
 
 from runout.backends.compile import CONSTRUCTORS, PHYSICS, functions_of
+from runout.model.laws import LAWS
 
-every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+ALL_CASES = [*CASES, *(case for law in LAWS.of_runout() for case in law_cases(law))]
+every_case = pytest.mark.parametrize("case", ALL_CASES, ids=lambda case: case.name)
 compilers = pytest.mark.parametrize("compiled", [through_numba, through_warp])
 
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from physics_lint import violations
 
 import runout.physics
+from runout.model.shared_subset import violations
 
 MODULES = sorted(Path(runout.physics.__file__).parent.glob("*.py"))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from runout.model.materials import DruckerPrager
+from runout.materials.drucker_prager import DruckerPrager
 from runout.model.terrain import Terrain
 
 UTM_16 = pyproj.CRS("EPSG:32616").to_wkt()

@@ -7,8 +7,10 @@ import pytest
 
 from runout import Release, Terrain
 from runout.accuracy import PARTICLES_PER_CELL
+from runout.materials.drucker_prager import DruckerPrager
+from runout.materials.elastic import Elastic
+from runout.materials.granular_flow import GranularFlow
 from runout.model.friction import FrictionZones
-from runout.model.materials import DruckerPrager, Elastic, GranularFlow
 from runout.release.arrangement import LEVEL, default_particles, particles_for
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=8e6, friction_angle=30.0)

@@ -1,6 +1,7 @@
 """One limit for every way to state a quantity: number, attribute, raster, array; site.yaml and Python."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas
@@ -8,9 +9,10 @@ import pytest
 import shapely
 
 import runout
-from runout.config.distributions import PARAMETERS
-from runout.config.schema import DruckerPragerSettings, GranularFlowSettings, SimulationSettings
+from runout.config.material import OF_THE_RUN, settings_of
+from runout.config.schema import SimulationSettings
 from runout.errors import ConfigError, InputError, MaterialError, ReleaseError
+from runout.model.laws import LAWS
 from runout.model.limits import LIMITS, checked
 from runout.model.release import Release
 
@@ -115,16 +117,25 @@ def test_angle_of_a_release_in_radians_is_refused(write_polygons, terrain):
 
 
 def test_settings_and_python_have_one_table_of_ranges():
-    fields = {
-        **{name: field for model in (DruckerPragerSettings, GranularFlowSettings) for name, field in model.model_fields.items()},
-        **SimulationSettings.model_fields,
-    }
-    shared = {name: field for name, field in fields.items() if name.removesuffix("_deg") in LIMITS and name != "cell_size"}
-    assert len(shared) >= 12
+    shared = {name: field for name, field in SimulationSettings.model_fields.items() if name in LIMITS and name != "cell_size"}
+    assert len(shared) >= 5
     for name, field in shared.items():
-        valid = LIMITS[name.removesuffix("_deg")]
-        bounds = {key: getattr(m, key) for m in field.metadata for key in ("gt", "ge", "le") if getattr(m, key, None) is not None}
-        assert bounds == valid.bounds(), name
+        valid = LIMITS[name]
+        assert bounds_of(field) == valid.bounds(), name
         with pytest.raises(ConfigError, match=f"it must be .* at most {valid.high:g}".replace("+", r"\+")):
-            checked(name.removesuffix("_deg"), 2 * valid.high + 1, error=ConfigError)
-    assert set(PARAMETERS.values()) <= set(LIMITS.values())
+            checked(name, 2 * valid.high + 1, error=ConfigError)
+    assert set(OF_THE_RUN.values()) <= set(LIMITS.values())
+
+
+@pytest.mark.parametrize("law", LAWS.of_runout(), ids=lambda law: law.name)
+def test_settings_and_python_have_the_ranges_that_a_law_declares(law):
+    numbers = [p for p in law.parameters if p.valid]
+    assert len(numbers) >= 3
+    for p in numbers:
+        assert bounds_of(settings_of(law).model_fields[p.key]) == p.valid.bounds(), p.name
+        with pytest.raises(MaterialError, match=f"{p.name} is .* at most {p.valid.high:g}".replace("+", r"\+")):
+            replace(law.example, **{p.name: 2 * p.valid.high + 1})
+
+
+def bounds_of(field):
+    return {key: getattr(m, key) for m in field.metadata for key in ("gt", "ge", "le") if getattr(m, key, None) is not None}

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runout.errors import ConfigError, ReleaseError
-from runout.model.materials import DruckerPrager
+from runout.materials.drucker_prager import DruckerPrager
 from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
@@ -205,7 +205,7 @@ def test_release_thinner_than_any_particle_is_refused(terrain, material):
 def test_sampling_an_array_needs_no_library_of_the_edges():
     code = (
         "import sys, numpy as np; from runout.model.terrain import Terrain; from runout.model.release import Release; "
-        "from runout.model.surface import Surface; from runout.model.materials import Elastic; "
+        "from runout.model.surface import Surface; from runout.materials.elastic import Elastic; "
         "from runout.release.sample import sample_particles; "
         "r = Release(np.ones((4, 4)), Terrain(np.ones((4, 4)), (5.0, 5.0))); s = Surface.through(np.zeros((5, 5)), (5.0, 5.0)); "
         "assert len(sample_particles([r], [Elastic(density=1e3, youngs_modulus=1e6)], s, (5.0, 5.0, 1.0))) == 128; "

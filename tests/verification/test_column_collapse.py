@@ -14,7 +14,7 @@ from collapse import collapsed_column
 from pipelines.verification_cases.bodies import filled, lattice
 from pipelines.verification_cases.closed_forms import axisymmetric_height, axisymmetric_runout
 from pipelines.verification_cases.column_collapse import WALLED, deposit, held_by, round_column, sand
-from runout.model.materials import Cone
+from runout.materials.drucker_prager import Cone
 
 SCATTER = 0.25
 RECORD = Path(__file__).parents[2] / "tests" / "benchmarks" / "records" / "verification.json"

@@ -99,7 +99,7 @@ class Batch:
         with ThreadPoolExecutor() as pool:
             self.accounts = list(pool.map(_account, scenes))
         also = any(x.friction_zones for x in self.scenes), general.is_general(self.scene)
-        self.k = compiled_kernels(self.scene.law.name, self.scene.precision, deterministic, *also)
+        self.k = compiled_kernels(self.scene.law, self.scene.precision, deterministic, *also)
         self.since_sort, self.sorting = 0, False
         self.told: np.ndarray | None = None  # sums of the present state, once somebody has asked
         self.seen: dict[int, Columns] = {}  # the same by column

@@ -21,8 +21,8 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.stencil import _arms
 from runout.physics.bspline import weights
 from runout.physics.elastic import kirchhoff_stress
-from runout.physics.elastic import update as law_update
 from runout.physics.moments import affine_columns, moment_slope, stress_columns, velocity_gradient
+from runout.physics.plastic import step as law_update
 from runout.physics.tensors import real, sym, vec
 
 

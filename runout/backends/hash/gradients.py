@@ -54,8 +54,8 @@ from runout.backends.hash.stencil import (
 )
 from runout.physics.bspline import moment_slopes, weight_slopes, weights
 from runout.physics.elastic import kirchhoff_stress
-from runout.physics.elastic import update as law_update
 from runout.physics.moments import affine_columns, stress_columns, velocity_gradient
+from runout.physics.plastic import step as law_update
 from runout.physics.tensors import real, vec
 from runout.physics.transfers import dilatation, gradient_slope, kept_velocity, slip_moment, slip_velocity, with_dilatation
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.compile import warp_binding, warp_kernels, warp_record
+from runout.backends.compile import law_record, warp_binding, warp_kernels
 from runout.backends.hash import cells as cell_lists
 from runout.backends.hash import (
     contact,
@@ -25,7 +25,7 @@ from runout.backends.hash import (
     zones,
 )
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
-from runout.model.laws import LAWS
+from runout.model.laws import Law
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
 WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
@@ -61,14 +61,14 @@ def _argument_types(real: Any, record: Any) -> dict[str, Any]:
 _physics = cache(warp_binding)
 
 
-def _bound(law: str, precision: str, sources: tuple[Any, ...], module_of: Any, **flags: bool) -> SimpleNamespace:
+def _bound(law: Law, precision: str, sources: tuple[Any, ...], module_of: Any, **flags: bool) -> SimpleNamespace:
     """Kernels of source modules for a law and a number type."""
     real = wp.float32 if precision == "float32" else wp.float64
     physics, wide = _physics(real), _physics(wp.float64)
-    record = warp_record(law, LAWS[law].fields, real)
+    record = law_record(law, real)
     kernels = warp_kernels(
         physics, sources, module_of, **_argument_types(real, record), **flags,
-        law_update=getattr(physics, LAWS[law].module.__name__.rsplit(".", 1)[-1]).update,
+        law_update=physics.law(law).step,
         **natives.of(precision),
         first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
         bend_smoothness64=wide.heightfield.bend_smoothness, resampled_coefficient64=wide.heightfield.resampled_coefficient,
@@ -93,7 +93,7 @@ def _share_multiprocessor(kernels: SimpleNamespace, precision: str, blocks: dict
 
 
 @cache
-def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = False, general: bool = False) -> SimpleNamespace:
+def compiled_kernels(law: Law, precision: str, ordered: bool, zoned: bool = False, general: bool = False) -> SimpleNamespace:
     """Kernels for a law and a number type.
 
     ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``general``: a transfer other than the packed
@@ -103,7 +103,7 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
     if general:
         plain, own = compiled_kernels(law, precision, ordered, zoned), _general_kernels(law, precision, ordered)
         return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
-    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
+    name = f"{NAME}.{law.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
     cells, warps, others = _module(f"{name}.cells", CELL_LANES), _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES)
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
@@ -119,9 +119,9 @@ def compiled_kernels(law: str, precision: str, ordered: bool, zoned: bool = Fals
 
 
 @cache
-def _general_kernels(law: str, precision: str, ordered: bool) -> SimpleNamespace:
+def _general_kernels(law: Law, precision: str, ordered: bool) -> SimpleNamespace:
     """What a general scene takes in the place of kernels of the packed form or besides; the rest of these is not compiled again."""
-    name = f"{NAME}.{law}.{precision}" + ".ordered" * ordered + ".general"
+    name = f"{NAME}.{law.name}.{precision}" + ".ordered" * ordered + ".general"
     cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
     kernels = _bound(
         law, precision, (stencil, zones, contact, deform, gradients, forces, motion),

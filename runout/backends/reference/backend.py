@@ -17,7 +17,7 @@ from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, StabilityError
-from runout.model.laws import LAWS
+from runout.model.laws import Law
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline
@@ -27,11 +27,10 @@ MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx,
 
 
 @cache
-def compiled_loops(law: str) -> SimpleNamespace:
+def compiled_loops(law: Law) -> SimpleNamespace:
     """Loops over particles for one law, float64, without fused operations: bitwise what plain Python gives."""
     binding = numba_binding(np.float64, False)
-    module = LAWS[law].module.__name__.rsplit(".", 1)[-1]
-    return binding.kernels(loops_source, update=getattr(binding, module).update)
+    return binding.kernels(loops_source, law_step=binding.law(law).step)
 
 
 def create(threads: int | None = None) -> "ReferenceBackend":
@@ -56,7 +55,7 @@ class ReferenceBackend:
         self.scene = scene
         self.spacing = np.array(scene.spacing, np.float64)
         self.inverse_inertia = bspline.inverse_inertia(self.spacing)
-        self.loops = compiled_loops(scene.law.name)
+        self.loops = compiled_loops(scene.law)
         self.table = scene.law.table(scene.materials)
         self._p = particles.take(np.argsort(particles.identity, kind="stable"))
         self.particle_volume = footprints.mean_volume(scene, particles)

@@ -1,13 +1,14 @@
 """Loops over particles that apply one formula of :mod:`runout.physics` to each; the binding compiles them.
 
-They hold no formula and no addressing. ``update`` stands for the law of the scene: the binding puts it there.
+They hold no formula and no addressing. ``law_step`` stands for the law of the scene: the binding puts it there.
 """
 
 from typing import Any
 
 from runout.physics.contact import impulse, in_contact, work
-from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain, update
+from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
 from runout.physics.heightfield import distance, upward_normal
+from runout.physics.plastic import step as law_step
 from runout.physics.tensors import dot, sym, tens, vec
 
 
@@ -20,7 +21,7 @@ def follow_law(strain: Any, gradient: Any, history: Any, release: Any, table: An
         B = strain[p]
         L = gradient[p]
         rate = tens(L[0], L[1], L[2], L[3], L[4], L[5], L[6], L[7], L[8])
-        new, _, left, lost = update(sym(B[0], B[1], B[2], B[3], B[4], B[5]), rate, history[p], table[release[p]])
+        new, _, left, lost = law_step(sym(B[0], B[1], B[2], B[3], B[4], B[5]), rate, history[p], table[release[p]])
         history[p] = left
         dissipated[p] = lost
         for k in range(6):

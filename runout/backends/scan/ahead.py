@@ -49,7 +49,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         return
     import locket
 
-    label = f"{scene.law.name} {scene.precision} {len(scene.materials) == 1} {variant(scene)}"
+    label = f"{scene.law.name} {scene.law.fingerprint} {scene.precision} {len(scene.materials) == 1} {variant(scene)}"
     done = cache_root() / f"{source_key(sources, label, *map(_stamp, sources))}.done"
     if done.exists():
         return

@@ -11,7 +11,7 @@ from runout.backends.scan.index import Index
 from runout.backends.scan.order import _spacious
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.store import Store, capacity
-from runout.model.materials import Elastic
+from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 
@@ -33,7 +33,7 @@ def bytes_needed(
     transfer, f_bar : str, bool
         As of :class:`runout.model.scene.Scene`.
     """
-    rock = Elastic(density=2000.0, youngs_modulus=1e6)
+    rock = Material(density=2000.0, youngs_modulus=1e6)
     scene = Scene(
         (1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (0.5,), precision=precision, transfer=transfer, f_bar=f_bar
     )

@@ -43,9 +43,9 @@ from runout.backends.scan.stencil import (
     zeros,
 )
 from runout.physics.elastic import is_small, kirchhoff_stress
-from runout.physics.elastic import update as law_update
-from runout.physics.elastic import update_small as law_update_small
 from runout.physics.moments import affine_columns, moment_about, momentum_at, stress_columns, velocity_gradient
+from runout.physics.plastic import step as law_update
+from runout.physics.plastic import step_small as law_update_small
 from runout.physics.tensors import real, sym, vec
 from runout.physics.transfers import kept_velocity, with_dilatation
 

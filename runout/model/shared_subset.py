@@ -1,7 +1,8 @@
-"""Finds constructs in physics that numba, warp and plain Python would not all take to mean the same."""
+"""The subset of Python that numba, warp and plain Python read alike: formulas of physics and of laws keep to it."""
 
 import ast
 from collections.abc import Iterator
+from typing import TypeGuard
 
 FORBIDDEN = (
     ast.AnnAssign,
@@ -28,18 +29,23 @@ WIDEST_INT = 2**31 - 1
 
 
 def violations(source: str) -> Iterator[tuple[int, str]]:
-    """Line and message of each violation."""
+    """Line and message of each violation in a module of physics."""
     tree = ast.parse(source)
     yield from _imports(tree)
     for function in (n for n in tree.body if isinstance(n, ast.FunctionDef)):
-        cast = {id(a) for call in ast.walk(function) if _calls(call, CASTS) for arg in call.args for a in _literal(arg)}
-        indexed = {s.value.id for s in ast.walk(function) if isinstance(s, ast.Subscript) and isinstance(s.value, ast.Name)}
-        floored = {id(c.args[0]) for c in ast.walk(function) if _calls(c, {"int"}) and c.args}
-        body = function.body[1:] if ast.get_docstring(function) else function.body
-        for node in (n for statement in body for n in ast.walk(statement)):
-            message = _operator(node, indexed) or _call(node, floored) or _constant(node, cast)
-            if message or isinstance(node, FORBIDDEN):
-                yield node.lineno, message or f"{type(node).__name__} is not in the shared subset"
+        yield from violations_in(function)
+
+
+def violations_in(function: ast.FunctionDef) -> Iterator[tuple[int, str]]:
+    """Line and message of each violation in a function."""
+    cast = {id(a) for call in ast.walk(function) if _calls(call, CASTS) for arg in call.args for a in _literal(arg)}
+    indexed = {s.value.id for s in ast.walk(function) if isinstance(s, ast.Subscript) and isinstance(s.value, ast.Name)}
+    floored = {id(c.args[0]) for c in ast.walk(function) if _calls(c, {"int"}) and c.args}
+    body = function.body[1:] if ast.get_docstring(function) else function.body
+    for node in (n for statement in body for n in ast.walk(statement)):
+        message = _operator(node, indexed) or _call(node, floored) or _constant(node, cast)
+        if message or isinstance(node, FORBIDDEN):
+            yield getattr(node, "lineno", function.lineno), message or f"{type(node).__name__} is not in the shared subset"
 
 
 def _imports(tree: ast.Module) -> Iterator[tuple[int, str]]:
@@ -48,10 +54,10 @@ def _imports(tree: ast.Module) -> Iterator[tuple[int, str]]:
         names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
         for name in names:
             if not name.startswith(IMPORTS):
-                yield node.lineno, f"physics imports only {', '.join(IMPORTS)}, not {name}"
+                yield getattr(node, "lineno", 0), f"physics imports only {', '.join(IMPORTS)}, not {name}"
 
 
-def _calls(node: ast.AST, names: set[str]) -> bool:
+def _calls(node: ast.AST, names: set[str]) -> TypeGuard[ast.Call]:
     return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in names
 
 
@@ -78,7 +84,7 @@ def _call(node: ast.AST, floored: set[int]) -> str:
     if node.keywords:
         return "keyword arguments do not resolve in warp"
     if _calls(node, {"round", "pow"}):
-        return f"{node.func.id} differs between the compilers"
+        return f"{ast.unparse(node.func)} differs between the compilers"
     if _calls(node, {"min", "max"}) and len(node.args) != 2:
         return "min and max take two arguments in warp"
     if _calls(node, {"int"}) and not (isinstance(node.args[0], ast.Call) and ast.unparse(node.args[0].func) == "math.floor"):

@@ -1,0 +1,158 @@
+"""Parameters of a law: each one is declared once, in the class that has it, and everything else derives from that.
+
+A law is a frozen dataclass whose fields are made by :func:`parameter`, :func:`choice` and :func:`switch`. site.yaml, ensembles,
+checks, documentation and tests read the declarations with :func:`parameters_of`.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass
+from enum import StrEnum
+from typing import Any
+
+from runout.errors import MaterialError
+from runout.model.limits import Range, checked_within
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Declaration of one parameter.
+
+    Attributes
+    ----------
+    name : str
+        In Python.
+    description : str
+        One line: the comment in site.yaml, and the text of the tables.
+    valid : Range or None
+        Range and unit of a number; None for a choice or a switch.
+    choices : type of StrEnum or None
+        The words of a choice.
+    default : object
+        Value where none is given; ``dataclasses.MISSING`` for a parameter that must be given.
+    typical : object
+        Value of examples and tests: the default where there is one.
+    sampled : bool
+        Whether an ensemble may sample it.
+    """
+
+    name: str
+    description: str
+    valid: Range | None
+    choices: type[StrEnum] | None
+    default: Any
+    typical: Any
+    sampled: bool
+
+    @property
+    def key(self) -> str:
+        """Name at the edge (site.yaml, tables of members): angles end in ``_deg``."""
+        return f"{self.name}_deg" if self.is_angle else self.name
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is given in degrees."""
+        return self.valid is not None and self.valid.degrees
+
+    def si(self, value: Any) -> float:
+        """The value as a number, in SI units and radians; a choice has none."""
+        return math.radians(value) if self.is_angle else float(value)
+
+    def checked(self, value: Any) -> Any:
+        """The value in its type.
+
+        Raises
+        ------
+        MaterialError
+            If it is not valid: name, value, range or choices.
+        """
+        if self.valid:
+            checked_within(self.valid, self.name, value, error=MaterialError)
+            return value
+        if self.choices:
+            try:
+                return self.choices(value)
+            except ValueError:
+                raise MaterialError(f"{self.name} is {value!r}; choose one of {', '.join(self.choices)}") from None
+        if not isinstance(value, bool):
+            raise MaterialError(f"{self.name} is {value!r}; it must be True or False")
+        return value
+
+
+def parameter(
+    description: str,
+    *,
+    low: float,
+    high: float,
+    unit: str = "",
+    default: Any = MISSING,
+    typical: float | None = None,
+    open_low: bool = False,
+    degrees: bool = False,
+    sampled: bool = False,
+    hint: str = "",
+) -> Any:
+    """Field of a number.
+
+    Parameters
+    ----------
+    description : str
+        One line, without unit and range.
+    low, high : float
+        Valid range, both ends included unless ``open_low``.
+    unit : str
+        SI, or ``deg``; empty for a pure number.
+    default : float, optional
+        Without one the parameter must be given.
+    typical : float, optional
+        Value of examples and tests; needed without a default.
+    open_low : bool
+        ``low`` itself is not valid.
+    degrees : bool
+        An angle in degrees at the edge: its key in site.yaml ends in ``_deg``, what looks like radians is refused.
+    sampled : bool
+        Ensembles may sample it.
+    hint : str
+        Remedy for a value out of range.
+    """
+    valid = Range(low, high, unit, hint, open_low, degrees)
+    return _field(Parameter("", description, valid, None, default, default if typical is None else typical, sampled))
+
+
+def choice(description: str, words: type[StrEnum], default: StrEnum) -> Any:
+    """Field of one of some words."""
+    return _field(Parameter("", description, None, words, default, default, sampled=False))
+
+
+def switch(description: str, default: bool) -> Any:
+    """Field of a yes or no."""
+    return _field(Parameter("", description, None, None, default, default, sampled=False))
+
+
+def parameters_of(law: type) -> tuple[Parameter, ...]:
+    """The declared parameters of a law, in the order of their declaration, those of its bases first."""
+    return tuple(
+        dataclasses.replace(field.metadata["parameter"], name=field.name)
+        for field in dataclasses.fields(law)
+        if "parameter" in field.metadata
+    )
+
+
+def numpydoc(law: type) -> str:
+    """Docstring of a law with the section of its parameters."""
+    text = (law.__doc__ or "").rstrip()
+    lines = [line for p in parameters_of(law) for line in _documented(p)]
+    return "\n".join([text, "", "    Parameters", "    ----------", *lines, "    "])
+
+
+def _documented(p: Parameter) -> Iterator[str]:
+    kind = "float" if p.valid else p.choices.__name__ if p.choices else "bool"
+    known = "" if p.default is MISSING else f", default {p.default:g}" if p.valid else f", default {p.default}"
+    unit = f" [{p.valid.unit or '1'}], {p.valid.words()}" if p.valid else ""
+    yield f"    {p.name} : {kind}{known}"
+    yield f"        {p.description[0].upper()}{p.description[1:]}{unit}."
+
+
+def _field(declared: Parameter) -> Any:
+    return dataclasses.field(default=declared.default, metadata={"parameter": declared})
