@@ -1,7 +1,8 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
-``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{variables} max_speed ...`` lists variables of
-the products; ``{presets}`` the presets of accuracy.
+``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law, and
+``{law-classes}`` their classes; ``{variables} max_speed ...`` lists variables of the products; ``{presets}`` the presets of
+accuracy.
 """
 
 from typing import Any
@@ -24,6 +25,35 @@ class SettingsTable(SphinxDirective):
         model = _settings_class(self.arguments[0])
         rows = [_setting_row(name, field) for name, field in model.model_fields.items()]
         return _table(self, ["key", "unit", "default", "range", "meaning"], rows)
+
+
+class LawTables(SphinxDirective):
+    """For each law of runout what it is, its history variable, and a table of the keys of its material in site.yaml."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the tables."""
+        from runout.config.material import sampled_ranges, settings_of
+        from runout.model.laws import LAWS
+
+        nodes = []
+        for law in LAWS.of_runout():
+            model, sampled = settings_of(law), sampled_ranges(law)
+            history = f" History variable: {law.material.history}." if law.material.history else ""
+            nodes += self.parse_text_to_nodes(f"`law: {law.name}`. {model.__doc__}{history}")
+            rows = [[*_setting_row(name, field), "yes" if name in sampled else ""] for name, field in model.model_fields.items()]
+            nodes += _table(self, ["key", "unit", "default", "range", "meaning", "sampled"], rows)
+        return nodes
+
+
+class LawClasses(SphinxDirective):
+    """The classes that the files of runout's laws define."""
+
+    def run(self) -> list[Any]:
+        """Nodes of their documentation."""
+        from runout.model.laws import public_names
+
+        text = "\n".join(f"```{{eval-rst}}\n.. autoclass:: runout.{name}\n```\n" for name in public_names())
+        return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
 
 
 class VariablesTable(SphinxDirective):
@@ -103,6 +133,8 @@ def _table(directive: Directive, head: list[str], rows: list[list[str]]) -> list
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("settings", SettingsTable)
+    app.add_directive("laws", LawTables)
+    app.add_directive("law-classes", LawClasses)
     app.add_directive("variables", VariablesTable)
     app.add_directive("presets", PresetsTable)
     return {"parallel_read_safe": True}

@@ -86,7 +86,9 @@ def _bind_law(
     own: dict[Any, Any] = dict(compiled)
     for function in [*(functions_of_law(law.update) if law.update else ()), law.step, law.step_small]:
         if function not in own:
-            own[function] = compile_one(rebound(function, names, own))
+            copy = rebound(function, names, own)
+            copy.__qualname__ = f"{function.__name__}_{law.name}_{law.fingerprint}"  # part of the key of compiled code
+            own[function] = compile_one(copy)
     return SimpleNamespace(update=own.get(law.update), step=own[law.step], step_small=own[law.step_small])
 
 

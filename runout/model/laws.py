@@ -85,10 +85,8 @@ class Law:
         return self._with_return(plastic.step_small) if self.update else elastic.step_small  # type: ignore[return-value]
 
     def _with_return(self, step: Any) -> FunctionType:
-        """A step, named after the law and the checksum of its sources."""
         own = FunctionType(step.__code__, {**step.__globals__, "law_return": self.update}, step.__name__)
-        own.__qualname__, own.__doc__ = f"{step.__name__}_{self.name}_{self.fingerprint}", step.__doc__
-        own.__annotations__, own.__module__ = dict(step.__annotations__), step.__module__
+        own.__annotations__, own.__module__, own.__doc__ = dict(step.__annotations__), step.__module__, step.__doc__
         return own
 
     @property
