@@ -24,7 +24,7 @@ class Material:
     law: ClassVar[str] = ""  # name in site.yaml
     history: ClassVar[str] = ""  # what the history variable of a particle is, with unit; it starts at 0
     depends_on_rate: ClassVar[bool] = False  # whether the record holds the length of the step [s], ``time_step``
-    largest_cfl: ClassVar[float] = LARGEST_CFL  # Courant number above which its steps are refused
+    largest_cfl: ClassVar[float] = LARGEST_CFL  # Courant number that its steps keep to
     density: float = parameter(
         "bulk density", unit="kg m-3", low=100, high=5000, default=2000.0, sampled=True, hint="2 g/cm3 is 2000"
     )

@@ -102,9 +102,8 @@ class Scene:
             checked("cell_size", h, error=ConfigError)
         if not is_number(self.cfl):
             raise ConfigError(f"cfl is {self.cfl!r}; it must be a number, {CFL:g} is usual")
-        most = min((m.largest_cfl for m in self.materials), default=LARGEST_CFL)
-        if not 0 < self.cfl <= most:
-            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {most:g}, use {CFL:g}")
+        if not 0 < self.cfl <= LARGEST_CFL:
+            raise StabilityError(f"cfl is {self.cfl:g}; an isolated particle is unstable above {LARGEST_CFL:g}, use {CFL:g}")
         if self.precision not in ("float32", "float64"):
             raise ConfigError(f"precision is {self.precision!r}; choose float32 or float64")
         if self.transfer not in TRANSFERS:
@@ -154,8 +153,8 @@ class Scene:
 
     @property
     def largest_cfl(self) -> float:
-        """Courant number above which steps are refused: :attr:`isolated_cfl`, at most that of the law."""
-        return min(self.law.material.largest_cfl, self.isolated_cfl)
+        """Courant number above which steps are refused: :attr:`isolated_cfl`, at most that of the materials."""
+        return min(self.isolated_cfl, *(m.largest_cfl for m in self.materials))
 
     @cached_property
     def wave_speed(self) -> float:
@@ -202,7 +201,7 @@ class Scene:
 
     def stable_step(self, speed: float) -> float:
         """Time step [s] to take while the fastest particle moves at ``speed`` [m/s]: that of ``cfl``, if this keeps a reserve."""
-        return min(self._limits(speed, min(self.cfl, RESERVE * self.isolated_cfl)).values())
+        return min(self._limits(speed, min(self.cfl, RESERVE * self.isolated_cfl, self.largest_cfl)).values())
 
     def require_stable(self, dt: float, speed: float, step: int) -> None:
         """Nothing, if step number ``step`` of ``dt`` [s] can be stable while the fastest particle moves at ``speed`` [m/s].

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from parity_cases import law_cases
 from scenes import box, engine_of, plane, scene
 
+from runout.errors import StabilityError
 from runout.model.laws import LAWS
 from runout.physics import elastic
 
@@ -89,3 +90,13 @@ def test_backends_move_a_slab_of_mud_alike(name):
     assert speed > 0.1
     np.testing.assert_allclose(found.velocity[order], expected.velocity, atol=1e-2 * speed)
     np.testing.assert_allclose(found.strain[order], expected.strain, atol=1e-2 * np.abs(expected.strain).max())
+
+
+def test_steps_keep_to_the_courant_number_of_a_law():
+    class Brittle(HerschelBulkley):
+        largest_cfl = 0.2
+
+    quick, slow = (scene(materials=(m,)) for m in (MUD, Brittle(**{p.name: getattr(MUD, p.name) for p in LAW.parameters})))
+    assert slow.stable_step(0.0) == pytest.approx(quick.stable_step(0.0) * 0.2 / quick.cfl)
+    with pytest.raises(StabilityError, match=r"0\.2 cells of 1 m"):
+        slow.require_stable(quick.stable_step(0.0), 0.0, 1)
