@@ -14,6 +14,7 @@ from runout.materials.granular_flow import GranularFlow
 from runout.model.laws import LAWS
 from runout.physics import elastic
 
+SOIL, GRAINS = LAWS.find("drucker_prager"), LAWS.find("granular_flow")
 COHESION, PRESSURE = 10e3, 50e3
 Tensor = tuple[float, ...]
 CELL = 100e3  # [Pa] of the triaxial test
@@ -36,7 +37,7 @@ def path(mat: SimpleNamespace, B: Tensor, rate: Callable[[int], Tensor], steps: 
     """B, Hencky strain and dissipated energy [J/m3] after each step with velocity gradient times dt ``rate(k)``."""
     history, states = 0.0, []
     for k in range(steps):
-        B, h, history, lost = LAWS.find("drucker_prager").step(B, rate(k), history, mat)
+        B, h, history, lost = SOIL.step(B, rate(k), history, mat)
         states.append((B, h, lost))
     return states
 
@@ -60,11 +61,11 @@ def triaxial_defect() -> float:
     for _ in range(40):
 
         def excess(d: float, B: Tensor = B, history: float = history) -> float:
-            h = LAWS.find("drucker_prager").step(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)[1]
+            h = SOIL.step(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)[1]
             return float(-elastic.kirchhoff_stress(h, mat)[0] - CELL)
 
         d = brentq(excess, -1e-2, 1e-2, xtol=1e-16)
-        B, h, history, _ = LAWS.find("drucker_prager").step(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)
+        B, h, history, _ = SOIL.step(B, (d, 0.0, 0.0, 0.0, d, 0.0, 0.0, 0.0, -2e-3), history, mat)
     peak = 3 * (mat.cone_slope * CELL + mat.cone_intercept) / (3 - mat.cone_slope)
     return abs(elastic.deviatoric_stress(h, mat) / peak - 1)
 
@@ -133,7 +134,7 @@ def flowing(step: float = 1e-4) -> tuple[float, float, float]:
     B, history, losses = pressed(mat), 0.0, []
     for _ in range(2000):
         trial = elastic.log_strain(elastic.trial_strain(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
-        B, h, history, lost = LAWS.find("granular_flow").step(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), history, mat)
+        B, h, history, lost = GRAINS.step(B, (0.0, step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), history, mat)
         losses.append(lost)
     shear = elastic.deviatoric_stress(h, mat) / math.sqrt(3) / PRESSURE
     plastic = (elastic.deviatoric_stress(trial, mat) / math.sqrt(3) / PRESSURE - shear) * PRESSURE / mat.shear_modulus
