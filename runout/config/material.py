@@ -2,19 +2,18 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING
 from functools import cache, partial
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ValidationInfo, create_model, model_validator
 
-from runout.config.distributions import Distribution, Settings, plausible_degrees, quantity, refuse, within_range
+from runout.config.declared import declared_fields, sampled_in
+from runout.config.distributions import Distribution, Settings, quantity, refuse, within_range
 from runout.config.wording import choice_fix, shown
 from runout.errors import MaterialError
 from runout.model.laws import LAWS, Law
 from runout.model.limits import LIMITS, Range
 from runout.model.materials import Material
-from runout.model.parameters import Parameter
 
 DEFAULT_LAW = "drucker_prager"
 _WORDS: Any = Literal
@@ -61,30 +60,13 @@ def settings_of(law: Law) -> type[MaterialSettings]:
     """Settings of the material that follows a law."""
     names = ", ".join(LAWS.names())
     default = DEFAULT_LAW if law.name == DEFAULT_LAW else ...
-    fields: dict[str, Any] = {p.key: (_type(p), _field(p)) for p in law.parameters}
     return create_model(
         f"{law.material.__name__}Settings",
         __base__=MaterialSettings,
         __doc__=(law.material.__doc__ or "").splitlines()[0],
         law=(_WORDS[law.name], quantity(f"material law: {names}", default)),
-        **fields,
+        **declared_fields(law.parameters),
     )
-
-
-def _type(p: Parameter) -> Any:
-    if p.choices:
-        return _WORDS[tuple(word.value for word in p.choices)]  # plain text in the settings, as in the file
-    if p.valid is None:
-        return bool
-    return Annotated[float, AfterValidator(plausible_degrees)] if p.is_angle else float
-
-
-def _field(p: Parameter) -> Any:
-    default = ... if p.default is MISSING else p.default.value if p.choices else p.default
-    words = f": {', '.join(p.choices)}" if p.choices else ""
-    bounds: Any = p.valid.bounds() if p.valid else {}
-    unit, hint = (p.valid.unit, p.valid.hint) if p.valid else ("", "")
-    return quantity(p.description + words, default, unit=unit, hint=hint, **bounds)
 
 
 def law_named_in(block: Any) -> str | None:
@@ -118,7 +100,7 @@ def validated_material(block: Any) -> MaterialSettings:
 def sampled_ranges(law: Law | None = None) -> dict[str, Range]:
     """Range of each parameter that an ensemble may sample, by its key: of a law, or of all known laws."""
     laws = [law] if law else LAWS.known()
-    return OF_THE_RUN | {p.key: p.valid for each in laws for p in each.parameters if p.sampled and p.valid}
+    return OF_THE_RUN | sampled_in(p for each in laws for p in each.parameters)
 
 
 @cache

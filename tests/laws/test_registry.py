@@ -1,6 +1,7 @@
 """Laws are found by name: one file inside the package, an entry point or an import outside; what is wrong with one is said."""
 
 import ast
+import importlib
 import importlib.util
 import json
 import os
@@ -16,14 +17,17 @@ import numpy as np
 import pytest
 import xarray as xr
 from herschel_bulkley import HerschelBulkley
+from pydantic import ValidationError, create_model
 from ramp_site import SITE, write_site
 
 import runout
 from runout.backends.compile import numba_binding
 from runout.check import inspect
+from runout.config.declared import declared_fields, sampled_in
+from runout.config.distributions import Settings
 from runout.errors import ConfigError, MaterialError
 from runout.model.laws import LAWS
-from runout.model.parameters import parameter
+from runout.model.parameters import parameter, parameters_of
 from runout.model.registry import modules_of
 from runout.physics.tensors import real, scaled
 
@@ -232,3 +236,33 @@ def loaded(name, path, monkeypatch):
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
     return module
+
+
+def test_another_kind_of_law_has_the_same_declarations_and_registry(tmp_path, monkeypatch):
+    """What a law of basal friction needs: a registry of its folder, and settings and samples from its declared parameters."""
+    folder = tmp_path / "frictions"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("")
+    (folder / "coulomb.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from runout.model.parameters import parameter\n"
+        "import holder\n"
+        "@dataclass(frozen=True, kw_only=True)\n"
+        "class Coulomb:\n"
+        "    angle: float = parameter('basal angle', unit='deg', low=0, high=60, typical=20.0, degrees=True, sampled=True)\n"
+        "holder.FRICTIONS.add('coulomb', 'frictions.coulomb.Coulomb', Coulomb)\n"
+    )
+    (tmp_path / "holder.py").write_text(
+        "from runout.errors import ConfigError\nfrom runout.model.registry import Registry\n"
+        "FRICTIONS = Registry('basal friction', 'frictions', 'runout.frictions', ConfigError)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    holder = importlib.import_module("holder")
+    coulomb = holder.FRICTIONS.find("coulomb")
+    model = create_model("CoulombSettings", __base__=Settings, **declared_fields(parameters_of(coulomb)))
+    assert model.model_validate({"angle_deg": 25.0}).angle_deg == 25.0
+    with pytest.raises(ValidationError, match="suspiciously small"):
+        model.model_validate({"angle_deg": 0.4})
+    assert sampled_in(parameters_of(coulomb))["angle_deg"].high == 60
+    with pytest.raises(ConfigError, match="'voelmy' is no basal friction; choose one of coulomb"):
+        holder.FRICTIONS.find("voelmy")
