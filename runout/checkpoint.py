@@ -112,6 +112,7 @@ def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
     ground = scene.surface
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
     transfer = (scene.transfer, scene.flip_ratio, scene.f_bar, scene.sleep_speed)
+    digest.update(scene.law.source.encode())
     digest.update(repr((plain, transfer, scene.contact_band, ground and (ground.spacing, ground.origin))).encode())
     arrays = [] if ground is None else [ground.coefficients]
     if scene.friction_zones:

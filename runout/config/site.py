@@ -269,8 +269,8 @@ class Site:
     def computed(self) -> dict[str, Any]:
         """What of :meth:`resolved` makes the results: not where they are computed, since the sparse backends agree."""
         content, law = self._stated(), LAWS.find(self.settings.material.law)
-        if not law.is_of_runout:  # whose laws change with its version
-            content["material"]["source"] = law.fingerprint
+        if law.source:
+            content["material"]["source"] = law.source
         place = content["simulation"]
         del place["device"]
         if place["backend"] != "reference":

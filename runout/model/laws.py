@@ -67,6 +67,11 @@ class Law:
         """Checksum of the sources: compiled code and results of a law of another package depend on it."""
         return fingerprint(self.material, self.update)
 
+    @property
+    def source(self) -> str:
+        """What results depend on beside the version of runout: :attr:`fingerprint` of a law of another package, else nothing."""
+        return "" if self.is_of_runout else self.fingerprint
+
     def table(self, materials: tuple[Material, ...], dtype: Any = float) -> "np.ndarray":
         """Structured array (materials,) of the records."""
         import numpy as np
