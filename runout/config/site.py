@@ -304,11 +304,13 @@ class Site:
 
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
         """The sampled parameters; refused where a name is not one."""
+        if not sample:  # a site of which only the inputs can be read has no material
+            return {}
         ranges = sampled_ranges(LAWS.find(self.settings.material.law))
-        unknown = [name for name in sample or {} if name not in ranges and name not in ROW_EXTRAS]
+        unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
         if unknown:
             raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
-        return {name: float(value) for name, value in (sample or {}).items() if name in ranges}
+        return {name: float(value) for name, value in sample.items() if name in ranges}
 
     def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
         from runout.release.read import read_raster, read_vector
