@@ -54,7 +54,7 @@ def load_prototype(path: Path) -> ModuleType:
     return module
 
 
-class PrototypeCourse:
+class PrototypeRun:
     """The prototype on the particles of a layer, which stay in their cells (see :class:`pipelines.timing.Course`)."""
 
     def __init__(self, module: ModuleType, layer: Layer, threads: int):

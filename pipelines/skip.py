@@ -25,7 +25,7 @@ from runout.io.atomic import write_json
 from runout.model.particles import Particles
 from runout.model.release import Placement
 from runout.model.scene import Scene
-from runout.simulation import Course, Run, build_scene
+from runout.simulation import Run, RunControl, build_scene
 
 SITE = Path(__file__).parents[1] / "sites" / "jacksboro"
 FILE = "skip.json"
@@ -33,7 +33,7 @@ MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "depo
 REPEATS, CHECKPOINTED = 2, 400_000
 FLOWING = (15.0, 60.0, False)  # basal friction angle [deg], end time [s], stop rule: a flow that is fast all the time
 RESTING = (25.0, 180.0, True)  # and one that comes to rest before the end
-Made = tuple[Scene, Particles, Course]
+Made = tuple[Scene, Particles, RunControl]
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Outcome:
     observations: int
 
 
-def follow(scene: Scene, particles: Particles, course: Course, threads: int | None = None) -> Outcome:
+def follow(scene: Scene, particles: Particles, control: RunControl, threads: int | None = None) -> Outcome:
     """Outcome of a run on the scan backend, without its setup."""
-    run = Run(get_backend("scan", threads=threads), scene, course, None, None)
+    run = Run(get_backend("scan", threads=threads), scene, control, None, None)
     run.start(particles)
     started, wall = time.process_time(), time.perf_counter()
     run.go()
@@ -85,10 +85,10 @@ def follow(scene: Scene, particles: Particles, course: Course, threads: int | No
 
 
 def compared(
-    scene: Scene, particles: Particles, course: Course, switch: Switch, repeats: int, threads: int | None
+    scene: Scene, particles: Particles, control: RunControl, switch: Switch, repeats: int, threads: int | None
 ) -> dict[str, Any]:
     """One row: runs with and without a switch in turn; times are the shortest of each, as ratios."""
-    ways = (replace(scene, **switch.on), course), (scene, replace(course, **switch.off))
+    ways = (replace(scene, **switch.on), control), (scene, replace(control, **switch.off))
     pairs = []
     for _ in range(repeats):
         pairs.append([follow(its_scene, particles, its_course, threads) for its_scene, its_course in ways])
@@ -117,8 +117,8 @@ def jacksboro(friction: float, end_time: float, stop: bool) -> Made:
     scene, particles = build_scene(
         **{name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
     )
-    course = Course(end_time, stop, arguments["arrival_threshold"])
-    return scene, particles, course
+    control = RunControl(end_time, stop, arguments["arrival_threshold"])
+    return scene, particles, control
 
 
 def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
@@ -130,13 +130,13 @@ def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
     slab[8:16, 6:14], bed[4:20, 26:70] = 6.0, 2.0
     releases = [Release(thickness, terrain, placement=Placement.ON_SURFACE) for thickness in (slab, bed)]
     soil = DruckerPrager(density=2000.0, youngs_modulus=5e6, friction_angle=30.0, cohesion=5e3)
-    return *build_scene(terrain, releases, soil, 22.0, cell_size), Course(end_time, False)
+    return *build_scene(terrain, releases, soil, 22.0, cell_size), RunControl(end_time, False)
 
 
 def measure(scenes: Mapping[str, Made], repeats: int = REPEATS, threads: int | None = None) -> dict[str, Any]:
     """All rows, with what they were measured on; the scenes by the names that the switches call them."""
-    scene, particles, course = scenes["flowing"]
-    follow(scene, particles, replace(course, end_time=1e-3 * course.end_time), threads)  # compile
+    scene, particles, control = scenes["flowing"]
+    follow(scene, particles, replace(control, end_time=1e-3 * control.end_time), threads)  # compile
     rows = [compared(*scenes[switch.scene], switch, repeats, threads) for switch in SWITCHES]
     machine = {
         "processor": platform.processor() or platform.machine(),

@@ -51,7 +51,7 @@ class Run:
 
 
 @dataclass
-class Course:
+class TimedRun:
     """A case under way: steps of one length, and an observation as often as a simulation makes one."""
 
     case: Case
@@ -137,13 +137,13 @@ def _runs(steps: int, n: int) -> list[int]:
     return [min(length, steps - done) for done in range(0, steps, length)]
 
 
-def take_turns(courses: Sequence[Any], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
+def take_turns(timed_runs: Sequence[Any], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
     """What ``measured`` of each course says after ``repetitions`` rounds, each in the reverse order of the one before."""
     for round_number in range(repetitions):
-        for course in courses[:: 1 if round_number % 2 == 0 else -1]:
-            course.repeat()
+        for timed in timed_runs[:: 1 if round_number % 2 == 0 else -1]:
+            timed.repeat()
         tick()
-    return [course.measured() for course in courses]
+    return [timed.measured() for timed in timed_runs]
 
 
 def memory_of(engine: Any, n: int) -> dict[str, float]:

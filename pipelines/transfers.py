@@ -17,7 +17,7 @@ from pipelines.verification_cases.column_collapse import rods as collapsed_rods
 from pipelines.work_precision import machine, versions
 from runout.backends.protocol import get_backend
 from runout.io.atomic import write_json
-from runout.physics.resolution import numerical_viscosity
+from runout.physics.numerical_scales import numerical_viscosity
 
 WAYS: dict[str, dict[str, Any]] = {
     "mls": {},

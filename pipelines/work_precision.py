@@ -15,9 +15,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from pipelines.prototype import PrototypeCourse, load_prototype
+from pipelines.prototype import PrototypeRun, load_prototype
 from pipelines.sloping_layer import PER_CELL, Layer
-from pipelines.timing import Case, Course, take_turns
+from pipelines.timing import Case, TimedRun, take_turns
 from runout import __version__, log
 from runout.accuracy import PARTICLES_PER_CELL
 from runout.errors import BudgetError, CapacityError, ConfigError
@@ -104,7 +104,7 @@ def measured(choices: Choices) -> dict[str, Any]:
     with log.progress("bench") as bar:
         for number, (name, cases) in enumerate(plan):
             tick = _ticks(bar, number, len(plan) + bool(prototype), choices.repetitions)
-            studies.setdefault(name, []).extend(take_turns(_courses(cases), choices.repetitions, tick))
+            studies.setdefault(name, []).extend(take_turns(_timed_runs(cases), choices.repetitions, tick))
         if prototype:
             studies["against"] = _against(prototype, choices)
     return {
@@ -136,15 +136,15 @@ def planned(choices: Choices) -> list[tuple[str, list[Case]]]:
     return [(name, cases) for name, cases in plan if cases]
 
 
-def _courses(cases: Sequence[Case]) -> list[Course]:
+def _timed_runs(cases: Sequence[Case]) -> list[TimedRun]:
     """Courses of the cases that a backend does not refuse for their size, such as a dense index over a very large box."""
-    courses = []
+    timed_runs = []
     for case in cases:
         try:
-            courses.append(Course(case))
+            timed_runs.append(TimedRun(case))
         except (BudgetError, CapacityError, MemoryError) as error:
             LOGGER.warning("%s index at sparsity %g is left out: %s", case.index, case.layer.sparsity, error)
-    return courses
+    return timed_runs
 
 
 def _fits(particles: int, cases: int) -> bool:
@@ -161,9 +161,9 @@ def _against(prototype: Any, choices: Choices) -> list[dict[str, Any]]:
     done = []
     for size in choices.sizes or AGAINST:
         layer = Layer(size, depth=DEEP)
-        courses: list[Any] = [PrototypeCourse(prototype, layer, t) for t in choices.usable_threads]
-        courses += [Course(Case(layer, t, device=choices.device)) for t in choices.usable_threads]
-        done += take_turns(courses, choices.repetitions)
+        timed_runs: list[Any] = [PrototypeRun(prototype, layer, t) for t in choices.usable_threads]
+        timed_runs += [TimedRun(Case(layer, t, device=choices.device)) for t in choices.usable_threads]
+        done += take_turns(timed_runs, choices.repetitions)
     return done
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from runout.accuracy import choices
 from runout.backends.protocol import (
     Backend,
-    Columns,
     Counters,
     LedgerRow,
+    RasterSums,
     SceneBatch,
     bytes_on_device,
     find_device,
@@ -30,7 +30,7 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.result import Result
-from runout.simulation import BATCH, Course, Run, build_scene
+from runout.simulation import BATCH, Run, RunControl, build_scene
 
 MOST = 64  # scenarios in a launch
 ENOUGH = 10_000_000  # particles that keep a device busy: more scenarios would only wait for each other's preparation
@@ -107,7 +107,7 @@ class _Job:
     terrain: Terrain
     scene: Scene
     particles: Particles
-    course: Course
+    control: RunControl
     progress: Callable[[float], None] | None
     seconds: float  # to prepare it
     bytes: float  # on the device
@@ -120,12 +120,12 @@ class _Job:
         release = given["release"]
         given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
         times = tuple(sorted(given.pop("snapshot_times", ())))
-        course = Course(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
+        control = RunControl(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
         found: list[Extent] = []
         scene, particles = build_scene(**{"basal_friction_angle": 20.0, **given}, accept=found.append)
         needed = bytes_on_device(found[0].particles, found[0].nodes_on_device, scene.precision, scene.transfer, scene.f_bar)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
-        return cls(number, given["terrain"], scene, particles, course, tell, clock.perf_counter() - started, needed)
+        return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed)
 
 
 class _Ahead:
@@ -197,10 +197,10 @@ class _View:
     def ledger(self) -> LedgerRow:
         return self.rows()[self.scene]
 
-    def columns(self) -> Columns:
+    def columns(self) -> RasterSums:
         return self.batch.columns_of(self.scene)
 
-    def flow_columns(self) -> Columns:
+    def flow_columns(self) -> RasterSums:
         return self.batch.flow_columns_of(self.scene)
 
 
@@ -212,7 +212,7 @@ class _Together:
         self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.rows: list[LedgerRow] = []  # of the present state, once somebody has asked
         views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
-        self.runs = [Run(view, job.scene, job.course, job.progress, None) for view, job in zip(views, jobs, strict=True)]
+        self.runs = [Run(view, job.scene, job.control, job.progress, None) for view, job in zip(views, jobs, strict=True)]
         self.todo = [0] * len(jobs)  # steps of each to its next look
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()

@@ -14,9 +14,9 @@ from runout.errors import ConfigError, InputError, MaterialError, RunoutError
 
 if TYPE_CHECKING:
     from runout.config.site import Site
+    from runout.model.depth_resolution import DepthResolution
     from runout.model.friction import FrictionZones
     from runout.model.release import Release
-    from runout.model.resolution import Resolution
     from runout.model.terrain import Terrain
 
 LARGEST_STRAIN = 0.01  # elastic, under the release's own weight
@@ -135,7 +135,7 @@ def _inspect_resolution(found: Findings, site: "Site") -> None:
     spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3)
     for release in found.releases:
         found.problems += _too_coarse(release, spacing)
-        found.warnings += _too_thin(release, resolution(release, site, grid))
+        found.warnings += _too_thin(release, depth_resolution(release, site, grid))
         found.warnings += _too_soft(release, site)
         found.warnings += _trapped(release, site)
 
@@ -164,9 +164,9 @@ def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
         yield f"release {release.name}: {area}; set simulation.cell_size to {finer:.2g} or less"
 
 
-def resolution(release: "Release", site: "Site", grid: "dict[str, Any]") -> "Resolution":
+def depth_resolution(release: "Release", site: "Site", grid: "dict[str, Any]") -> "DepthResolution":
     """What the ``grid`` of a site resolves of a release where it is thickest, with the step that the material allows at rest."""
-    from runout.model.resolution import Resolution
+    from runout.model.depth_resolution import DepthResolution
     from runout.model.scene import Raster, Scene
 
     stated, (rows, columns) = site.settings.simulation, release.thickness.shape
@@ -175,11 +175,11 @@ def resolution(release: "Release", site: "Site", grid: "dict[str, Any]") -> "Res
     scene = Scene(
         tuple(spacing), None, raster, (material,), (0.0,), cfl=grid["cfl"], transfer=stated.transfer, flip_ratio=stated.flip_ratio
     )
-    return Resolution.of(float(release.thickness.max()), scene, scene.stable_step(0.0))
+    return DepthResolution.of(float(release.thickness.max()), scene, scene.stable_step(0.0))
 
 
-def _too_thin(release: "Release", found: "Resolution") -> Iterator[str]:
-    from runout.model.resolution import FEWEST_CELLS
+def _too_thin(release: "Release", found: "DepthResolution") -> Iterator[str]:
+    from runout.model.depth_resolution import FEWEST_CELLS
 
     if found.is_coarse:
         finer = found.depth / FEWEST_CELLS

@@ -25,7 +25,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 7  # of the file; raise it when the meaning of a state changes
+FORMAT = 8  # of the file; raise it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 # errors of a damaged archive; RuntimeError is one that seems to be encrypted, or packed by an unknown method
 DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from runout.backends.protocol import Columns, LedgerRow
+from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
 from runout.model.scene import Raster
 
@@ -32,7 +32,7 @@ class PeakMaps:
             setattr(self, name, np.zeros(shape))
         self.arrival_time = np.full(shape, np.nan)
 
-    def observe(self, time: float, columns: Columns) -> None:
+    def observe(self, time: float, columns: RasterSums) -> None:
         """Take in the columns at one time [s]."""
         thickness, speed, pressure = flow_fields(columns, self.raster)
         thick, window = thickness >= self.arrival_threshold, columns.window
@@ -51,7 +51,7 @@ class PeakMaps:
         return {name: getattr(self, name) for name in names}
 
 
-def flow_fields(columns: Columns, raster: Raster) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def flow_fields(columns: RasterSums, raster: Raster) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Thickness [m], speed [m/s] and dynamic pressure rho v^2 [Pa] of the columns (rows, columns)."""
     thickness = columns.volume / (raster.cell_size[0] * raster.cell_size[1])
     mass = np.maximum(columns.mass, np.finfo(float).tiny)

@@ -50,7 +50,7 @@ def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | 
 
     from pipelines.study import Study
     from runout.accuracy import lines
-    from runout.check import resolution
+    from runout.check import depth_resolution
     from runout.plan import forecast
     from runout.status import print_stages
 
@@ -60,7 +60,7 @@ def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | 
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}"
         edge = f", {release.edge} edge" if release.outline is not None else ""
         console.print(f"release {release.name}: {volume}{edge}, up to {release.thickness.max():.3g} m thick", markup=False)
-        console.print(f"release {release.name}: {resolution(release, study.site, grid).statement()}", markup=False)
+        console.print(f"release {release.name}: {depth_resolution(release, study.site, grid).statement()}", markup=False)
     for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):
         console.print(line, markup=False)
     print_stages(console, study)

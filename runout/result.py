@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.model.depth_resolution import DepthResolution
 from runout.model.particles import Particles
-from runout.model.resolution import Resolution
 from runout.model.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Result:
     n_particles: int
     timing: dict[str, float]
     stop_reason: str
-    resolution: Resolution
+    depth_resolution: DepthResolution
     snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     start: Mapping[str, Any] = field(default_factory=dict)
 
@@ -63,7 +63,7 @@ class Result:
     def ledger(self) -> "xr.Dataset":
         """Sums over the whole mass against ``time`` [s]: mass, momentum, energies, dissipation, step and work.
 
-        Its attributes tell the resolution (:class:`runout.model.resolution.Resolution`).
+        Its attributes tell the resolution (:class:`runout.model.depth_resolution.Resolution`).
         """
         import xarray as xr
 
@@ -71,7 +71,7 @@ class Result:
 
         series = {k: ("time", v, VARIABLES[k].attributes()) for k, v in self.series.items() if k != "time"}
         time = ("time", self.series["time"], VARIABLES["time"].attributes())
-        return xr.Dataset(series, coords={"time": time}, attrs=self.resolution.attributes())
+        return xr.Dataset(series, coords={"time": time}, attrs=self.depth_resolution.attributes())
 
     @cached_property
     def particles(self) -> "xr.Dataset":
@@ -113,4 +113,4 @@ class Result:
 
     def _attributes(self) -> dict[str, Any]:
         run = {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}
-        return run | dict(self.start) | self.resolution.attributes()
+        return run | dict(self.start) | self.depth_resolution.attributes()

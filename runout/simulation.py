@@ -10,18 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from runout.accuracy import CFL, choices
-from runout.backends.protocol import Backend, BatchBackend, Columns, ResumableBackend, WindowBackend, get_backend
+from runout.backends.protocol import Backend, BatchBackend, RasterSums, ResumableBackend, WindowBackend, get_backend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.checkpoint import EVERY, Checkpoint, checkpoint_for, run_key
 from runout.errors import ConfigError, ReleaseError
 from runout.memory import Extent, expected_extent, expected_memory, require_memory
 from runout.model import basal_strength
+from runout.model.depth_resolution import FEWEST_CELLS, DepthResolution, flow_depth
 from runout.model.friction import FrictionZones
 from runout.model.limits import checked, spacing_of
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Release
-from runout.model.resolution import FEWEST_CELLS, Resolution, flow_depth
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.terrain import Terrain
 from runout.observers import AtRest, Ledger, PeakMaps, flow_fields
@@ -35,7 +35,7 @@ STEP_RATIO = 1.04  # steps of time change in these ratios, so that records are r
 
 
 @dataclass(frozen=True)
-class Course:
+class RunControl:
     """How a run goes on in time, and what of it is skipped because nothing needs it.
 
     Attributes
@@ -166,7 +166,7 @@ def simulate(
         If a run cannot continue.
     """
     started = clock.perf_counter()
-    course = Course(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
+    control = RunControl(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}
@@ -179,8 +179,8 @@ def simulate(
     )  # fmt: skip
     for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
-    keep = checkpoint_for(checkpoint, checkpoint_every, engine, run_key(scene, particles, course, type(engine).__name__))
-    run = Run(engine, scene, course, progress, keep)
+    keep = checkpoint_for(checkpoint, checkpoint_every, engine, run_key(scene, particles, control, type(engine).__name__))
+    run = Run(engine, scene, control, progress, keep)
     n_particles = len(particles)
     run.start(particles)
     del particles
@@ -190,8 +190,8 @@ def simulate(
     result = run.result(terrain, n_particles, loaded - started)
     if keep:
         keep.remove()
-    if result.resolution.is_coarse:
-        LOGGER.warning("%s; use at least %d cells", result.resolution.statement(), FEWEST_CELLS)
+    if result.depth_resolution.is_coarse:
+        LOGGER.warning("%s; use at least %d cells", result.depth_resolution.statement(), FEWEST_CELLS)
     return result
 
 
@@ -260,13 +260,13 @@ class Run:
     """One run from time zero, or from its checkpoint, to its end."""
 
     def __init__(
-        self, engine: Backend, scene: Scene, course: Course, progress: Callable[[float], None] | None, keep: Checkpoint | None
+        self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None, keep: Checkpoint | None
     ):
-        self.engine, self.scene, self.course, self.progress, self.keep = engine, scene, course, progress, keep
-        self.peaks = PeakMaps(scene.raster, course.arrival_threshold)
+        self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
+        self.peaks = PeakMaps(scene.raster, control.arrival_threshold)
         self.ledger, self.rest = Ledger(), AtRest()
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
-        self.pending, self.reason = list(course.snapshot_times), ""
+        self.pending, self.reason = list(control.snapshot_times), ""
         self.time = self.dt = self.due = self.seconds = self.observing = 0.0
 
     def start(self, particles: Particles) -> None:
@@ -283,7 +283,7 @@ class Run:
         frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
         self.snapshots = list(zip(*frames, strict=True))
         self.pending = self.pending[len(self.snapshots) :]
-        LOGGER.info("goes on from a checkpoint at %.4g s of %.4g s", self.time, self.course.end_time)
+        LOGGER.info("goes on from a checkpoint at %.4g s of %.4g s", self.time, self.control.end_time)
 
     def _state(self, seconds: float) -> State:
         """All that :meth:`start` needs to go on, after ``seconds`` [s] of wall time here."""
@@ -314,15 +314,15 @@ class Run:
             n_particles=n_particles,
             timing=self.timing(setup),
             stop_reason=self.reason,
-            resolution=self.resolution(),
+            depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
             start=self.scene.start_attributes(),
         )
 
-    def resolution(self) -> Resolution:
+    def depth_resolution(self) -> DepthResolution:
         """What the grid resolves of the flow so far, with the mean length of a step."""
         depth, steps = flow_depth(self.peaks.max_flow_thickness), self.engine.counters.steps
-        return Resolution.of(depth, self.scene, self.time / max(1, steps))
+        return DepthResolution.of(depth, self.scene, self.time / max(1, steps))
 
     def go(self) -> None:
         """Step until the end time or rest."""
@@ -359,31 +359,31 @@ class Run:
 
     def looks_after(self, count: int) -> bool:
         """Whether it is time to observe once ``count`` steps are done."""
-        return self.time + self.dt * count >= min(self.due, self._next_stop()) - 1e-12 * self.course.end_time
+        return self.time + self.dt * count >= min(self.due, self._next_stop()) - 1e-12 * self.control.end_time
 
     def _next_stop(self) -> float:
-        return min([self.course.end_time, *self.pending[:1]])
+        return min([self.control.end_time, *self.pending[:1]])
 
     def _observe(self) -> float:
         """Record the present state; returns when the next observation is due [s]."""
         started, engine = clock.perf_counter(), self.engine
-        columns = engine.flow_columns() if self.course.crop and isinstance(engine, WindowBackend) else engine.columns()
+        columns = engine.flow_columns() if self.control.crop and isinstance(engine, WindowBackend) else engine.columns()
         row = engine.ledger()
         self.peaks.observe(self.time, columns)
         self.ledger.record(self.time, self.dt, row)
-        while self.pending and self.time >= self.pending[0] - 1e-12 * self.course.end_time:
+        while self.pending and self.time >= self.pending[0] - 1e-12 * self.control.end_time:
             self.snapshots.append((self.pending.pop(0), *self._frame(columns)))
-        if self.course.stop and self.rest.reached(row):
+        if self.control.stop and self.rest.reached(row):
             self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
-        elif self.time >= self.course.end_time * (1 - 1e-12):
+        elif self.time >= self.control.end_time * (1 - 1e-12):
             self.reason = "end time"
         if self.progress:
-            self.progress(1.0 if self.reason else self.time / self.course.end_time)
+            self.progress(1.0 if self.reason else self.time / self.control.end_time)
         self.observing += clock.perf_counter() - started
-        crossing = self.course.crossing * self.scene.observed_length / max(row.max_speed, 1e-3)
-        return self.time + min(self.course.end_time / OBSERVATIONS, crossing)
+        crossing = self.control.crossing * self.scene.observed_length / max(row.max_speed, 1e-3)
+        return self.time + min(self.control.end_time / OBSERVATIONS, crossing)
 
-    def _frame(self, columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+    def _frame(self, columns: RasterSums) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and speed [m/s] on the whole raster."""
         whole = np.zeros((2, self.scene.raster.rows, self.scene.raster.columns))
         whole[:, *columns.window] = flow_fields(columns, self.scene.raster)[:2]

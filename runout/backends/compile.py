@@ -29,8 +29,8 @@ from runout.physics import (
     geostatic,
     heightfield,
     moments,
+    numerical_scales,
     plastic,
-    resolution,
     tensors,
     timestep,
     transfers,
@@ -38,7 +38,7 @@ from runout.physics import (
 
 PHYSICS = (
     *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),
-    *(geostatic, contact, blocks, timestep, resolution),
+    *(geostatic, contact, blocks, timestep, numerical_scales),
 )
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 

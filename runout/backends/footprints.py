@@ -1,8 +1,8 @@
 """Footprints of particles on a raster finer than the grid: sums on a lattice of half grid cells, spread, brought to the raster.
 
 A backend adds each particle, a box of one grid cell, to the lattice. Where particles have moved apart, their mass is smoothed
-over more cells of the lattice (:func:`runout.physics.resolution.footprint_area`), mass, momentum and volume alike: over so many
-that few particles share them to find where the flow is, and over so many that more share them, inside that, to say how much is
+over more cells of the lattice (:func:`runout.physics.numerical_scales.footprint_area`), mass, momentum and volume alike: over so
+many that few particles share them to find where the flow is, and over so many that more share them, inside that, to say how much is
 there. Every cell of the raster then takes its share by area. Each stage keeps the sums to rounding, and no order depends on
 threads.
 """
@@ -16,10 +16,10 @@ import numpy as np
 
 from runout.backends import spreading
 from runout.backends.compile import numba_binding
-from runout.backends.protocol import Columns
+from runout.backends.protocol import RasterSums
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
-from runout.physics.resolution import smoothed_area
+from runout.physics.numerical_scales import smoothed_area
 
 HALVES = 2  # cells of the lattice in a cell of the grid, along each axis
 
@@ -87,9 +87,9 @@ def mean_volume(scene: Scene, particles: Particles) -> float:
     return float(np.mean(particles.mass / density)) if len(particles) else 0.0
 
 
-def nothing() -> Columns:
+def nothing() -> RasterSums:
     """Columns of a window without cells."""
-    return Columns(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 3)))
+    return RasterSums(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 3)))
 
 
 @cache
@@ -98,7 +98,7 @@ def loops() -> SimpleNamespace:
     return numba_binding(np.float64, False).kernels(spreading)
 
 
-def on_raster(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float) -> Columns:
+def on_raster(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float) -> RasterSums:
     """Columns over the cells of the raster that the lattice covers.
 
     ``sums`` (rows from the north, columns, 5) on the lattice: volume, mass and momentum of particles of the mean volume [m3].
@@ -113,24 +113,24 @@ def on_raster(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volum
     found = np.empty((len(along[0]), len(across[0]), 5))
     loops().share(spread, *along, *across, found)
     found, row = found[::-1], raster.rows - south - len(found)
-    return Columns(found[..., 0], found[..., 1], found[..., 2:], row, column)
+    return RasterSums(found[..., 0], found[..., 1], found[..., 2:], row, column)
 
 
-def on_whole(found: Columns, raster: Raster) -> Columns:
+def on_whole(found: RasterSums, raster: Raster) -> RasterSums:
     """The same columns on all cells of the raster."""
     shape = raster.rows, raster.columns
-    whole = Columns(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)))
+    whole = RasterSums(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)))
     for name in ("volume", "mass", "momentum"):
         getattr(whole, name)[found.window] = getattr(found, name)
     return whole
 
 
-def columns_of(scene: Scene, particles: Particles, particle_volume: float) -> Columns:
+def columns_of(scene: Scene, particles: Particles, particle_volume: float) -> RasterSums:
     """Columns over all cells of the raster, in plain NumPy: what the reference backend gives."""
     raster = scene.raster
     if not apply_to(scene):
         sums = _box_sums(scene, particles, Lattice((0, 0), (raster.columns, raster.rows), raster.cell_size))
-        return Columns(sums[..., 0], sums[..., 1], sums[..., 2:])
+        return RasterSums(sums[..., 0], sums[..., 1], sums[..., 2:])
     if not len(particles):
         return on_whole(nothing(), raster)
     node = particles.node[:, :2]

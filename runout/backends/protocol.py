@@ -36,7 +36,7 @@ class LedgerRow:
 
 
 @dataclass
-class Columns:
+class RasterSums:
     """What stands over each cell of the raster, or of a window of it (rows, columns): sums over its column of particles."""
 
     volume: np.ndarray  # [m3]
@@ -82,7 +82,7 @@ class Backend(Protocol):
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
 
-    def columns(self) -> Columns:
+    def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""
 
 
@@ -98,7 +98,7 @@ class BatchBackend(Protocol):
 class WindowBackend(Protocol):
     """A backend that knows where on the raster its mass is, so that observers need not look at the rest."""
 
-    def flow_columns(self) -> Columns:
+    def flow_columns(self) -> RasterSums:
         """The sums of :meth:`Backend.columns`, bit by bit, over a window of the raster that holds all mass."""
 
 
@@ -134,10 +134,10 @@ class SceneBatch(Protocol):
     def particles_of(self, s: int, /) -> Particles:
         """As :meth:`Backend.particles`."""
 
-    def columns_of(self, s: int, /) -> Columns:
+    def columns_of(self, s: int, /) -> RasterSums:
         """As :meth:`Backend.columns`."""
 
-    def flow_columns_of(self, s: int, /) -> Columns:
+    def flow_columns_of(self, s: int, /) -> RasterSums:
         """As :meth:`WindowBackend.flow_columns`."""
 
     def look_at(self, scenes: Sequence[int]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.physics.resolution import covered_part, footprint_area, part_beyond
+from runout.physics.numerical_scales import covered_part, footprint_area, part_beyond
 
 prange = range  # that of the compiler takes its place
 

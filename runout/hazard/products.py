@@ -17,8 +17,8 @@ from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
 from runout.io.provenance import file_record, provenance
 from runout.io.vector import write_outlines
+from runout.model.depth_resolution import worst
 from runout.model.release import Release
-from runout.model.resolution import worst
 from runout.model.terrain import Terrain
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness

@@ -24,7 +24,7 @@ def reach(radius: Any, speed: Any, dt: Any, band: Any):
     return radius + band + real(1.001) * dt * speed
 
 
-def fall(v: Any, east: Any, north: Any, more_east: Any, more_north: Any):
+def approach_speed(v: Any, east: Any, north: Any, more_east: Any, more_north: Any):
     """Speed [m/s] at which a velocity may at most approach a ground with slopes within ``more_east`` of ``east`` and so northwards.
 
     With the upward normal n = (-a, -b, 1) / sqrt(1 + a^2 + b^2) of a ground with slopes a and b, -v.n <= v1 a + v2 b - v3 where

@@ -22,7 +22,7 @@ CLOSE = 1e-9  # share of the volume that regridding may miss by round-off
 
 
 @dataclass(frozen=True)
-class Columns:
+class RasterSums:
     """Columns of particles of one release: indices of the plan lattice and mean thickness [m]."""
 
     index: np.ndarray  # (n, 2), east and north
@@ -206,7 +206,7 @@ def _require_resolved(release: Release, spacing: tuple[float, float, float]) -> 
     )
 
 
-def _columns(release: Release, size: tuple[float, float], layer: float) -> Columns:
+def _columns(release: Release, size: tuple[float, float], layer: float) -> RasterSums:
     """Columns of the plan lattice that hold at least a trace of the release."""
     _, edges = _occupied(release)
     first = [int(np.floor(e[0] / h + ROUND_OFF)) for e, h in zip(edges, size, strict=True)]
@@ -226,12 +226,12 @@ def _columns(release: Release, size: tuple[float, float], layer: float) -> Colum
         cut = (share > 0) & (share < 1)
         east, north = covered_centroid(outline, edges_x, edges_y)
         centre += np.column_stack((east[used], north[used]))
-    return Columns(index + first, size, thickness[used], centre, cut)
+    return RasterSums(index + first, size, thickness[used], centre, cut)
 
 
 def _fill(
     release: Release,
-    columns: Columns,
+    columns: RasterSums,
     surface: Surface,
     spacing: tuple[float, float, float],
     layer: float,
@@ -250,7 +250,9 @@ def _fill(
     return particles, columns.thickness[column] - above
 
 
-def _plan_positions(release: Release, columns: Columns, column: np.ndarray, jitter: float, rng: np.random.Generator) -> np.ndarray:
+def _plan_positions(
+    release: Release, columns: RasterSums, column: np.ndarray, jitter: float, rng: np.random.Generator
+) -> np.ndarray:
     """Jittered local positions (n, 2) [m]; those of columns that the outline cuts stay inside it."""
     plan = columns.centre[column]
     moved = plan + rng.uniform(-jitter, jitter, plan.shape) * np.array(columns.size)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.model.resolution import FEWEST_CELLS
+from runout.model.depth_resolution import FEWEST_CELLS
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES
 from runout.report.sheets import hazard_extent
@@ -146,7 +146,7 @@ def _still_moving(ledger: "xr.Dataset") -> bool:
 
 
 def _coarse(study: Study) -> list[str]:
-    found = resolution(study)
+    found = depth_resolution(study)
     if not found or found["cells_through_depth"] >= FEWEST_CELLS:
         return []
     return [
@@ -157,7 +157,7 @@ def _coarse(study: Study) -> list[str]:
     ]
 
 
-def resolution(study: Study) -> dict[str, float]:
+def depth_resolution(study: Study) -> dict[str, float]:
     """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the member that is resolved least.
 
     As ``run.json`` has them; empty where it has none.
@@ -195,7 +195,11 @@ def balance(study: Study) -> dict[str, str]:
     mass = max((mass_error(ledger) for ledger in ledgers), default=math.nan)
     energy = max((energy_residual(ledger) for ledger in ledgers), default=math.nan)
     kept = "exactly" if mass < 1e-15 else f"to {mass:.0e} of the released one"
-    return {"mass": kept if math.isfinite(mass) else UNKNOWN, "energy": percent(energy), "resolution": _resolved(resolution(study))}
+    return {
+        "mass": kept if math.isfinite(mass) else UNKNOWN,
+        "energy": percent(energy),
+        "resolution": _resolved(depth_resolution(study)),
+    }
 
 
 def _resolved(found: dict[str, float]) -> str:

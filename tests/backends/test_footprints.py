@@ -6,7 +6,7 @@ from scenes import ROCK, at, engine_of, loaded, scene
 from test_columns import overlaps
 
 from runout.backends.footprints import DEPTH, EXTENT, apply_to
-from runout.physics.resolution import footprint_area
+from runout.physics.numerical_scales import footprint_area
 
 COARSE = (6.0, 7.5, 1.0)  # grid cells on raster cells of 2 m x 2.5 m
 LIGHT = type(ROCK)(density=500.0, youngs_modulus=1e6)

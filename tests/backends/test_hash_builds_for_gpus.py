@@ -17,11 +17,11 @@ LARGEST = {  # registers a thread of the kernels that take the time; the others 
     "float64": {"particles_to_grid": 255, "grid_to_particles": 222, "find_contacts": 153, "solve_contacts": 168, "sum_blocks": 136}
     | {"cut_tiles": 168},
 }
-GENERAL = {  # of scenes with transfer apic or aflip, or F-bar; bounded for single precision, not measured
+GRADIENT_TRANSFER = {  # of scenes with transfer apic or aflip, or F-bar; bounded for single precision, not measured
     "float32": {"grid_to_particles": 168, "add_forces": 168, "spread_dilatation": 240},
     "float64": {"grid_to_particles": 255, "add_forces": 255, "spread_dilatation": 255},
 }
-GENERAL_SPILLED = {"float32": {}, "float64": {"grid_to_particles": 48, "add_forces": 56, "spread_dilatation": 488}}
+GRADIENT_SPILLED = {"float32": {}, "float64": {"grid_to_particles": 48, "add_forces": 56, "spread_dilatation": 488}}
 SPILLED: dict[str, dict[str, int]] = {"float32": {"find_contacts": 8}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
 
@@ -73,19 +73,21 @@ def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precisi
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_packed_one(precision, tmp_path):
     """Only what differs: the rest is the packed form's own, which stays as it was."""
-    plain, general = (
+    plain, gradient_transfer = (
         kernels_of(LAWS.find("drucker_prager"), precision, False),
         kernels_of(LAWS.find("drucker_prager"), precision, False, False, True),
     )
-    assert general.modules[: len(plain.modules)] == plain.modules
-    more = general.modules[len(plain.modules) :]
-    assert require_within(general, more, tmp_path, GENERAL[precision], GENERAL_SPILLED[precision]) == 9
+    assert gradient_transfer.modules[: len(plain.modules)] == plain.modules
+    more = gradient_transfer.modules[len(plain.modules) :]
+    assert require_within(gradient_transfer, more, tmp_path, GRADIENT_TRANSFER[precision], GRADIENT_SPILLED[precision]) == 9
 
 
 @pytest.mark.parametrize(
-    ("law", "ordered", "zoned", "general"), [("drucker_prager", True, True, True), ("granular_flow", False, False, False)]
+    ("law", "ordered", "zoned", "gradient_transfer"), [("drucker_prager", True, True, True), ("granular_flow", False, False, False)]
 )
-def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(law, ordered, zoned, general, tmp_path):
-    for module, _lanes in kernels_of(LAWS.find(law), "float32", ordered, zoned, general).modules:
+def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(
+    law, ordered, zoned, gradient_transfer, tmp_path
+):
+    for module, _lanes in kernels_of(LAWS.find(law), "float32", ordered, zoned, gradient_transfer).modules:
         paths = wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
         assert all(".version" in path.read_text()[:2000] for path in paths)

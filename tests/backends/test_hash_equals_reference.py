@@ -62,7 +62,7 @@ def test_lanes_of_a_block_share_their_tile_without_conflict(monkeypatch, determi
 def test_more_particles_may_touch_in_a_block_than_are_held_at_once(monkeypatch, shared, deterministic):
     """Contact of a block goes in rounds: each loads the same velocities, and its impulses add to those of the others."""
     monkeypatch.setattr(pytest.importorskip("warp").config, "enable_cpu_blocks", shared)
-    from runout.backends.hash.contact import HELD
+    from runout.backends.hash.contact_solution import HELD
 
     spacing = (1.0, 1.0, 1.0)
     s = scene(plane(0.1, 0.05), spacing, (SAND,), (0.4,))
@@ -165,10 +165,10 @@ def test_contact_looks_as_far_as_the_fastest_around_a_block_and_misses_none_that
     a_scene = scene(ground, materials=(SAND,))
     a, backend = same_contacts(a_scene, a_scene, p, 30)
     assert a.contact_particles > 32
-    falls, q = backend.nodes.falls.numpy(), backend.particles()
+    approach_speeds, q = backend.nodes.approach_speeds.numpy(), backend.particles()
     slow = np.linalg.norm(q.velocity[q.identity >= len(rest) + len(fall)], axis=1).max()
     assert slow < 0.2 * a.max_speed
-    assert ((falls > 0) & (falls <= 1.001 * slow)).any()  # blocks of the slow mass, not of the scene's fastest
+    assert ((approach_speeds > 0) & (approach_speeds <= 1.001 * slow)).any()  # blocks of the slow mass, not of the scene's fastest
 
 
 @pytest.mark.parametrize(("ground", "level"), [(plane(0.3, -0.1), True), (rough(), False)], ids=["plane", "rough"])
@@ -179,4 +179,4 @@ def test_what_slides_fast_along_the_ground_bounds_contact_by_its_speed_towards_i
     a_scene = scene(ground, materials=(SAND,), friction=(0.1,))
     dense = a_scene if level else replace(a_scene, surface=on_nodes(ground, np.ones(3)))
     a, backend = same_contacts(dense, a_scene, p, 20)
-    assert (backend.nodes.falls.numpy().max() < 0.2 * a.max_speed) == level
+    assert (backend.nodes.approach_speeds.numpy().max() < 0.2 * a.max_speed) == level

@@ -180,7 +180,7 @@ def test_memory_keeps_to_147_bytes_a_particle_and_100_bytes_a_node_in_float32():
     s, i = backend.store, backend.index
     assert batch.bytes_of(s) / s.size <= 147
     by_block = batch.bytes_of(i, backend.nodes) - 20 * i.table.shape[0]
-    assert by_block / (64 * i.room) <= 100
+    assert by_block / (64 * i.capacity) <= 100
     needed = hash_backend.bytes_needed
     assert needed(10_700_000, 3 * 10_700_000 // 1024) < 2 * 2**30
     assert needed(300_000_000, 3 * 300_000_000 // 1024) < 80e9
@@ -219,11 +219,11 @@ def test_device_that_is_full_when_the_index_must_grow_is_reported_with_numbers(m
     p.velocity[:] = 20.0 * (p.position(np.array(UNIT)) - np.array([39.0, 37.0, 1.0]))
     p.volume[:] = 1e-9
     backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
-    room = backend.index.room
+    room = backend.index.capacity
     monkeypatch.setattr(batch, "NodeArrays", full)
     with pytest.raises(CapacityError, match=r"1234 bytes.*for 64 particles.*GiB so far; use larger cells"):
         backend.steps(0.01, 150)
-    assert backend.index.room > room
+    assert backend.index.capacity > room
 
 
 @pytest.mark.parametrize("device", ["cuda:7", "cuda:99"])

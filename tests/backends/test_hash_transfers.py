@@ -107,8 +107,8 @@ def test_mass_that_spreads_into_new_blocks_makes_every_array_grow_and_loses_noth
     backend.steps(7e-3, 150)
     row = backend.ledger()
     assert backend.index.nall > 4 * blocks
-    assert len(backend.nodes.grid) == 128 * backend.index.room > 4 * nodes
-    assert len(backend.nodes.dilated) == 64 * backend.index.room
+    assert len(backend.nodes.grid) == 128 * backend.index.capacity > 4 * nodes
+    assert len(backend.nodes.dilated) == 64 * backend.index.capacity
     assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-15)
     np.testing.assert_allclose(row.momentum, p.mass @ p.velocity, atol=1e-9 * p.mass.sum())
 

@@ -15,7 +15,7 @@ from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
 from runout.initial_stress import strain_at_rest
 from runout.model import basal_strength
-from runout.simulation import Course, Run, build_scene
+from runout.simulation import Run, RunControl, build_scene
 
 H = 2.0  # [m] of a cell
 ENGINES = [("scan", "float64"), ("scan", "float32"), ("hash", "float32")]
@@ -45,7 +45,7 @@ def layer(cells, degrees=30.0):
 def speed_over_exact(made, engine, friction, end=0.8, degrees=30.0):
     """Speed down the slope of the middle of a layer after ``end`` [s] over that of a rigid one, and its run."""
     a_scene, particles = made
-    run = Run(engine, a_scene, Course(end, stop=False), None, None)
+    run = Run(engine, a_scene, RunControl(end, stop=False), None, None)
     run.start(particles)
     before = particles.position(np.array(a_scene.spacing))
     run.go()
@@ -101,7 +101,7 @@ def test_a_release_dug_out_below_level_ground_starts_at_rest():
     speeds = {}
     for start in ("none", "at_rest"):
         a_scene, particles = build_scene(ground, release, sand(), 30.0, H, initial_stress=start)
-        run = Run(get_backend("scan", threads=1), a_scene, Course(0.3, stop=False), None, None)
+        run = Run(get_backend("scan", threads=1), a_scene, RunControl(0.3, stop=False), None, None)
         run.start(particles)
         run.go()
         speeds[start] = max(np.sqrt(2 * run.ledger.series()["kinetic_energy"] / particles.mass.sum()))

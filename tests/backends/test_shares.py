@@ -88,14 +88,14 @@ def test_a_step_that_lacks_arenas_makes_them_and_changes_no_bit(room):
         engine.load(*wedge())
         for _ in range(5):
             if short:
-                a = engine.room
+                a = engine.arenas
                 a.free = np.zeros((1, room), np.int32)
                 a.arenas = a.arenas[: room + 1].copy()
                 a.arenas[-1] = 0.0
             engine.step(engine.stable_step())
         q = engine.particles()
         found.append((q.node.tobytes(), q.offset.tobytes(), q.velocity.tobytes(), q.strain.tobytes()))
-        assert not engine.room.arenas[-1].any()
+        assert not engine.arenas.arenas[-1].any()
     assert found[0] == found[1]
 
 

@@ -53,7 +53,7 @@ def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
     assert sorted(found) == [0, 1, 2]
     for number, arguments in enumerate(scenarios):
         assert_alike(found[number], simulate(**arguments, backend="hash", device=HASH_DEVICE))
-        fractions = [fraction for who, fraction in told if who == number]
+        fractions = [fraction for particle_index, fraction in told if particle_index == number]
         assert fractions == sorted(fractions)
         assert (fractions[0], fractions[-1]) == (0.0, 1.0)
 

@@ -22,8 +22,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from pipelines.sloping_layer import Layer
-from pipelines.timing import Case, Course
-from runout.backends.scan import nodes
+from pipelines.timing import Case, TimedRun
+from runout.backends.scan import grid
 
 UNTIMED_STEPS = 20
 WITH_GROUND = {"finding": ("particles_to_nodes_over_ground", "particles_to_nodes")}  # and its counterpart without a ground
@@ -34,10 +34,10 @@ class Timed:
     """A layer in motion whose kernels note how long each call took."""
 
     def __init__(self, depth: int, particles: int, upwards: int):
-        self.depth, self.course = depth, Course(Case(Layer(particles, depth=depth, upwards=upwards)))
-        self.course.advance(UNTIMED_STEPS)
+        self.depth, self.timed = depth, TimedRun(Case(Layer(particles, depth=depth, upwards=upwards)))
+        self.timed.advance(UNTIMED_STEPS)
         self.seconds: dict[str, list[float]] = defaultdict(list)
-        engine = self.course.engine
+        engine = self.timed.engine
         engine.k = SimpleNamespace(**{name: self._noting(name, kernel) for name, kernel in vars(engine.k).items()})
 
     def _noting(self, name: str, kernel: Any) -> Callable[..., Any]:
@@ -51,15 +51,15 @@ class Timed:
 
     def step(self) -> None:
         """A step, after the kernels that a scene without ground would call."""
-        e = self.course.engine
-        nodes.fill(e)
+        e = self.timed.engine
+        grid.fill(e)
         started = time.process_time()
-        self.course.advance(1)
+        self.timed.advance(1)
         self.seconds["step"].append(time.process_time() - started)
 
     def row(self) -> dict[str, float]:
         """Medians [ns] a particle of a step, of the parts of contact, and the share of their sum."""
-        ns = {name: 1e9 * float(np.median(seconds)) / self.course.n for name, seconds in self.seconds.items()}
+        ns = {name: 1e9 * float(np.median(seconds)) / self.timed.n for name, seconds in self.seconds.items()}
         parts = {part: ns[kernel] - ns[plain] for part, (kernel, plain) in WITH_GROUND.items()}
         parts |= {part: ns[kernel] for part, kernel in OWN.items()}
         return {"step": ns["step"], **parts, "share": sum(parts.values()) / ns["step"]}

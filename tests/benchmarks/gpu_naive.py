@@ -15,8 +15,9 @@ import numpy as np
 import warp as wp
 
 from runout.backends.compile import law_record, warp_binding, warp_kernels
-from runout.backends.hash import deform, motion, natives, stencil
+from runout.backends.hash import deform, grid_to_particles, natives, stencil
 from runout.backends.hash.deform import _slopes, _store, _strain_of
+from runout.backends.hash.grid_to_particles import _in_cell
 from runout.backends.hash.kernels import OPTIONS, _argument_types
 from runout.backends.hash.layout import (
     AFFINE,
@@ -32,9 +33,8 @@ from runout.backends.hash.layout import (
     Vector,
     run,
 )
-from runout.backends.hash.motion import _in_cell
+from runout.backends.hash.state import Store
 from runout.backends.hash.stencil import _arms
-from runout.backends.hash.store import Store
 from runout.model.laws import LAWS
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -117,8 +117,9 @@ def _kernels(law: str) -> SimpleNamespace:
     record = law_record(LAWS.find(law), wp.float32)
     update = physics.law(LAWS.find(law)).step
     kernels = warp_kernels(
-        physics, (stencil, deform, motion, modules[__name__]), lambda name: others if name in vars(motion) else own,
-        **_argument_types(wp.float32, record), **natives.of("float32"), law_update=update,
+        physics, (stencil, deform, grid_to_particles, modules[__name__]),
+        lambda name: others if name in vars(grid_to_particles) else own, **_argument_types(wp.float32, record),
+        **natives.of("float32"), law_update=update,
     )  # fmt: skip
     kernels.record = record
     return kernels

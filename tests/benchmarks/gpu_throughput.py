@@ -228,7 +228,7 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
         "bytes_per_particle": backend.bytes_used() / len(p), "allocated_bytes": taken_up,
         "forecast_bytes": bytes_needed(len(p), backend.index.nall, precision, deterministic),
         "blocks": backend.index.nall, "owners": backend.index.nown,
-        "room": backend.index.room, "active_blocks": row.active_blocks, "contact_particles": row.contact_particles,
+        "room": backend.index.capacity, "active_blocks": row.active_blocks, "contact_particles": row.contact_particles,
         "rebuilds": backend.counters.rebuilds - rebuilds, "seconds": taken, **options,
     }  # fmt: skip
     record["stage_seconds"] = stages(backend, 10)

@@ -61,7 +61,7 @@ MOMENTS = {
         study._run = run
     """,
     "kernels are compiled": """
-        import pipelines.hazard_map as study, runout.backends.scan.ahead as ahead
+        import pipelines.hazard_map as study, runout.backends.scan.precompile as ahead
         from runout.lifetime import interrupts_kept
         def run(*_, **__):
             with interrupts_kept():

@@ -10,7 +10,7 @@ from ramp_site import CELL, ramp
 from pipelines import skip
 from runout import DruckerPrager, Release, Terrain
 from runout.backends.protocol import get_backend
-from runout.simulation import Course, build_scene
+from runout.simulation import RunControl, build_scene
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=2e6, friction_angle=30.0)
 BY_NAME = {switch.name: switch for switch in skip.SWITCHES}
@@ -24,7 +24,7 @@ def slab_on_a_ramp(columns=slice(None), end_time=14.0):
     terrain = Terrain(elevation, (CELL, CELL))
     release = Release(thickness, terrain, placement="on_surface")
     scene, particles = build_scene(terrain, release, SAND, 18.0, 10.0, cfl=0.4)  # steps short enough to leave some out
-    return scene, particles, Course(end_time)
+    return scene, particles, RunControl(end_time)
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +46,12 @@ def test_observing_only_the_flow_changes_no_bit_of_any_map(ramp_run):
 
 def test_cropping_makes_no_edge_and_leaves_the_edge_of_the_domain_where_it_is():
     made = slab_on_a_ramp(columns=slice(0, 19), end_time=10.0)  # the flow leaves over the eastern edge
-    scene, particles, course = made
+    scene, particles, control = made
     found = row(made, "crop")
     assert found["same_bits"]
-    ends = [skip.follow(scene, particles, c).maps["deposit_thickness"].sum() for c in (course, replace(course, crop=False))]
+    ends = [skip.follow(scene, particles, c).maps["deposit_thickness"].sum() for c in (control, replace(control, crop=False))]
     assert ends[0] == ends[1] < 0.9 * particles.volume.sum() / CELL**2
-    assert skip.follow(scene, particles, course).maps["max_flow_thickness"][:, -1].max() > 0.1
+    assert skip.follow(scene, particles, control).maps["max_flow_thickness"][:, -1].max() > 0.1
 
 
 def test_window_of_the_flow_holds_what_the_whole_raster_holds(ramp_run):
@@ -89,7 +89,7 @@ def test_every_second_stripe_added_at_once_gives_the_sums_of_the_reference(ramp_
 
 
 def test_cadence_and_stop_rule_change_maps_little_and_save_work(ramp_run):
-    cadence, rest = row(ramp_run, "cadence"), row((*ramp_run[:2], Course(40.0)), "stop rule")
+    cadence, rest = row(ramp_run, "cadence"), row((*ramp_run[:2], RunControl(40.0)), "stop rule")
     assert cadence["observations"][0] < 0.75 * cadence["observations"][1]
     assert cadence["difference"]["max_flow_thickness"] < 0.02
     assert cadence["difference"]["deposit_thickness"] == 0.0  # at the same end
@@ -99,8 +99,8 @@ def test_cadence_and_stop_rule_change_maps_little_and_save_work(ramp_run):
 
 
 def test_what_sleeps_saves_work_where_a_bed_rests_and_changes_little():
-    scene, particles, course = skip.fall_on_a_bed(cell_size=4.0, end_time=12.0)
-    found = skip.compared(scene, particles, course, BY_NAME["sleep 0.2, bed"], 1, None)
+    scene, particles, control = skip.fall_on_a_bed(cell_size=4.0, end_time=12.0)
+    found = skip.compared(scene, particles, control, BY_NAME["sleep 0.2, bed"], 1, None)
     assert found["steps"][0] == found["steps"][1]
     assert 0.0 < found["difference"]["deposit_thickness"] < 0.02
     assert found["difference"]["max_speed"] < 0.02

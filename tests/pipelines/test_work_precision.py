@@ -9,7 +9,7 @@ import pytest
 
 from pipelines import prototype, work_precision
 from pipelines.sloping_layer import SPACING, Layer
-from pipelines.timing import Case, Course, take_turns
+from pipelines.timing import Case, TimedRun, take_turns
 from pipelines.work_precision import Choices
 from pipelines.work_report import cost_table, table
 from runout import cli
@@ -72,9 +72,9 @@ def test_tables_show_every_ratio(content):
 
 def test_cases_take_turns_in_changing_order(monkeypatch):
     turns = []
-    monkeypatch.setattr(Course, "repeat", lambda course: turns.append(course.case.layer.depth))
-    monkeypatch.setattr(Course, "measured", lambda course: {})
-    take_turns([Course(Case(Layer(1500, depth=d))) for d in (2, 4)], 2)
+    monkeypatch.setattr(TimedRun, "repeat", lambda timed: turns.append(timed.case.layer.depth))
+    monkeypatch.setattr(TimedRun, "measured", lambda timed: {})
+    take_turns([TimedRun(Case(Layer(1500, depth=d))) for d in (2, 4)], 2)
     assert turns == [2, 4, 4, 2]
 
 

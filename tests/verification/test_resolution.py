@@ -7,10 +7,10 @@ import pytest
 
 from runout import DruckerPrager, Elastic, Release, Terrain, simulate
 from runout.backends.protocol import get_backend
+from runout.model.depth_resolution import DepthResolution, flow_depth, worst
 from runout.model.particles import Particles
-from runout.model.resolution import Resolution, flow_depth, worst
 from runout.model.scene import Raster, Scene
-from runout.physics.resolution import numerical_viscosity
+from runout.physics.numerical_scales import numerical_viscosity
 
 SOFT = Elastic(density=1000.0, youngs_modulus=1e3, poisson_ratio=0.0)
 STEP = 0.1
@@ -51,12 +51,12 @@ def test_transfers_damp_as_the_viscosity_that_is_stated(cells, choices):
 def test_ten_cells_keep_their_shear_a_minute_and_three_for_half_a_second():
     """Numbers of the glossary: cells of 2 m, steps of 1 ms."""
     scene = still_air(2.0)
-    assert Resolution.of(20.0, scene, 1e-3).shear_decay_time == pytest.approx(68.0, rel=0.02)
-    three = Resolution.of(6.0, scene, 1e-3)
+    assert DepthResolution.of(20.0, scene, 1e-3).shear_decay_time == pytest.approx(68.0, rel=0.02)
+    three = DepthResolution.of(6.0, scene, 1e-3)
     assert three.is_coarse
     assert three.shear_decay_time == pytest.approx(0.55, rel=0.02)
     assert "3 cells through a depth of 6 m" in three.statement()
-    kept = Resolution.of(6.0, still_air(2.0, transfer="aflip", flip_ratio=1.0), 1e-3)
+    kept = DepthResolution.of(6.0, still_air(2.0, transfer="aflip", flip_ratio=1.0), 1e-3)
     assert kept.shear_decay_time == np.inf
     assert "shear_decay_time" not in kept.attributes()  # a file of JSON has no infinity
 
@@ -64,9 +64,9 @@ def test_ten_cells_keep_their_shear_a_minute_and_three_for_half_a_second():
 def test_without_a_flow_nothing_is_coarse_and_the_worst_of_none_is_nothing():
     assert flow_depth(np.zeros((3, 3))) == 0.0
     assert flow_depth(np.array([[2.0, 4.0], [np.nan, 0.0]])) == pytest.approx(20.0 / 6.0)
-    assert not Resolution.of(0.0, still_air(), 0.1).is_coarse
+    assert not DepthResolution.of(0.0, still_air(), 0.1).is_coarse
     assert worst([{}, {"cells_through_depth": 3.0}]) == {}
-    two = [Resolution.of(depth, still_air(), 0.1).attributes() for depth in (3.0, 6.0)]
+    two = [DepthResolution.of(depth, still_air(), 0.1).attributes() for depth in (3.0, 6.0)]
     assert set(worst(two)) == {"cells_through_depth", "numerical_viscosity", "shear_decay_time", "smallest_feature"}
     assert worst(two) == {name: two[0][name] for name in worst(two)}
     assert worst(two)["smallest_feature"] == 2 * max(*still_air().spacing[:2], *still_air().raster.cell_size)
@@ -87,12 +87,14 @@ def test_a_run_reports_its_resolution_and_warns_of_few_cells(tmp_path, caplog, t
         any("cells through a depth of" in record.message and "use at least 4 cells" in record.message for record in caplog.records)
         == coarse
     )
-    assert 0.6 * thickness / 2.0 < result.resolution.cells_through_depth < 1.05 * thickness / 2.0
+    assert 0.6 * thickness / 2.0 < result.depth_resolution.cells_through_depth < 1.05 * thickness / 2.0
     dt = 0.3 / result.steps
-    assert result.resolution.numerical_viscosity == pytest.approx(0.95 * (2.0 / (4 * result.resolution.depth)) ** 2 * 4.0 / dt)
+    assert result.depth_resolution.numerical_viscosity == pytest.approx(
+        0.95 * (2.0 / (4 * result.depth_resolution.depth)) ** 2 * 4.0 / dt
+    )
     result.to_netcdf(tmp_path / "run.nc")
     from runout.io.netcdf import read, read_attributes
 
     for attributes in (read_attributes(tmp_path / "run.nc"), read(tmp_path / "run.nc", "ledger").attrs):
-        assert attributes["cells_through_depth"] == pytest.approx(result.resolution.cells_through_depth)
-        assert attributes["shear_decay_time"] == pytest.approx(result.resolution.shear_decay_time)
+        assert attributes["cells_through_depth"] == pytest.approx(result.depth_resolution.cells_through_depth)
+        assert attributes["shear_decay_time"] == pytest.approx(result.depth_resolution.shear_decay_time)

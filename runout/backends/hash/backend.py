@@ -3,10 +3,10 @@
 import warp as wp
 
 from runout.backends.hash.batch import Batch
-from runout.backends.hash.checkpoint import put_back, taken
+from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import ROWS, TILE, room_for
-from runout.backends.protocol import Columns, Counters, LedgerRow
+from runout.backends.protocol import Counters, LedgerRow, RasterSums
 from runout.backends.state import State
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -48,11 +48,11 @@ class HashBackend(Batch):
 
     def checkpoint(self) -> State:
         """The state between two steps, for :meth:`restore`."""
-        return taken(self)
+        return save(self)
 
     def restore(self, scene: Scene, state: State) -> None:
         """Take over a scene in the state that :meth:`checkpoint` gave for it."""
-        put_back(self, scene, state)
+        restore_state(self, scene, state)
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
@@ -62,11 +62,11 @@ class HashBackend(Batch):
         """The particles as they are, in the order of their identity."""
         return self.particles_of(0)
 
-    def columns(self) -> Columns:
+    def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""
         return self.columns_of(0)
 
-    def flow_columns(self) -> Columns:
+    def flow_columns(self) -> RasterSums:
         """The same over a window of cells that holds all mass."""
         return self.flow_columns_of(0)
 

@@ -15,10 +15,10 @@ import numpy as np
 import warp as wp
 
 from runout.backends import footprints
-from runout.backends.hash import clock, general, looks, sort
-from runout.backends.hash.admission import LARGEST_BLOCK, extent, fastest, require_alike, require_finite
-from runout.backends.hash.board import Board
+from runout.backends.hash import clock, gradient_transfer, readback, sort
+from runout.backends.hash.device_status import DeviceStatus
 from runout.backends.hash.graphs import Graphs
+from runout.backends.hash.grid import NodeArrays
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import GAP, Index
 from runout.backends.hash.kernels import compiled_kernels
@@ -35,11 +35,11 @@ from runout.backends.hash.layout import (
     run_blocks,
     run_each,
 )
-from runout.backends.hash.nodes import NodeArrays
-from runout.backends.hash.store import Store
+from runout.backends.hash.state import Store
 from runout.backends.hash.unknown import UnknownCells
+from runout.backends.hash.validation import LARGEST_BLOCK, extent, fastest, require_alike, require_finite
 from runout.backends.hash.zones import Zones
-from runout.backends.protocol import Columns, Counters, LedgerRow
+from runout.backends.protocol import Counters, LedgerRow, RasterSums
 from runout.errors import CapacityError, StabilityError
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -98,11 +98,11 @@ class Batch:
         require_alike(self.scenes)
         with ThreadPoolExecutor() as pool:
             self.accounts = list(pool.map(_account, scenes))
-        also = any(x.friction_zones for x in self.scenes), general.is_general(self.scene)
+        also = any(x.friction_zones for x in self.scenes), gradient_transfer.uses_gradient_transfer(self.scene)
         self.k = compiled_kernels(self.scene.law, self.scene.precision, deterministic, *also)
         self.since_sort, self.sorting = 0, False
-        self.told: np.ndarray | None = None  # sums of the present state, once somebody has asked
-        self.seen: dict[int, Columns] = {}  # the same by column
+        self.cached_ledger: np.ndarray | None = None  # sums of the present state, once somebody has asked
+        self.cached_columns: dict[int, RasterSums] = {}  # the same by column
         self.recorded = Graphs(self.device, self.k.modules)  # steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)
         self.identity = np.concatenate([p.identity for _, p in scenes])
@@ -141,11 +141,11 @@ class Batch:
             raise CapacityError(f"{n} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
         self.shifts = 4 * self.rows * np.arange(n)
         self.shift = wp.array(self.shifts.astype(np.int32), dtype=wp.int32)
-        self.board = Board(n, self.real)
-        self.flags, self.contacts, self.peaks = self.board.flags, self.board.contacts, self.board.peaks
+        self.device_status = DeviceStatus(n, self.real)
+        self.flags, self.contacts, self.peaks = self.device_status.flags, self.device_status.contacts, self.device_status.peaks
         self.peaks.assign(np.array([*(a.max_speed**2 for a in self.accounts), 0.0], s.dtype))
         self.left, self.step_counts = (wp.zeros(n, dtype=wp.int32) for _ in range(2))
-        self.report = looks.Report(n, self.device.is_cuda)
+        self.report = readback.Report(n, self.device.is_cuda)
         self.steps_of, self.packed = (wp.zeros(n, dtype=self.real) for _ in range(2))
         self.clock = wp.zeros((n, CLOCK), dtype=self.real)
         self.band = self.real(s.contact_band * min(s.spacing))
@@ -155,7 +155,7 @@ class Batch:
         self.largest = max((float(p.radius.max(initial=0.0)) for p in given), default=0.0)
         self._load_ground()
         self.store = s = Store(len(self.identity), self.real, not self.scene.packed)
-        self.index = Index(self.k, self.board, s.size, self.deterministic, len(self.scenes), self.rows)
+        self.index = Index(self.k, self.device_status, s.size, self.deterministic, len(self.scenes), self.rows)
         self.nodes = self.node_arrays()
         if not s.size:
             return
@@ -177,7 +177,7 @@ class Batch:
     def node_arrays(self) -> NodeArrays:
         """New arrays by block for the present index."""
         kept, averaged = any(s.keeps for s in self.scenes), self.scene.f_bar
-        return NodeArrays(self.index.room, self.store.size, self.real, self.deterministic, kept, averaged)
+        return NodeArrays(self.index.capacity, self.store.size, self.real, self.deterministic, kept, averaged)
 
     def _rebuild(self) -> None:
         """Find the blocks anew and bring the particles back into the order of their cells in memory; the host does not wait."""
@@ -204,7 +204,7 @@ class Batch:
     def advance(self, dt: Sequence[float], count: Sequence[int]) -> None:
         """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted."""
         started = time.perf_counter()
-        self.told, self.seen = None, {}
+        self.cached_ledger, self.cached_columns = None, {}
         self._require_stable(dt, count)
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
@@ -242,8 +242,8 @@ class Batch:
             self.flags.zero_()
         for _ in range(count):
             self._launch((self.store.turn, self.index.launched), self._enqueue, int(count == 1))
-        board = self._settle() if self.sorting else self.board.read()
-        flags, peaks, contacts = board["flags"], board["peaks"].astype(float), board["contacts"]
+        device_status = self._settle() if self.sorting else self.device_status.read()
+        flags, peaks, contacts = device_status["flags"], device_status["peaks"].astype(float), device_status["contacts"]
         done = int(flags[STEPS])
         self.counters.steps += done
         held = [self.store.n] if len(self.scenes) == 1 else [a.particles for a in self.accounts]
@@ -276,7 +276,7 @@ class Batch:
 
     def leave(self, scenes: Sequence[int]) -> None:
         """Scenes that have come to their end leave the device at the next sort; look at them before."""
-        self.told = None
+        self.cached_ledger = None
         self.present[list(scenes)] = False
         peaks = self.peaks.numpy()
         peaks[list(scenes)] = 0.0
@@ -296,9 +296,9 @@ class Batch:
         """Launches of one step."""
         self._begin()
         self._to_grid()
-        general.push(self)
+        gradient_transfer.push(self)
         self._move_nodes()
-        general.average(self)
+        gradient_transfer.average(self)
         self._to_particles()
         self.unknown.let_escape(self)
         self._list_cells()
@@ -315,7 +315,7 @@ class Batch:
         i.list_cells(self.flags, self.nodes)
         s.place(k, i)
         if self.deterministic:
-            run(k.sort_cells, i.room * CELL_LANES, self.flags, i.tally, i.active, s.number, i.cstart, s.order)
+            run(k.sort_cells, i.capacity * CELL_LANES, self.flags, i.tally, i.active, s.number, i.cstart, s.order)
 
     def _to_grid(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
@@ -324,8 +324,8 @@ class Batch:
             self.clock, n.grid, n.arenas,
         )  # fmt: skip
         if self.deterministic:
-            run(k.note_held, i.room, i.cstart, n.held)
-            run(k.sum_nodes, i.room * 64, self.flags, n.arenas, n.held, i.down, n.grid)
+            run(k.note_held, i.capacity, i.cstart, n.held)
+            run(k.sum_nodes, i.capacity * 64, self.flags, n.arenas, n.held, i.down, n.grid)
 
     def _move_nodes(self) -> None:
         """Velocities of the nodes, after the impulses of the ground."""
@@ -333,8 +333,8 @@ class Batch:
         if self.ground is not None:
             self._find_contacts()
             self._push()
-        given = self.flags, i.tally, i.member, self.clock, n.grounded, n.shares, n.ground_slopes, n.falls, i.ends, n.grid
-        run(self.k.update_nodes, i.room * 64, *given)
+        given = self.flags, i.tally, i.member, self.clock, n.grounded, n.shares, n.ground_slopes, n.approach_speeds, i.ends, n.grid
+        run(self.k.update_nodes, i.capacity * 64, *given)
 
     def _pressed(self) -> tuple[Any, Any]:
         """Arrays for the list of the particles in contact by cell, and its starts: those of all, unless these are needed yet."""
@@ -345,11 +345,12 @@ class Batch:
         i, k, s, n = self.index, self.k, self.store, self.nodes
         run_each(
             k.find_contacts, n.places, WARP, s.rec, s.radius, s.order, i.cstart, self.flags, i.tally, n.standing, i.member,
-            self.clock, n.tiles, n.bounds, self.h, self.band, self.real(self.largest), i.around, n.falls, i.touching, i.touched,
-            self.contacts, n.near_up, n.shares, n.arenas, *self._pressed(), s.number, s.forces, i.up, self.step_counts, n.grid,
+            self.clock, n.tiles, n.bounds, self.h, self.band, self.real(self.largest), i.around, n.approach_speeds, i.touching,
+            i.touched, self.contacts, n.near_up, n.shares, n.arenas, *self._pressed(), s.number, s.forces, i.up, self.step_counts,
+            n.grid,
         )  # fmt: skip
         if self.deterministic:
-            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.shares, n.grid)
+            run(k.sum_contacts, i.capacity * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 0, n.shares, n.grid)
 
     def _push(self) -> None:
         i, k, s, n = self.index, self.k, self.store, self.nodes
@@ -359,7 +360,7 @@ class Batch:
             n.near_up, n.grid, n.shares, n.arenas, n.booked, s.number, s.forces, self.step_counts,
         )  # fmt: skip
         if self.deterministic:
-            run(k.sum_contacts, i.room * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.shares, n.grid)
+            run(k.sum_contacts, i.capacity * 64, self.flags, n.arenas, i.touching, i.down, n.grounded, 1, n.shares, n.grid)
 
     def _to_particles(self) -> None:
         i, s, n = self.index, self.store, self.nodes
@@ -372,25 +373,25 @@ class Batch:
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""
         with self._on_device():
-            return looks.ledgers(self)
+            return readback.ledgers(self)
 
     def particles_of(self, scene: int) -> Particles:
         """The particles of a scene as they are, in the order of their identity."""
         with self._on_device():
-            return looks.particles(self, scene)
+            return readback.particles(self, scene)
 
-    def columns_of(self, scene: int) -> Columns:
+    def columns_of(self, scene: int) -> RasterSums:
         """Sums over the columns of the cells of a scene's raster."""
         with self._on_device():
-            return looks.whole(self, scene)
+            return readback.whole(self, scene)
 
-    def flow_columns_of(self, scene: int) -> Columns:
+    def flow_columns_of(self, scene: int) -> RasterSums:
         """The same over a window of cells that holds all mass."""
-        if scene not in self.seen:
+        if scene not in self.cached_columns:
             self.look_at([scene])
-        return self.seen[scene]
+        return self.cached_columns[scene]
 
     def look_at(self, scenes: Sequence[int]) -> None:
         """Bring the columns over windows of some scenes at once, for :meth:`flow_columns_of`; the host waits once for all."""
         with self._on_device():
-            self.seen |= looks.around_flow(self, scenes)
+            self.cached_columns |= readback.around_flow(self, scenes)

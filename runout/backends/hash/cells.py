@@ -200,11 +200,12 @@ def bring_back_shorts(flags: Ints, source: Shorts, totals: Ints, target: Shorts)
 
 def renumber(
     flags: Ints, tally: Ints, active: Ints, cstart: Table2, totals: Ints, counts: Ints, homes: Ints, home: Table2, order: Ints,
-    key: Ints, falls: Reals, launched: int,
+    key: Ints, approach_speeds: Reals, launched: int,
 ):  # fmt: skip
     """Particles lie as the list tells: what is listed and in which cell, and where those of each block begin and end.
 
-    ``counts`` is told how many there are in all, the last of ``totals``; ``falls`` that nobody knows how fast those of a block are.
+    ``counts`` is told how many there are in all, the last of ``totals``; ``approach_speeds`` that nobody knows how fast those of a
+    block are.
     """
     first, lane = wp.tid()
     first, lane = own_block(first), own_lane(lane)
@@ -217,7 +218,7 @@ def renumber(
         b = active[a]
         if lane == 0:
             homes[a] = b
-            falls[2 * b] = real(wp.inf)  # to the next step
+            approach_speeds[2 * b] = real(wp.inf)  # to the next step
             home[b, 0] = cstart[b, 0]
             home[b, 1] = cstart[b, CELL_LANES]
         starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")

@@ -13,7 +13,7 @@ import warp as wp
 from runout.backends.hash import clock
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import run
-from runout.backends.hash.store import Store
+from runout.backends.hash.state import Store
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -27,7 +27,7 @@ BY_PARTICLE = ("radius", "release", "number", "key", "order")
 OWN = ("since_sort", "largest", "identity")
 
 
-def taken(engine: "HashBackend") -> State:
+def save(engine: "HashBackend") -> State:
     """The state between two steps; on the CPU some arrays are those of the backend and change with its next step."""
     i, s, n = engine.index, engine.store, engine.nodes
     state = arrays_of(engine.counters, prefix="counters.") | arrays_of(engine.accounts[0], prefix="account.")
@@ -39,11 +39,18 @@ def taken(engine: "HashBackend") -> State:
     state |= {"forces": s.forces.numpy(), "step_counts": engine.step_counts.numpy()}
     state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "kept": engine.report.kept.numpy()}
     state |= {"tiles": n.tiles.numpy(), "standing": n.standing.numpy(), "rec": s.rec.numpy()[:, : s.n]}
-    sizes = {"nown": i.nown, "nall": i.nall, "room": i.room, "entries": i.table.shape[0], "launched": i.launched, "slots": n.slots}
+    sizes = {
+        "nown": i.nown,
+        "nall": i.nall,
+        "room": i.capacity,
+        "entries": i.table.shape[0],
+        "launched": i.launched,
+        "slots": n.slots,
+    }
     return state | {f"size.{name}": np.asarray(value) for name, value in sizes.items()}
 
 
-def put_back(engine: "HashBackend", scene: Scene, state: State) -> None:
+def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
     """Bring the backend to a state of the same scene that :func:`taken` gave."""
     engine.load(scene, Particles.zeros(0))
     put_arrays(engine.counters, {name: value for name, value in state.items() if name.startswith("counters.")}, "counters.")
@@ -82,7 +89,7 @@ def _store(state: State, number: Any, stressed: bool) -> Store:
 def _index(engine: "HashBackend", state: State) -> Index:
     """An index with the blocks of a state; its table stays empty until the next index is made."""
     size = {name: int(value) for name, value in part(state, "size.").items()}
-    index = Index(engine.k, engine.board, engine.store.size, engine.deterministic)
+    index = Index(engine.k, engine.device_status, engine.store.size, engine.deterministic)
     index.make_table(size["entries"])
     index.make_room(size["room"])
     index.nown, index.nall, index.launched = size["nown"], size["nall"], size["launched"]

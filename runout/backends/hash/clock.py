@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.general import choices
+from runout.backends.hash.gradient_transfer import choices
 from runout.backends.hash.layout import CLOCK, KEPT, run
 
 if TYPE_CHECKING:

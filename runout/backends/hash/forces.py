@@ -37,8 +37,8 @@ from runout.physics.moments import node_velocity, stress_columns
 from runout.physics.tensors import real, sym, vec
 
 
-def note_given(flags: Ints, tally: Ints, room: int, grid: Nodes):
-    """Velocity [m/s] that the particles gave to each node, before any force, behind the nodes of all ``room`` blocks."""
+def note_given(flags: Ints, tally: Ints, capacity: int, grid: Nodes):
+    """Velocity [m/s] that the particles gave to each node, before any force, behind the nodes of all ``capacity`` blocks."""
     t = wp.tid()
     if flags[HALT] != 0 or (t >> 6) >= tally[BLOCKS]:
         return
@@ -47,7 +47,7 @@ def note_given(flags: Ints, tally: Ints, room: int, grid: Nodes):
     if g[0] > real(0.0):
         v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(real(0.0), real(0.0), real(0.0)))
         given = node4(g[0], v[0], v[1], v[2])
-    grid[t + 64 * room] = given
+    grid[t + 64 * capacity] = given
 
 
 def take_stresses(flags: Ints, rec: Rows, key: Ints, release: Shorts, mats: Materials, stress: Rows):

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.contact import _around
+from runout.backends.hash.contact_solution import _around
+from runout.backends.hash.grid import NodeArrays
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
     GROUNDED,
@@ -27,7 +28,6 @@ from runout.backends.hash.layout import (
     node4,
     run,
 )
-from runout.backends.hash.nodes import NodeArrays
 from runout.model.surface import Surface
 from runout.physics.bspline import first_node as first_node64
 from runout.physics.heightfield import bend_smoothness as bend_smoothness64
@@ -225,19 +225,23 @@ class Ground:
 
     def cut(self, kernels: SimpleNamespace, index: Index, nodes: NodeArrays, shift: wp.array, h: wp.array) -> None:
         """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""
-        cut, flags, counts = nodes.scratch((index.room, 40), nodes.number), index.board.flags, index.board.counts
+        cut, flags, counts = (
+            nodes.scratch((index.capacity, 40), nodes.number),
+            index.device_status.flags,
+            index.device_status.counts,
+        )
         run(
-            kernels.cut_tiles, (index.room, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
+            kernels.cut_tiles, (index.capacity, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
             index.coordinates, index.up, self.spacing, cut,
         )  # fmt: skip
         nodes.near.zero_(), nodes.grounded.zero_(), nodes.standing.fill_(-1)
-        run(kernels.note_near, index.room, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
-        run(kernels.note_slopes, index.room, cut, index.around, nodes.ground_slopes)
+        run(kernels.note_near, index.capacity, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
+        run(kernels.note_slopes, index.capacity, cut, index.around, nodes.ground_slopes)
         for marks, which, blocks in ((nodes.near, NEAR, nodes.standing), (nodes.grounded, GROUNDED, wp.empty(0, dtype=wp.int32))):
-            wp.copy(index.sums, marks, count=index.room)
+            wp.copy(index.sums, marks, count=index.capacity)
             wp.utils.array_scan(index.sums, index.sums, inclusive=False)
-            run(kernels.number_marked, index.room, index.sums, marks, counts, which, blocks)
+            run(kernels.number_marked, index.capacity, index.sums, marks, counts, which, blocks)
         run(kernels.require_ground, 1, counts, nodes.places, nodes.slots, flags)
         run(kernels.note_shares, (nodes.places, 8), flags, nodes.standing, index.up, nodes.grounded, nodes.near_up)
-        run(kernels.keep_tiles, (index.room, 36), flags, cut, nodes.near, nodes.tiles)
+        run(kernels.keep_tiles, (index.capacity, 36), flags, cut, nodes.near, nodes.tiles)
         run(kernels.bound_columns, (nodes.places, 16), nodes.tiles, h, nodes.bounds)

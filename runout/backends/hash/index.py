@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.board import Board
+from runout.backends.hash.device_status import DeviceStatus
 from runout.backends.hash.layout import (
     BLOCKS,
     ENTERED,
@@ -165,11 +165,11 @@ def enter_above(table: Table, members: Keys, counts: Ints):
         _enter(table, members, counts, block_key(x, y, int(key_z(key)) + (q & 1)))
 
 
-def require_room(counts: Ints, entries: int, room: int, members: Keys, flags: Ints, tally: Ints):
+def require_room(counts: Ints, entries: int, capacity: int, members: Keys, flags: Ints, tally: Ints):
     """Numbers of a step in the new index; a halt if table or arrays have no room for it. Further keys come last in a sort."""
     m = wp.tid()
     entered = counts[ENTERED]
-    fits = 2 * entered <= entries and entered <= room
+    fits = 2 * entered <= entries and entered <= capacity
     if m >= entered and m < members.shape[0]:
         members[m] = i64(NO_KEY)
     if m < TALLY:
@@ -259,7 +259,7 @@ class Index:
     ----------
     nown, nall : int
         Blocks that may hold particles; all blocks. Read with the board.
-    room : int
+    capacity : int
         Blocks that the arrays have room for.
     shared : int
         Blocks of threads of kernels in which each takes several blocks in turn.
@@ -267,38 +267,40 @@ class Index:
         Blocks of threads of kernels in which each takes one that holds particles.
     generation : int
         Counts how often arrays were made anew.
-    coordinates : (room, 3) int32
-    member : (room,) int32
+    coordinates : (capacity, 3) int32
+    member : (capacity,) int32
         Scene that a block belongs to.
-    around : (room, 27) int32
+    around : (capacity, 27) int32
         The block and its neighbours, -1 where there is none.
-    up, down : (room, 8) int32
+    up, down : (capacity, 8) int32
         Blocks at the block itself and one step up (down) in each axis, -1 where there is none.
-    cstart : (room, 65) int32
+    cstart : (capacity, 65) int32
         Places in the list of particles where the cells of a block start and the last ends. While particles move: how many have
         entered each cell, in the place of the next cell; in between, near the ground, the same of the particles in contact.
-    ends : (65 room,) int32
+    ends : (65 capacity,) int32
         The same memory in a row.
-    homes, home : (room,), (room, 2) int32
+    homes, home : (capacity,), (capacity, 2) int32
         Blocks that held particles at the last sort; where these start and end in memory.
-    active : (room,) int32
+    active : (capacity,) int32
         Blocks that hold particles; ``tally`` tells how many.
-    touched : (room, 2) int32
+    touched : (capacity, 2) int32
         Blocks that hold particles in contact, and their places among those near the ground.
-    touching : (room,) int32
+    touching : (capacity,) int32
         How many a block holds.
     board : Board
         Where the numbers of a step and of a sort are written; ``tally`` and ``entered`` are parts of it.
-    former : (room, 3) int32
+    former : (capacity, 3) int32
         Coordinates of the blocks before the present sort.
     sums : (room + 1,) int32
         Sums over the blocks before each, and over all.
     """
 
-    def __init__(self, kernels: SimpleNamespace, board: Board, particles: int, ordered: bool, many: int = 1, rows: int = 2**20):
-        self.k, self.board, self.ordered, self.many, self.rows = kernels, board, ordered, many, rows
-        self.nown = self.nall = self.room = self.generation = self.launched = 0
-        self.tally, self.entered = board.tally, board.counts
+    def __init__(
+        self, kernels: SimpleNamespace, device_status: DeviceStatus, particles: int, ordered: bool, many: int = 1, rows: int = 2**20
+    ):
+        self.k, self.device_status, self.ordered, self.many, self.rows = kernels, device_status, ordered, many, rows
+        self.nown = self.nall = self.capacity = self.generation = self.launched = 0
+        self.tally, self.entered = device_status.tally, device_status.counts
         self.former: Any = None
         self.make_table(first_table(particles))
         self.make_room(0)
@@ -313,8 +315,8 @@ class Index:
     def make_room(self, blocks: int) -> None:
         """Empty arrays for so many blocks; where blocks were before the present sort stays known."""
         self.generation += 1
-        former = self.former if self.room else None
-        self.room, self.shared = blocks, min(blocks, SHARED_BLOCKS)
+        former = self.former if self.capacity else None
+        self.capacity, self.shared = blocks, min(blocks, SHARED_BLOCKS)
         shapes = ((blocks, 3), (blocks, 3), (blocks, 27), (blocks, 8), (blocks * self.ordered, 8), (blocks, 65), (blocks, 2))
         tables = (wp.zeros(shape, dtype=wp.int32) for shape in shapes)
         self.coordinates, self.former, self.around, self.up, self.down, self.cstart, self.home = tables
@@ -328,7 +330,7 @@ class Index:
 
     def keep_former(self) -> None:
         """Note where the blocks are, for particles that still name them while a new index is made."""
-        if self.room:
+        if self.capacity:
             wp.copy(self.former, self.coordinates)
 
     def find_blocks(self, enter: Callable[[], None]) -> None:
@@ -336,29 +338,29 @@ class Index:
 
         Only launches; :meth:`grow` follows once the host has seen that.
         """
-        k, counts, entries = self.k, self.board.counts, self.table.shape[0]
+        k, counts, entries = self.k, self.device_status.counts, self.table.shape[0]
         self.table.zero_(), counts.zero_()
         enter()
         run(k.note_owners, 1, counts)
         run(k.enter_above, entries // 2, self.table, self.members, counts)
-        sorted_ = min(self.room, entries // 2)
-        run(k.require_room, max(sorted_, TALLY), counts, entries, self.room, self.members, self.board.flags, self.tally)
+        sorted_ = min(self.capacity, entries // 2)
+        run(k.require_room, max(sorted_, TALLY), counts, entries, self.capacity, self.members, self.device_status.flags, self.tally)
         wp.utils.radix_sort_pairs(self.members, self.slots, sorted_)
         self.cstart.zero_(), self.up.fill_(-1)
         if self.ordered:
             self.down.fill_(-1)
         number = (self.members, self.table, self.slots, self.rows, self.many, self.coordinates, self.member)
-        run(k.number_blocks, self.room, self.tally, *number)
+        run(k.number_blocks, self.capacity, self.tally, *number)
         links = (self.coordinates, self.table, self.slots, self.around, self.up, self.down)
-        run(k.link_blocks, self.room, self.tally, *links)
+        run(k.link_blocks, self.capacity, self.tally, *links)
 
     def grow(self, counts: np.ndarray) -> None:
         """Make room for what the last try counted: a table that got half full becomes twice as large."""
         self.nown, self.nall = int(counts[OWNERS]), int(counts[ENTERED])
         if 2 * self.nall > self.table.shape[0]:
             self.make_table(2 * self.table.shape[0])
-        elif self.nall > self.room:
-            self.make_room(more_room_for(self.nall) if self.room else room_for(self.nall))
+        elif self.nall > self.capacity:
+            self.make_room(more_room_for(self.nall) if self.capacity else room_for(self.nall))
 
     def list_cells(self, flags: Any, nodes: Any, totals: Any = None) -> None:
         """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before.
@@ -367,20 +369,20 @@ class Index:
         """
         given = self.ends if totals is None else totals
         run_blocks(
-            self.k.list_cells, self.room, WARP, flags, given, int(totals is not None), self.cstart, self.active,
-            self.board.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
+            self.k.list_cells, self.capacity, WARP, flags, given, int(totals is not None), self.cstart, self.active,
+            self.device_status.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
         )  # fmt: skip
 
     def count_blocks(self) -> Any:
         """Numbers of particles in the blocks before each, and in all."""
-        run(self.k.count_blocks, self.room, self.cstart, self.sums)
+        run(self.k.count_blocks, self.capacity, self.cstart, self.sums)
         wp.utils.array_scan(self.sums, self.sums, inclusive=False)
         return self.sums
 
     def fit_launches(self, held: int) -> None:
         """Blocks of threads for ``held`` blocks with particles and some more; a step that needs others does them in turn."""
         if not held <= self.launched <= 2 * room_for(held):
-            self.launched = min(room_for(room_for(held)), self.room)
+            self.launched = min(room_for(room_for(held)), self.capacity)
 
 
 def first_table(particles: int) -> int:

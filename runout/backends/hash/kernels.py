@@ -9,18 +9,18 @@ import warp as wp
 from runout.backends.compile import law_record, warp_binding, warp_kernels
 from runout.backends.hash import cells as cell_lists
 from runout.backends.hash import (
-    contact,
+    contact_detection,
+    contact_solution,
     deform,
-    finding,
     forces,
     gradients,
+    grid_to_particles,
     ground,
     index,
-    motion,
     natives,
     observe,
+    particles_to_grid,
     stencil,
-    transfer,
     unknown,
     zones,
 )
@@ -30,8 +30,8 @@ from runout.model.laws import Law
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
 WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
 # what a general scene has of its own: kernels that differ from those of the packed form, and those that it needs besides
-GENERAL_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
-GENERAL_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
+GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
+GRADIENT_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
 
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
@@ -40,7 +40,7 @@ FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
     "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20),
 }  # fmt: skip
-GENERAL_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
+GRADIENT_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 
 def _argument_types(real: Any, record: Any) -> dict[str, Any]:
@@ -93,22 +93,25 @@ def _share_multiprocessor(kernels: SimpleNamespace, precision: str, blocks: dict
 
 
 @cache
-def compiled_kernels(law: Law, precision: str, ordered: bool, zoned: bool = False, general: bool = False) -> SimpleNamespace:
+def compiled_kernels(
+    law: Law, precision: str, ordered: bool, zoned: bool = False, gradient_transfer: bool = False
+) -> SimpleNamespace:
     """Kernels for a law and a number type.
 
-    ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``general``: a transfer other than the packed
-    one, or F-bar. ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart from the
-    others, because warp compiles a module for every number of lanes.
+    ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``gradient_transfer``: a transfer other than
+    the packed one, or F-bar. ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart
+    from the others, because warp compiles a module for every number of lanes.
     """
-    if general:
-        plain, own = compiled_kernels(law, precision, ordered, zoned), _general_kernels(law, precision, ordered)
+    if gradient_transfer:
+        plain, own = compiled_kernels(law, precision, ordered, zoned), _gradient_kernels(law, precision, ordered)
         return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
     name = f"{NAME}.{law.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
     cells, warps, others = _module(f"{name}.cells", CELL_LANES), _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES)
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
     kernels = _bound(
-        law, precision, (stencil, index, cell_lists, zones, contact, finding, transfer, deform, motion, ground, observe,
+        law, precision, (stencil, index, cell_lists, zones, contact_solution, contact_detection, particles_to_grid, deform,
+        grid_to_particles, ground, observe,
          unknown),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         ORDERED=ordered, ZONED=zoned,
@@ -119,15 +122,15 @@ def compiled_kernels(law: Law, precision: str, ordered: bool, zoned: bool = Fals
 
 
 @cache
-def _general_kernels(law: Law, precision: str, ordered: bool) -> SimpleNamespace:
+def _gradient_kernels(law: Law, precision: str, ordered: bool) -> SimpleNamespace:
     """What a general scene takes in the place of kernels of the packed form or besides; the rest of these is not compiled again."""
     name = f"{NAME}.{law.name}.{precision}" + ".ordered" * ordered + ".general"
     cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
     kernels = _bound(
-        law, precision, (stencil, zones, contact, deform, gradients, forces, motion),
-        lambda kernel: cells if kernel in GENERAL_CELL_KERNELS else others if kernel in GENERAL_KERNELS else unused,
-        ORDERED=ordered, GENERAL=True, COUNTED_AT_ONCE=False,
+        law, precision, (stencil, zones, contact_solution, deform, gradients, forces, grid_to_particles),
+        lambda kernel: cells if kernel in GRADIENT_CELL_KERNELS else others if kernel in GRADIENT_KERNELS else unused,
+        ORDERED=ordered, GRADIENT_TRANSFER=True, COUNTED_AT_ONCE=False,
     )  # fmt: skip
-    _share_multiprocessor(kernels, precision, GENERAL_BLOCKS)
-    own = {kernel: getattr(kernels, kernel) for kernel in (*GENERAL_CELL_KERNELS, *GENERAL_KERNELS)}
+    _share_multiprocessor(kernels, precision, GRADIENT_BLOCKS)
+    own = {kernel: getattr(kernels, kernel) for kernel in (*GRADIENT_CELL_KERNELS, *GRADIENT_KERNELS)}
     return SimpleNamespace(**own, modules=((cells, CELL_LANES), (others, PARTICLE_LANES)))

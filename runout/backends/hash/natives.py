@@ -263,17 +263,9 @@ def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ig
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     names = (
-        "add_node",
-        "node_at",
-        "add_pair",
-        "pair_at",
-        "put_node",
-        "raise_peak",
-        "call_up",
-        "book_four",
-        "max_lanes",
+        "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "call_up", "book_four", "max_lanes",
         "note_largest",
-    )
+    )  # fmt: skip
     known = vars(reductions) | globals()
     by_type = {name: known[f"{name}{precision[-2:]}"] for name in names}
     plain: tuple[Any, ...] = (count_in, next_four, take_place, book, add_marks, lane_count, own_block, own_lane)

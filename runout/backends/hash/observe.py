@@ -210,21 +210,21 @@ def keep_sums(booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes
     kept[s, d] = kept[s, d] + _since_sort(booked, parts, gone, threads, scenes, tally, s, d)
 
 
-def tell_sums(
+def write_sums(
     here: Doubles2, booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes: int, tally: Ints, kept: Doubles2,
-    bounds: Table2, told: Doubles2,
+    bounds: Table2, ledger: Doubles2,
 ):  # fmt: skip
     """All that is known of a scene in one row: booked and lost, sums over its particles, number and extent of its blocks."""
     s, d = wp.tid()
     if d < BOOKED + SUMS:
-        told[s, d] = kept[s, d] + _since_sort(booked, parts, gone, threads, scenes, tally, s, d)
+        ledger[s, d] = kept[s, d] + _since_sort(booked, parts, gone, threads, scenes, tally, s, d)
     elif d < BOOKED + 2 * SUMS:
         total = wp.float64(0.0)
         for q in range(parts):
             total += here[s * parts + q, d - BOOKED - SUMS]
-        told[s, d] = total
+        ledger[s, d] = total
     else:
-        told[s, d] = wp.float64(bounds[s, d - BOOKED - 2 * SUMS])
+        ledger[s, d] = wp.float64(bounds[s, d - BOOKED - 2 * SUMS])
 
 
 def _covered(x: wp.float64, width: wp.float64, i: int):

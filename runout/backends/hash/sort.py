@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from runout.backends.hash import looks
+from runout.backends.hash import readback
 from runout.backends.hash.layout import ENTERED, GROUNDED, GROW, HALT, LEFT, NEAR, NEXT, OWNERS, run
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def present(batch: Batch) -> tuple[Callable[[], None], Callable[[], None]]:
         marks = i.touching  # holds nothing that is needed between two steps
         marks.zero_()
         run(k.mark_around, s.size, s.rec, s.key, i.former, marks, i.table, i.members, i.entered)
-        run(k.enter_marked, (i.room, 27), i.former, marks, i.table, i.members, i.entered)
+        run(k.enter_marked, (i.capacity, 27), i.former, marks, i.table, i.members, i.entered)
 
     return (
         enter,
@@ -57,34 +57,34 @@ def enqueue(batch: Batch, enter: Callable[[], None], number: Callable[[], None])
 
 def enqueue_again(batch: Batch) -> None:
     """Launches of a sort of the particles where they are; what has been booked by block is kept by scene."""
-    looks.keep(batch)
+    readback.keep(batch)
     batch.index.keep_former()
     enqueue(batch, *present(batch))
 
 
 def settle(batch: Batch, again: Callable[[], tuple[Callable[[], None], Callable[[], None]]]) -> dict[str, np.ndarray]:
     """The board after a sort that has been launched, which is made again with more room until it fits."""
-    board = batch.board.read()
-    while board["flags"][HALT] == GROW:
-        _make_room(batch, board["counts"])
+    device_status = batch.device_status.read()
+    while device_status["flags"][HALT] == GROW:
+        _make_room(batch, device_status["counts"])
         batch.store.turn_over()  # nothing has moved
         enqueue(batch, *again())
         batch.store.turn_over()
-        board = batch.board.read()
-    counts, index = board["counts"], batch.index
+        device_status = batch.device_status.read()
+    counts, index = device_status["counts"], batch.index
     index.nown, index.nall, batch.store.n = int(counts[OWNERS]), int(counts[ENTERED]), int(counts[LEFT])
-    index.fit_launches(int(board["tally"][NEXT]))
-    return board
+    index.fit_launches(int(device_status["tally"][NEXT]))
+    return device_status
 
 
 def _make_room(batch: Batch, counts: np.ndarray) -> None:
     """Larger arrays for what a sort has counted; where the index grows, the ground under it as much."""
     index, nodes = batch.index, batch.nodes
-    room, entries = index.room, index.table.shape[0]
+    capacity, entries = index.capacity, index.table.shape[0]
     index.grow(counts)
-    if index.room != room:
+    if index.capacity != capacity:
         batch.nodes = batch.node_arrays()
-        if room:
-            batch.nodes.make_room(nodes.places * index.room // room, nodes.slots * index.room // room)
+        if capacity:
+            batch.nodes.make_room(nodes.places * index.capacity // capacity, nodes.slots * index.capacity // capacity)
     elif index.table.shape[0] == entries:
         nodes.make_room(int(counts[NEAR]), int(counts[GROUNDED]))

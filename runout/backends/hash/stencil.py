@@ -10,7 +10,7 @@ from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
     COUNTED_AT_ONCE,
-    GENERAL,
+    GRADIENT_TRANSFER,
     HALT,
     PIECE,
     PUSHES,
@@ -32,7 +32,7 @@ from runout.backends.hash.layout import (
     node_at,
     put_node,
 )
-from runout.physics.contact import fall
+from runout.physics.contact import approach_speed
 from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
 
@@ -196,7 +196,7 @@ def _wide_node(grid: Nodes, o: int, t: int):
     g = node4()
     if o >= 0:
         g = node_at(grid, o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)))
-    if GENERAL:
+    if GRADIENT_TRANSFER:
         return node4(g[1], g[2], g[3], g[0])
     return node4(g[1], g[2], g[3], real(0.0))
 
@@ -241,8 +241,8 @@ def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
 
 
 def update_nodes(
-    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, shares: Reals, ground_slopes: Nodes, falls: Reals,
-    ends: Ints, grid: Nodes,
+    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, shares: Reals, ground_slopes: Nodes,
+    approach_speeds: Reals, ends: Ints, grid: Nodes,
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
 
@@ -266,8 +266,8 @@ def update_nodes(
             push = pair_at(shares, slot * SLOT + PUSHES + 2 * (t & 63))
             v = node_velocity(vec(push[0], push[1], shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
         put_node(grid, t, node4(g[0], v[0], v[1], v[2]))
-    if not GENERAL and clock[s, 0] > real(0.0):
-        note_largest(falls, t, fall(v, slopes[0], slopes[1], slopes[2], slopes[3]))
+    if not GRADIENT_TRANSFER and clock[s, 0] > real(0.0):
+        note_largest(approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
 
 
 def _sum_arenas(arenas: Nodes, held: Ints, down: Table2, t: int):

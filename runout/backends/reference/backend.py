@@ -12,7 +12,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import numba_binding
-from runout.backends.protocol import Columns, Counters, LedgerRow
+from runout.backends.protocol import Counters, LedgerRow, RasterSums
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.state import State, arrays_of, part, put_arrays
@@ -109,22 +109,14 @@ class ReferenceBackend:
         """Sums of the present state."""
         p, (kinetic, potential, elastic) = self._p, self._energies()
         return LedgerRow(
-            mass=float(p.mass.sum()),
-            escaped_mass=self._escaped_mass,
-            momentum=p.mass @ p.velocity,
-            kinetic_energy=float(kinetic.sum()),
-            potential_energy=float(potential.sum()),
-            elastic_energy=float(elastic.sum()),
-            basal_dissipation=self._basal,
-            plastic_dissipation=self._plastic,
-            escaped_energy=self._escaped_energy,
-            basal_impulse=self._basal_impulse.copy(),
-            max_speed=self._max_speed(),
-            active_blocks=len(np.unique(blocks.block_of(p.node), axis=0)),
-            contact_particles=self._contacts,
-        )
+            mass=float(p.mass.sum()), escaped_mass=self._escaped_mass, momentum=p.mass @ p.velocity,
+            kinetic_energy=float(kinetic.sum()), potential_energy=float(potential.sum()), elastic_energy=float(elastic.sum()),
+            basal_dissipation=self._basal, plastic_dissipation=self._plastic, escaped_energy=self._escaped_energy,
+            basal_impulse=self._basal_impulse.copy(), max_speed=self._max_speed(),
+            active_blocks=len(np.unique(blocks.block_of(p.node), axis=0)), contact_particles=self._contacts,
+        )  # fmt: skip
 
-    def columns(self) -> Columns:
+    def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""
         return footprints.columns_of(self.scene, self._p, self.particle_volume)
 

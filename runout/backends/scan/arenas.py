@@ -8,10 +8,10 @@ import numpy as np
 
 from runout.backends.scan.domain import Domain
 from runout.backends.scan.index import Index
+from runout.backends.scan.particles_to_grid import SHARES
 from runout.backends.scan.schedule import Schedule
+from runout.backends.scan.state import _zeros
 from runout.backends.scan.stencil import ARENA
-from runout.backends.scan.store import _zeros
-from runout.backends.scan.transfer import SHARES
 
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
 
@@ -29,7 +29,7 @@ class Arenas:
     free : (threads, some) int32
         Arenas of each thread that may be used again.
     reached, pressed : (nown,) uint8
-        Parts of such an arena that its particles reach, and its contacts (:mod:`runout.backends.scan.transfer`).
+        Parts of such an arena that its particles reach, and its contacts (:mod:`runout.backends.scan.particles_to_grid`).
     shares, sharer : (some, SHARES), (nown,) int32
         Weights of the contacts of an owner at the nodes that they reach, the last without any; the place of the owner among these.
     grid : (nall, 256)
@@ -102,49 +102,26 @@ class Arenas:
     def of(cls, index: Index, schedule: Schedule, real: Any, domain: Domain, sleeps: bool, sharers: int = 0) -> "Arenas":
         """Arrays for the blocks of an index, which may sleep, and room for some shares; particles leave the ``domain``."""
         n = index.nown
-        room, threads = _roomy(schedule.most_arenas(index.held)), len(schedule.cuts) - 1
+        capacity, threads = _roomy(schedule.most_arenas(index.held)), len(schedule.cuts) - 1
         count = partial(np.zeros, n, np.int64)
         return cls(
-            number=np.zeros(n, np.int32),
-            lent=np.zeros(n, np.int32),
-            arenas=_zeros(threads * room + 1, ARENA, real),
-            free=np.zeros((threads, room), np.int32),
-            reached=np.zeros(n, np.uint8),
-            pressed=np.zeros(n, np.uint8),
-            shares=np.zeros((sharers, SHARES), real),
-            sharer=np.zeros(n, np.int32),
-            grid=_zeros(index.nall, 256, real),
-            shared=np.zeros(index.nall, np.bool_),
-            inverse=_zeros(index.nall, 64, real),
-            tiles=np.empty((n, 36), real),
-            planes=np.empty((n, 48), real),
-            bounds=np.empty((n, 2), real),
-            touching=count(),
-            candidates=count(),
-            place=count(),
-            leaving=count(),
-            arrivals=count(),
-            before=count(),
-            shifted=count(),
-            changed=count(),
-            rim=domain.at_edge(index.bxyz[:n]),
-            motion=np.zeros((n, 4)),
-            ground=np.zeros((n, 4)),
-            asleep=np.zeros(n, np.bool_),
-            calm=count() if sleeps else index.held,
-            falling=count() if sleeps else index.held,
-            moving=index.held.copy() if sleeps else index.held,
-            giving=index.held.copy() if sleeps else index.held,
-            sums=np.zeros((n, SUMS)),
-            total=np.zeros(SUMS),
-            nothing=np.zeros(SUMS),
-        )
+            number=np.zeros(n, np.int32), lent=np.zeros(n, np.int32), arenas=_zeros(threads * capacity + 1, ARENA, real),
+            free=np.zeros((threads, capacity), np.int32), reached=np.zeros(n, np.uint8), pressed=np.zeros(n, np.uint8),
+            shares=np.zeros((sharers, SHARES), real), sharer=np.zeros(n, np.int32), grid=_zeros(index.nall, 256, real),
+            shared=np.zeros(index.nall, np.bool_), inverse=_zeros(index.nall, 64, real), tiles=np.empty((n, 36), real),
+            planes=np.empty((n, 48), real), bounds=np.empty((n, 2), real), touching=count(), candidates=count(), place=count(),
+            leaving=count(), arrivals=count(), before=count(), shifted=count(), changed=count(),
+            rim=domain.at_edge(index.bxyz[:n]), motion=np.zeros((n, 4)), ground=np.zeros((n, 4)), asleep=np.zeros(n, np.bool_),
+            calm=count() if sleeps else index.held, falling=count() if sleeps else index.held,
+            moving=index.held.copy() if sleeps else index.held, giving=index.held.copy() if sleeps else index.held,
+            sums=np.zeros((n, SUMS)), total=np.zeros(SUMS), nothing=np.zeros(SUMS),
+        )  # fmt: skip
 
     def make_arenas(self, wanted: int) -> None:
         """More arenas for each thread."""
-        threads, room = len(self.free), _roomy(wanted)
-        self.arenas = _zeros(threads * room + 1, ARENA, self.arenas.dtype)
-        self.free = np.zeros((threads, room), np.int32)
+        threads, capacity = len(self.free), _roomy(wanted)
+        self.arenas = _zeros(threads * capacity + 1, ARENA, self.arenas.dtype)
+        self.free = np.zeros((threads, capacity), np.int32)
 
     def make_shares(self, wanted: int) -> None:
         """Shares of so many blocks, and empty ones."""

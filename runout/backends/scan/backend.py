@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from runout.backends import footprints
-from runout.backends.protocol import Columns, Counters, LedgerRow
-from runout.backends.scan import checkpoint, columns, index, motion, nodes, observe, sleep
+from runout.backends.protocol import Counters, LedgerRow, RasterSums
+from runout.backends.scan import checkpoint, grid, grid_to_particles, index, observe, raster_sums, sleep
 from runout.backends.scan.arenas import Arenas
 from runout.backends.scan.domain import Domain
-from runout.backends.scan.general import General, is_general
+from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer
 from runout.backends.scan.kernels import kernels_for
 from runout.backends.scan.schedule import Schedule
-from runout.backends.scan.store import PADDING, SELDOM, Store, capacity, reserve
+from runout.backends.scan.state import PADDING, SELDOM, Store, capacity, reserve
 from runout.backends.scan.waiting import wait_briefly
 from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, StabilityError
@@ -72,7 +72,7 @@ class ScanBackend:
         self.surge, self.closed_at, self.closed_end = 0, 0, self.n  # fresh slots of a step of late; step and end of closed gaps
         self.k = kernels_for(scene)
         self.no_rates = (np.zeros((0, 16), scene.dtype), scene.dtype(0), np.zeros((0, 16), scene.dtype), scene.dtype(0))
-        self.general = General(scene) if is_general(scene) else None
+        self.gradient_transfer = GradientTransfer(scene) if uses_gradient_transfer(scene) else None
         self.counters = Counters()
         self.threads = max(1, min(self.allowed, self.n // PARTICLES_PER_THREAD))
         self.packed_dt, self.moved = 0.0, False
@@ -120,22 +120,22 @@ class ScanBackend:
             most = found.held.max()
             raise CapacityError(f"a block of 64 cells holds {most} particles, at most {MOST_IN_A_BLOCK} fit; use smaller cells")
         before = found.first.copy()
-        self.end = int(self.k.give_slots(found.held, found.first, found.room, found.nown))
+        self.end = int(self.k.give_slots(found.held, found.first, found.capacity, found.nown))
         slot = np.arange(self.n) + np.repeat(found.first - before, found.held)
         self.store = Store.of(capacity(self.end), slot, particles.take(sequence), self.scene)
         self._index_anew(found)
         self.k.mark_slots(self.index.starts, self.index.first, self.index.nown, self.store.cell, self.store.order)
 
-    def _index_anew(self, old: index.Index, room: Arenas | None = None) -> None:
-        """Find the blocks anew; the particles keep their slots, and those of ``room`` that sleep go on to."""
+    def _index_anew(self, old: index.Index, arenas: Arenas | None = None) -> None:
+        """Find the blocks anew; the particles keep their slots, and those of ``arenas`` that sleep go on to."""
         self.index, numbers = old.rebuilt(self.k, MARGIN, self.dense)
         i = self.index
-        self.k.hand_over_slots(numbers, old.starts, old.first, old.room, old.nown, i.starts, i.first, i.room, i.held)
+        self.k.hand_over_slots(numbers, old.starts, old.first, old.capacity, old.nown, i.starts, i.first, i.capacity, i.held)
         if any(self.period):
             i.join_ends(self.period)
-        self._allocate_blocks(room)
-        if room is not None and self.scene.sleep_speed:
-            sleep.carry_over(self, room, old.held, numbers)
+        self._allocate_blocks(arenas)
+        if arenas is not None and self.scene.sleep_speed:
+            sleep.carry_over(self, arenas, old.held, numbers)
 
     def _make_slots(self) -> None:
         """Close the gaps that blocks have left behind, once few slots remain; more slots if they do not gain much."""
@@ -146,15 +146,15 @@ class ScanBackend:
         if packed + spare > s.slots:
             s.grow(max(packed + spare, capacity(packed)))
         by_slot = (used := np.flatnonzero(i.held))[np.argsort(i.first[used])]
-        slots = s.rec, s.state, s.who, s.cell, s.order, i.starts, by_slot, i.first, i.room, i.held
+        slots = s.rec, s.state, s.particle_index, s.cell, s.order, i.starts, by_slot, i.first, i.capacity, i.held
         self.closed_end = self.end = k.pack_slots(*slots, *(buffer[0] for buffer in self.buffers[:3]))
 
     def _allocate_blocks(self, former: Arenas | None = None) -> None:
         """Arrays by block, after a rebuild; with room for as many shares as the ``former`` had, or the next step runs twice."""
         i, k, surface = self.index, self.k, self.scene.surface
-        self.schedule = Schedule.of(i, self.threads, not self.general)
+        self.schedule = Schedule.of(i, self.threads, not self.gradient_transfer)
         sleeps, sharers = self.scene.sleep_speed > 0, len(former.shares) if former else 0
-        self.room = a = Arenas.of(i, self.schedule, self.scene.dtype, self.domain, sleeps, sharers)
+        self.arenas = a = Arenas.of(i, self.schedule, self.scene.dtype, self.domain, sleeps, sharers)
         self.reaches_rim = bool(a.rim.any())
         self._fit_buffers(k.total_held(i.held, i.nown)[1])
         if surface is not None:
@@ -190,7 +190,7 @@ class ScanBackend:
         clock = _Clock(self.counters.seconds)
         if self.index.travelled + 1 > MARGIN:
             self.counters.rebuilds += 1
-            self._index_anew(self.index, self.room)
+            self._index_anew(self.index, self.arenas)
         if self.end + max(reserve(self.n), self.surge) > self.store.slots:
             self._make_slots()
         clock("index")
@@ -211,7 +211,7 @@ class ScanBackend:
         self.scene.law.set_step(self.mats, dt)
         if self.scene.packed:
             ddt, self.packed_dt = real(dt - self.packed_dt), dt
-            self.k.change_step(s.rec, s.state, s.who, s.label, s.order, i.first, i.held, i.nown, self.mats, ddt, self.h)
+            self.k.change_step(s.rec, s.state, s.particle_index, s.label, s.order, i.first, i.held, i.nown, self.mats, ddt, self.h)
         self.dt = real(dt)
         for k in range(16):
             self.dv[k] = dt * self.scene.gravity[k % 4 - 1] if k % 4 else 0.0
@@ -222,28 +222,28 @@ class ScanBackend:
         if dt != self.packed_dt:
             self._change_step(dt)
         if self.scene.surface is None:
-            nodes.fill(self)
+            grid.fill(self)
         else:
-            nodes.fill_over_ground(self, dt)
+            grid.fill_over_ground(self, dt)
 
     def _contact(self) -> None:
-        i, s, a = self.index, self.store, self.room
+        i, s, a = self.index, self.store, self.arenas
         if self.contact_particles == 0:
             return
         if self.zones:
             where = i.bxyz, self.corner, self.spacing
             self.k.take_zones(s.rec, s.measured, a.place, s.listed, s.cell, i.first, i.nown, a.touching, *where, *self.zones)
-        nodes.push(self)
+        grid.push(self)
         self.basal_dissipation -= float(a.total[0])
         self.basal_impulse += a.total[1:4]
 
     def _to_particles(self, dt: float) -> None:
-        i, s, a = self.index, self.store, self.room
-        more = self.general.take_rates(self) if self.general else self.no_rates
+        i, s, a = self.index, self.store, self.arenas
+        more = self.gradient_transfer.take_rates(self) if self.gradient_transfer else self.no_rates
         speed2, step, lost, refused, self.moved = self.k.grid_to_particles(
-            s.rec, s.state, s.cell, s.who, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown, self.schedule.cuts,
-            a.grid, i.up, i.bxyz, a.rim, self.domain.limits, self.domain.unknown, self.mats, self.slopes, self.cells, *more,
-            *self.buffers, s.listed, a.leaving, a.shifted, a.changed, a.motion,
+            s.rec, s.state, s.cell, s.particle_index, s.label, s.order, i.starts, i.first, a.moving, a.reached, i.nown,
+            self.schedule.cuts, a.grid, i.up, i.bxyz, a.rim, self.domain.limits, self.domain.unknown, self.mats, self.slopes,
+            self.cells, *more, *self.buffers, s.listed, a.leaving, a.shifted, a.changed, a.motion,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(
@@ -258,19 +258,19 @@ class ScanBackend:
         """Hand particles over to the blocks that they enter; those that left the domain are booked and go."""
         if not self.moved:
             return
-        i, s, a, k = self.index, self.store, self.room, self.k
+        i, s, a, k = self.index, self.store, self.arenas, self.k
         if self.reaches_rim:
             self._book_escaped()
         while True:
-            end, moves = self.end, (i.around, i.first, i.nown, s.listed, a.leaving, i.held, i.room, a.before, a.arrivals)
+            end, moves = self.end, (i.around, i.first, i.nown, s.listed, a.leaving, i.held, i.capacity, a.before, a.arrivals)
             needed, self.end, self.n_holes = k.make_way(*moves, end, s.slots, self.holes, self.n_holes)
             if end + needed <= s.slots:
                 break
             s.grow(end + needed)
         self.surge = max(needed, self.surge - self.surge // 8)
         there, fullest = k.settle(
-            s.rec, s.state, s.who, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown, self.schedule.cuts,
-            s.listed, a.leaving, a.shifted, a.changed, a.arrivals,
+            s.rec, s.state, s.particle_index, s.cell, s.order, i.starts, i.first, i.held, a.before, i.around, i.nown,
+            self.schedule.cuts, s.listed, a.leaving, a.shifted, a.changed, a.arrivals,
         )  # fmt: skip
         if fullest + PADDING > self.buffers[0].shape[1]:
             self._fit_buffers(fullest)
@@ -278,57 +278,51 @@ class ScanBackend:
             raise StabilityError(f"{self.n - there} particles left the index in step {self.counters.steps}; please report this")
 
     def _book_escaped(self) -> None:
-        i, s, leaving = self.index, self.store, self.room.leaving
+        i, s, leaving = self.index, self.store, self.arenas.leaving
         self._sum(self.k.sum_escaped, s.listed, leaving, i.first)
-        sums = self.room.total
+        sums = self.arenas.total
         self.escaped_mass += float(sums[observe.MASS])
         self.escaped_energy += float(sums[observe.KINETIC] + sums[observe.POTENTIAL] + sums[observe.ELASTIC])
-        self.n -= self.k.total_escaped(s.listed, leaving, i.first, i.nown, motion.OUTSIDE)
+        self.n -= self.k.total_escaped(s.listed, leaving, i.first, i.nown, grid_to_particles.OUTSIDE)
 
     def _sum(self, kernel: Any, *which: np.ndarray) -> None:
         """Sums of a kernel over all blocks (see :mod:`runout.backends.scan.observe`), in ``room.total``."""
-        i, s, a = self.index, self.store, self.room
+        i, s, a = self.index, self.store, self.arenas
         dt = self.scene.dtype(self.packed_dt)
         kernel(
-            s.rec, s.state, s.who, s.label, *which, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing, self.gravity, a.sums
-        )
-        self.k.total_rows(a.sums, i.room, i.nown, a.total)
+            s.rec, s.state, s.particle_index, s.label, *which, i.nown, i.bxyz, self.corner, self.mats, dt, self.spacing,
+            self.gravity, a.sums,
+        )  # fmt: skip
+        self.k.total_rows(a.sums, i.capacity, i.nown, a.total)
 
     def checkpoint(self) -> State:
         """The state between two steps; its arrays change with the next one."""
-        return checkpoint.taken(self)
+        return checkpoint.save(self)
 
     def restore(self, scene: Scene, state: State) -> None:
         """Go on from a state of the same scene."""
-        checkpoint.put_back(self, scene, state)
+        checkpoint.restore_state(self, scene, state)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
         named = {**vars(self.index), **vars(self.schedule), **vars(self), **{f"buffer_{k}": a for k, a in enumerate(self.buffers)}}
         own = {name: int(a.nbytes) for name, a in named.items() if isinstance(a, np.ndarray)}
-        more = self.general.memory() if self.general else {}
-        return {**self.store.memory(), **self.room.memory(), **own, **more}
+        more = self.gradient_transfer.memory() if self.gradient_transfer else {}
+        return {**self.store.memory(), **self.arenas.memory(), **own, **more}
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
         i = self.index
         self._sum(self.k.sum_blocks, self.store.cell, self.store.order, i.first, i.held)
-        sums = self.room.total
+        sums = self.arenas.total
         return LedgerRow(
-            mass=float(sums[observe.MASS]),
-            escaped_mass=self.escaped_mass,
-            momentum=sums[observe.MOMENTUM : observe.KINETIC].copy(),
-            kinetic_energy=float(sums[observe.KINETIC]),
-            potential_energy=float(sums[observe.POTENTIAL]),
-            elastic_energy=float(sums[observe.ELASTIC]),
-            basal_dissipation=self.basal_dissipation,
-            plastic_dissipation=self.plastic_dissipation,
-            escaped_energy=self.escaped_energy,
-            basal_impulse=self.basal_impulse.copy(),
-            max_speed=self.max_speed,
-            active_blocks=int((i.held > 0).sum()),
-            contact_particles=self.contact_particles,
-        )
+            mass=float(sums[observe.MASS]), escaped_mass=self.escaped_mass,
+            momentum=sums[observe.MOMENTUM : observe.KINETIC].copy(), kinetic_energy=float(sums[observe.KINETIC]),
+            potential_energy=float(sums[observe.POTENTIAL]), elastic_energy=float(sums[observe.ELASTIC]),
+            basal_dissipation=self.basal_dissipation, plastic_dissipation=self.plastic_dissipation,
+            escaped_energy=self.escaped_energy, basal_impulse=self.basal_impulse.copy(), max_speed=self.max_speed,
+            active_blocks=int((i.held > 0).sum()), contact_particles=self.contact_particles,
+        )  # fmt: skip
 
     def particles(self) -> Particles:
         """The particles as they are, in the order of their identity."""
@@ -337,28 +331,28 @@ class ScanBackend:
         place = np.cumsum(i.held) - i.held
         dt = self.scene.dtype(self.packed_dt)
         self.k.unpack(
-            s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.mats, dt,
+            s.rec, s.state, s.particle_index, s.label, s.order, i.starts, i.first, i.nown, i.bxyz, self.corner, self.mats, dt,
             self.spacing, place, node, affine,
         )  # fmt: skip
         slot = s.order[np.repeat(i.first - place, i.held) + np.arange(n)]
-        rec, state, who = s.rec[slot].astype(np.float64), s.state[slot].astype(np.float64), s.who[slot]
+        rec, state, particle_index = s.rec[slot].astype(np.float64), s.state[slot].astype(np.float64), s.particle_index[slot]
         m = rec[:, 0]
         middle, *slopes = np.moveaxis(rec.reshape(-1, 4, 4)[:, :, 1:], 0, 2)
         momentum = moments.momentum_at(middle, slopes[0], slopes[1], slopes[2], rec[:, 4::4].T - 1.0)
         p = Particles(
             node, rec[:, 4::4], np.column_stack(momentum) / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
-            s.radius[who].astype(np.float64), s.ground_force(who, self.counters.steps), s.label[who, 0],
-            s.label[who, 1].astype(np.int64),
+            s.radius[particle_index].astype(np.float64), s.ground_force(particle_index, self.counters.steps),
+            s.label[particle_index, 0], s.label[particle_index, 1].astype(np.int64),
         )  # fmt: skip
         return p.take(np.argsort(p.identity))
 
-    def columns(self) -> Columns:
+    def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""
-        return columns.whole(self)
+        return raster_sums.whole(self)
 
-    def flow_columns(self) -> Columns:
+    def flow_columns(self) -> RasterSums:
         """The same over a window of cells that holds all mass."""
-        return columns.around_flow(self)
+        return raster_sums.around_flow(self)
 
 
 class _Clock:

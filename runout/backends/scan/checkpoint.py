@@ -12,7 +12,7 @@ import numpy as np
 from runout.backends.scan import sleep
 from runout.backends.scan.domain import Domain
 from runout.backends.scan.index import Index
-from runout.backends.scan.store import PADDING, Store
+from runout.backends.scan.state import PADDING, Store
 from runout.backends.state import State, arrays_of, part, plain, put_arrays
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -43,13 +43,13 @@ WITHIN_A_STEP = (
 SCRATCH = ("contacts", "measured", "felt", "given", "listed")  # of a step
 
 
-def taken(engine: "ScanBackend") -> State:
+def save(engine: "ScanBackend") -> State:
     """The state between two steps; the arrays are those of the backend and change with its next step."""
     slots, end = engine.store.slots, engine.end + PADDING
     state = arrays_of(engine, OF_THE_SCENE, "own.")
     state |= arrays_of(engine.index, prefix="index.")
     if engine.scene.sleep_speed:
-        state |= arrays_of(engine.room, WITHIN_A_STEP, "room.")
+        state |= arrays_of(engine.arenas, WITHIN_A_STEP, "arenas.")
     state |= arrays_of(engine.counters, prefix="counters.")
     state |= {f"seconds.{stage}": np.asarray(value) for stage, value in engine.counters.seconds.items()}
     state["slots"] = np.asarray(slots)
@@ -58,7 +58,7 @@ def taken(engine: "ScanBackend") -> State:
     return state
 
 
-def put_back(engine: "ScanBackend", scene: Scene, state: State) -> None:
+def restore_state(engine: "ScanBackend", scene: Scene, state: State) -> None:
     """Bring the backend to a state of the same scene that :func:`taken` gave."""
     from runout.backends.scan.backend import PARTICLES_PER_THREAD
 
@@ -73,7 +73,7 @@ def put_back(engine: "ScanBackend", scene: Scene, state: State) -> None:
     engine.threads = max(1, min(engine.allowed, len(engine.store.label) // PARTICLES_PER_THREAD))
     engine._allocate_blocks()
     if scene.sleep_speed:
-        put_arrays(engine.room, state, "room.")
+        put_arrays(engine.arenas, state, "arenas.")
         sleep.share_work(engine)
 
 
@@ -85,9 +85,9 @@ def _store(scene: Scene, state: State) -> Store:
     for field in fields(store):
         if field.name in SCRATCH:
             continue
-        room, values = getattr(store, field.name), saved[field.name]
-        if len(room) == slots + PADDING:
-            room[: len(values)] = values
+        capacity, values = getattr(store, field.name), saved[field.name]
+        if len(capacity) == slots + PADDING:
+            capacity[: len(values)] = values
         else:
             setattr(store, field.name, values)
     return store

@@ -39,13 +39,13 @@ def _z_slopes(f):
     return z_slope_scale(d) * (d - z_centre(d))
 
 
-def _take_tile(t, rec, state, who, label, order, start, groups, mats):
+def _take_tile(t, rec, state, particle_index, label, order, start, groups, mats):
     """Records and states of listed particles as columns of a tile, and their moduli; behind the last, of any others."""
     for g in range(groups):
         store_16_rows(t, 16 * g, load_listed_records(rec, order, start + 16 * g))
         store_8_rows(t, 16 * TILE + 16 * g, load_listed_states(state, order, start + 16 * g))
     for q in range(16 * groups):
-        mat = mats[label[who[order[start + q]], 0]]
+        mat = mats[label[particle_index[order[start + q]], 0]]
         t[LAMBDA, q] = mat.lame_lambda
         t[SHEAR, q] = mat.shear_modulus
 
@@ -96,7 +96,7 @@ def _scatter_slopes(rec, r, rows):
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
 
 
-def add_forces(rec, state, who, label, order, starts, first, nown, mats, s, number, arenas, buffers):
+def add_forces(rec, state, particle_index, label, order, starts, first, nown, mats, s, number, arenas, buffers):
     """Add the impulses of the internal forces to the arenas; ``s`` = dt / h [s/m] by axis.
 
     ``buffers`` have a row for each particle of the fullest block, for each thread.
@@ -110,7 +110,7 @@ def add_forces(rec, state, who, label, order, starts, first, nown, mats, s, numb
         for k in range(0, held, TILE):
             count = min(TILE, held - k)
             groups = (count + 15) >> 4
-            _take_tile(t, rec, state, who, label, order, first[b] + k, groups, mats)
+            _take_tile(t, rec, state, particle_index, label, order, first[b] + k, groups, mats)
             _replace_by_forces(t, s, count)
             for g in range(groups):
                 store_records(forces, 16 * (k + 16 * g), load_16_rows(t, 16 * g))

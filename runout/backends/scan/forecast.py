@@ -6,11 +6,11 @@ import numpy as np
 
 from runout.backends.scan.arenas import Arenas
 from runout.backends.scan.domain import Domain
-from runout.backends.scan.general import bytes_of_general
+from runout.backends.scan.gradient_transfer import bytes_of_gradient_transfer
 from runout.backends.scan.index import Index
-from runout.backends.scan.order import _spacious
 from runout.backends.scan.schedule import Schedule
-from runout.backends.scan.store import Store, capacity
+from runout.backends.scan.sort import _spacious
+from runout.backends.scan.state import Store, capacity
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -45,7 +45,7 @@ def bytes_needed(
     of_held = _slope(lambda n: _blocks(n, SAMPLE, SAMPLE, scene))
     of_node = _slope(lambda n: _blocks(0, SAMPLE, SAMPLE + n, scene)) if nodes else 0.0
     blocks = of_held * held + (of_owner - of_node) * owners + of_node * nodes
-    return round(of_slot * slots + of_particle * particles + blocks + bytes_of_general(scene, slots, nodes))
+    return round(of_slot * slots + of_particle * particles + blocks + bytes_of_gradient_transfer(scene, slots, nodes))
 
 
 def _slope(size: Callable[[int], int]) -> float:

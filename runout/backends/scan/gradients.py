@@ -13,6 +13,7 @@ from numba import prange
 
 from runout.backends.lanes import constant, load16, permutation, select, splat, store
 from runout.backends.scan.forces import _z_slopes
+from runout.backends.scan.particles_to_grid import _find_arenas, _sum_row, local_places, masses
 from runout.backends.scan.stencil import (
     ARENA,
     EVERY,
@@ -32,7 +33,6 @@ from runout.backends.scan.stencil import (
     local_weights,
     zeros,
 )
-from runout.backends.scan.transfer import _find_arenas, _sum_row, local_places, masses
 from runout.physics.bspline import moment_slopes, weight_slopes, weights
 from runout.physics.moments import momentum_at, velocity_gradient
 from runout.physics.tensors import real, vec

@@ -40,7 +40,7 @@ class Index:
         Owners among the neighbours, -1 where there is none.
     starts : (nown, 65) int32
         First particle of each cell in the order of the block.
-    held, first, room : (nown,) int64
+    held, first, capacity : (nown,) int64
         Particles; first slot; slots.
     travelled : float
         Largest distance [cells] that a particle may have moved since the index was made.
@@ -55,15 +55,15 @@ class Index:
     starts: np.ndarray
     held: np.ndarray
     first: np.ndarray
-    room: np.ndarray
+    capacity: np.ndarray
     travelled: float = 0.0
 
     @classmethod
     def room_for(cls, nown: int, nall: int) -> "Index":
         """An index without content."""
         bxyz, up, down, around = (np.empty((n, w), np.int32) for n, w in ((nall, 3), (nown, 8), (nall, 8), (nown, 27)))
-        held, first, room = (np.zeros(nown, np.int64) for _ in range(3))
-        return cls(nown, nall, bxyz, up, down, around, np.zeros((nown, 65), np.int32), held, first, room)
+        held, first, capacity = (np.zeros(nown, np.int64) for _ in range(3))
+        return cls(nown, nall, bxyz, up, down, around, np.zeros((nown, 65), np.int32), held, first, capacity)
 
     @classmethod
     def of_nodes(cls, node: np.ndarray) -> "tuple[np.ndarray, Index]":

@@ -5,54 +5,74 @@ from types import SimpleNamespace
 from runout.backends.compile import PHYSICS, numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.scan import (
-    ahead,
     arenas,
-    columns,
-    contact,
+    contact_detection,
+    contact_solution,
     domain,
     forces,
     gradients,
+    grid_to_particles,
     ground,
-    impulses,
     index,
-    motion,
     observe,
-    order,
+    particles_to_grid,
+    precompile,
+    raster_sums,
     rest,
+    sort,
     stencil,
-    transfer,
     zones,
 )
-from runout.backends.scan.general import is_general
+from runout.backends.scan.gradient_transfer import uses_gradient_transfer
 from runout.model.laws import Law
 from runout.model.scene import Scene
 
-COMMON = (stencil, arenas, ground, index, transfer, contact, impulses, order, observe, columns, rest, zones)  # know no law
+COMMON = (
+    stencil,
+    arenas,
+    ground,
+    index,
+    particles_to_grid,
+    contact_detection,
+    contact_solution,
+    sort,
+    observe,
+    raster_sums,
+    rest,
+    zones,
+)  # know no law
 LANES = (vectors, shuffles, memory)
-BY_GRADIENTS = (stencil, transfer, observe, contact, forces, gradients)  # of transfers other than the packed one, and of F-bar
-SOURCES = (*PHYSICS, *COMMON, domain, motion, *LANES, ahead)
+BY_GRADIENTS = (
+    stencil,
+    particles_to_grid,
+    observe,
+    contact_detection,
+    forces,
+    gradients,
+)  # of transfers other than the packed one, and of F-bar
+SOURCES = (*PHYSICS, *COMMON, domain, grid_to_particles, *LANES, precompile)
 _MADE: dict[tuple[str, Law, bool, str], SimpleNamespace] = {}
 
 
 def kernels_for(scene: Scene) -> SimpleNamespace:
     """Kernels for the number type and the law of a scene, made once a process and taken from the cache of compiled code."""
-    key = (scene.precision, scene.law, len(scene.materials) == 1, ahead.variant(scene))
+    key = (scene.precision, scene.law, len(scene.materials) == 1, precompile.variant(scene))
     if key not in _MADE:
-        ahead.ensure_compiled(scene, (*SOURCES, *BY_GRADIENTS) if is_general(scene) else SOURCES)
+        precompile.ensure_compiled(scene, (*SOURCES, *BY_GRADIENTS) if uses_gradient_transfer(scene) else SOURCES)
         _MADE[key] = _bound(scene)
     return _MADE[key]
 
 
 def _bound(scene: Scene) -> SimpleNamespace:
     binding = numba_binding(scene.dtype)
-    common = binding.kernels(*COMMON, sources=(*LANES, domain, motion))
+    common = binding.kernels(*COMMON, sources=(*LANES, domain, grid_to_particles))
     law = binding.law(scene.law)
     names = {
         "law_update": law.step,
         "law_update_small": law.step_small,
         "ONE_MATERIAL": len(scene.materials) == 1,
-        "GENERAL": is_general(scene),
+        "GRADIENT_TRANSFER": uses_gradient_transfer(scene),
     }
-    own = binding.kernels(stencil, domain, motion, sources=LANES, **names)
-    more = binding.kernels(*BY_GRADIENTS, sources=LANES) if is_general(scene) else SimpleNamespace()
+    own = binding.kernels(stencil, domain, grid_to_particles, sources=LANES, **names)
+    more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
     return SimpleNamespace(**(vars(more) | vars(common) | vars(own)))

@@ -7,7 +7,7 @@ from numba import prange
 
 from runout.backends.lanes import lane_sum, listed_record_vectors, load16, local_array, prefetch, row_vectors
 from runout.backends.scan.arenas import SUMS
-from runout.backends.scan.motion import OUTSIDE
+from runout.backends.scan.grid_to_particles import OUTSIDE
 from runout.physics.elastic import energy_density, is_small, kirchhoff_stress, log_strain, log_strain_scaled, log_strain_series
 from runout.physics.moments import gradient_column, kinetic_energy, moment_slope, momentum_at, potential_energy, stress_columns
 from runout.physics.tensors import contracted, real, sym, vec
@@ -43,13 +43,13 @@ def _add_stress(rec, p, tau, volume, slopes):
             rec[p, 5 + 4 * j + i] += push[3 * j + i]
 
 
-def change_step(rec, state, who, label, order, first, held, nown, mats, ddt, h):
+def change_step(rec, state, particle_index, label, order, first, held, nown, mats, ddt, h):
     """Repack the records for a time step longer by ``ddt`` [s]."""
     slopes = moment_slope(ddt, h[0]), moment_slope(ddt, h[1]), moment_slope(ddt, h[2])
     for b in prange(nown):
         for k in range(first[b], first[b] + held[b]):
             p = order[k]
-            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[who[p], 0]])
+            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[particle_index[p], 0]])
             _add_stress(rec, p, tau, state[p, 7], slopes)
 
 
@@ -69,7 +69,7 @@ def _take_place(t, x, q, mat, node):
         x[NODE + j, q] = node[j]
 
 
-def _take_tile(t, x, rec, state, who, label, cell, order, first, n, mats, node):
+def _take_tile(t, x, rec, state, particle_index, label, cell, order, first, n, mats, node):
     """The ``n`` particles of a list from place ``first`` on as columns; ``node`` is the first of their block."""
     for g in range(0, TILE, 16):
         store_16_rows(t, g, load_listed_records(rec, order, first + g))
@@ -81,7 +81,7 @@ def _take_tile(t, x, rec, state, who, label, cell, order, first, n, mats, node):
         prefetch(rec, 16 * later)
         prefetch(state, 8 * later)
         if len(mats) > 1:
-            mat = mats[label[who[p], 0]]
+            mat = mats[label[particle_index[p], 0]]
         c = np.int64(cell[p])
         _take_place(t, x, q, mat, (node[0] + (c >> 4), node[1] + ((c >> 2) & 3), node[2] + (c & 3)))
 
@@ -168,7 +168,7 @@ def _node_of(bxyz, b, c, corner):
     return x, y, z
 
 
-def sum_blocks(rec, state, who, label, cell, order, first, held, nown, bxyz, corner, mats, dt, h, gravity, sums):
+def sum_blocks(rec, state, particle_index, label, cell, order, first, held, nown, bxyz, corner, mats, dt, h, gravity, sums):
     """Sums (nown, 7) over the particles of each block."""
     for b in prange(nown):
         for k in range(SUMS):
@@ -180,11 +180,11 @@ def sum_blocks(rec, state, who, label, cell, order, first, held, nown, bxyz, cor
         node = _node_of(bxyz, b, 0, corner)
         for k in range(0, held[b], TILE):
             n = min(TILE, held[b] - k)
-            _take_tile(t, x, rec, state, who, label, cell, order, first[b] + k, n, mats, node)
+            _take_tile(t, x, rec, state, particle_index, label, cell, order, first[b] + k, n, mats, node)
             _account_tile(t, x, n, dt, h, gravity, sums, b)
 
 
-def sum_escaped(rec, state, who, label, movers, leaving, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
+def sum_escaped(rec, state, particle_index, label, movers, leaving, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
     """The same over the particles that leave the domain in this step."""
     for b in prange(nown):
         for k in range(SUMS):
@@ -201,11 +201,11 @@ def sum_escaped(rec, state, who, label, movers, leaving, first, nown, bxyz, corn
                 node = (i + 4 * (q // 9 - 1), j + 4 * ((q // 3) % 3 - 1), k + 4 * (q % 3 - 1))
                 p = first[b] + (entry >> 12)
                 _take_record(t, 0, rec, state, p)
-                _take_place(t, x, 0, mats[label[who[p], 0]], node)
+                _take_place(t, x, 0, mats[label[particle_index[p], 0]], node)
                 _account_tile(t, x, 1, dt, h, gravity, sums, b)
 
 
-def unpack(rec, state, who, label, order, starts, first, nown, bxyz, corner, mats, dt, h, place, node, affine):
+def unpack(rec, state, particle_index, label, order, starts, first, nown, bxyz, corner, mats, dt, h, place, node, affine):
     """First node (n, 3), velocity gradient (n, 3, 3) and slot (n,) of the particles; ``place`` is each block's first row."""
     for b in prange(nown):
         column = local_tile(rec)
@@ -215,7 +215,7 @@ def unpack(rec, state, who, label, order, starts, first, nown, bxyz, corner, mat
                 d = place[b] + t
                 node[d, 0], node[d, 1], node[d, 2] = _node_of(bxyz, b, c, corner)
                 _take_record(column, 0, rec, state, p)
-                tau = kirchhoff_stress(log_strain(_strain(column, 0)), mats[label[who[p], 0]])
+                tau = kirchhoff_stress(log_strain(_strain(column, 0)), mats[label[particle_index[p], 0]])
                 columns = _affine(column, 0, tau, dt, h)
                 m = np.float64(column[0, 0])
                 for j in range(3):

@@ -69,13 +69,13 @@ def share_work(nown, around, held, asleep, moving, giving):
                     giving[b] = held[b]
 
 
-def put_to_rest(rec, state, who, label, order, first, falling, nown, mats, dt, h):
+def put_to_rest(rec, state, particle_index, label, order, first, falling, nown, mats, dt, h):
     """Take the velocity of the particles that fall asleep: their records hold the stress alone."""
     slopes = moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2])
     for b in prange(nown):
         for k in range(first[b], first[b] + max(falling[b], 0)):
             p = order[k]
-            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[who[p], 0]])
+            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[particle_index[p], 0]])
             for k in range(1, 4):
                 for j in range(4):
                     rec[p, k + 4 * j] = real(0.0)

@@ -22,20 +22,20 @@ WAKING = 2.0  # of sleep_speed, in a neighbour
 def carry_over(engine: "ScanBackend", before: Arenas, held: np.ndarray, numbers: np.ndarray) -> None:
     """Who sleeps, from the blocks of the last index to their new ``numbers``."""
     used = np.flatnonzero(held)
-    engine.room.asleep[numbers[used]] = before.asleep[used]
-    engine.room.calm[numbers[used]] = before.calm[used]
+    engine.arenas.asleep[numbers[used]] = before.asleep[used]
+    engine.arenas.calm[numbers[used]] = before.calm[used]
     share_work(engine)
 
 
 def share_work(engine: "ScanBackend") -> None:
     """Who moves, and who gives to the grid, from who sleeps."""
-    i, a = engine.index, engine.room
+    i, a = engine.index, engine.arenas
     engine.k.share_work(i.nown, i.around, i.held, a.asleep, a.moving, a.giving)
 
 
 def after_step(engine: "ScanBackend", dt: float) -> None:
     """Let blocks fall asleep and wake after a step of ``dt`` [s]; what sleeps is held against gravity."""
-    i, a, k, slow = engine.index, engine.room, engine.k, engine.scene.sleep_speed
+    i, a, k, slow = engine.index, engine.arenas, engine.k, engine.scene.sleep_speed
     engine.basal_impulse -= dt * engine.sleeping_mass * engine.gravity
     if not engine.moved:
         a.arrivals.fill(0)
@@ -53,9 +53,9 @@ def after_step(engine: "ScanBackend", dt: float) -> None:
 
 def _put_to_rest(engine: "ScanBackend") -> None:
     """Take velocity from those who fall asleep, and book momentum and energy with the ground."""
-    i, s, a, k = engine.index, engine.store, engine.room, engine.k
+    i, s, a, k = engine.index, engine.store, engine.arenas, engine.k
     engine._sum(k.sum_blocks, s.cell, s.order, i.first, np.maximum(a.falling, 0))
     engine.basal_impulse -= a.total[observe.MOMENTUM : observe.KINETIC]
     engine.basal_dissipation += float(a.total[observe.KINETIC])
     dt = engine.scene.dtype(engine.packed_dt)
-    k.put_to_rest(s.rec, s.state, s.who, s.label, s.order, i.first, a.falling, i.nown, engine.mats, dt, engine.h)
+    k.put_to_rest(s.rec, s.state, s.particle_index, s.label, s.order, i.first, a.falling, i.nown, engine.mats, dt, engine.h)

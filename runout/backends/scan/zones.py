@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import prange
 
-from runout.backends.scan.contact import GRIP
+from runout.backends.scan.contact_detection import FRICTION
 from runout.backends.scan.observe import _node_of
 from runout.physics.contact import zone_friction
 from runout.physics.geostatic import acting_friction
@@ -27,6 +27,6 @@ def take_zones(rec, measured, place, listed, cell, first, nown, touching, bxyz, 
             i = min(max(i, 0), factor.shape[0] - 1)
             j = min(max(j, 0), factor.shape[1] - 1)
             g = r >> 4
-            mass = np.int64(measured[g, GRIP, r & 15])
+            mass = np.int64(measured[g, FRICTION, r & 15])
             ground = zone_friction(masses[mass, 0], factor[i, j], own[i, j])
-            measured[g, GRIP, r & 15] = acting_friction(ground, masses[mass, 1])
+            measured[g, FRICTION, r & 15] = acting_friction(ground, masses[mass, 1])

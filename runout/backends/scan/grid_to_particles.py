@@ -58,7 +58,7 @@ OUTSIDE = 32  # added to a destination out of the domain
 CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
 RATE, SLIP = 31, 47  # first of the 16 rows that hold the particles' rates, and their slips, where a scene is general
 ONE_MATERIAL = True
-GENERAL = False
+GRADIENT_TRANSFER = False
 local_tile = local_array((SLIP + 16, TILE))
 load_records, store_records = record_vectors(16)
 load_states, store_states = record_vectors(8)
@@ -112,7 +112,7 @@ def _gradient(t, p, s, cells, averaged):
 
     The mean dilatation takes the place of a particle's own where it is ``averaged`` (1, else 0).
     """
-    if GENERAL:
+    if GRADIENT_TRANSFER:
         L = velocity_gradient(_rows(t, p, RATE + 5), _rows(t, p, RATE + 9), _rows(t, p, RATE + 13), cells)
         return with_dilatation(L, t[RATE, p], averaged)
     x, y, z = _moments(t, p)
@@ -176,7 +176,7 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
     """Write the state of a column, move it and pack its next record; a slot without particle counts for nothing."""
     nothing = real(0.0)
     far, refused, code = _move(t, p, cells)
-    if GENERAL:
+    if GRADIENT_TRANSFER:
         _keep(t, p, keeps)
     speed2 = t[1, p] * t[1, p] + t[2, p] * t[2, p] + t[3, p] * t[3, p]
     t[SPEED, p] = speed2 if alive else nothing
@@ -194,14 +194,14 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
     t[22, p] = history
 
 
-def _follow_tile(t, who, label, first, count, mats, s, cells, averaged, keeps):
+def _follow_tile(t, particle_index, label, first, count, mats, s, cells, averaged, keeps):
     """Law, motion and next record of a tile, for small strain; the others are marked LARGE."""
     mat = mats[0]
     for p in range((count + np.uint64(15)) & ~np.uint64(15)):
         alive = p < count
         t[ALIVE, p] = real(1.0) if alive else real(0.0)
         if not ONE_MATERIAL:
-            mat = mats[label[who[first + p], 0]]
+            mat = mats[label[particle_index[first + p], 0]]
         B, log, history, lost, size = law_update_small(_strain(t, p), _gradient(t, p, s, cells, averaged), t[22, p], mat)
         t[LARGE, p] = real(0.0) if is_small(size) else t[ALIVE, p]
         _finish(t, p, alive, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
@@ -219,14 +219,14 @@ def _follow_large(t, rec, state, p, slot, mat, s, cells, averaged, keeps):
     _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
 
 
-def _follow_all_large(t, rec, state, slot, who, label, first, groups, mats, s, cells, averaged, keeps):
+def _follow_all_large(t, rec, state, slot, particle_index, label, first, groups, mats, s, cells, averaged, keeps):
     """The robust law for the columns that are marked LARGE."""
     for g in range(groups):
         bits = lane_bits(load16(t, LARGE * TILE + 16 * g) > halves(t))
         while bits != np.uint64(0):
             column = np.int64(lowest_bit(bits)) + 16 * g
             bits = bits & (bits - np.uint64(1))
-            mat = mats[label[who[first + column], 0]]
+            mat = mats[label[particle_index[first + column], 0]]
             _follow_large(t, rec, state, column, slot + column, mat, s, cells, averaged, keeps)
 
 
@@ -273,7 +273,7 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, unknown, movers
     return leaving, shifted, changed
 
 
-def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, who2, cell2):
+def _gather_block(rec, state, particle_index, cell, order, held, f, nodes, rec2, state2, who2, cell2):
     """Records with velocities and first moments, states, labels and cells of all particles of a block, by cell, in a buffer.
 
     Each row of nodes is read where it is used, which costs nothing, so that one loop takes all particles.
@@ -290,21 +290,21 @@ def _gather_block(rec, state, who, cell, order, held, f, nodes, rec2, state2, wh
         rows = _load_rows(nodes, _first_node(np.uint64(c)))
         store(rec2, t * np.uint64(16), _gather(rec, p * np.uint64(16), ready, _place_of(t), rows))
         store(state2, t * np.uint64(8), load8(state, p * np.uint64(8)))
-        who2[t] = who[p]
+        who2[t] = particle_index[p]
         cell2[t] = c
         order[f + t] = f + t
     for t in range(np.uint64(held)):
-        who[f + t] = who2[t]
+        particle_index[f + t] = who2[t]
         cell[f + t] = cell2[t]
 
 
-def _expect_list(order, who, first, moving, b, end):
+def _expect_list(order, particle_index, first, moving, b, end):
     """Ask for the list and the labels of the next block before ``end`` that moves."""
     later = _next_filled(moving, b, end)
     if later < end:
         for t in range(0, moving[later] + 15, 16):
             prefetch(order, first[later] + t)
-            prefetch(who, first[later] + t)
+            prefetch(particle_index, first[later] + t)
 
 
 def _expect_next(rec, state, order, first, moving, b, nown, grid, up):
@@ -338,8 +338,8 @@ def _total_motion(motion, changed, nown):
 
 
 def grid_to_particles(
-    rec, state, cell, who, label, order, starts, first, moving, reached, nown, cuts, grid, up, bxyz, rim, domain, unknown, mats, s,
-    cells, rates, averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
+    rec, state, cell, particle_index, label, order, starts, first, moving, reached, nown, cuts, grid, up, bxyz, rim, domain,
+    unknown, mats, s, cells, rates, averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
 ):  # fmt: skip
     """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
 
@@ -361,8 +361,8 @@ def grid_to_particles(
                 continue
             _load_nodes(nodes, grid, up, b, reached[b])
             f = first[b]
-            _expect_list(order, who, first, moving, b, nown)
-            _gather_block(rec, state, who, cell, order, held, np.uint64(f), nodes, records, states, labels, of_cell)
+            _expect_list(order, particle_index, first, moving, b, nown)
+            _gather_block(rec, state, particle_index, cell, order, held, np.uint64(f), nodes, records, states, labels, of_cell)
             _expect_next(rec, state, order, first, moving, b, nown, grid, up)
             speed = move = lost = refused = zeros(rec)
             left = stirred = new = np.int64(0)
@@ -370,10 +370,10 @@ def grid_to_particles(
                 count = min(TILE, held - k)
                 groups = (count + 15) >> 4
                 _load_tile(t, records, states, k, groups)
-                if GENERAL:
+                if GRADIENT_TRANSFER:
                     _load_rates(t, rates, slips, f + k, groups)
-                _follow_tile(t, who, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
-                _follow_all_large(t, records, states, k, who, label, f + k, groups, mats, s, cells, averaged, keeps)
+                _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
+                _follow_all_large(t, records, states, k, particle_index, label, f + k, groups, mats, s, cells, averaged, keeps)
                 _store_tile(t, rec, state, f + k, groups)
                 for g in range(groups):
                     speed = largest(speed, load16(t, SPEED * TILE + 16 * g))

@@ -8,7 +8,7 @@ import pytest
 from scenes import SAND, box, plane, scene
 
 from runout.backends.compile import cache_root
-from runout.backends.scan import ahead
+from runout.backends.scan import precompile
 from runout.backends.scan.backend import ScanBackend
 from runout.backends.scan.kernels import kernels_for
 
@@ -48,7 +48,7 @@ def test_what_is_cached_is_not_compiled_again(monkeypatch):
     monkeypatch.setattr(subprocess, "run", lambda *a, **k: pytest.fail("a process was started"))
     from runout.backends.scan.kernels import SOURCES
 
-    ahead.ensure_compiled(scene(materials=(SAND,)), SOURCES)
+    precompile.ensure_compiled(scene(materials=(SAND,)), SOURCES)
 
 
 def test_what_is_compiled_is_not_another_tree_in_the_working_folder(monkeypatch, tmp_path):
@@ -56,39 +56,39 @@ def test_what_is_compiled_is_not_another_tree_in_the_working_folder(monkeypatch,
     (tmp_path / "runout").mkdir()
     (tmp_path / "runout" / "__init__.py").write_text("raise SystemExit(3)")
     monkeypatch.chdir(tmp_path)
-    assert ahead._rehearse_elsewhere((SAND,), "float32", "plain")
+    assert precompile._warm_up_elsewhere((SAND,), "float32", "plain")
 
 
 def test_sources_that_were_installed_anew_are_compiled_anew(monkeypatch, tmp_path):
     """Numba does not take what it has cached for a file of another place or time."""
     started = []
-    monkeypatch.setattr(ahead, "cache_root", lambda: tmp_path)
-    monkeypatch.setattr(ahead, "_rehearse_elsewhere", lambda *job: not started.append(job))
+    monkeypatch.setattr(precompile, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(precompile, "_warm_up_elsewhere", lambda *job: not started.append(job))
     source = tmp_path / "kernels.py"
     source.write_text("")
     module = SimpleNamespace(__file__=str(source))
-    monkeypatch.setattr(ahead.inspect, "getfile", lambda m: getattr(m, "__file__", __file__))
+    monkeypatch.setattr(precompile.inspect, "getfile", lambda m: getattr(m, "__file__", __file__))
     a_scene = scene(materials=(SAND,))
     for seconds, processes in ((100, 1), (100, 1), (200, 2)):
         os.utime(source, (seconds, seconds))
-        ahead.ensure_compiled(a_scene, (module,))
+        precompile.ensure_compiled(a_scene, (module,))
         assert len(started) == processes
 
 
 def test_without_a_process_to_compile_in_kernels_are_compiled_where_they_run(monkeypatch, tmp_path):
-    monkeypatch.setattr(ahead, "cache_root", lambda: tmp_path)
-    monkeypatch.setattr(ahead.sys, "executable", str(tmp_path / "none"))
-    ahead.ensure_compiled(scene(materials=(SAND,)), (ahead,))
+    monkeypatch.setattr(precompile, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(precompile.sys, "executable", str(tmp_path / "none"))
+    precompile.ensure_compiled(scene(materials=(SAND,)), (precompile,))
     assert not list(tmp_path.glob("*.done"))
 
 
 def test_only_the_process_that_rehearses_starts_no_other(monkeypatch, tmp_path):
     started = []
-    monkeypatch.setattr(ahead, "cache_root", lambda: tmp_path)
-    monkeypatch.setattr(ahead, "_rehearse_elsewhere", lambda *job: started.append(job))
-    monkeypatch.setitem(os.environ, ahead.REHEARSAL, "a job")
-    ahead.ensure_compiled(scene(materials=(SAND,)), (ahead,))
+    monkeypatch.setattr(precompile, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(precompile, "_warm_up_elsewhere", lambda *job: started.append(job))
+    monkeypatch.setitem(os.environ, precompile.WARM_UP, "a job")
+    precompile.ensure_compiled(scene(materials=(SAND,)), (precompile,))
     assert not started
-    monkeypatch.delenv(ahead.REHEARSAL)
-    ahead.ensure_compiled(scene(materials=(SAND,)), (ahead,))
+    monkeypatch.delenv(precompile.WARM_UP)
+    precompile.ensure_compiled(scene(materials=(SAND,)), (precompile,))
     assert len(started) == 1

@@ -6,7 +6,7 @@ that every node is summed by the same machine code, and the same bits come out o
 
 from typing import TYPE_CHECKING, Any
 
-from runout.backends.scan.store import PADDING, stamp_of
+from runout.backends.scan.state import PADDING, stamp_of
 from runout.physics import contact as contact_law
 
 if TYPE_CHECKING:
@@ -17,20 +17,20 @@ SPARE = 16  # blocks that may get contacts before more memory is made
 
 def fill(engine: "ScanBackend") -> None:
     """Mass and velocity of the nodes; again where arenas are lacking."""
-    i, a, kernel = engine.index, engine.room, engine.k.particles_to_nodes
+    i, a, kernel = engine.index, engine.arenas, engine.k.particles_to_nodes
     before, behind = _arguments(engine)
     while (wanted := int(kernel(*before, i.nown, *engine.schedule.early, *behind))) > a.free.shape[1]:
         a.make_arenas(wanted)
         before, behind = _arguments(engine)
-    if engine.general:
-        engine.general.push(engine)
+    if engine.gradient_transfer:
+        engine.gradient_transfer.push(engine)
     if engine.schedule.waits:
         kernel(*before, 0, *engine.schedule.late, *behind)
 
 
 def _arguments(engine: "ScanBackend") -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """What the kernel takes before the number of owners and behind the schedule."""
-    i, s, a = engine.index, engine.store, engine.room
+    i, s, a = engine.index, engine.store, engine.arenas
     return (s.rec, s.order, i.starts, i.first, a.giving), (
         *(a.number, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads]),
         *(a.reached, i.down, a.grid, engine.dv),
@@ -39,7 +39,7 @@ def _arguments(engine: "ScanBackend") -> tuple[tuple[Any, ...], tuple[Any, ...]]
 
 def fill_over_ground(engine: "ScanBackend", dt: float) -> None:
     """The same over a ground, and the particles that touch it; again where rows, shares or arenas are lacking."""
-    s, a, threads, kernel = engine.store, engine.room, engine.threads, engine.k.particles_to_nodes_over_ground
+    s, a, threads, kernel = engine.store, engine.arenas, engine.threads, engine.k.particles_to_nodes_over_ground
     while True:
         before, behind = _arguments_over_ground(engine, dt)
         arenas, rows, shares, touching = kernel(*before, engine.index.nown, *engine.schedule.early, *behind)
@@ -56,8 +56,8 @@ def fill_over_ground(engine: "ScanBackend", dt: float) -> None:
         if enough:
             break
     engine.contact_particles = touching
-    if engine.general:
-        engine.general.push(engine)
+    if engine.gradient_transfer:
+        engine.gradient_transfer.push(engine)
     if engine.schedule.waits:
         kernel(*before, 0, *engine.schedule.late, *behind)
 
@@ -69,16 +69,16 @@ def _rows(engine: "ScanBackend") -> int:
 
 def _shares(engine: "ScanBackend") -> int:
     """Places for shares that a thread has."""
-    return max(len(engine.room.shares) - 1, 0) // engine.threads
+    return max(len(engine.arenas.shares) - 1, 0) // engine.threads
 
 
 def _arguments_over_ground(engine: "ScanBackend", dt: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """What the kernel takes before the number of owners and behind the schedule."""
-    i, s, a, scene = engine.index, engine.store, engine.room, engine.scene
+    i, s, a, scene = engine.index, engine.store, engine.arenas, engine.scene
     band = scene.contact_band * min(scene.spacing)
     reach = scene.dtype(contact_law.reach(engine.largest_radius, engine.max_speed, dt, band))
     radius = s.radius[:1] if engine.of_one_size else s.radius
-    return (s.rec, s.who, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving), (
+    return (s.rec, s.particle_index, radius, s.label, s.cell, s.order, i.starts, i.first, a.giving), (
         *(a.tiles, a.planes, a.bounds, engine.friction, s.force, _stamp(engine, -1), not scene.keeps),
         *(reach, engine.dt, engine.h, scene.dtype(band)),
         *(a.number, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads], a.reached),
@@ -94,10 +94,10 @@ def _stamp(engine: "ScanBackend", later: int) -> Any:
 
 def push(engine: "ScanBackend") -> None:
     """Add the impulses of the contacts to the velocities of the nodes; their sums are in ``room.total``."""
-    i, s, a, kernel = engine.index, engine.store, engine.room, engine.k.solve_contacts
+    i, s, a, kernel = engine.index, engine.store, engine.arenas, engine.k.solve_contacts
     before = (
         *(s.contacts, s.measured, s.felt, s.given, a.place, a.touching, a.pressed),
-        *(s.listed, i.first, s.who, s.force, _stamp(engine, 0)),
+        *(s.listed, i.first, s.particle_index, s.force, _stamp(engine, 0)),
     )
     behind = (
         *(a.grid, i.up, i.down, engine.dt, a.lent, a.arenas, a.free.shape[1], a.free, engine.cursors[: engine.threads]),

@@ -14,7 +14,7 @@ from numba import prange
 
 from runout.backends import footprints
 from runout.backends.lanes import constant, in_double, load4, permutation_of_two, prefetch, store
-from runout.backends.protocol import Columns
+from runout.backends.protocol import RasterSums
 from runout.backends.scan.observe import _node_of
 from runout.backends.scan.stencil import AHEAD
 from runout.physics.moments import affine_at
@@ -28,7 +28,7 @@ first_of_one = permutation_of_two((0, 5, 6, 7))
 nothing = constant([0.0] * 4)
 
 
-def whole(engine: "ScanBackend") -> Columns:
+def whole(engine: "ScanBackend") -> RasterSums:
     """Sums over all cells of the raster."""
     raster = engine.scene.raster
     if footprints.apply_to(engine.scene):
@@ -36,7 +36,7 @@ def whole(engine: "ScanBackend") -> Columns:
     return _on_raster(engine, (0, 0, raster.rows, raster.columns))
 
 
-def around_flow(engine: "ScanBackend") -> Columns:
+def around_flow(engine: "ScanBackend") -> RasterSums:
     """Sums over the smallest window of cells that the blocks with particles cover: none beside it holds any mass."""
     raster, i = engine.scene.raster, engine.index
     occupied = i.bxyz[: i.nown][i.held[: i.nown] > 0, :2]
@@ -52,7 +52,7 @@ def around_flow(engine: "ScanBackend") -> Columns:
     return _on_raster(engine, (raster.rows - south - rows, west, rows, columns))
 
 
-def _on_lattice(engine: "ScanBackend", lattice: footprints.Lattice) -> Columns:
+def _on_lattice(engine: "ScanBackend", lattice: footprints.Lattice) -> RasterSums:
     """Sums over the cells of the raster under a window of the lattice that holds all mass, of particles with their footprints."""
     (east, north), (columns, rows) = lattice.first, lattice.shape
     sums = _over(engine, lattice.cell, (0, east, north + rows), (rows, columns))
@@ -61,12 +61,12 @@ def _on_lattice(engine: "ScanBackend", lattice: footprints.Lattice) -> Columns:
     return footprints.on_raster(together, lattice, engine.scene.raster, engine.particle_volume)
 
 
-def _on_raster(engine: "ScanBackend", window: tuple[int, int, int, int]) -> Columns:
+def _on_raster(engine: "ScanBackend", window: tuple[int, int, int, int]) -> RasterSums:
     """Sums over a window (first row, first column, rows, columns) of the raster that holds all mass."""
     raster = engine.scene.raster
     row, column, rows, columns = window
     sums = _over(engine, raster.cell_size, (row, column, raster.rows), (rows, columns))
-    return Columns(_volume(engine, sums), sums[..., 0], sums[..., 1:4], row, column)
+    return RasterSums(_volume(engine, sums), sums[..., 0], sums[..., 1:4], row, column)
 
 
 def _volume(engine: "ScanBackend", sums: np.ndarray) -> np.ndarray:
@@ -86,8 +86,8 @@ def _over(engine: "ScanBackend", cell: tuple[float, float], place: tuple[int, in
         wide = engine.spacing[:2] / np.array(cell)
         for parity, over_density in itertools.product((0, 1), (False, True) if len(engine.density) > 1 else (False,)):
             engine.k.add_stripes(
-                s.rec, s.who, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, over_density, wide,
-                np.array(place), order, starts, parity, sums,
+                s.rec, s.particle_index, s.label, s.order, i.starts, i.first, i.bxyz, engine.corner, engine.density, over_density,
+                wide, np.array(place), order, starts, parity, sums,
             )  # fmt: skip
     return sums
 
@@ -129,7 +129,7 @@ def _add_to_cell(amounts, row, column, size, sums, lane):
     store(sums, o, load4(sums, o) + amounts)
 
 
-def _add_cell(rec, who, label, order, s, e, over, corner, step, row, column, size, sums):
+def _add_cell(rec, particle_index, label, order, s, e, over, corner, step, row, column, size, sums):
     """Add the particles s to e of a grid cell to three times three cells of the raster, the first at ``row`` and ``column``.
 
     Of the box of a particle with offset f, f + ``corner`` (2,) lies beyond the first cells; ``step`` (2,) are cells over boxes.
@@ -144,7 +144,7 @@ def _add_cell(rec, who, label, order, s, e, over, corner, step, row, column, siz
         y = _shares(corner[1] + rec[r + 8], step[1])
         amounts = _mass_and_momentum(rec, r)
         if len(over) > 0:
-            amounts = amounts * (1.0 / over[label[who[p], 0]])
+            amounts = amounts * (1.0 / over[label[particle_index[p], 0]])
         u0 = y[0] * amounts
         u1 = y[1] * amounts
         u2 = y[2] * amounts
@@ -164,7 +164,7 @@ def _add_cell(rec, who, label, order, s, e, over, corner, step, row, column, siz
         _add_to_cell(three[2], row - 2, column + k, size, sums, lane)
 
 
-def _add_block(rec, who, label, order, starts, first, b, node, over, wide, place, size, sums):
+def _add_block(rec, particle_index, label, order, starts, first, b, node, over, wide, place, size, sums):
     """Add the particles of a block; ``node`` is its first, ``wide`` (2,) the size of a grid cell in cells of the raster."""
     step = 1.0 / wide[0], 1.0 / wide[1]
     for c in range(64):
@@ -178,12 +178,13 @@ def _add_block(rec, who, label, order, starts, first, b, node, over, wide, place
             for j in range(math.floor(south), math.floor(south + 2.0 * wide[1]) + 1, WINDOW):
                 corner = (west - i - 1.0) * step[0] + 0.5, (south - j - 1.0) * step[1] + 0.5
                 row = place[2] - 1 - j - place[0]
-                _add_cell(rec, who, label, order, s, e, over, corner, step, row, i - place[1], size, sums)
+                _add_cell(rec, particle_index, label, order, s, e, over, corner, step, row, i - place[1], size, sums)
 
 
 def add_stripes(
-    rec, who, label, order, starts, first, bxyz, corner, density, over_density, wide, place, blocks, stripes, parity, sums
-):
+    rec, particle_index, label, order, starts, first, bxyz, corner, density, over_density, wide, place, blocks, stripes, parity,
+    sums,
+):  # fmt: skip
     """Add mass and momentum, or these over the density, of every second stripe of blocks to a window (rows, columns, 8).
 
     ``place`` holds the first row and column of the window, and the rows of the raster.
@@ -197,4 +198,4 @@ def add_stripes(
         for e in range(stripes[s], stripes[s + 1]):
             b = blocks[e]
             node = _node_of(bxyz, b, 0, corner)
-            _add_block(flat, who, label, order, starts, first, b, node, over, wide, place, size, total)
+            _add_block(flat, particle_index, label, order, starts, first, b, node, over, wide, place, size, total)

@@ -11,7 +11,7 @@ import warp as wp
 from runout.backends import footprints
 from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks
 from runout.backends.hash.observe import BOOKED, SUMS
-from runout.backends.protocol import Columns, LedgerRow
+from runout.backends.protocol import LedgerRow, RasterSums
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
@@ -23,7 +23,7 @@ PARTS = 256  # blocks of threads that share the sums over the blocks of all scen
 CHUNK = 2**21  # particles that are brought to the host at once
 WHOLE = 2.0**62  # sums over columns are whole numbers below this
 KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
-TOLD = KEPT + SUMS + 5  # numbers that are told of a scene; the last are blocks with particles and their extent in plan
+LEDGER_NUMBERS = KEPT + SUMS + 5  # numbers that are told of a scene; the last are blocks with particles and their extent in plan
 NO_BLOCKS = np.array([0, 2**29, 2**29, -(2**29), -(2**29)])
 Window: TypeAlias = tuple[int, int, int, int]
 REACH = 5  # cells from the first of a block that its particles cover
@@ -40,7 +40,7 @@ class Report:
 
     def __init__(self, scenes: int, is_cuda: bool):
         self.parts, self.threads = (PARTS // scenes + 1, ROW_LANES // scenes + 1) if is_cuda else (1, 1)
-        self.kept, self.told = (wp.zeros((scenes, n), dtype=wp.float64) for n in (KEPT, TOLD))
+        self.kept, self.ledger = (wp.zeros((scenes, n), dtype=wp.float64) for n in (KEPT, LEDGER_NUMBERS))
         self.booked, self.here = (wp.zeros((scenes * self.parts, n), dtype=wp.float64) for n in (BOOKED, SUMS))
         self.gone = wp.zeros((scenes * self.threads, SUMS), dtype=wp.float64)
         self.bounds = wp.zeros((scenes, len(NO_BLOCKS)), dtype=wp.int32)
@@ -51,7 +51,7 @@ def keep(batch: Batch) -> None:
     """Launches that keep what has been booked by block since the last sort, and what particles that have gone took along."""
     r, many = batch.report, len(batch.scenes)
     _sum_since_sort(batch)
-    tally = batch.board.tally
+    tally = batch.device_status.tally
     run(batch.k.keep_sums, (many, KEPT), r.booked, r.parts, r.gone, r.threads, many, tally, r.kept)
     batch.nodes.booked.zero_()
 
@@ -73,21 +73,21 @@ def _sum_rows(batch: Batch, rows: wp.array, sums: wp.array) -> None:
 
 def told(batch: Batch) -> np.ndarray:
     """All sums of the present state (scenes, TOLD), see :func:`runout.backends.hash.observe.tell_sums`; the host waits once."""
-    if batch.told is None:
+    if batch.cached_ledger is None:
         i, s, r, many = batch.index, batch.store, batch.report, len(batch.scenes)
-        found = wp.zeros((i.room, SUMS), dtype=wp.float64)
+        found = wp.zeros((i.capacity, SUMS), dtype=wp.float64)
         wp.copy(r.bounds, r.no_blocks)
         run_blocks(
-            batch.k.sum_blocks, i.room, PARTICLE_LANES, s.rec, s.release, s.key, s.order, i.cstart, i.tally, i.active,
+            batch.k.sum_blocks, i.capacity, PARTICLE_LANES, s.rec, s.release, s.key, s.order, i.cstart, i.tally, i.active,
             i.coordinates, i.member, batch.shift, batch.mats, batch.packed, batch.h, wp.vec3d(*batch.scene.gravity), found,
             r.bounds,
         )  # fmt: skip
         _sum_rows(batch, found, r.here)
         _sum_since_sort(batch)
-        arguments = r.here, r.booked, r.parts, r.gone, r.threads, many, i.tally, r.kept, r.bounds, r.told
-        run(batch.k.tell_sums, (many, TOLD), *arguments)
-        batch.told = r.told.numpy()
-    return batch.told
+        arguments = r.here, r.booked, r.parts, r.gone, r.threads, many, i.tally, r.kept, r.bounds, r.ledger
+        run(batch.k.write_sums, (many, LEDGER_NUMBERS), *arguments)
+        batch.cached_ledger = r.ledger.numpy()
+    return batch.cached_ledger
 
 
 def ledgers(batch: Batch) -> list[LedgerRow]:
@@ -99,20 +99,11 @@ def ledgers(batch: Batch) -> list[LedgerRow]:
 def _row(batch: Batch, scene: int, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> LedgerRow:
     a = batch.accounts[scene]
     return LedgerRow(
-        mass=float(here[0]),
-        escaped_mass=float(left[0]),
-        momentum=here[1:4].copy(),
-        kinetic_energy=float(here[4]),
-        potential_energy=float(here[5]),
-        elastic_energy=float(here[6]),
-        basal_dissipation=-float(done[1]),
-        plastic_dissipation=float(done[0] + done[5]),
-        escaped_energy=float(left[4:].sum()),
-        basal_impulse=done[2:5].copy(),
-        max_speed=a.max_speed,
-        active_blocks=int(here[SUMS]),
-        contact_particles=a.contact_particles,
-    )
+        mass=float(here[0]), escaped_mass=float(left[0]), momentum=here[1:4].copy(), kinetic_energy=float(here[4]),
+        potential_energy=float(here[5]), elastic_energy=float(here[6]), basal_dissipation=-float(done[1]),
+        plastic_dissipation=float(done[0] + done[5]), escaped_energy=float(left[4:].sum()), basal_impulse=done[2:5].copy(),
+        max_speed=a.max_speed, active_blocks=int(here[SUMS]), contact_particles=a.contact_particles,
+    )  # fmt: skip
 
 
 def particles(batch: Batch, scene: int) -> Particles:
@@ -148,7 +139,7 @@ def _brought(batch: Batch, scene: int, places: np.ndarray) -> tuple[Particles, n
     return p, number
 
 
-def whole(batch: Batch, scene: int) -> Columns:
+def whole(batch: Batch, scene: int) -> RasterSums:
     """Sums over all cells of a scene's raster."""
     s = batch.scenes[scene]
     if footprints.apply_to(s):
@@ -157,7 +148,7 @@ def whole(batch: Batch, scene: int) -> Columns:
     return _columns_of(_sums(batch, {scene: _raster_window(s, every)})[scene], every)
 
 
-def around_flow(batch: Batch, scenes: Iterable[int]) -> dict[int, Columns]:
+def around_flow(batch: Batch, scenes: Iterable[int]) -> dict[int, RasterSums]:
     """Sums over the smallest windows of the rasters of some scenes that hold all mass; the host waits once for all."""
     found, fine, coarse = {}, {}, {}
     for n in scenes:
@@ -215,9 +206,9 @@ def _lattice_window(s: Scene, lattice: footprints.Lattice) -> _PlanWindow:
     return _PlanWindow((0, 0, rows, columns), rows, columns, wide, lattice.first)
 
 
-def _columns_of(sums: np.ndarray, window: Window) -> Columns:
+def _columns_of(sums: np.ndarray, window: Window) -> RasterSums:
     """Columns from sums (rows, columns, 5) over a window of the raster."""
-    return Columns(sums[..., 0], sums[..., 1], sums[..., 2:], *window[:2])
+    return RasterSums(sums[..., 0], sums[..., 1], sums[..., 2:], *window[:2])
 
 
 def _sums(batch: Batch, covered: Mapping[int, _PlanWindow]) -> dict[int, np.ndarray]:

@@ -278,15 +278,15 @@ def _start(cursors):
             cursors[t, k] = 0
 
 
-def _take_arena(cursors, thread, room, free):
-    """Number of an arena for the ``thread``: the one that became free last, which is in cache, or a new one of its ``room``."""
+def _take_arena(cursors, thread, capacity, free):
+    """Number of an arena for the ``thread``: the one that became free last, which is in cache, or a new one of its ``capacity``."""
     n = cursors[thread, FREE]
     if n > 0:
         cursors[thread, FREE] = n - 1
         return free[thread, n - 1]
     n = cursors[thread, TAKEN]
     cursors[thread, TAKEN] = n + 1
-    return np.int32(thread * room + min(n, room - 1))
+    return np.int32(thread * capacity + min(n, capacity - 1))
 
 
 def _leave_arenas(cursors, thread, free, s, over, owners, held, number):
@@ -308,13 +308,13 @@ def _most_of(cursors, what):
 
 
 def particles_to_nodes(
-    rec, order, starts, first, giving, nown, cuts, due, nodes, over, owners, number, arenas, room, free, cursors, reached, down,
+    rec, order, starts, first, giving, nown, cuts, due, nodes, over, owners, number, arenas, capacity, free, cursors, reached, down,
     grid, dv,
 ):  # fmt: skip
     """Each block whose particles give to nodes adds them to an arena; nodes are summed that are due (:class:`schedule.Schedule`).
 
-    ``reached`` are the parts of it that they reach. Each thread has ``room`` for arenas; returns how many one needs. Where that is
-    more, the result is worth nothing. With no owners, ``nown`` = 0, nodes are summed alone.
+    ``reached`` are the parts of it that they reach. Each thread has ``capacity`` for arenas; returns how many one needs. Where
+    that is more, the result is worth nothing. With no owners, ``nown`` = 0, nodes are summed alone.
     """
     _start(cursors)
     for thread in prange(len(cuts) - 1):
@@ -323,7 +323,7 @@ def particles_to_nodes(
                 reached[b] = 0
                 if giving[b] > 0:
                     reached[b] = _reached_parts(starts, b)
-                    number[b] = _take_arena(cursors, thread, room, free)
+                    number[b] = _take_arena(cursors, thread, capacity, free)
                     a = ARENA * np.int64(number[b])
                     _expect_next(rec, order, starts, first, giving, rec, b, nown)
                     _fill_arena(rec, order, starts, first, b, reached[b], arenas, a, False, rec, real(0.0), order)

@@ -12,7 +12,7 @@ from runout.backends.hash.layout import COUNTS, FLAGS, TALLY
 LINE = 256  # bytes: atomic sums to one part keep no block of threads waiting that reads another
 
 
-class Board:
+class DeviceStatus:
     """Numbers that the device writes and the host reads, in one piece of memory on the device of the scope.
 
     Attributes

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.model.scene import Scene
-from runout.physics import resolution as formulas
+from runout.physics import numerical_scales as formulas
 
 FEWEST_CELLS = 4  # through the depth: below, numerical viscosity stops shear within about a second
 # the worst of several runs
@@ -16,7 +16,7 @@ WORST = {"cells_through_depth": min, "numerical_viscosity": max, "shear_decay_ti
 
 
 @dataclass(frozen=True)
-class Resolution:
+class DepthResolution:
     """What a grid and its time step resolve of a flow of one depth.
 
     Attributes
@@ -40,7 +40,7 @@ class Resolution:
     smallest_feature: float = 0.0
 
     @classmethod
-    def of(cls, depth: float, scene: Scene, dt: float) -> "Resolution":
+    def of(cls, depth: float, scene: Scene, dt: float) -> "DepthResolution":
         """Of a flow of ``depth`` [m] in a scene that is stepped by ``dt`` [s]; zero cells and no viscosity without a flow."""
         h = scene.spacing[2]
         feature = formulas.smallest_feature(max(scene.spacing[:2]), max(scene.raster.cell_size))

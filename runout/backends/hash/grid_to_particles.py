@@ -12,8 +12,8 @@ from runout.backends.hash.layout import (
     ACTIVE,
     CURSOR,
     FAILED,
-    GENERAL,
     GONE,
+    GRADIENT_TRANSFER,
     GROW,
     HALT,
     HOMES,
@@ -69,7 +69,7 @@ def begin_step(
     ``counts`` are the steps of each scene so far, with this one.
 
     Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m]; and
-    what a general scene does, see :func:`runout.backends.hash.general.choices`.
+    what a general scene does, see :func:`runout.backends.hash.gradient_transfer.choices`.
     """
     s = wp.tid()
     if flags[HALT] == GROW:
@@ -226,7 +226,7 @@ def grid_to_particles(
         tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
         _load_wide(tile, grid, around, b, lane)
         slopes = _slopes(dt, h)
-        if GENERAL:
+        if GRADIENT_TRANSFER:
             seen = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
             _load_given(seen, grid, around, b, lane, clock[scene, KEPT])
         rates = _rates(dt, h)
@@ -248,7 +248,7 @@ def grid_to_particles(
                     i, j, n = _cell_from_home(k, b, bx, by, bz, coordinates)
                     mat = mats[int(release[p])]
                     corner = ((i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1) & PLACES
-                    if GENERAL:
+                    if GRADIENT_TRANSFER:
                         f, v, own, work = _deform_by_rates(rec, p, tile, seen, corner, mat, h, rates, clock, scene)
                         fastest = wp.max(fastest, dot(own, own))
                     else:

@@ -24,9 +24,7 @@ from runout.backends.lanes import (
     store,
 )
 from runout.backends.scan.ground import _ground
-from runout.backends.scan.schedule import STRIP
-from runout.backends.scan.stencil import ARENA, _add_weighted, _first_node, _place_of, _weigh_four, local_weights, zeros
-from runout.backends.scan.transfer import (
+from runout.backends.scan.particles_to_grid import (
     PLANE_OF_SHARES,
     ROW_OF_SHARES,
     ROWS,
@@ -46,15 +44,17 @@ from runout.backends.scan.transfer import (
     _take_arena,
     _update_block_over_ground,
 )
+from runout.backends.scan.schedule import STRIP
+from runout.backends.scan.stencil import ARENA, _add_weighted, _first_node, _place_of, _weigh_four, local_weights, zeros
 from runout.physics.contact import in_contact
 from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
 TILE = 64
 ASIDE = 16  # first row of a tile of candidates behind their records
-FLOOR, RADIUS, FRICTION = 19, 23, 24
+FLOOR, RADIUS, OWN_FRICTION = 19, 23, 24
 TOUCHES, FX, FY, FZ = 0, 4, 8, 12
-NORMAL, GAP, GRIP, BEFORE = 0, 3, 4, 5  # rows of what is measured
+NORMAL, GAP, FRICTION, BEFORE = 0, 3, 4, 5  # rows of what is measured
 MEASURED = (1, 2, 3, 5, 6, 7, 9, 10)  # rows of a tile that hold it
 local_tile = local_array((32, TILE))
 local_aside = local_array((16 * TILE,))
@@ -84,13 +84,13 @@ def _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n):
     return b, k
 
 
-def _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, force, n):
+def _take_candidates(aside, slots, blocks, cell, particle_index, radius, label, tiles, friction, force, n):
     """What the records of candidates do not hold: ground in their columns of cells, level, size and friction."""
     for q in range(n):
-        prefetch(force, 4 * np.int64(who[slots[q]]))
+        prefetch(force, 4 * np.int64(particle_index[slots[q]]))
     if len(radius) > 1:
         for q in range(n):
-            prefetch(radius, who[slots[q]])
+            prefetch(radius, particle_index[slots[q]])
     for q in range(n):
         p = slots[q]
         c = np.int64(cell[p])
@@ -100,8 +100,8 @@ def _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, fric
         store(aside, r + 4, load4(tiles, o + 6))
         store(aside, r + 8, load4(tiles, o + 11))
         aside[r + 3] = real(c & 3)
-        aside[r + 7] = radius[who[p]] if len(radius) > 1 else radius[0]
-        aside[r + 8] = friction[label[who[p], 0]] if len(friction) > 1 else friction[0]
+        aside[r + 7] = radius[particle_index[p]] if len(radius) > 1 else radius[0]
+        aside[r + 8] = friction[label[particle_index[p], 0]] if len(friction) > 1 else friction[0]
 
 
 def _load_candidates(t, rec, aside, slots, groups):
@@ -145,7 +145,7 @@ def _measure(t, n, east, north, dz, dt, band):
         t[2, q] = ny
         t[3, q] = nz
         t[5, q] = gap
-        t[6, q] = t[FRICTION, q]
+        t[6, q] = t[OWN_FRICTION, q]
         t[7, q] = vx
         t[9, q] = vy
         t[10, q] = vz
@@ -159,7 +159,9 @@ def _take_force(given, row, force, w, last, dt):
         given[row, k] = lasting * force[w, k]
 
 
-def _keep_touching(t, n, slots, blocks, cell, who, force, last, dt, listed, first, contacts, measured, given, row, touching):
+def _keep_touching(
+    t, n, slots, blocks, cell, particle_index, force, last, dt, listed, first, contacts, measured, given, row, touching
+):
     """Rows from ``row`` on for those of ``n`` candidates that touch; returns what comes next.
 
     Each writes its row, and the next one writes over it unless it touches: no processor could guess which do.
@@ -173,7 +175,7 @@ def _keep_touching(t, n, slots, blocks, cell, who, force, last, dt, listed, firs
         contacts[row, 3] = t[FZ, q]
         for k, m in enumerate(MEASURED):
             measured[row >> 4, k, row & 15] = t[m, q]
-        _take_force(given, row, force, np.int64(who[p]), last, dt)
+        _take_force(given, row, force, np.int64(particle_index[p]), last, dt)
         listed[first[b] + touching[b]] = p
         touches = np.int64(t[TOUCHES, q])
         touching[b] += touches
@@ -230,8 +232,8 @@ def _share_block(shares, base, contacts, given, begins, arenas, a, ready, row, n
 
 
 def _measure_strip(
-    rec, who, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed, candidates, contacts, measured, given,
-    touching, low, total, row,
+    rec, particle_index, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed, candidates, contacts,
+    measured, given, touching, low, total, row,
 ):  # fmt: skip
     """Rows from ``row`` on of those of the ``total`` candidates of the blocks from ``low`` on that touch."""
     t = local_tile(rec)
@@ -244,17 +246,17 @@ def _measure_strip(
         n = min(TILE, total - done)
         groups = (n + 15) >> 4
         b, k = _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n)
-        _take_candidates(aside, slots, blocks, cell, who, radius, label, tiles, friction, force, n)
+        _take_candidates(aside, slots, blocks, cell, particle_index, radius, label, tiles, friction, force, n)
         _load_candidates(t, rec, aside, slots, groups)
         _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, band)
         row = _keep_touching(
-            t, n, slots, blocks, cell, who, force, last, dt, listed, first, contacts, measured, given, row, touching
+            t, n, slots, blocks, cell, particle_index, force, last, dt, listed, first, contacts, measured, given, row, touching
         )
 
 
 def _fill_strip(
-    rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, room, free, cursors, thread, reached,
-    listed, candidates, touching, pressed, low, end, nown,
+    rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, capacity, free, cursors, thread,
+    reached, listed, candidates, touching, pressed, low, end, nown,
 ):  # fmt: skip
     """Fill the arenas of the owners ``low`` to ``end``; returns how many candidates there are, and in how many blocks."""
     total = 0
@@ -268,7 +270,7 @@ def _fill_strip(
             if near:
                 _call_up(tiles, planes, cell, b, first[b], giving[b])
             reached[b] = _reached_parts(starts, b)
-            number[b] = _take_arena(cursors, thread, room, free)
+            number[b] = _take_arena(cursors, thread, capacity, free)
             _expect_next(rec, order, starts, first, giving, bounds, b, nown)
             a = ARENA * np.int64(number[b])
             candidates[b] = _fill_arena(rec, order, starts, first, b, reached[b], arenas, a, near, planes, cut, listed)
@@ -303,9 +305,9 @@ def _share_strip(contacts, given, begins, number, arenas, shares, row, share, lo
 
 
 def particles_to_nodes_over_ground(
-    rec, who, radius, label, cell, order, starts, first, giving, nown, cuts, due, nodes, over, owners, tiles, planes, bounds,
-    friction, force, last, begins, reach, dt, h, band, number, arenas, room, free, cursors, reached, listed, candidates, touching,
-    pressed, contacts, measured, given, rows, shares, places, place, sharer, down, grid, shared, inverse, dv,
+    rec, particle_index, radius, label, cell, order, starts, first, giving, nown, cuts, due, nodes, over, owners, tiles, planes,
+    bounds, friction, force, last, begins, reach, dt, h, band, number, arenas, capacity, free, cursors, reached, listed,
+    candidates, touching, pressed, contacts, measured, given, rows, shares, places, place, sharer, down, grid, shared, inverse, dv,
 ):  # fmt: skip
     """Fill the arenas, find the particles that touch the ground while a strip is in cache, and sum the nodes that are due.
 
@@ -314,10 +316,10 @@ def particles_to_nodes_over_ground(
     the impulses by the forces of the ``last`` step go to the nodes with the momentum; else :func:`begin_contacts` adds them later.
 
     Gives the numbers (nown,) of particles that are ``touching``, which are ``listed`` then, the sums of their weights over the
-    nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``room`` for arenas, ``rows``
-    of contacts and ``places`` for shares, and counts in ``cursors`` (threads, 8) those that it needs, and what touches; where one
-    needs more, the result is worth nothing. Returns what a thread needs of each, and the number of those that touch. With no
-    owners, ``nown`` = 0, nodes are summed alone.
+    nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``capacity`` for arenas,
+    ``rows`` of contacts and ``places`` for shares, and counts in ``cursors`` (threads, 8) those that it needs, and what touches;
+    where one needs more, the result is worth nothing. Returns what a thread needs of each, and the number of those that touch.
+    With no owners, ``nown`` = 0, nodes are summed alone.
     """
     _start(cursors)
     for thread in prange(len(cuts) - 1):
@@ -325,15 +327,15 @@ def particles_to_nodes_over_ground(
             low = STRIP * s
             end = min(low + STRIP, nown)
             total, blocks = _fill_strip(
-                rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, room, free, cursors,
+                rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, capacity, free, cursors,
                 thread, reached, listed, candidates, touching, pressed, low, end, nown,
             )  # fmt: skip
             row, share, fits = _keep_room(cursors, thread, total, blocks, rows, places)
             if total > 0 and fits:
                 _expect(contacts, measured, given, shares, row, total, share, blocks)
                 _measure_strip(
-                    rec, who, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed, candidates, contacts,
-                    measured, given, touching, low, total, row,
+                    rec, particle_index, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed,
+                    candidates, contacts, measured, given, touching, low, total, row,
                 )  # fmt: skip
                 behind, after = _share_strip(
                     contacts, given, begins, number, arenas, shares, row, share, low, end, touching, place, sharer, pressed

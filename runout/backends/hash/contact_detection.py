@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact import HELD, HELD_TWICE, _around, _clear, _given, _ground, _hold, _number
+from runout.backends.hash.contact_solution import HELD, HELD_TWICE, _around, _clear, _given, _ground, _hold, _number
 from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
@@ -54,7 +54,7 @@ hits_before: Any = None  # how many of the lanes before a lane hit, and of all, 
 take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
-def _farthest(falls: Reals, around: Table2, b: int, lane: int, largest: Any, dt: Any, band: Any, of_all: Any):
+def _farthest(approach_speeds: Reals, around: Table2, b: int, lane: int, largest: Any, dt: Any, band: Any, of_all: Any):
     """Distance [m] beyond which no particle of a block is in contact: by the fastest that may be here, ``of_all`` at most.
 
     Its velocity is a mean of those of nodes in the block and in the 26 around it, so that it falls no faster than they do.
@@ -65,7 +65,7 @@ def _farthest(falls: Reals, around: Table2, b: int, lane: int, largest: Any, dt:
         if k < NEIGHBOURS:
             other = around[b, k]
             if other >= 0:
-                both = pair_at(falls, 2 * other)
+                both = pair_at(approach_speeds, 2 * other)
                 fastest = wp.max(fastest, wp.max(both[0], both[1]))
     return wp.min(of_all, reach(largest, max_lanes(fastest), dt, band))
 
@@ -230,7 +230,7 @@ def _give_shares(tile: Tile, arenas: Nodes, shares: Reals, grid: Nodes, bases: T
 
 def find_contacts(
     rec: Rows, radius: Reals, order: Ints, cstart: Table2, flags: Ints, tally: Ints, standing: Ints, member: Ints,
-    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, largest: Real, around: Table2, falls: Reals,
+    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, largest: Real, around: Table2, approach_speeds: Reals,
     touching: Ints, touched: Table2, contacts: Ints, near_up: Table2, shares: Reals, arenas: Nodes, pressed: Ints,
     pressed_start: Table2, number: Ints, forces: Nodes, up: Table2, step_counts: Ints, grid: Nodes,
 ):  # fmt: skip
@@ -252,7 +252,7 @@ def find_contacts(
         limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
         queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
         first = int(cstart[b, 0])
-        far = _farthest(falls, around, b, lane, largest, clock[s, 0], band, clock[s, 4])
+        far = _farthest(approach_speeds, around, b, lane, largest, clock[s, 0], band, clock[s, 4])
         total = _number_listed(starts, places, limits, cstart, b, lane, bounds, place, h, far)
         found = int(0)
         head = int(0)

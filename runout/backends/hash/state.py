@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from runout.backends.hash.grid import NodeArrays
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
     AFFINE,
@@ -29,7 +30,6 @@ from runout.backends.hash.layout import (
     run,
     run_blocks,
 )
-from runout.backends.hash.nodes import NodeArrays
 from runout.model.particles import Particles
 
 STAGED = 4  # rows that are prepared at once for the device
@@ -101,26 +101,26 @@ class Store:
 
         Only launches: :meth:`turn_over` follows. Nothing moves where the device has halted.
         """
-        flags, totals = index.board.flags, index.count_blocks()
+        flags, totals = index.device_status.flags, index.count_blocks()
         index.list_cells(flags, nodes, totals)
         self.place(k, index)
         if ordered:
-            run(k.sort_cells, index.room * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
+            run(k.sort_cells, index.capacity * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
         self._sort_rows(k, flags, nodes.scratch(self.size, self.memory.dtype), totals)
         self._bring(k.gather_ints, k.bring_back_ints, flags, self.number, nodes, totals)
         if self.only < 0:
             self._bring(k.gather_shorts, k.bring_back_shorts, flags, self.release, nodes, totals)
-        nodes.grid.zero_(), nodes.falls.zero_()
+        nodes.grid.zero_(), nodes.approach_speeds.zero_()
         run_blocks(
-            k.renumber, index.shared, WARP, flags, index.tally, index.active, index.cstart, totals, index.board.counts, index.homes,
-            index.home, self.order, self.key, nodes.falls,
+            k.renumber, index.shared, WARP, flags, index.tally, index.active, index.cstart, totals, index.device_status.counts,
+            index.homes, index.home, self.order, self.key, nodes.approach_speeds,
         )  # fmt: skip
         run(k.clear_beyond, CLEARING, flags, totals, self.key)
 
     def place(self, k: SimpleNamespace, index: Index) -> None:
         """List the particles of each cell, once it is known where the cells start."""
         threads = -(-self.size // (AT_ONCE * WARP)) * WARP
-        run(k.place_particles, threads, index.board.flags, self.key, index.ends, self.order)
+        run(k.place_particles, threads, index.device_status.flags, self.key, index.ends, self.order)
 
     def _bring(self, gather: Any, bring_back: Any, flags: Any, array: Any, nodes: NodeArrays, totals: Any) -> None:
         """An array in the order of the list, by way of the memory of the grid."""

@@ -42,7 +42,7 @@ class Store:
     listed : (slots,) int32
         Contact particles; later in the step, particles that leave the block.
     contacts, measured, felt, given : (rows, 4), (rows / 16, 8, 16), (rows, 4), (rows, 4)
-        Rows of contact particles during a step (:mod:`runout.backends.scan.contact`).
+        Rows of contact particles during a step (:mod:`runout.backends.scan.contact_detection`).
     force : (n, 4)
         Stamp of the step in which the particle last touched the ground (:func:`stamp_of`), and the ground's force then [N].
     radius : (n,) [m]
@@ -52,7 +52,7 @@ class Store:
 
     rec: np.ndarray
     state: np.ndarray
-    who: np.ndarray
+    particle_index: np.ndarray
     cell: np.ndarray
     order: np.ndarray
     listed: np.ndarray
@@ -70,12 +70,14 @@ class Store:
         n = slots + PADDING
         rec, state = _zeros(n, 16, scene.dtype), _zeros(n, 8, scene.dtype)
         contacts, measured, felt, given = _rows_of_contacts(0, scene.dtype)
-        who, order, listed = (np.zeros(n, np.int32) for _ in range(3))
+        particle_index, order, listed = (np.zeros(n, np.int32) for _ in range(3))
         label = np.stack([p.release, p.identity], axis=1).astype(np.int32)
         radius, force = p.radius.astype(scene.dtype), _zeros(len(p), 4, scene.dtype)
         force[:, 1:] = p.ground_force
-        store = cls(rec, state, who, np.zeros(n, np.uint8), order, listed, contacts, measured, felt, given, force, radius, label)
-        store.who[slot] = np.arange(len(p), dtype=np.int32)
+        store = cls(
+            rec, state, particle_index, np.zeros(n, np.uint8), order, listed, contacts, measured, felt, given, force, radius, label
+        )
+        store.particle_index[slot] = np.arange(len(p), dtype=np.int32)
         store._fill(slot, p, scene)
         return store
 
@@ -91,7 +93,7 @@ class Store:
             before = getattr(self, name)
             setattr(self, name, _zeros(n, before.shape[1], before.dtype))
             getattr(self, name)[:old] = before[:old]
-        for name in ("who", "cell", "order", "listed"):
+        for name in ("particle_index", "cell", "order", "listed"):
             before = getattr(self, name)
             setattr(self, name, np.zeros(n, before.dtype))
             getattr(self, name)[:old] = before[:old]
@@ -100,9 +102,9 @@ class Store:
         """Room for so many rows of contacts; the old ones are forgotten."""
         self.contacts, self.measured, self.felt, self.given = _rows_of_contacts(wanted, self.rec.dtype)
 
-    def ground_force(self, who: np.ndarray, steps: int) -> np.ndarray:
+    def ground_force(self, particle_index: np.ndarray, steps: int) -> np.ndarray:
         """Force of the ground [N] on particles (n,) in the last of so many steps: (n, 3), zero for those that did not touch it."""
-        force = self.force[who].astype(np.float64)
+        force = self.force[particle_index].astype(np.float64)
         return np.where(force[:, :1] == stamp_of(steps), force[:, 1:], 0.0)
 
     def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:

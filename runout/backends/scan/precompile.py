@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.compile import cache_root, source_key
-from runout.backends.scan.general import is_general
+from runout.backends.scan.gradient_transfer import uses_gradient_transfer
 from runout.lifetime import end_with_parent, interrupts_kept
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
@@ -28,13 +28,13 @@ from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 
 LOGGER = logging.getLogger(__name__)
-REHEARSAL = "RUNOUT_REHEARSAL"  # the variable that tells the process which compiles from the others
+WARM_UP = "RUNOUT_REHEARSAL"  # the variable that tells the process which compiles from the others
 CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
 VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
     "plain": ({},),
-    "general": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
+    "gradient_transfer": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
     "sleeping": ({}, {"sleep_speed": 1e3, "gravity": (0.0, 0.0, 0.0)}),
 }
 
@@ -45,7 +45,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
     ``sources`` are the modules of kernels and laws, whose change makes what is cached stale. Where no process can be started, the
     kernels are compiled on their first call.
     """
-    if REHEARSAL in os.environ:
+    if WARM_UP in os.environ:
         return
     import locket
 
@@ -57,13 +57,13 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         if done.exists():
             return
         LOGGER.info("compiling for %s in %s; this takes a minute, once", scene.law.name, scene.precision)
-        if _rehearse_elsewhere(scene.materials[:2], scene.precision, variant(scene)):
+        if _warm_up_elsewhere(scene.materials[:2], scene.precision, variant(scene)):
             done.touch()
 
 
 def variant(scene: Scene) -> str:
     """Which of the ``VARIANTS`` a scene is."""
-    return "general" if is_general(scene) else "sleeping" if scene.sleep_speed else "plain"
+    return "gradient_transfer" if uses_gradient_transfer(scene) else "sleeping" if scene.sleep_speed else "plain"
 
 
 def _stamp(source: ModuleType) -> str:
@@ -73,12 +73,12 @@ def _stamp(source: ModuleType) -> str:
     return f"{path} {status.st_mtime_ns} {status.st_size}"
 
 
-def _rehearse_elsewhere(materials: tuple[Material, ...], precision: str, kind: str) -> bool:
+def _warm_up_elsewhere(materials: tuple[Material, ...], precision: str, kind: str) -> bool:
     """Whether another process has compiled all kernels."""
     job = base64.b64encode(pickle.dumps((materials[:2], precision, kind, os.getpid()))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
-    environment = {**os.environ, REHEARSAL: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
-    command = [sys.executable, "-P", "-c", f"from {__name__} import rehearse; rehearse()"]
+    environment = {**os.environ, WARM_UP: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
+    command = [sys.executable, "-P", "-c", f"from {__name__} import warm_up; warm_up()"]
     try:
         with interrupts_kept():
             process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -101,18 +101,18 @@ def _ended(process: "subprocess.Popen[str]") -> str:
             raise
 
 
-def rehearse() -> None:
+def warm_up() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
-    materials, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[REHEARSAL]))
+    materials, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
     scene, particles = _small_slope(materials, precision)
     for choices in VARIANTS[kind]:
         if "sleep_speed" in choices:
             particles.velocity[:] = 0.0
-        _rehearse(replace(scene, **choices), particles)
+        _warm_up(replace(scene, **choices), particles)
 
 
-def _rehearse(scene: Scene, particles: Particles) -> None:
+def _warm_up(scene: Scene, particles: Particles) -> None:
     from runout.backends.scan.backend import ScanBackend
 
     engine = ScanBackend(threads=1)

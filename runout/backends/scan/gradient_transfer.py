@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.backends.scan.store import _zeros
+from runout.backends.scan.state import _zeros
 from runout.model.scene import Scene
 from runout.physics import transfers
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     from runout.backends.scan.backend import ScanBackend
 
 
-def is_general(scene: Scene) -> bool:
+def uses_gradient_transfer(scene: Scene) -> bool:
     """Whether a scene needs more than the packed transfer, which has kernels of its own."""
     return not scene.packed or scene.f_bar
 
 
-def bytes_of_general(scene: Scene, slots: int, nodes: int) -> int:
+def bytes_of_gradient_transfer(scene: Scene, slots: int, nodes: int) -> int:
     """Memory [byte] of the arrays of :class:`General` for so many slots and blocks of nodes."""
-    rows = 2 if scene.keeps else 1 if is_general(scene) else 0
+    rows = 2 if scene.keeps else 1 if uses_gradient_transfer(scene) else 0
     return int(np.dtype(scene.dtype).itemsize * (16 * rows * slots + 256 * nodes * bool(scene.keeps)))
 
 
-class General:
+class GradientTransfer:
     """Steps of a scene with transfer apic or aflip, or with F-bar.
 
     Attributes
@@ -46,7 +46,7 @@ class General:
         """Add internal forces to arenas that hold mass and momentum; keep what the particles alone give to the nodes."""
         if self.scene.packed:
             return
-        i, s, a, k = engine.index, engine.store, engine.room, engine.k
+        i, s, a, k = engine.index, engine.store, engine.arenas, engine.k
         if self.scene.keeps:
             if self.given.shape != a.grid.shape:
                 self.given = np.zeros_like(a.grid)
@@ -57,13 +57,13 @@ class General:
             if self.scene.surface is not None:
                 k.begin_contacts(s.contacts, s.given, a.place, a.touching, i.nown, a.number, a.arenas)
         k.add_forces(
-            s.rec, s.state, s.who, s.label, s.order, i.starts, i.first, i.nown, engine.mats, self._cells(engine), a.number,
-            a.arenas, engine.buffers[0],
+            s.rec, s.state, s.particle_index, s.label, s.order, i.starts, i.first, i.nown, engine.mats, self._cells(engine),
+            a.number, a.arenas, engine.buffers[0],
         )  # fmt: skip
 
     def take_rates(self, engine: "ScanBackend") -> tuple[Any, ...]:
         """Velocity gradients with their mean dilatation, and velocities that the grid has not seen, as the motion takes them."""
-        i, s, a, k, cells = engine.index, engine.store, engine.room, engine.k, self._cells(engine)
+        i, s, a, k, cells = engine.index, engine.store, engine.arenas, engine.k, self._cells(engine)
         if len(self.rates) != len(s.rec):
             self.rates = _zeros(len(s.rec), 16, self.scene.dtype)
             self.slips = _zeros(len(s.rec), 16, self.scene.dtype) if self.scene.keeps else self.rates

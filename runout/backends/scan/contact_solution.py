@@ -1,14 +1,15 @@
 """Impulses of the ground on the particles that touch it, and by their weights on the nodes: see :mod:`runout.physics.contact`.
 
-The rows of contacts are those of :mod:`runout.backends.scan.contact`. The nodes hold the impulses ``given`` from the start; they
-get the differences from these.
+The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`. The nodes hold the impulses ``given`` from the
+start; they get the differences from these.
 """
 
 import numpy as np
 from numba import prange
 
 from runout.backends.lanes import in_double, load4, load16, local_array, record_vectors, row_vectors, store
-from runout.backends.scan.contact import BEFORE, GAP, GRIP, NORMAL
+from runout.backends.scan.contact_detection import BEFORE, FRICTION, GAP, NORMAL
+from runout.backends.scan.particles_to_grid import _leave_arenas, _push_block, _start, _strip_of, _take_arena, four_zeros
 from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     ARENA,
@@ -30,7 +31,6 @@ from runout.backends.scan.stencil import (
     second_group,
     weights_of_z,
 )
-from runout.backends.scan.transfer import _leave_arenas, _push_block, _start, _strip_of, _take_arena, four_zeros
 from runout.physics.contact import impulse, work
 from runout.physics.tensors import real, vec
 
@@ -70,7 +70,7 @@ def _push(t, begun, measured, g, dt):
         normal = vec(measured[g, NORMAL, q], measured[g, NORMAL + 1, q], measured[g, NORMAL + 2, q])
         before = vec(measured[g, BEFORE, q], measured[g, BEFORE + 1, q], measured[g, BEFORE + 2, q])
         given = vec(begun[1, q], begun[2, q], begun[3, q])
-        push = impulse(u, normal, measured[g, GAP, q], compliance, measured[g, GRIP, q], dt, given)
+        push = impulse(u, normal, measured[g, GAP, q], compliance, measured[g, FRICTION, q], dt, given)
         t[0, q] = real(0.0)
         t[1, q] = push[0] - given[0]
         t[2, q] = push[1] - given[1]
@@ -81,10 +81,10 @@ def _push(t, begun, measured, g, dt):
         begun[3, q] = push[2]
 
 
-def _keep_forces(given, row, n, listed, f, who, force, stamp, dt):
+def _keep_forces(given, row, n, listed, f, particle_index, force, stamp, dt):
     """Note the forces of the ground on the ``n`` contacts of a block, which are listed from place ``f`` on."""
     for q in range(n):
-        w = np.int64(who[listed[f + q]])
+        w = np.int64(particle_index[listed[f + q]])
         force[w, 0] = stamp
         for k in range(1, 4):
             force[w, k] = given[row + q, k] / dt
@@ -139,8 +139,8 @@ def _solve_strip(contacts, measured, felt, given, place, touching, pressed, grid
 
 
 def solve_contacts(
-    contacts, measured, felt, given, place, touching, pressed, listed, first, who, force, stamp, nown, cuts, due, nodes, over,
-    owners, grid, up, down, dt, lent, arenas, room, free, cursors, shared, inverse, asleep, ground, sums,
+    contacts, measured, felt, given, place, touching, pressed, listed, first, particle_index, force, stamp, nown, cuts, due,
+    nodes, over, owners, grid, up, down, dt, lent, arenas, capacity, free, cursors, shared, inverse, asleep, ground, sums,
 ):  # fmt: skip
     """One impulse per contact; its change is spread to an arena of the block, and by it to the nodes that are due.
 
@@ -163,10 +163,10 @@ def solve_contacts(
                 _weigh_four(contacts, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
                 for b in range(low, end):
                     if touching[b] > 0:
-                        lent[b] = _take_arena(cursors, thread, room, free)
+                        lent[b] = _take_arena(cursors, thread, capacity, free)
                         a = ARENA * np.int64(lent[b])
                         _spread_block(contacts, ready, felt, given, place[b], touching[b], arenas, a, pressed[b], ground, b)
-                        _keep_forces(given, place[b], touching[b], listed, first[b], who, force, stamp, dt)
+                        _keep_forces(given, place[b], touching[b], listed, first[b], particle_index, force, stamp, dt)
             for k in range(due[s], due[s + 1]):
                 n = np.int64(nodes[k])
                 if shared[n]:

@@ -1,7 +1,7 @@
 """Order of the particles: slots of the blocks, lists by cell, exchange between blocks, rare moves to fresh slots.
 
-A block owns the slots first to first + room; ``order`` names the occupied ones by cell. Each step brings the particles of a
-block into the order of its list (:mod:`runout.backends.scan.motion`); here those that change their cell or block are
+A block owns the slots first to first + capacity; ``order`` names the occupied ones by cell. Each step brings the particles of a
+block into the order of its list (:mod:`runout.backends.scan.grid_to_particles`); here those that change their cell or block are
 listed anew. Blocks whose particles stay in their cells cost nothing.
 """
 
@@ -10,7 +10,7 @@ from numba import prange
 
 from runout.backends.lanes import load8, load16, local_array, prefetch, store
 from runout.backends.scan.arenas import _total_held
-from runout.backends.scan.motion import HERE, LEFT, OUTSIDE
+from runout.backends.scan.grid_to_particles import HERE, LEFT, OUTSIDE
 
 CELLS = 64
 CALLED = 8  # blocks that memory is asked for ahead, where little is to be done in each
@@ -25,7 +25,7 @@ def _spacious(n):
     return (n + (n >> 5) + 19) & ~15
 
 
-def _count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals):
+def _count_arrivals(around, first, nown, movers, leaving, held, capacity, before, arrivals):
     """Number of particles that enter each block; returns how many fresh slots the blocks that overflow will need.
 
     One thread counts: few particles leave their blocks, fewer than blocks have neighbours.
@@ -42,7 +42,7 @@ def _count_arrivals(around, first, nown, movers, leaving, held, room, before, ar
                 arrivals[around[b, q]] += 1
     needed = 0
     for b in range(nown):
-        if held[b] + arrivals[b] > room[b]:
+        if held[b] + arrivals[b] > capacity[b]:
             needed += _spacious(held[b] + arrivals[b] + (held[b] >> 4) + 16)
     return needed
 
@@ -85,57 +85,57 @@ def _drop_filled(holes, n):
     return kept
 
 
-def _make_room(nown, held, arrivals, first, room, end, holes, n):
+def _make_room(nown, held, arrivals, first, capacity, end, holes, n):
     """Fresh slots for the blocks that overflow: in one of ``n`` holes, else from ``end`` on; returns the new end and ``n``.
 
     What they leave becomes a hole for later steps: neighbours read there in this one.
     """
     for b in range(nown):
-        if held[b] + arrivals[b] == 0 and room[b] > 0:
-            n = _leave_hole(holes, n, first[b], room[b])
-            room[b] = 0
+        if held[b] + arrivals[b] == 0 and capacity[b] > 0:
+            n = _leave_hole(holes, n, first[b], capacity[b])
+            capacity[b] = 0
     free = n
     for b in range(nown):
-        if held[b] + arrivals[b] > room[b]:
+        if held[b] + arrivals[b] > capacity[b]:
             needed = _spacious(held[b] + arrivals[b] + (held[b] >> 4) + 16)
-            n = _leave_hole(holes, n, first[b], room[b])
+            n = _leave_hole(holes, n, first[b], capacity[b])
             start, size = _fill_hole(holes, free, needed)
             if start < 0:
                 start = end
                 size = needed
                 end += needed
             first[b] = start
-            room[b] = size
+            capacity[b] = size
     return end, _drop_filled(holes, n)
 
 
-def make_way(around, first, nown, movers, leaving, held, room, before, arrivals, end, slots, holes, n):
+def make_way(around, first, nown, movers, leaving, held, capacity, before, arrivals, end, slots, holes, n):
     """Count arrivals and find room for them, unless ``slots`` are too few; returns the fresh slots needed, ``end`` and ``n``."""
-    needed = _count_arrivals(around, first, nown, movers, leaving, held, room, before, arrivals)
+    needed = _count_arrivals(around, first, nown, movers, leaving, held, capacity, before, arrivals)
     if end + needed <= slots:
-        end, n = _make_room(nown, held, arrivals, first, room, end, holes, n)
+        end, n = _make_room(nown, held, arrivals, first, capacity, end, holes, n)
     return needed, end, n
 
 
-def _copy_slot(rec, state, who, cell, p, d, c):
+def _copy_slot(rec, state, particle_index, cell, p, d, c):
     """Copy a particle to another slot, into cell ``c``."""
     store(rec, 16 * d, load16(rec, 16 * p))
     store(state, 8 * d, load8(state, 8 * p))
-    who[d] = who[p]
+    particle_index[d] = particle_index[p]
     cell[d] = c
 
 
-def _relocate(rec, state, who, cell, old, new, n):
+def _relocate(rec, state, particle_index, cell, old, new, n):
     """Copy what stays in a block to fresh slots; returns their number."""
     kept = 0
     for p in range(old, old + n):
         if cell[p] < LEFT:
-            _copy_slot(rec, state, who, cell, p, new + kept, cell[p])
+            _copy_slot(rec, state, particle_index, cell, p, new + kept, cell[p])
             kept += 1
     return kept
 
 
-def _expect(rec, state, who, cell, around, before, movers, leaving, changed, b, end):
+def _expect(rec, state, particle_index, cell, around, before, movers, leaving, changed, b, end):
     """Ask for the memory of what a block will receive."""
     for q in range(27):
         s = around[b, q]
@@ -147,10 +147,10 @@ def _expect(rec, state, who, cell, around, before, movers, leaving, changed, b, 
                 p = before[s] + (entry >> 12)
                 prefetch(rec, 16 * p)
                 prefetch(state, 8 * p)
-                prefetch(who, p)
+                prefetch(particle_index, p)
                 prefetch(rec, 16 * end)
                 prefetch(state, 8 * end)
-                prefetch(who, end)
+                prefetch(particle_index, end)
                 prefetch(cell, end)
                 end += 1
 
@@ -166,7 +166,7 @@ def _expect_lists(order, starts, movers, first, held, b):
     prefetch(movers, f + held[b] - 1)
 
 
-def _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end):
+def _receive(rec, state, particle_index, cell, around, before, movers, leaving, changed, b, end):
     """Copy the arrivals of a block to the slots from ``end`` on: the neighbours still read those that were left."""
     for q in range(27):
         s = around[b, q]
@@ -175,7 +175,7 @@ def _receive(rec, state, who, cell, around, before, movers, leaving, changed, b,
         for t in range(leaving[s]):
             entry = movers[before[s] + t]
             if (entry >> 6) & 63 == 26 - q:
-                _copy_slot(rec, state, who, cell, before[s] + (entry >> 12), end, entry & 63)
+                _copy_slot(rec, state, particle_index, cell, before[s] + (entry >> 12), end, entry & 63)
                 end += 1
     return end
 
@@ -274,8 +274,9 @@ def _list_anew(cell, order, starts, b, first, end, movers, leaving, shifted):
 
 
 def settle(
-    rec, state, who, cell, order, starts, first, held, before, around, nown, cuts, movers, leaving, shifted, changed, arrivals
-):
+    rec, state, particle_index, cell, order, starts, first, held, before, around, nown, cuts, movers, leaving, shifted, changed,
+    arrivals,
+):  # fmt: skip
     """Let particles enter their new blocks, and list the blocks in which anything changed by cell.
 
     Returns the number of particles, and that in the fullest block.
@@ -285,16 +286,18 @@ def settle(
             if b + 2 < nown and (arrivals[b + 2] > 0 or changed[b + 2] != 0):
                 _expect_lists(order, starts, movers, first, held, np.int64(b) + 2)
             if b + 1 < nown and arrivals[b + 1] > 0:
-                _expect(rec, state, who, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1])
+                _expect(
+                    rec, state, particle_index, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1]
+                )
             if arrivals[b] == 0 and changed[b] == 0:
                 continue
             f = first[b]
             end = f + held[b]
             moved = f != before[b]
             if moved:
-                end = f + _relocate(rec, state, who, cell, before[b], f, held[b])
+                end = f + _relocate(rec, state, particle_index, cell, before[b], f, held[b])
             if arrivals[b] > 0:
-                end = _receive(rec, state, who, cell, around, before, movers, leaving, changed, b, end)
+                end = _receive(rec, state, particle_index, cell, around, before, movers, leaving, changed, b, end)
             if moved or starts[b, CELLS] > LONGEST:
                 held[b] = _list_by_cell(cell, order, starts, b, f, end)
             else:
@@ -302,45 +305,45 @@ def settle(
     return _total_held(held, nown)
 
 
-def give_slots(held, first, room, nown):
+def give_slots(held, first, capacity, nown):
     """Slots for blocks that hold particles, one block after the other; returns their number."""
     end = 0
     for b in range(nown):
         first[b] = end
-        room[b] = _spacious(held[b]) if held[b] > 0 else 0
-        end += room[b]
+        capacity[b] = _spacious(held[b]) if held[b] > 0 else 0
+        end += capacity[b]
     return end
 
 
-def hand_over_slots(numbers, old_starts, old_first, old_room, old_nown, starts, first, room, held):
+def hand_over_slots(numbers, old_starts, old_first, old_capacity, old_nown, starts, first, capacity, held):
     """Particles and slots of the old blocks that hold some, to their new ``numbers``: nothing is moved."""
     for b in prange(old_nown):
         if old_starts[b, CELLS] > 0:
             d = numbers[b]
             first[d] = old_first[b]
-            room[d] = old_room[b]
+            capacity[d] = old_capacity[b]
             held[d] = old_starts[b, CELLS]
             for c in range(CELLS + 1):
                 starts[d, c] = old_starts[b, c]
 
 
-def _move_block(rec, state, who, cell, order, starts, b, first, to, rec2, state2, who2):
+def _move_block(rec, state, particle_index, cell, order, starts, b, first, to, rec2, state2, who2):
     """Move the particles of a block, by cell, to the slots from ``to`` on, which may be some of its own; by a buffer."""
     for t in range(starts[b, CELLS]):
         p = np.int64(order[first + t])
         store(rec2, 16 * t, load16(rec, 16 * p))
         store(state2, 8 * t, load8(state, 8 * p))
-        who2[t] = who[p]
+        who2[t] = particle_index[p]
     for c in range(CELLS):
         for t in range(starts[b, c], starts[b, c + 1]):
             store(rec, 16 * (to + t), load16(rec2, 16 * t))
             store(state, 8 * (to + t), load8(state2, 8 * t))
-            who[to + t] = who2[t]
+            particle_index[to + t] = who2[t]
             cell[to + t] = c
             order[to + t] = to + t
 
 
-def pack_slots(rec, state, who, cell, order, starts, by_slot, first, room, held, rec2, state2, who2):
+def pack_slots(rec, state, particle_index, cell, order, starts, by_slot, first, capacity, held, rec2, state2, who2):
     """Close the gaps between the slots of the blocks ``by_slot`` that hold any, in place; returns the end of the slots.
 
     Each gets a room of the usual size. Who moves down goes in this order, and who moves up in the reverse one: so each finds its
@@ -349,22 +352,22 @@ def pack_slots(rec, state, who, cell, order, starts, by_slot, first, room, held,
     """
     for b in range(len(held)):
         if held[b] == 0:
-            room[b] = 0
+            capacity[b] = 0
     end = 0
     for b in by_slot:
         start = first[b]
-        used = start + room[b]
-        room[b] = _spacious(held[b])
-        if end < start or end + room[b] < used:
+        used = start + capacity[b]
+        capacity[b] = _spacious(held[b])
+        if end < start or end + capacity[b] < used:
             first[b] = min(end, start)
-            _move_block(rec, state, who, cell, order, starts, b, start, first[b], rec2, state2, who2)
-        end += room[b]
+            _move_block(rec, state, particle_index, cell, order, starts, b, start, first[b], rec2, state2, who2)
+        end += capacity[b]
     to = end
     for k in range(len(by_slot) - 1, -1, -1):
         b = by_slot[k]
-        to -= room[b]
+        to -= capacity[b]
         if first[b] < to:
-            _move_block(rec, state, who, cell, order, starts, b, first[b], to, rec2, state2, who2)
+            _move_block(rec, state, particle_index, cell, order, starts, b, first[b], to, rec2, state2, who2)
             first[b] = to
     return end
 

@@ -14,19 +14,19 @@ class NodeArrays:
 
     Attributes
     ----------
-    grid : (64 room,) four numbers
+    grid : (64 capacity,) four numbers
         Mass [kg] and momentum [kg m/s]; longer if it takes more to hold a number for each particle, see :meth:`scratch`. With
         ``kept`` as much again: mass and velocity that the particles alone gave.
-    dilated : (64 room,) four numbers
+    dilated : (64 capacity,) four numbers
         Volume and volume times dilatation of each node while they are summed, with ``averaged``; else empty.
-    grounded : (room,) int32
+    grounded : (capacity,) int32
         Place of a block in ``contact``, -1 for one that is not near the ground.
     contact : (64 slots,) four numbers
         Memory of the following.
     shares : (256 slots,)
         Of each block 64 sums of the weights of the contact particles, at its nodes, and the impulse of the ground [N s] there: 64
         pairs of its parts along x and y, and 64 upwards.
-    near : (room,) int32
+    near : (capacity,) int32
         Place in ``tiles`` of a block whose particles may touch the ground, -1 for the others.
     standing : (places,) int32
         The block at each of these places, -1 if it is free.
@@ -36,33 +36,33 @@ class NodeArrays:
         Coefficients of the surface relative to the block's lowest node [cells].
     bounds : (places, 32) float16
         How high it comes in each of 16 columns of cells, likewise, and the least upward part of its normal there.
-    pressed, pressed_start : (particles,), (room, 65) int32
+    pressed, pressed_start : (particles,), (capacity, 65) int32
         Particles in contact by cell, and where those of the cells of a block start; only with ``averaged``, else empty: then they
         take the place of the list of all, which no kernel needs any more.
-    arenas, held : (216 room,) four numbers, (room,) int32
+    arenas, held : (216 capacity,) four numbers, (capacity,) int32
         Sums of each block and particles that it holds, for sums in fixed order; else empty.
-    ground_slopes : (room,) four numbers
+    ground_slopes : (capacity,) four numbers
         Under a block and those around it, east and north: the middle of all slopes, then how far any lies from it.
-    falls : (2 room,)
+    falls : (2 capacity,)
         Largest speed [m/s] towards that ground of the nodes of each half of a block; infinite where nobody knows it.
-    booked : (room, 6) float64
+    booked : (capacity, 6) float64
         Plastic dissipation and work of the ground [J], impulse of the ground [N s], plastic dissipation that a second warp adds.
     """
 
-    def __init__(self, room: int, particles: int, number: Any, ordered: bool, kept: bool = False, averaged: bool = False):
+    def __init__(self, capacity: int, particles: int, number: Any, ordered: bool, kept: bool = False, averaged: bool = False):
         self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
         self.vec4 = wp.types.vector(length=4, dtype=number)
-        self.grid = wp.zeros(max((1 + kept) * room * 64, (particles + 3) // 4), dtype=self.vec4)
-        self.dilated = wp.zeros(room * 64 * (averaged and not ordered), dtype=self.vec4)
-        self.arenas = wp.zeros(room * TILE * ordered, dtype=self.vec4)
-        self.held = wp.zeros(room * ordered, dtype=wp.int32)
-        lists = particles * averaged, (room * averaged, CELL_LANES + 1)
+        self.grid = wp.zeros(max((1 + kept) * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
+        self.dilated = wp.zeros(capacity * 64 * (averaged and not ordered), dtype=self.vec4)
+        self.arenas = wp.zeros(capacity * TILE * ordered, dtype=self.vec4)
+        self.held = wp.zeros(capacity * ordered, dtype=wp.int32)
+        lists = particles * averaged, (capacity * averaged, CELL_LANES + 1)
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
-        self.grounded = wp.full(room, -1, dtype=wp.int32)
-        self.near = wp.full(room, -1, dtype=wp.int32)
-        self.ground_slopes = wp.zeros(room, dtype=self.vec4)
-        self.falls = wp.full(2 * room, wp.inf, dtype=number)
-        self.booked = wp.zeros((room, 6), dtype=wp.float64)
+        self.grounded = wp.full(capacity, -1, dtype=wp.int32)
+        self.near = wp.full(capacity, -1, dtype=wp.int32)
+        self.ground_slopes = wp.zeros(capacity, dtype=self.vec4)
+        self.approach_speeds = wp.full(2 * capacity, wp.inf, dtype=number)
+        self.booked = wp.zeros((capacity, 6), dtype=wp.float64)
         self.make_room(0, 0)
 
     def scratch(self, shape: int | tuple[int, int], kind: Any) -> Any:
