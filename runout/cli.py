@@ -64,7 +64,7 @@ def new(
 
 def check(site: SiteArgument, *, device: Device = None, session: Injected) -> int:
     """List every problem of a site and forecast its run; change nothing."""
-    from runout.preview import check_site
+    from runout.workflow.preview import check_site
 
     return check_site(site, session.out, device)
 
@@ -79,7 +79,7 @@ def run(
     session: Injected,
 ) -> int:
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
-    from pipelines.hazard_map import STAGES
+    from runout.workflow.hazard_map import STAGES
 
     return _stages(site, STAGES, session, workers=workers, device=device, retry_failed=retry_failed, force=force)
 
@@ -113,7 +113,7 @@ def report(site: SiteArgument, *, force: Force = False, session: Injected) -> in
 
 def status(site: SiteArgument, *, session: Injected) -> int:
     """Say which members are done, failed and left, with reasons, and which stages are up to date."""
-    from runout.status import print_status
+    from runout.workflow.status import print_status
 
     return print_status(site, session.out)
 
@@ -127,7 +127,7 @@ def simulate(
     session: Injected,
 ) -> int:
     """Run one member and keep snapshots; write results/simulations/."""
-    from pipelines.single_member import run as run_member
+    from runout.workflow.single_member import run as run_member
 
     run_member(site, session.out, member=member, snapshots=snapshots, device=device)
     return ExitCode.OK
@@ -151,11 +151,11 @@ def bench(
 ) -> int:
     """Measure what a step costs on this machine, as ratios: size, threads, precision, depth, sparsity; or what accuracy costs."""
     if error:
-        from pipelines import error_against_time
+        from runout.studies import error_against_time
 
         error_against_time.command(session.out, full)
         return ExitCode.OK
-    from pipelines import work_precision
+    from runout.studies import work_precision
 
     choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision, against=against)
     work_precision.report(work_precision.run(choices, json, figure))
@@ -187,14 +187,14 @@ def verify(
     """
     if convergence:
         return _convergence(cases, session.out, device)
-    from pipelines.verification import command
+    from runout.studies.verification import command
 
     plane = {"slope": slope, "azimuth": azimuth, "offset": offset, "precision": precision, "settled": settled}
     return command(cases, full, session.out, json, {name: value for name, value in plane.items() if value is not None})
 
 
 def _convergence(sites: Sequence[str], out: Path | None, device: str | None) -> int:
-    from pipelines.convergence import command
+    from runout.studies.convergence import command
 
     if len(sites) != 1:
         raise ConfigError(f"--convergence takes one site, {len(sites)} are given; say `runout verify SITE --convergence`")
@@ -209,7 +209,7 @@ def stress(
     session: Injected,
 ) -> int:
     """Push every choice of a run to its end and see that nothing breaks; --out DIR writes a page."""
-    from pipelines.stability_stress import command
+    from runout.studies.stability_stress import command
 
     return command(session.out, full, backend, device)
 
@@ -276,7 +276,7 @@ def _parsed(application: App, tokens: Sequence[str]) -> tuple[Callable[..., Any]
 
 
 def _stages(site: Path, stages: Sequence[str], session: Session, **choices: Any) -> int:
-    from pipelines import hazard_map
+    from runout.workflow import hazard_map
 
     return hazard_map.run(site, session.out, stages, **choices).exit_code
 

@@ -15,9 +15,9 @@ from runout.io.window import LARGEST_WHOLE, Bounds, part_of
 if TYPE_CHECKING:
     from runout.config.schema import ReleaseSettings
     from runout.config.site import Site
+    from runout.io.elevation_raster import Header
     from runout.model.release import Release
     from runout.model.terrain import Terrain
-    from runout.terrain.raster import Header
 
 LARGEST_DERIVED = 50_000_000  # cells; who needs more states so
 FIRST = 64  # cells around the releases that are looked at first
@@ -99,8 +99,8 @@ def release_bounds(release: "ReleaseSettings", folder: Path, header: "Header") -
     from pyproj import Transformer
     from pyproj.exceptions import ProjError
 
+    from runout.io.layer_crs import stated_crs
     from runout.release.bounds import polygon_bounds, thickness_bounds
-    from runout.release.crs import stated_crs
 
     if release.polygons is not None:
         found = polygon_bounds(Path(locate(release.polygons, folder)), release.layer, header.crs)

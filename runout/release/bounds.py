@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.io.layer_crs import stated_crs
 from runout.io.opening import open_raster, require_room
+from runout.io.polygons import read_frame
 from runout.io.window import LARGEST_WHOLE, Bounds, bounds_of
-from runout.release.crs import stated_crs
-from runout.release.polygons import read_frame
 
 
 @dataclass(frozen=True)

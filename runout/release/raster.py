@@ -8,12 +8,12 @@ import numpy as np
 from runout.errors import ReleaseError
 from runout.io.boundary import exists
 from runout.io.georeference import require_usable
+from runout.io.layer_crs import ToTerrain, to_terrain
 from runout.io.opening import open_raster, require_room
+from runout.io.polygon_reproject import raster_on_terrain
 from runout.io.window import LARGEST_WHOLE, Bounds, Part, bounds_of, part_of
 from runout.model.limits import LIMITS
 from runout.model.terrain import Terrain
-from runout.release.crs import ToTerrain, to_terrain
-from runout.release.reproject import raster_on_terrain
 
 MARGIN = 8  # cells around the terrain of a huge raster that are read, so that a release which reaches beyond it is noticed
 EDGE_POINTS = 33  # along each side of the terrain: straight edges are curves in another system

@@ -10,13 +10,13 @@ import numpy as np
 
 from runout.errors import ReleaseError, member_of
 from runout.io.boundary import as_path
+from runout.io.polygon_coverage import SAME_EDGE, covered_window, regrid
+from runout.io.polygons import PolygonLayer, read_polygons, without_overlap
 from runout.model.limits import checked
 from runout.model.materials import Material
 from runout.model.release import Edge, Placement, Release
 from runout.model.terrain import Terrain
-from runout.release.coverage import SAME_EDGE, covered_window, regrid
 from runout.release.ground import require_elevation, require_inside
-from runout.release.polygons import PolygonLayer, read_polygons, without_overlap
 from runout.release.volume import matched
 
 log = logging.getLogger(__name__)

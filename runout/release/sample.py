@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ConfigError, ReleaseError
+from runout.io.polygon_coverage import ROUND_OFF, covered_area, covered_centroid, regrid, regrid_within
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.release import stagger
-from runout.release.coverage import ROUND_OFF, covered_area, covered_centroid, regrid, regrid_within
 
 CELLS_ACROSS = 4  # a release should be this many grid cells wide; what messages propose
 THINNEST = 1e-6  # columns thinner than this share of a particle layer get no particle; the others carry their volume

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.io.polygon_coverage import covered_window
 from runout.model.terrain import Terrain
-from runout.release.coverage import covered_window
 from runout.release.outlets import rising_from_rim
 from runout.terrain.fill import filled
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError
+from runout.io.crs import parse
+from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.georeference import require_usable
 from runout.io.opening import open_netcdf
 from runout.io.window import Bounds
-from runout.terrain.crs import parse
-from runout.terrain.raster import ElevationRaster, Header
 
 ELEVATION_NAMES = ("elevation", "surface_altitude", "dem", "z", "altitude", "height", "topography", "orog", "band1")
 AXES = {

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from runout.errors import DemError, ReleaseError
+from runout.io.polygons import read_polygons, without_overlap
 from runout.model.terrain import Terrain
-from runout.release.polygons import read_polygons, without_overlap
 from runout.terrain.overlay import on_cells
 
 log = logging.getLogger(__name__)

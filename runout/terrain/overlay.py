@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from runout.io.polygon_coverage import covered_window
 from runout.model.terrain import Terrain
-from runout.release.coverage import covered_window
 
 
 def on_cells(parts: np.ndarray, values: np.ndarray, terrain: Terrain) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:

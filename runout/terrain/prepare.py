@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from runout.errors import DemError, InputError
+from runout.io import crs as coordinate_systems
+from runout.io.elevation_raster import ElevationRaster, moved
 from runout.model.terrain import Terrain
-from runout.terrain import crs as coordinate_systems
 from runout.terrain.fill import filled
-from runout.terrain.raster import ElevationRaster, moved
 
 LOWEST, HIGHEST = -500.0, 9000.0  # of land on Earth, with room [m]
 NODATA_VALUES = (-9999.0, -99999.0, -999999.0, -32768.0, -32767.0, 32767.0, 65535.0)  # in use without being declared

@@ -11,15 +11,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from runout.errors import DemError
+from runout.io import crs as coordinate_systems
 from runout.io.boundary import as_path, exists, kind_of, names_in
+from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.georeference import require_usable
 from runout.io.opening import PARTS, open_raster
 from runout.io.window import Bounds
 from runout.model.arrays import real_array, real_pair, shown
 from runout.model.terrain import Terrain
-from runout.terrain import crs as coordinate_systems
 from runout.terrain import prepare
-from runout.terrain.raster import ElevationRaster, Header
 
 SAMPLE = "matplotlib:jacksboro_fault_dem"
 NETCDF_SUFFIXES = (".nc", ".nc4", ".cdf")

@@ -3,9 +3,9 @@
 import numpy as np
 
 from runout.errors import DemError
-from runout.terrain import crs as coordinate_systems
+from runout.io import crs as coordinate_systems
+from runout.io.elevation_raster import ElevationRaster, moved
 from runout.terrain.fill import filled
-from runout.terrain.raster import ElevationRaster, moved
 
 RIM = 8  # cells; what lies farther away weighs less than 1e-4 in the spline
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from runout.errors import ReleaseError, ZoneError
+from runout.io.polygon_overlap import OVERLAP
+from runout.io.polygons import read_polygons, without_overlap
 from runout.model.friction import FrictionZones
 from runout.model.terrain import Terrain
-from runout.release.overlap import OVERLAP
-from runout.release.polygons import read_polygons, without_overlap
 from runout.terrain.overlay import on_cells
 
 log = logging.getLogger(__name__)

@@ -21,9 +21,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from pipelines.sloping_layer import Layer
-from pipelines.timing import Case, TimedRun
 from runout.backends.scan import grid
+from runout.studies.sloping_layer import Layer
+from runout.studies.timing import Case, TimedRun
 
 UNTIMED_STEPS = 20
 WITH_GROUND = {"finding": ("particles_to_nodes_over_ground", "particles_to_nodes")}  # and its counterpart without a ground

@@ -18,10 +18,10 @@ import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from pipelines.error_cases.choice import Variation
-from pipelines.error_cases.flows import distance, flowed, runout_of
-from pipelines.verification_cases.spreading_cap import Cells
 from runout.result import Result
+from runout.studies.error_cases.choice import Variation
+from runout.studies.error_cases.flows import distance, flowed, runout_of
+from runout.studies.verification_cases.spreading_cap import Cells
 from tests.benchmarks.spreading_cap import cells_of, timed
 
 CAPS = (

@@ -13,11 +13,11 @@ import time
 
 import numpy as np
 
-from pipelines.verification_cases.dam_breaks import as_one, relative
-from pipelines.verification_cases.shallow_water import SpreadingCap
-from pipelines.verification_cases.spreading_cap import BED, END, EXTENT, START, Cells, Lean, whole
 from runout.backends.protocol import Backend, get_backend
 from runout.model.scene import Scene
+from runout.studies.verification_cases.dam_breaks import as_one, relative
+from runout.studies.verification_cases.shallow_water import SpreadingCap
+from runout.studies.verification_cases.spreading_cap import BED, END, EXTENT, START, Cells, Lean, whole
 
 STEPS = 10  # of one length
 SQUARE, SUB = 8.0, 4  # [m] over which thickness is averaged where the grid leans; parts of a particle's width along each axis

@@ -23,7 +23,7 @@ MOMENTS = {
         builtins.__import__ = slow
     """,
     "an exception would be lost": """
-        import pipelines.hazard_map as study
+        import runout.workflow.hazard_map as study
         def lossy(*_, **__):
             try: wait()
             except BaseException: pass
@@ -31,14 +31,14 @@ MOMENTS = {
         study.run = lossy
     """,
     "a thread computes": """
-        import threading, pipelines.hazard_map as study
+        import threading, runout.workflow.hazard_map as study
         def run(*_, **__):
             thread = threading.Thread(target=wait); thread.start(); thread.join()
         study.run = run
     """,
     "a file is written": """
         from pathlib import Path
-        import pipelines.hazard_map as study
+        import runout.workflow.hazard_map as study
         from runout.io.atomic import whole_file
         def write(study, *_):
             with whole_file(study.results / "maps" / "a.tif") as temporary:
@@ -50,7 +50,7 @@ MOMENTS = {
     """,
     "a worker process computes": """
         from pathlib import Path
-        import pipelines.hazard_map as study
+        import runout.workflow.hazard_map as study
         from runout.ensemble.worker import start_worker
         def run(study, *_):
             workers = [start_worker(k, time.sleep, None) for k in range(2)]
@@ -61,7 +61,7 @@ MOMENTS = {
         study._run = run
     """,
     "kernels are compiled": """
-        import pipelines.hazard_map as study, runout.backends.scan.precompile as ahead
+        import runout.workflow.hazard_map as study, runout.backends.scan.precompile as ahead
         from runout.lifetime import interrupts_kept
         def run(*_, **__):
             with interrupts_kept():

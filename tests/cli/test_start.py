@@ -81,7 +81,7 @@ def test_every_error_has_its_exit_code_and_is_said_once(monkeypatch, capsys, tmp
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("pipelines.hazard_map.run", fail)
+    monkeypatch.setattr("runout.workflow.hazard_map.run", fail)
     assert cli.main(["run", str(tmp_path)]) == code
     said = capsys.readouterr().err
     assert said.count("error:") == 1
@@ -104,7 +104,7 @@ def test_global_options_hold_before_and_after_the_command(monkeypatch, tmp_path)
 
 def test_unforeseen_error_is_short_and_its_traceback_is_kept(tmp_path):
     program = (
-        "import sys, pipelines.hazard_map as study; from pathlib import Path; from runout import log\n"
+        "import sys, runout.workflow.hazard_map as study; from pathlib import Path; from runout import log\n"
         "def broken(*a, **k):\n"
         "    with log.to_file(Path(sys.argv[1])): raise ZeroDivisionError('deep inside')\n"
         "study.run = broken\n"
@@ -135,6 +135,6 @@ def test_log_file_holds_json_lines_with_details(tmp_path, capsys):
 
 def test_log_folder_that_cannot_be_made_is_said_clearly(tmp_path, capsys, monkeypatch):
     (tmp_path / "results").write_text("a file, not a folder")
-    monkeypatch.setattr("pipelines.study.Study.open", lambda *_, **__: type("Study", (), {"results": tmp_path / "results"}))
+    monkeypatch.setattr("runout.workflow.study.Study.open", lambda *_, **__: type("Study", (), {"results": tmp_path / "results"}))
     assert cli.main(["run", "site"]) == ExitCode.FAILURE
     assert "--out" in capsys.readouterr().err

@@ -12,9 +12,9 @@ import pytest
 import shapely
 
 from runout import Terrain, read_site
-from runout.check import inspect
 from runout.config import extent as extents
 from runout.errors import DemError, ReleaseError
+from runout.workflow.check import inspect
 
 SIDE, CELL, WEST, NORTH = 200_000, 10.0, -1_000_000.0, 6_000_000.0  # 4e10 cells
 ROW, COLUMN, PATCH = 100_000, 150_000, 512  # where the ground is known
@@ -95,7 +95,7 @@ MEASURED = """
     from pathlib import Path
     import geopandas, rasterio, scipy.ndimage, scipy.sparse.csgraph, pyproj, shapely, xarray
     from runout import read_site
-    from runout.check import inspect
+    from runout.workflow.check import inspect
     def peak(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     before = peak()
     data = read_site(Path(sys.argv[1])).data()

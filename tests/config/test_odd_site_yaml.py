@@ -5,10 +5,10 @@ import os
 import pytest
 from refused_site import problems
 
-from runout.check import inspect
 from runout.config.read import load, site_file
 from runout.config.site import read_site
 from runout.errors import ConfigError, InputError
+from runout.workflow.check import inspect
 
 LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{','.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(8)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from runout import read_site, simulate
-from runout.check import inspect
+from runout.workflow.check import inspect
 
 SITES = Path(__file__).parents[2] / "sites"
 GRAVITY = 9.81

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pipelines.documentation import DOCS, RECORDS, pages
-from pipelines.study_page import TABLES
+from runout.studies.documentation import DOCS, RECORDS, pages
+from runout.studies.study_page import TABLES
 
 LONGEST = 2000  # words of a page
 MADE = pages()
@@ -17,9 +17,9 @@ def made(request):
 
 def test_a_page_made_from_its_record_is_the_page_in_the_documentation(made):
     folder, page = made
-    assert (folder / f"{page.name}.md").read_text(encoding="utf-8") == page.text, "run python -m pipelines.documentation"
+    assert (folder / f"{page.name}.md").read_text(encoding="utf-8") == page.text, "run python -m runout.studies.documentation"
     for name, table in page.tables.items():
-        assert (folder / TABLES / name).read_text(encoding="utf-8") == table, "run python -m pipelines.documentation"
+        assert (folder / TABLES / name).read_text(encoding="utf-8") == table, "run python -m runout.studies.documentation"
     for name in page.pictures:
         assert (folder / name).is_file(), name
 
@@ -28,7 +28,7 @@ def test_a_page_is_a_summary_with_one_figure(made):
     _, page = made
     assert len(page.text.split()) < LONGEST
     assert len(page.pictures) == page.text.count("![") == 1
-    assert "python -m pipelines.documentation" in " ".join(page.text.split())
+    assert "python -m runout.studies.documentation" in " ".join(page.text.split())
     assert page.text.endswith(".\n")
 
 

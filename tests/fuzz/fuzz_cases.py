@@ -17,9 +17,9 @@ from unittest import mock
 from odd_arrays import call_odd_array
 from odd_sites import write_odd_site
 
-from runout import plan, preview
 from runout.config import extent
 from runout.errors import RunoutError
+from runout.workflow import plan, preview
 
 LARGEST_DERIVED = 2_000_000  # cells that a site on a huge raster may need here, so that memory and time of a case are bounded
 LIMIT = 20  # [s] of a case; most take some hundredths

@@ -13,7 +13,7 @@ import pytest
 from fuzz_cases import run
 from odd_sites import write_good, write_odd_site
 
-from runout.check import inspect
+from runout.workflow.check import inspect
 
 PARTS, CASES = 5, 200  # five parts, so that workers of pytest share them
 FIRST_OF_FULL = 1_000_000

@@ -11,8 +11,8 @@ import rasterio.shutil
 from rasterio.transform import from_origin
 from shapely import box
 
-from pipelines.stages import digest_files
 from runout.io.side_files import files_of
+from runout.workflow.stages import digest_files
 
 Z = np.arange(30, dtype="float32").reshape(5, 6)
 PLACE = {"transform": from_origin(0, 50, 10, 10), "crs": "EPSG:32632"}

@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
-sys.path[:0] = [str(EXAMPLES), str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "backends"), str(ROOT / "tests" / "pipelines")]
+sys.path[:0] = [str(EXAMPLES), str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "backends"), str(ROOT / "tests" / "workflow")]
 
 
 @pytest.fixture

@@ -23,7 +23,6 @@ from scenes import scene
 
 import runout
 from runout.backends.compile import numba_binding
-from runout.check import inspect
 from runout.checkpoint import run_key
 from runout.config.declared import declared_fields, sampled_in
 from runout.config.distributions import Settings
@@ -33,6 +32,7 @@ from runout.model.parameters import parameter, parameters_of
 from runout.model.particles import Particles
 from runout.model.registry import modules_of
 from runout.physics.tensors import real, scaled
+from runout.workflow.check import inspect
 
 ROOT = Path(__file__).parents[2]
 DP = "friction_angle_deg: 30}"

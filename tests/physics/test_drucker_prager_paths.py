@@ -11,12 +11,12 @@ from parity_cases import law_cases
 from scipy.optimize import brentq
 from symmetric import components, flat, matrix, rotation
 
-from pipelines.verification_cases.element import pressed
 from runout import Cone, DruckerPrager
 from runout.materials import drucker_prager as dp
 from runout.model.laws import LAWS
 from runout.physics import elastic
 from runout.physics.tensors import trace
+from runout.studies.verification_cases.element import pressed
 
 LAW = LAWS.find("drucker_prager")
 ZERO = (0.0,) * 6

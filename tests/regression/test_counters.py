@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipelines.sloping_layer import MARGIN, SPACING, Layer
-from pipelines.timing import memory_of
 from runout.backends.protocol import get_backend
+from runout.studies.sloping_layer import MARGIN, SPACING, Layer
+from runout.studies.timing import memory_of
 
 LAYER = Layer(10_000, depth=7)
 N = 10_192

@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runout.release.coverage import common_intervals, covered_area, covered_centroid, regrid, regrid_within
+from runout.io.polygon_coverage import common_intervals, covered_area, covered_centroid, regrid, regrid_within
 
 
 def by_shapely(outline, edges_x, edges_y):

@@ -6,8 +6,8 @@ import shapely
 
 from runout import simulate
 from runout.errors import CapacityError, ConfigError, ReleaseError
+from runout.io import polygon_overlap as overlap
 from runout.model.release import Release
-from runout.release import overlap
 
 
 @pytest.fixture

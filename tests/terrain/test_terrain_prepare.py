@@ -6,8 +6,8 @@ from pyproj import CRS, Geod, Transformer
 
 from runout import DemError, Terrain
 from runout.errors import InputError
+from runout.io.elevation_raster import ElevationRaster
 from runout.terrain import prepare
-from runout.terrain.raster import ElevationRaster
 
 ARC_SECOND = 1 / 3600
 

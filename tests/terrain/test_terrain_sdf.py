@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pipelines.verification_cases import terrain_distance
-from pipelines.verification_cases.terrain_distance import hills
 from runout import DemError, Terrain
+from runout.studies.verification_cases import terrain_distance
+from runout.studies.verification_cases.terrain_distance import hills
 from runout.terrain import sdf
 
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pipelines.verification_cases.bodies import lattice, particles_at
-from pipelines.verification_cases.closed_forms import GRAVITY
 from runout import DruckerPrager
 from runout.backends.protocol import get_backend
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
+from runout.studies.verification_cases.bodies import lattice, particles_at
+from runout.studies.verification_cases.closed_forms import GRAVITY
 
 
 def collapsed_column(aspect, friction_angle, *, basal_friction_angle=22.0, radius=8.0, spacing=1.0):

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
-from pipelines.verification_cases.closed_forms import AxisAlignedWave, Vortex, standing_column, symplectic_free_fall
 from runout.materials.elastic import Elastic
 from runout.physics import elastic
+from runout.studies.verification_cases.closed_forms import AxisAlignedWave, Vortex, standing_column, symplectic_free_fall
 
 MATERIAL = Elastic(density=3072.0, youngs_modulus=1.024e7, poisson_ratio=0.3)
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from collapse import collapsed_column
 
-from pipelines.verification_cases.bodies import filled, lattice
-from pipelines.verification_cases.closed_forms import axisymmetric_height, axisymmetric_runout
-from pipelines.verification_cases.column_collapse import WALLED, deposit, held_by, round_column, sand
 from runout.materials.drucker_prager import Cone
+from runout.studies.verification_cases.bodies import filled, lattice
+from runout.studies.verification_cases.closed_forms import axisymmetric_height, axisymmetric_runout
+from runout.studies.verification_cases.column_collapse import WALLED, deposit, held_by, round_column, sand
 
 SCATTER = 0.25
 RECORD = Path(__file__).parents[2] / "tests" / "benchmarks" / "records" / "verification.json"

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.verification import CASES
-from pipelines.verification_cases.closed_forms import AxisAlignedWave
-from pipelines.verification_cases.column_collapse import measured_surface
-from pipelines.verification_cases.finding import Bound, Convergence
-from pipelines.verification_cases.manufactured import wave_error
+from runout.studies.verification import CASES
+from runout.studies.verification_cases.closed_forms import AxisAlignedWave
+from runout.studies.verification_cases.column_collapse import measured_surface
+from runout.studies.verification_cases.finding import Bound, Convergence
+from runout.studies.verification_cases.manufactured import wave_error
 
 GOLDEN = json.loads(Path(__file__).with_name("golden_errors.json").read_text())
 GROWTH, ROUNDING = 1.05, 1e-12

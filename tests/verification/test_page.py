@@ -6,12 +6,12 @@ import json
 import pytest
 from matplotlib.image import imread
 
-from pipelines import verification
-from pipelines.verification_cases.finding import Bound, Case, Convergence, Finding
-from pipelines.verification_cases.page import as_lines, page
-from pipelines.verification_cases.record import as_json
-from pipelines.work_precision import commit
 from runout.cli import main
+from runout.studies import verification
+from runout.studies.verification_cases.finding import Bound, Case, Convergence, Finding
+from runout.studies.verification_cases.page import as_lines, page
+from runout.studies.verification_cases.record import as_json
+from runout.studies.work_precision import commit
 
 CASE = Case("U0", "a case", "a set-up", lambda full: [], "A remark.")
 GOOD, BAD = Bound("a length [m]", 2e-5, 1e-4), Convergence("an error", (8, 16), (0.1, 0.09), 2.0)

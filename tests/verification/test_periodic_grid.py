@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pipelines.verification_cases.bodies import lattice, particles_at
 from runout import DruckerPrager
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
+from runout.studies.verification_cases.bodies import lattice, particles_at
 
 H, PERIOD = 0.1, (16, 8, 0)
 SAND = DruckerPrager(density=1000.0, youngs_modulus=1e6, friction_angle=20.0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipelines.verification_cases import rigid
+from runout.studies.verification_cases import rigid
 
 
 @pytest.mark.parametrize("backend", ["scan", "reference"])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipelines.verification_cases.sliding_box import BOX, Plane, slide, summary
 from runout.errors import ConfigError
+from runout.studies.verification_cases.sliding_box import BOX, Plane, slide, summary
 
 
 def error(slope_deg, **choices):

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipelines import stability_stress
-from pipelines.stability_cases.invariants import Watch
-from pipelines.stability_cases.layout import Layout
-from pipelines.stability_cases.matrix import AXES, PINNED, named, one_at_a_time, pinned, sampled
-from pipelines.stability_cases.page import page as stability_page
-from pipelines.stability_cases.trial import LARGEST, attempt
 from runout.backends.protocol import get_backend
 from runout.errors import RunoutError
+from runout.studies import stability_stress
+from runout.studies.stability_cases.invariants import Watch
+from runout.studies.stability_cases.layout import Layout
+from runout.studies.stability_cases.matrix import AXES, PINNED, named, one_at_a_time, pinned, sampled
+from runout.studies.stability_cases.page import page as stability_page
+from runout.studies.stability_cases.trial import LARGEST, attempt
 
 REFUSED = {  # pinned trials that must be refused, and words of the reason
     "cfl = 0.61": "unstable above 0.6",

@@ -1,0 +1,159 @@
+"""Coordinate reference systems of elevation rasters: what is stated, what can be used, which UTM zone fits."""
+
+from dataclasses import replace
+from typing import Any
+
+from runout.errors import DemError
+from runout.io.elevation_raster import ElevationRaster
+from runout.io.georeference import require_own_grids
+
+LARGEST_SCALE_ERROR = 0.02  # of national and continental systems; Web Mercator errs by 24 % at 36 degrees
+REMARKABLE_SCALE_ERROR = 0.005  # UTM stays below 0.001 in its zone
+NO_DATUM = ("unknown", "undefined", "not specified", "unspecified")  # how PROJ, Esri and EPSG call what is none
+WIDEST = 6.0  # degrees of longitude that one UTM zone serves
+
+
+def parse(crs: Any, source: str) -> Any:
+    """pyproj CRS of anything that names one; DemError with the reason if nothing does."""
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    require_own_grids(str(crs), source, DemError)  # before anything is looked for
+    try:
+        found = CRS.from_user_input(crs)
+        horizontal(found)  # some systems that can be written cannot be taken apart
+    except (CRSError, TypeError, UnicodeError) as error:
+        raise DemError(f"{source}: crs {crs!r} is not known ({error}); write for example EPSG:32632") from error
+    require_own_grids(found.to_wkt(), source, DemError)
+    return found
+
+
+def of_raster(crs: Any, source: str) -> Any:
+    """pyproj CRS of a rasterio one."""
+    return parse(crs.to_wkt(), source)
+
+
+def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
+    """The raster with the system that the caller states; DemError if the file states another one."""
+    if crs is None:
+        return raster
+    stated = parse(crs, raster.source)
+    if raster.crs is None:
+        return raster.noted(f"the file states no coordinate system; {stated.name} as given", crs=stated)
+    if same(raster.crs, stated) and vertical_name(raster.crs) is None:
+        return replace(raster, crs=stated)  # it may state the datum of the heights
+    if not same(raster.crs, stated):
+        remedy = "leave crs away, or write the right one into the file with `gdal_edit.py -a_srs`"
+        raise DemError(f"{raster.source}: the file states {raster.crs.name}, crs says {stated.name}; {remedy}")
+    return raster
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two systems have the same horizontal coordinates, whatever the order of their axes."""
+    a, b = horizontal(one), horizontal(other)
+    if a.equals(b, ignore_axis_order=True):
+        return True
+    code = a.to_epsg(min_confidence=70)
+    return code is not None and code == b.to_epsg(min_confidence=70)
+
+
+def names_datum(crs: Any) -> bool:
+    """Whether a system says which datum it has, or how to come to WGS 84, and not an ellipsoid alone."""
+    if crs.is_bound:
+        return True
+    datum = crs.datum
+    return datum is not None and not datum.name.lower().replace("_", " ").removeprefix("d ").startswith(NO_DATUM)
+
+
+def same_ellipsoid(one: Any, other: Any) -> bool:
+    """Whether two systems have one figure of the Earth."""
+    a, b = one.ellipsoid, other.ellipsoid
+    if a is None or b is None:
+        return False
+    return abs(a.semi_major_metre - b.semi_major_metre) < 1e-3 and abs(a.inverse_flattening - b.inverse_flattening) < 1e-6
+
+
+def vertical_name(crs: Any) -> str | None:
+    """What heights of a system count from, in words; None where it does not say."""
+    upward = vertical(crs)
+    if upward is not None:
+        code = upward.to_epsg(min_confidence=70)
+        return f"{upward.name} (EPSG:{code})" if code else str(upward.name)
+    if crs is not None and not crs.is_compound and len(crs.axis_info) == 3:
+        return f"height above the ellipsoid of {crs.name}"
+    return None
+
+
+def horizontal(crs: Any) -> Any:
+    """The horizontal part of a system."""
+    if crs.is_compound:
+        return crs.sub_crs_list[0].to_2d()
+    return crs.to_2d()
+
+
+def vertical(crs: Any) -> Any:
+    """The vertical part of a compound system, else None."""
+    parts = crs.sub_crs_list if crs is not None and crs.is_compound else []
+    return next((part for part in parts if part.is_vertical), None)
+
+
+def is_local(crs: Any) -> bool:
+    """Whether a system has no known place on Earth."""
+    return crs.is_engineering or not (crs.is_projected or crs.is_geographic)
+
+
+def metres_per_unit(crs: Any) -> float:
+    """Metres in one unit of the first axis of a system that is not geographic [m]."""
+    return float(crs.axis_info[0].unit_conversion_factor) if crs.axis_info else 1.0
+
+
+def projected_in_metres(crs: Any, source: str) -> Any:
+    """The horizontal part, if it is projected and in metres; else DemError."""
+    flat = horizontal(crs)
+    if not flat.is_projected or metres_per_unit(flat) != 1.0:
+        raise DemError(f"{source}: {crs.name} is not a projected system in metres; project the elevations, for example to UTM")
+    return flat
+
+
+def require_east_and_north(crs: Any, source: str) -> None:
+    """DemError if the axes of a system point west and south: files in such a system disagree on what they mean."""
+    if {axis.direction for axis in crs.axis_info} == {"west", "south"}:
+        remedy = "warp it to a system with eastings and northings, for example `gdalwarp -t_srs EPSG:CODE` of the UTM zone"
+        raise DemError(f"{source}: the axes of {crs.name} point west and south; {remedy}")
+
+
+def longitude_latitude(crs: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    """Longitude and latitude [deg] of map positions, in the system's own datum."""
+    from pyproj import Transformer
+
+    return Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(x, y)
+
+
+def scale_error(crs: Any, x: float, y: float) -> float:
+    """Largest relative error of distances that a projected system makes at a map position [1]."""
+    from pyproj import Proj
+    from pyproj.exceptions import ProjError
+
+    try:
+        longitude, latitude = longitude_latitude(crs, x, y)
+        factors = Proj(crs).get_factors(longitude, latitude)
+    except ProjError as error:
+        raise DemError(
+            f"the coordinate system {crs.name} cannot be computed with ({error}); write for example EPSG:32632"
+        ) from error
+    return max(abs(factors.tissot_semimajor - 1.0), abs(factors.tissot_semiminor - 1.0))
+
+
+def utm_for(crs: Any, longitude: float, latitude: float, source: str) -> Any:
+    """UTM system of the zone of a position [deg], in the datum of ``crs`` where it has one, else in WGS 84."""
+    from pyproj import CRS
+    from pyproj.aoi import AreaOfInterest
+    from pyproj.database import query_utm_crs_info
+
+    place = AreaOfInterest(longitude, latitude, longitude, latitude)
+    for datum in (crs.geodetic_crs.name, "WGS 84"):
+        found = [c for c in query_utm_crs_info(datum, place) if c.name.startswith(f"{datum} / UTM zone") and "(" not in c.name]
+        if found:
+            return CRS.from_authority(found[0].auth_name, found[0].code)
+    remedy = "project it first, for example `gdalwarp -t_srs EPSG:3413` (north) or EPSG:3031 (south)"
+    raise DemError(f"{source}: no UTM zone covers longitude {longitude:.3f}, latitude {latitude:.3f}; {remedy}")

@@ -1,0 +1,234 @@
+"""Coordinate systems of release files compared with the terrain's, by definition and not by name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.io.crs import horizontal, names_datum, same, same_ellipsoid
+from runout.model.terrain import Terrain
+
+SAME_PLACE = 1e-3  # coordinates that agree to so much are taken as they are [m]
+
+Points = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class ToTerrain:
+    """How coordinates of a file become those of the terrain.
+
+    Attributes
+    ----------
+    forward, inverse : callable or None
+        Map coordinates (n, 2) of the file to those of the terrain [m], and back; None where they are the same.
+    sentences : tuple of str
+        What was assumed or done.
+    """
+
+    forward: Points | None
+    inverse: Points | None
+    sentences: tuple[str, ...]
+
+
+def stated_crs(crs: Any) -> Any:
+    """Horizontal :class:`pyproj.CRS` that a file states, or None if it states none, or one that is explicitly undefined.
+
+    A system is known by its definition: one without a name counts, a local or "undefined" one does not.
+    """
+    import pyproj
+    from pyproj.exceptions import CRSError
+
+    if not crs:
+        return None
+    try:
+        crs = pyproj.CRS.from_user_input(crs)
+    except CRSError as error:
+        remedy = "write the right one into the file, for example with `gdal_edit.py -a_srs EPSG:CODE`"
+        raise ReleaseError(f"the coordinate system {str(crs)[:60]!r} is not understood ({error}); {remedy}") from error
+    if crs.is_engineering or (crs.is_geographic and crs.name.lower().startswith("undefined")):
+        return None
+    return horizontal(crs)
+
+
+def crs_name(crs: Any) -> str:
+    """``EPSG:32616 (WGS 84 / UTM zone 16N)``; the parameters of a system that has neither code nor name."""
+    import warnings
+
+    code = crs.to_epsg(min_confidence=70) if names_datum(crs) else None
+    if code:
+        return f"EPSG:{code} ({crs.name})"
+    if crs.name.lower() not in ("unknown", "unnamed", ""):
+        return str(crs.name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that such a string cannot hold everything
+        return crs.to_proj4() or "a system without a name"
+
+
+def to_terrain(path: Path, crs: Any, terrain: Terrain, bounds: Any, command: str) -> ToTerrain:
+    """How the coordinates of a file become those of the terrain.
+
+    A file that states no system is taken to be in the terrain's, or, where only that puts it on the terrain, in the one that
+    the file of the elevations had before these were projected.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    crs : anything pyproj reads, or None
+        What the file states.
+    terrain : Terrain
+        Whose system it is brought to.
+    bounds : sequence of float
+        West, south, east and north edge of what the file holds, in its own coordinates.
+    command : str
+        GDAL command that reprojects such a file: ``ogr2ogr`` or ``gdalwarp``.
+
+    Raises
+    ------
+    ReleaseError
+        If no transformation is known, or the file is in degrees and the terrain states no system.
+    """
+    stated, wanted = stated_crs(crs), stated_crs(terrain.crs)
+    if stated is None:
+        return _unstated(path, wanted, terrain, np.asarray(bounds, float), command)
+    if wanted is not None:
+        return _between(path, stated, wanted, terrain, command)
+    if stated.is_geographic:
+        raise ReleaseError(
+            f"{path} is in degrees ({crs_name(stated)}), and the terrain {terrain.source} states no coordinate system; "
+            "state the terrain's (terrain.crs in site.yaml)"
+        )
+    assumed = f"{path} is in {crs_name(stated)}, the terrain {terrain.source} states no coordinate system; taken to be the same."
+    return ToTerrain(None, None, (assumed,))
+
+
+def _unstated(path: Path, wanted: Any, terrain: Terrain, bounds: np.ndarray, command: str) -> ToTerrain:
+    if wanted is None:
+        return ToTerrain(None, None, ())
+    own = stated_crs(terrain.own_crs)
+    if own is not None and not _meets(bounds, terrain.extent):
+        found = _between(path, own, wanted, terrain, command)
+        if found.forward is not None and _meets(_moved_bounds(found.forward, bounds), terrain.extent):
+            said = f"{path} states no coordinate system; taken to be in that of the elevation raster's file, {crs_name(own)}."
+            return ToTerrain(found.forward, found.inverse, (said, *found.sentences))
+    return ToTerrain(None, None, (f"{path} states no coordinate system; taken to be in the terrain's, {crs_name(wanted)}.",))
+
+
+def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: str) -> ToTerrain:
+    """The transformation from a known system to another, unless both are the same."""
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    named = names_datum(stated) and names_datum(wanted)
+    if same(stated, wanted) and (named or stated == wanted):
+        return ToTerrain(None, None, ())
+    if terrain.own_crs and _is_own(stated, stated_crs(terrain.own_crs), wanted, terrain):
+        return _as_elevations(path, stated, wanted, terrain)
+    if {axis.direction for axis in stated.axis_info} == {"west", "south"}:
+        raise ReleaseError(
+            f"{path} is in {crs_name(stated)}, whose axes point west and south: files in it disagree on what they mean; "
+            f"write it in a system with eastings and northings, for example {command} -t_srs EPSG:5514 for EPSG:5513"
+        )
+    both = f"{path} is in {crs_name(stated)}, the terrain {terrain.source} in {crs_name(wanted)}"
+    if not named and not same_ellipsoid(stated, wanted):
+        raise ReleaseError(
+            f"{both}; one of them names no datum, and the ellipsoids differ, so that places are not known to some 100 m: "
+            f"write the right system into the file, for example {command} -a_srs EPSG:CODE"
+        )
+    try:
+        transformer = Transformer.from_crs(
+            stated, wanted, always_xy=True, allow_ballpark=not named, area_of_interest=_area(wanted, terrain.extent)
+        )
+        found = _tried(transformer, terrain)
+    except ProjError as error:
+        raise ReleaseError(f"{both}; no transformation between them is known here ({error}); {_remedy(path, command)}") from error
+    if found.forward is None:
+        return ToTerrain(
+            None, None, (f"{both}; their coordinates agree to {1e3 * SAME_PLACE:g} mm here and are taken as they are.",)
+        )
+    datum = "" if named else "; one of them names no datum, which is taken to be that of the other"
+    said = f"{path}: transformed from {crs_name(stated)} to the terrain's {crs_name(wanted)} ({_operation(transformer)}){datum}."
+    return ToTerrain(found.forward, found.inverse, (said,))
+
+
+def _is_own(stated: Any, own: Any, wanted: Any, terrain: Terrain) -> bool:
+    """Whether a system is that of the elevations' file; two that name no datum, if ellipsoid and coordinates are the same."""
+    from pyproj import Transformer
+
+    if own is None or same(stated, own):
+        return own is not None
+    if names_datum(stated) or names_datum(own) or not same_ellipsoid(stated, own):
+        return False
+    corners = _corners(terrain.extent)
+    x, y = Transformer.from_crs(own, wanted, always_xy=True).transform(corners[:, 0], corners[:, 1], direction="INVERSE")
+    there = Transformer.from_crs(own, stated, always_xy=True).transform(x, y)
+    return bool(np.allclose(there, (x, y), rtol=1e-10, atol=0.0))
+
+
+def _as_elevations(path: Path, stated: Any, wanted: Any, terrain: Terrain) -> ToTerrain:
+    """The transformation that brought the elevations from their file's system to the terrain's."""
+    from pyproj import Transformer
+
+    transformer = Transformer.from_crs(stated, wanted, always_xy=True)
+    found = _tried(transformer, terrain)
+    said = f"{path}: transformed as the elevations were, from {crs_name(stated)} to {crs_name(wanted)} ({_operation(transformer)})."
+    return ToTerrain(found.forward, found.inverse, (said,))
+
+
+def _tried(transformer: Any, terrain: Terrain) -> ToTerrain:
+    """Both directions of a transformer; none where the corners of the terrain stay where they are."""
+    from pyproj.exceptions import ProjError
+
+    def inverse(points: np.ndarray) -> np.ndarray:
+        return np.column_stack(transformer.transform(points[:, 0], points[:, 1], direction="INVERSE"))
+
+    def forward(points: np.ndarray) -> np.ndarray:
+        return np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
+
+    corners = _corners(terrain.extent)
+    there = inverse(corners)
+    back = forward(there)
+    if not np.isfinite(back).all():
+        raise ProjError("the terrain lies outside the area of one of them")
+    stays = np.abs(there - corners).max() < SAME_PLACE
+    return ToTerrain(None, None, ()) if stays else ToTerrain(forward, inverse, ())
+
+
+def _operation(transformer: Any) -> str:
+    """What a transformer that has been used does, and how accurate PROJ says that it is."""
+    used = transformer.get_last_used_operation()
+    accuracy = f"accuracy {used.accuracy:g} m" if used.accuracy is not None and used.accuracy >= 0 else "accuracy not stated"
+    parts = [part for part in used.description.split(" + ") if not part.startswith("axis order change")]
+    return f"{' + '.join(parts)}; {accuracy}"
+
+
+def _area(crs: Any, extent: tuple[float, float, float, float]) -> Any:
+    from pyproj import Transformer
+    from pyproj.aoi import AreaOfInterest
+
+    edges = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform_bounds(*extent)
+    return AreaOfInterest(*edges) if np.isfinite(edges).all() else None
+
+
+def _corners(bounds: Any) -> np.ndarray:
+    west, south, east, north = bounds
+    return np.array([(west, south), (west, north), (east, south), (east, north), ((west + east) / 2, (south + north) / 2)])
+
+
+def _moved_bounds(forward: Points, bounds: np.ndarray) -> np.ndarray:
+    moved = forward(_corners(bounds))
+    return np.concatenate([moved.min(axis=0), moved.max(axis=0)]) if np.isfinite(moved).all() else np.full(4, np.nan)
+
+
+def _meets(bounds: np.ndarray, extent: tuple[float, float, float, float]) -> bool:
+    """Whether two boxes have a place in common."""
+    west, south, east, north = extent
+    return bool(bounds[0] <= east and bounds[2] >= west and bounds[1] <= north and bounds[3] >= south)
+
+
+def _remedy(path: Path, command: str) -> str:
+    order = f"reprojected{path.suffix} {path}" if command == "ogr2ogr" else f"{path} reprojected{path.suffix}"
+    return f"reproject it where the grids of both are there: {command} -t_srs EPSG:CODE {order}"

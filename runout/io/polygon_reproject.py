@@ -1,0 +1,166 @@
+"""Polygons and thickness rasters in another system than the terrain's, brought to its map coordinates."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.io.layer_crs import ToTerrain, crs_name, stated_crs, to_terrain
+from runout.model.terrain import Terrain
+
+PIECES = 128  # of the extent of a layer: straight lines of one system are curves in another
+FEWEST, MOST = 8, 16  # points along each side of a cell of the terrain where the thickness is looked up
+LOST_VOLUME = 1e-3  # share of a raster's volume that may fall outside the terrain
+
+
+def polygons_on_terrain(path: Path, frame: Any, driver: str, terrain: Terrain) -> tuple[Any, tuple[str, ...]]:
+    """A frame of polygons in the terrain's coordinates, and what was assumed or done.
+
+    GeoJSON that names no system is in degrees by RFC 7946.
+    """
+    import shapely
+
+    crs, bounds = frame.crs.to_wkt() if frame.crs else None, frame.total_bounds
+    wanted = stated_crs(terrain.crs)
+    in_degrees = driver == "GeoJSON" and stated_crs(crs) is not None and stated_crs(crs).is_geographic
+    if in_degrees:
+        change = f"{path} states no coordinate system; its coordinates are taken as the terrain's."
+        if wanted is None:
+            return frame.set_crs(None, allow_override=True), (change,)
+        if np.abs(bounds[[0, 2]]).max() > 180 or np.abs(bounds[[1, 3]]).max() > 90:
+            change = (
+                f"{path} states no coordinate system and cannot be in degrees; taken to be in the terrain's, {crs_name(wanted)}."
+            )
+            return frame.set_crs(wanted, allow_override=True), (change,)
+    found = to_terrain(path, crs, terrain, bounds, "ogr2ogr")
+    if found.forward is None:
+        return frame, found.sentences
+    longest = float(max(bounds[2] - bounds[0], bounds[3] - bounds[1])) / PIECES
+    moved = shapely.transform(shapely.segmentize(shapely.force_2d(frame.geometry.to_numpy()), longest), found.forward)
+    if not np.isfinite(shapely.get_coordinates(moved)).all():
+        raise ReleaseError(
+            f"{path}: some of its coordinates have no place in the terrain's system; check the system that it states"
+        )
+    said = f"{path}: reprojected from longitude and latitude, the system of GeoJSON, to {crs_name(wanted)}."
+    return frame.set_geometry(moved).set_crs(None, allow_override=True), (said,) if in_degrees else found.sentences
+
+
+def raster_on_terrain(
+    values: np.ndarray, edges: tuple[np.ndarray, np.ndarray], found: ToTerrain, terrain: Terrain, path: Path
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[str, ...]]:
+    """Thickness on the cells of the terrain (nx, ny) [m], their local edges [m], and what was done; the volume stays.
+
+    Each cell of the terrain is the mean of what lies at points all over it; of a raster that is finer than these points it is the
+    sum of the cells whose middles lie in it.
+
+    Parameters
+    ----------
+    values : ndarray (nx, ny)
+        Thickness [m] from the south-west.
+    edges : tuple of ndarray
+        Ascending edges (x, y) of its cells in its own map coordinates.
+    found : ToTerrain
+        With a transformation.
+
+    Raises
+    ------
+    ReleaseError
+        If a part of the volume lies outside the terrain.
+    """
+    assert found.forward is not None
+    corners = np.stack(np.meshgrid(*edges, indexing="ij"), axis=-1)
+    there = found.forward(corners.reshape(-1, 2)).reshape(corners.shape)
+    volumes = values * _areas(there)
+    _require_inside(there, volumes, terrain, path)
+    own = (np.arange(n + 1) * size for n, size in zip(terrain.shape[::-1], terrain.cell_size, strict=True))
+    to_edges = next(own), next(own)
+    cells = np.zeros((terrain.shape[1], terrain.shape[0]))
+    if volumes.any():
+        window, points = _window(there, volumes, terrain), _points(there, terrain)
+        fine = points > MOST
+        cells[window] = _put(there, volumes, terrain, window) if fine else _looked_up(values, edges, found, terrain, window, points)
+        cells *= np.abs(volumes).sum() / (np.abs(cells).sum() * terrain.cell_area)
+    said = f"{path}: resampled by area to the cells of the terrain; its {abs(float(volumes.sum())):.6g} m3 are kept."
+    return cells, to_edges, (*found.sentences, said)
+
+
+def _areas(corners: np.ndarray) -> np.ndarray:
+    """Plan areas (nx, ny) of cells from their corners (nx + 1, ny + 1, 2) [m2]."""
+    one, other = corners[1:, 1:] - corners[:-1, :-1], corners[:-1, 1:] - corners[1:, :-1]
+    return np.abs(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]) / 2.0  # type: ignore[no-any-return]
+
+
+def _require_inside(corners: np.ndarray, volumes: np.ndarray, terrain: Terrain, path: Path) -> None:
+    middle = (corners[1:, 1:] + corners[:-1, :-1]) / 2.0
+    west, south, east, north = terrain.extent
+    x, y = middle[..., 0], middle[..., 1]
+    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    lost, held = np.abs(volumes[~inside]).sum(), np.abs(volumes).sum()
+    if not np.isfinite(held) or lost > LOST_VOLUME * held:
+        raise ReleaseError(
+            f"{path}: {lost / held:.1%} of its {held:.6g} m3 lies outside the terrain {terrain.source}; "
+            "use a larger DEM, cut the release, or check the coordinate system of both"
+        )
+
+
+def _window(corners: np.ndarray, volumes: np.ndarray, terrain: Terrain) -> tuple[slice, slice]:
+    """Cells of the terrain (east, north from the south-west) around all that holds a volume."""
+    filled = volumes != 0.0
+    near = np.zeros(corners.shape[:2], bool)
+    for i in (0, 1):
+        for j in (0, 1):
+            near[i : i + filled.shape[0], j : j + filled.shape[1]] |= filled
+    local = terrain.frame.to_local(corners[near])
+    low = np.floor(local.min(axis=0) / terrain.cell_size).astype(np.int64)
+    high = np.ceil(local.max(axis=0) / terrain.cell_size).astype(np.int64)
+    x, y = (slice(max(int(a), 0), min(int(b), n)) for a, b, n in zip(low, high, terrain.shape[::-1], strict=True))
+    return x, y
+
+
+def _points(corners: np.ndarray, terrain: Terrain) -> int:
+    """Points along each side of a cell of the terrain: two in each cell of the raster, within bounds."""
+    own = float(np.sqrt(np.median(_areas(corners))))
+    return int(max(np.ceil(2.0 * max(terrain.cell_size) / own), FEWEST))
+
+
+def _put(corners: np.ndarray, volumes: np.ndarray, terrain: Terrain, window: tuple[slice, slice]) -> np.ndarray:
+    """Mean thickness [m] of the cells of a window from the volumes (nx, ny) [m3] of much smaller ones."""
+    middle = terrain.frame.to_local((corners[1:, 1:] + corners[:-1, :-1]) / 2.0)[volumes != 0.0]
+    shape = tuple(w.stop - w.start for w in window)
+    place = [
+        np.clip(np.floor(middle[:, axis] / size).astype(np.int64) - w.start, 0, n - 1)
+        for axis, (size, w, n) in enumerate(zip(terrain.cell_size, window, shape, strict=True))
+    ]
+    flat = np.ravel_multi_index(place, shape)
+    held = np.bincount(flat, volumes[volumes != 0.0], int(np.prod(shape)))
+    return held.reshape(shape) / terrain.cell_area  # type: ignore[no-any-return]
+
+
+def _looked_up(
+    values: np.ndarray,
+    edges: tuple[np.ndarray, np.ndarray],
+    found: ToTerrain,
+    terrain: Terrain,
+    window: tuple[slice, slice],
+    k: int,
+) -> np.ndarray:
+    """Mean of the values at k x k points in each cell of a window; between the corners of a cell the transformation is linear."""
+    assert found.inverse is not None
+    lattice = [np.arange(w.start, w.stop + 1) * size for w, size in zip(window, terrain.cell_size, strict=True)]
+    corners = np.stack(np.meshgrid(*lattice, indexing="ij"), axis=-1)
+    there = found.inverse(terrain.frame.to_map(corners.reshape(-1, 2))).reshape(corners.shape)
+    south_west, south_east, north_west, north_east = there[:-1, :-1], there[1:, :-1], there[:-1, 1:], there[1:, 1:]
+    total = np.zeros(south_west.shape[:2])
+    for u in (np.arange(k) + 0.5) / k:
+        south, north = (1 - u) * south_west + u * south_east, (1 - u) * north_west + u * north_east
+        for v in (np.arange(k) + 0.5) / k:
+            total += _at(values, edges, (1 - v) * south + v * north)
+    return total / k**2
+
+
+def _at(values: np.ndarray, edges: tuple[np.ndarray, np.ndarray], points: np.ndarray) -> np.ndarray:
+    """Values of the cells that hold points (..., 2); 0 outside."""
+    i, j = (np.searchsorted(e, points[..., axis], "right") - 1 for axis, e in enumerate(edges))
+    inside = (i >= 0) & (i < values.shape[0]) & (j >= 0) & (j < values.shape[1])
+    return np.where(inside, values[np.where(inside, i, 0), np.where(inside, j, 0)], 0.0)  # type: ignore[no-any-return]

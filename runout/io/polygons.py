@@ -1,0 +1,187 @@
+"""Polygons of a vector file, of a release or of zones: read, checked, in map coordinates of the terrain."""
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ReleaseError
+from runout.io.boundary import exists, names_in
+from runout.io.opening import open_vector
+from runout.io.polygon_overlap import cut, overlaps_of
+from runout.io.polygon_reproject import polygons_on_terrain
+from runout.model.limits import checked
+from runout.model.terrain import Terrain
+
+NAMED = 5  # pairs in a message
+
+
+@dataclass(frozen=True)
+class PolygonLayer:
+    """Polygons of a layer.
+
+    Attributes
+    ----------
+    source : Path
+        The file.
+    polygons : ndarray (n,) of shapely Polygon or MultiPolygon
+        Valid, two-dimensional, in the terrain's map coordinates.
+    attributes : pandas.DataFrame
+        One row a polygon.
+    changes : tuple of str
+        What was assumed or changed on the way in, one sentence each.
+    """
+
+    source: Path
+    polygons: np.ndarray
+    attributes: Any
+    changes: tuple[str, ...] = ()
+
+    def numbers(self, attribute: str, what: str) -> np.ndarray:
+        """Values (n,) of a numeric attribute; ReleaseError if it is missing, not a number, or empty somewhere."""
+        import pandas
+
+        if attribute not in self.attributes:
+            raise ReleaseError(f"{self.source}: no attribute {attribute!r} for the {what}{self._nearest(attribute)}")
+        stated = self.attributes[attribute]
+        kinds = pandas.api.types
+        other = kinds.is_datetime64_any_dtype(stated) or kinds.is_timedelta64_dtype(stated) or kinds.is_bool_dtype(stated)
+        converted = pandas.Series(np.nan, stated.index) if other else stated  # a date would become nanoseconds, a yes 1
+        values = pandas.to_numeric(converted, errors="coerce").to_numpy(np.float64)
+        unusable = np.flatnonzero(~np.isfinite(values))
+        if len(unusable):
+            first = unusable[0]
+            raise ReleaseError(
+                f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {stated.iloc[first]!r}; "
+                f"every polygon needs a number for its {what}"
+            )
+        return values
+
+    def stated(self, given: float | str, quantity: str, key: str = "") -> np.ndarray:
+        """Values (n,) of a quantity of :data:`runout.model.limits.LIMITS`: one number for all polygons, or those of an attribute.
+
+        ``key`` is what site.yaml calls it, for messages; the name of the quantity by default.
+
+        Raises
+        ------
+        ReleaseError
+            If an attribute is missing or no number, or a value lies outside the limits; names the polygon.
+        """
+        place = str(self.source)
+        if not isinstance(given, str):
+            return np.full(len(self.polygons), checked(quantity, given, place=place, key=key, error=ReleaseError))
+        values = self.numbers(given, key or quantity.replace("_", " "))
+        for number, value in enumerate(values, 1):
+            checked(quantity, float(value), place=place, key=f"attribute {given!r} of polygon {number}", error=ReleaseError)
+        return values
+
+    def numeric_attributes(self) -> str:
+        """Names of the numeric attributes, for messages."""
+        return ", ".join(self.attributes.select_dtypes("number").columns) or "none"
+
+    def _nearest(self, attribute: str) -> str:
+        near = difflib.get_close_matches(attribute, map(str, self.attributes.columns), n=1, cutoff=0.4)
+        asked = f"; did you mean {near[0]!r}?" if near else ";"
+        return f"{asked} numeric attributes: {self.numeric_attributes()}"
+
+
+def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: str = "release") -> PolygonLayer:
+    """Polygons of a GeoPackage, Shapefile, GeoJSON or whatever else GDAL reads; ``what`` they are is for messages.
+
+    Raises
+    ------
+    ReleaseError
+        Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
+        features without a geometry, or polygons that cross themselves (with the place).
+    """
+    frame, driver = read_frame(path, layer, what)
+    if len(frame) == 0:
+        raise ReleaseError(f"{path}: the layer is empty; draw at least one {what} polygon")
+    frame, changes = polygons_on_terrain(path, frame, driver, terrain)
+    geometry = frame.geometry.force_2d().to_numpy()
+    _require_polygons(path, geometry, what)
+    _require_valid(path, geometry)
+    return PolygonLayer(path, geometry, frame.drop(columns=frame.geometry.name), changes)
+
+
+def read_frame(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
+    """Frame of the layer and the name of the GDAL driver."""
+    if not exists(path):
+        near = difflib.get_close_matches(path.name, names_in(path.parent), n=1)
+        raise ReleaseError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else "; check the path"))
+    file = open_vector(path, ReleaseError)
+    return file.read(_layer(path, file.layers(), layer, what))
+
+
+def _layer(path: Path, layers: list[str], layer: str | None, what: str) -> str:
+    if not layers:
+        raise ReleaseError(f"{path}: holds a table but no geometries; write the {what} polygons into it")
+    if layer is None and len(layers) > 1:
+        names = ", ".join(layers)
+        raise ReleaseError(f"{path}: holds {len(layers)} layers ({names}); name the one with the {what}: layer={layers[0]!r}")
+    if layer is not None and layer not in layers:
+        near = difflib.get_close_matches(layer, layers, n=1, cutoff=0.4)
+        asked = f"did you mean {near[0]!r}? " if near else ""
+        raise ReleaseError(f"{path}: no layer {layer!r}; {asked}layers: {', '.join(layers)}")
+    return layer or layers[0]
+
+
+def _require_polygons(path: Path, geometry: np.ndarray, what: str) -> None:
+    import shapely
+
+    empty = np.flatnonzero(shapely.is_missing(geometry) | shapely.is_empty(geometry))
+    if len(empty):
+        raise ReleaseError(f"{path}: feature {empty[0] + 1} has no geometry; delete it or draw its polygon")
+    other = sorted({g.geom_type for g in geometry} - {"Polygon", "MultiPolygon"})
+    if other:
+        raise ReleaseError(f"{path}: holds {' and '.join(other)}; a {what} needs polygons around it")
+
+
+def _require_valid(path: Path, geometry: np.ndarray) -> None:
+    import shapely
+
+    for number in np.flatnonzero(~shapely.is_valid(geometry)):
+        reason, _, place = shapely.is_valid_reason(geometry[number]).rstrip("]").partition("[")
+        at = f" at easting {place.split()[0]}, northing {place.split()[1]}" if len(place.split()) >= 2 else ""
+        raise ReleaseError(
+            f"{path}: polygon {number + 1} is not valid, {reason.strip().lower()}{at}; mend it in the GIS (QGIS: Fix geometries) "
+            f"or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose or gain area"
+        )
+
+
+def without_overlap(
+    layer: PolygonLayer, values: np.ndarray | None, what: str = "thickness", unit: str = " m"
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Polygons (n,) of which no two overlap, and the sentence that says so; an overlap belongs to the first of its polygons.
+
+    Parameters
+    ----------
+    values : ndarray (n,) or None
+        Thickness, or ``what`` else in its ``unit`` the polygons have; None for one common value.
+
+    Raises
+    ------
+    ReleaseError
+        If polygons of different values overlap: which one holds there is not for a program to say.
+    """
+    import shapely
+
+    found = overlaps_of(layer.polygons, values)
+    first, second, common, counts = found.first, found.second, found.area, found.counts
+    for i, j, area in zip(first[counts], second[counts], common[counts], strict=True):
+        if values is not None and values[i] != values[j]:
+            raise ReleaseError(
+                f"{layer.source}: polygons {i + 1} ({values[i]:g}{unit}) and {j + 1} ({values[j]:g}{unit}) overlap by "
+                f"{area:.6g} m2; cut one of them back so that every place has one {what}"
+            )
+    polygons = cut(layer.polygons, values, found)
+    if not counts.any():
+        return polygons, ()
+    total = shapely.area(layer.polygons).sum() - shapely.area(polygons).sum()
+    pairs = sorted(zip(first[counts].tolist(), second[counts].tolist(), strict=True))
+    named = ", ".join(f"{i + 1} and {j + 1}" for i, j in pairs[:NAMED])
+    if len(pairs) > NAMED or not found.complete:
+        named += f" and {'more than ' * (not found.complete)}{len(pairs) - NAMED} pairs more"
+    return polygons, (f"{layer.source}: polygons {named} overlap and have one {what}; the common {total:.6g} m2 count once.",)

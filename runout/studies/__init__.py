@@ -1,0 +1,1 @@
+"""Studies of the method: verification, stability, run time against error."""

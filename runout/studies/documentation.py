@@ -1,0 +1,46 @@
+"""Write the generated pages of the documentation from the records of their studies: ``python -m runout.studies.documentation``."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from runout.studies import error_bar_page, error_page, gpu_page, skip, transfers
+from runout.studies.stability_cases import page as stability_page
+from runout.studies.study_page import StudyPage
+from runout.studies.verification_cases import page as verification_page
+from runout.studies.work_report import draw
+
+ROOT = Path(__file__).parents[2]
+RECORDS = ROOT / "tests" / "benchmarks" / "records"
+DOCS = ROOT / "docs"
+ONE_RECORD: dict[str, tuple[str, Callable[[Mapping[str, Any]], StudyPage]]] = {  # folder below docs, and the writer
+    "verification": (".", verification_page.page),
+    "stress": (".", stability_page.page),
+    "work_precision": ("benchmarks", error_page.page),
+    "error_bars": ("benchmarks", error_bar_page.page),
+    "skip": ("benchmarks", skip.page),
+    "transfers": ("benchmarks", transfers.page),
+}
+
+
+def pages() -> dict[Path, StudyPage]:
+    """Every generated page, by the folder that it is written to and its name."""
+    found = {DOCS / folder / name: write(_record(name)) for name, (folder, write) in ONE_RECORD.items()}
+    return found | {DOCS / "benchmarks" / "gpu": gpu_page.page({name: _record(name) for name in gpu_page.RECORDS})}
+
+
+def _record(name: str) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((RECORDS / f"{name}.json").read_text(encoding="utf-8"))
+    return content
+
+
+def main() -> None:
+    """Write every page with its tables and figures, and the figure of the benchmark."""
+    draw(_record("bench"), DOCS / "benchmarks" / "bench.png")
+    for path, page in pages().items():
+        print(f"wrote {page.write(path.parent).relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

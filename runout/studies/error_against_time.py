@@ -1,0 +1,204 @@
+"""Error against time: problems with a known answer on finer and finer grids, with one choice of the run changed at a time.
+
+Each run is repeated in turns with the others and its shortest processor time on one thread counts; particle-steps tell the
+work without the noise of a machine.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout import log
+from runout.errors import ConfigError
+from runout.io.atomic import write_json
+from runout.studies.error_cases.choice import BASE, REPEATED_BELOW, Outcome, Variation
+from runout.studies.error_cases.curve import cost_at, fitted, on_front
+from runout.studies.error_cases.presets import at_hand, measured_presets
+from runout.studies.error_cases.problems import FINEST_SMALL, PROBLEMS, Problem, on_terrain
+from runout.studies.error_page import page, rows
+from runout.studies.grid_index import GridIndex
+from runout.studies.verification_cases.column_collapse import measured_surface
+from runout.studies.work_precision import machine, versions
+
+LOGGER = logging.getLogger("runout.work_precision")
+SCHEMA = 1
+FILE = "work_precision.json"
+PRESETS_COARSER = 4.0  # cells of the presets in the small study over theirs
+COARSE = 2  # grids of a slow variation; one in the small study
+
+
+@dataclass
+class Point:
+    """One variation of one problem on one grid, as often as it was run."""
+
+    problem: Problem
+    variation: Variation
+    grid: float
+    outcomes: list[Outcome]
+    repeats: int
+
+    def run(self) -> None:
+        """Once more, if it still counts."""
+        if len(self.outcomes) < self.repeats and not (self.outcomes and self.outcomes[0].seconds > REPEATED_BELOW):
+            self.outcomes.append(self.problem.measure(self.grid, self.variation))
+
+    def described(self) -> dict[str, Any]:
+        """The shortest run, ready for JSON."""
+        best = min(self.outcomes, key=lambda o: o.seconds)
+        found = {name: None if value != value else value for name, value in asdict(best).items()}  # JSON has no nan
+        return {"grid": self.grid, "cell": self.problem.cell(self.grid), "runs": len(self.outcomes), **found}
+
+
+def measured(
+    names: Sequence[str] = (),
+    full: bool = False,
+    repeats: int = 2,
+    progress: Callable[[float], None] = lambda done: None,
+    grids: int | None = None,
+) -> dict[str, Any]:
+    """Every problem with each of its variations on its grids, and what follows.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Out of :data:`PROBLEMS` in any capitals; all when empty.
+    full : bool
+        More grids.
+    repeats : int
+        Runs of each point, of which the shortest counts.
+    progress : callable
+        Called with the finished fraction of the points.
+    grids : int, optional
+        So many of the coarsest grids only.
+
+    Raises
+    ------
+    ConfigError
+        If there is no problem of a name.
+    """
+    chosen = [_named(name) for name in names or PROBLEMS]
+    if measured_surface() is None and any(problem.name == "F5" for problem in chosen):
+        LOGGER.warning("F5 is left out: RUNOUT_DATA names no folder with the digitised experiment")
+        chosen = [problem for problem in chosen if problem.name != "F5"]
+    chosen = [problem for problem in chosen if at_hand(problem.site)]
+    done, code = [], versions()
+    for k, problem in enumerate(chosen):
+        started = time.perf_counter()
+        done.append(_solved(_sized(problem, full), full, repeats, grids, _part(progress, k, len(chosen))))
+        LOGGER.info("%s: %.0f s", problem.name, time.perf_counter() - started)
+    return {
+        "schema": SCHEMA,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "full": full,
+        "machine": machine(),
+        "versions": code,
+        "seed": 0,
+        "problems": done,
+        "presets": measured_presets(1.0 if full else PRESETS_COARSER) if any(p.name == "terrain" for p in chosen) else [],
+    }
+
+
+def command(out: Path | None, full: bool = False) -> None:
+    """What ``runout bench --error`` does: measure, print the table, and write page, tables, figure and JSON to ``out``."""
+    with log.progress("bench") as bar:
+        content = measured(full=full, repeats=2 if full else 1, progress=bar)
+    log.output().print(rows(content), markup=False)
+    if out is None:
+        return
+    write_json(content, out / FILE)
+    LOGGER.info("wrote %s, its tables, its figure and %s", page(content).write(out), FILE)
+
+
+def _part(progress: Callable[[float], None], number: int, total: int) -> Callable[[float], None]:
+    return lambda share: progress((number + share) / total)
+
+
+def _named(name: str) -> Problem:
+    if name.lower() not in PROBLEMS:
+        raise ConfigError(f"there is no problem {name!r}; choose among {', '.join(p.name for p in PROBLEMS.values())}")
+    return PROBLEMS[name.lower()]
+
+
+def _sized(problem: Problem, full: bool) -> Problem:
+    """The problem with the reference that belongs to its size."""
+    small_terrain = problem.site and not full
+    return replace(problem, measure=on_terrain(FINEST_SMALL, problem.site)) if small_terrain else problem
+
+
+def _solved(problem: Problem, full: bool, repeats: int, grids: int | None, progress: Callable[[float], None]) -> dict[str, Any]:
+    """All points of a problem in turns, forwards and backwards, and what its curves say."""
+    sizes = (problem.full if full else problem.small)[:grids]
+    points = [
+        Point(problem, v, grid, [], repeats)
+        for v in problem.variations()
+        for grid in (sizes[: COARSE if full else 1] if v.slow else sizes)
+    ]
+    compiling = _first(problem, points)
+    for turn in range(repeats):
+        for k, point in enumerate(points[:: 1 if turn % 2 == 0 else -1]):
+            point.run()
+            progress((turn + (k + 1) / len(points)) / repeats)
+            LOGGER.debug("%s, %s, grid %g: %s", problem.name, point.variation.name, point.grid, point.outcomes[-1])
+    curves = {v.name: [p.described() for p in points if p.variation is v] for v in problem.variations()}
+    best = on_front(curves)
+    return {
+        **{name: getattr(problem, name) for name in ("name", "title", "error", "remark")},
+        "jit_seconds": compiling,
+        "curves": [{"variation": name, "points": _marked(curve, best[name]), **_fit(curve)} for name, curve in curves.items()],
+        "cost_at_equal_error": _ranked(curves),
+    }
+
+
+def _first(problem: Problem, points: Sequence[Point]) -> float:
+    """Wall time that compiling, or loading what was compiled, adds to the first run of each precision [s]."""
+    seconds, seen = 0.0, set()
+    for point in points:
+        kind = (point.variation.backend, point.variation.scene.get("precision", "float32"))
+        if kind in seen or point.variation.slow:
+            continue
+        seen.add(kind)
+        walls = []
+        for _ in range(2):
+            started = time.perf_counter()
+            problem.measure(points[0].grid, point.variation)
+            walls.append(time.perf_counter() - started)
+        seconds += max(0.0, walls[0] - walls[1])
+    return seconds
+
+
+def _marked(curve: Sequence[Mapping[str, Any]], best: Sequence[bool]) -> list[dict[str, Any]]:
+    """The points of a curve with what the table shows: on the front or not by work, and DoE = -log10(error times seconds)."""
+    return [
+        {**p, "front": is_best, "doe": float(-np.log10(p["error"] * p["seconds"]))} for p, is_best in zip(curve, best, strict=True)
+    ]
+
+
+def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Order and floor of the errors; grid convergence index of the value where three grids differ by one ratio."""
+    fit = fitted([p["cell"] for p in curve], [p["error"] for p in curve])
+    found: dict[str, Any] = {"fit": asdict(fit) if fit else None, "gci": None}
+    if len(curve) >= 3 and all(p["value"] is not None for p in curve[-3:]):
+        index = GridIndex.of([[p["value"]] for p in curve[-3:]], float(np.sqrt(curve[-3]["cell"] / curve[-1]["cell"])))
+        found["gci"] = {"relative": index.relative, "order": index.order, "converging": index.converging}
+    return found
+
+
+def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
+    """Work and time of every variation over those of the defaults at the errors that they reach; geometric means."""
+    base, found = curves[BASE.name], {}
+    for name, curve in curves.items():
+        ratios: dict[str, list[float]] = {}
+        for cost in ("particle_steps", "seconds"):
+            for point in base:
+                other = cost_at(point["error"], [p[cost] for p in curve], [p["error"] for p in curve])
+                if other is not None:
+                    ratios.setdefault(cost, []).append(other / point[cost])
+        means = {cost: float(np.exp(np.mean(np.log(values)))) for cost, values in ratios.items()}
+        found[name] = {**means, "errors": len(next(iter(ratios.values()), []))}
+    return found

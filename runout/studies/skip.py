@@ -1,0 +1,285 @@
+"""What a run saves by skipping what its scene does not need, and what that changes: each switch on and off, in turn."""
+
+import math
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout import DruckerPrager, Release, Terrain, __version__, log
+from runout.backends.protocol import ResumableBackend, get_backend
+from runout.checkpoint import EVERY, Checkpoint
+from runout.io.atomic import write_json
+from runout.model.particles import Particles
+from runout.model.release import Placement
+from runout.model.scene import Scene
+from runout.simulation import Run, RunControl, build_scene
+from runout.studies.grid_index import relative_l1
+from runout.studies.recorded_sites import with_vertical_edges
+from runout.studies.sloping_layer import Layer
+from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
+from runout.studies.work_precision import commit
+
+SITE = Path(__file__).parents[2] / "sites" / "jacksboro"
+FILE = "skip.json"
+MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
+REPEATS, CHECKPOINTED = 2, 400_000
+FLOWING = (15.0, 60.0, False)  # basal friction angle [deg], end time [s], stop rule: a flow that is fast all the time
+RESTING = (25.0, 180.0, True)  # and one that comes to rest before the end
+Made = tuple[Scene, Particles, RunControl]
+
+
+@dataclass(frozen=True)
+class Switch:
+    """Something that is skipped, in one of the scenes of the study.
+
+    ``off`` is the course of a run that does not skip it, ``on`` what the scene of one that does is given; ``exact`` says that
+    no bit may change.
+    """
+
+    name: str
+    off: Mapping[str, Any]
+    exact: bool
+    remark: str
+    scene: str = "flowing"
+    on: Mapping[str, Any] = field(default_factory=dict)
+
+
+SWITCHES = (
+    Switch("crop", {"crop": False}, True, "observe only the cells under the flow / the whole raster"),
+    Switch("cadence", {"crossing": 0.0}, False, "observe as the flow crosses half a cell / after every step"),
+    Switch("stop rule", {"stop": False}, False, "stop at rest / go on to the end time", "resting"),
+    *(
+        Switch(f"sleep {speed:g}, {scene}", {}, False, f"rest below {speed:g} m/s / move all", scene, {"sleep_speed": speed})
+        for scene, speed in (("bed", 0.05), ("bed", 0.2), ("creeping", 0.05), ("creeping", 0.2))
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One run: its maps, processor time [s], share of its observers in its wall time [1], steps and observations."""
+
+    maps: Mapping[str, np.ndarray]
+    seconds: float
+    observing: float
+    steps: int
+    observations: int
+
+
+def follow(scene: Scene, particles: Particles, control: RunControl, threads: int | None = None) -> Outcome:
+    """Outcome of a run on the scan backend, without its setup."""
+    run = Run(get_backend("scan", threads=threads), scene, control, None, None)
+    run.start(particles)
+    started, wall = time.process_time(), time.perf_counter()
+    run.go()
+    seconds, wall = time.process_time() - started, time.perf_counter() - wall
+    return Outcome(run.peaks.maps(), seconds, run.observing / wall, run.engine.counters.steps, len(run.ledger.time))
+
+
+def compared(
+    scene: Scene, particles: Particles, control: RunControl, switch: Switch, repeats: int, threads: int | None
+) -> dict[str, Any]:
+    """One row: runs with and without a switch in turn; times are the shortest of each, as ratios."""
+    ways = (replace(scene, **switch.on), control), (scene, replace(control, **switch.off))
+    pairs = []
+    for _ in range(repeats):
+        pairs.append([follow(its_scene, particles, its_course, threads) for its_scene, its_course in ways])
+    on, off = pairs[0]
+    best = [min(pair[k].seconds for pair in pairs) for k in (0, 1)]
+    watching = [min(pair[k].observing for pair in pairs) for k in (0, 1)]
+    return {
+        "skip": switch.name,
+        "remark": switch.remark,
+        "time_on_over_off": best[0] / best[1],
+        "observers_share_on": watching[0],
+        "observers_share_off": watching[1],
+        "steps": [on.steps, off.steps],
+        "observations": [on.observations, off.observations],
+        "exact": switch.exact,
+        "same_bits": all(on.maps[name].tobytes() == off.maps[name].tobytes() for name in MAPS),
+        "difference": {name: relative_l1(on.maps[name], off.maps[name]) for name in MAPS},
+    }
+
+
+def jacksboro(friction: float, end_time: float, stop: bool) -> Made:
+    """The example site with a basal friction angle [deg] and an end time [s]."""
+    with log.muted():
+        arguments = with_vertical_edges(SITE).member_arguments()
+    arguments["basal_friction_angle"] = friction
+    scene, particles = build_scene(
+        **{name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
+    )
+    control = RunControl(end_time, stop, arguments["arrival_threshold"])
+    return scene, particles, control
+
+
+def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
+    """A slab that slides down a slope of 30 deg onto the western end of a bed, 2 m thick, that rests on a plain."""
+    cell, columns, rows = 5.0, 80, 24
+    x = cell * (np.arange(columns) + 0.5)
+    terrain = Terrain(np.tile(math.tan(math.radians(30.0)) * np.maximum(120.0 - x, 0.0), (rows, 1)), (cell, cell))
+    slab, bed = np.zeros(terrain.shape), np.zeros(terrain.shape)
+    slab[8:16, 6:14], bed[4:20, 26:70] = 6.0, 2.0
+    releases = [Release(thickness, terrain, placement=Placement.ON_SURFACE) for thickness in (slab, bed)]
+    soil = DruckerPrager(density=2000.0, youngs_modulus=5e6, friction_angle=30.0, cohesion=5e3)
+    return *build_scene(terrain, releases, soil, 22.0, cell_size), RunControl(end_time, False)
+
+
+def measure(scenes: Mapping[str, Made], repeats: int = REPEATS, threads: int | None = None) -> dict[str, Any]:
+    """All rows, with what they were measured on; the scenes by the names that the switches call them."""
+    scene, particles, control = scenes["flowing"]
+    follow(scene, particles, replace(control, end_time=1e-3 * control.end_time), threads)  # compile
+    rows = [compared(*scenes[switch.scene], switch, repeats, threads) for switch in SWITCHES]
+    machine = {
+        "processor": platform.processor() or platform.machine(),
+        "cores": len(os.sched_getaffinity(0)),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+    raster = [scene.raster.rows, scene.raster.columns]
+    scale = {"particles": len(particles), "raster": raster, "cell_size": list(scene.spacing), "bed": len(scenes["bed"][1])}
+    return {"version": __version__, "commit": commit(), "machine": machine, "scene": scale, "repeats": repeats, "rows": rows}
+
+
+def checkpoint_cost(particles: int = CHECKPOINTED) -> dict[str, Any]:
+    """What a checkpoint of the benchmark's layer takes: bytes a particle, and its time over that of a step, here on one thread."""
+    scene, p = Layer(particles).build()
+    engine = get_backend("scan", threads=1)
+    engine.load(scene, p)
+    steps = []
+    for _ in range(8):
+        started = time.perf_counter()
+        engine.step(engine.stable_step())
+        steps.append(time.perf_counter() - started)
+    assert isinstance(engine, ResumableBackend)
+    with tempfile.TemporaryDirectory() as folder:
+        keep = Checkpoint(Path(folder) / "run.npz", "cost")
+        seconds: list[float] = []
+        for _ in range(3):
+            keep.write(engine.checkpoint())
+            seconds.append(keep.seconds - sum(seconds))
+        size = keep.path.stat().st_size
+    return {"particles": len(p), "bytes_per_particle": size / len(p), "seconds": min(seconds), "steps": min(seconds) / min(steps)}
+
+
+HEADS = ("switch", "on / off", "time", "share of observers on, off", "same bits", "largest change of a map")
+OPENING = """# What a run skips
+
+Time that a run saves by skipping what its scene does not need, and how much the maps change.
+
+![Time with each switch over the time without it](skip.png)
+
+{table}
+
+- *Time*: processor time with the switch over that without it, the shortest of {repeats} runs that took turns,
+  without setup.
+- *Share of observers*: of the wall time.
+- *Largest change of a map*: relative L1, of {maps}. {changes} has the change of each map.
+
+Scenes: site jacksboro on the backend scan, {particles:,} particles, cells of {cell:g} m, a raster of {rows} x
+{columns} cells; {flowing[1]:g} s with a basal friction angle of {flowing[0]:g} deg, or {resting[1]:g} s with
+{resting[0]:g} deg (stop rule; *creeping*: without it). *Bed*: {bed:,} particles, a slab that slides onto a bed at
+rest, 30 s.
+
+## Checkpoints
+
+A checkpoint of {checkpoint[particles]:,} particles in float32 takes {checkpoint[bytes_per_particle]:.0f} bytes a
+particle and the time of {checkpoint[steps]:.1f} steps on one thread ({checkpoint[seconds]:.2g} s). By default a run
+writes one every {every:g} s of wall time.
+
+## How to make this page
+
+    python -m runout.studies.skip DIR
+
+It writes this page, its table, its figure and the record `skip.json`. `python -m runout.studies.documentation` makes the
+same files again from the record in `tests/benchmarks/records/`.
+
+Record: runout {version}, commit {commit}, Python {python}, NumPy {numpy}; {cores} cores ({processor}), with other
+work.
+"""
+
+
+def page(found: Mapping[str, Any]) -> StudyPage:
+    """The results as a page of the documentation."""
+    scene, rows = found["scene"], found["rows"]
+    text = OPENING.format(
+        table=markdown(HEADS, map(_row, rows)),
+        repeats=found["repeats"],
+        maps=", ".join(name.replace("_", " ") for name in MAPS),
+        changes=download("skip.csv", "The table"),
+        cell=scene["cell_size"][0],
+        rows=scene["raster"][0],
+        columns=scene["raster"][1],
+        flowing=FLOWING,
+        resting=RESTING,
+        every=EVERY,
+        **{name: scene[name] for name in ("particles", "bed")},
+        **{name: found[name] for name in ("checkpoint", "version")},
+        commit=found.get("commit") or "not recorded",
+        **found["machine"],
+    )
+    return StudyPage("skip", text, {"skip.csv": _table(rows)}, {"skip.png": _figure(rows)})
+
+
+def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
+    shares = f"{100 * row['observers_share_on']:.0f} %, {100 * row['observers_share_off']:.0f} %"
+    name, largest = max(row["difference"].items(), key=lambda item: float(item[1]))
+    change = f"{100 * largest:.2g} % ({name.replace('_', ' ')})" if largest else "0"
+    same = ("yes" if row["same_bits"] else "no") + (" (must)" if row["exact"] else "")
+    return row["skip"], row["remark"], f"{row['time_on_over_off']:.2f}", shares, same, change
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Steps, observations and the change of each map, as CSV."""
+    heads = ("switch", "time on over off", "steps on", "steps off", "observations on", "observations off", *MAPS)
+    numbers = ((r, (f"{r['difference'][name]:.2g}" for name in MAPS)) for r in rows)
+    return as_csv(heads, [(r["skip"], f"{r['time_on_over_off']:.2f}", *r["steps"], *r["observations"], *n) for r, n in numbers])
+
+
+def _figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """PNG of the time with each switch over the time without it."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(7.0, 0.8 + 0.35 * len(rows)), layout="constrained")
+    axes = canvas.add_subplot()
+    bars = axes.barh([r["skip"] for r in rows][::-1], [r["time_on_over_off"] for r in rows][::-1], color="#33658a")
+    axes.bar_label(bars, fmt="%.2f", padding=3, fontsize=8)
+    axes.axvline(1.0, color="0.4", lw=0.8)
+    axes.set(xlabel="processor time with the switch over that without it")
+    return as_png(canvas)
+
+
+def study(out: Path, *, repeats: int = REPEATS, threads: int | None = None, checkpointed: int = CHECKPOINTED) -> str:
+    """Write ``skip.md``, its table and figure, and ``skip.json`` to the folder ``out``; returns the page.
+
+    Parameters
+    ----------
+    out : Path
+    repeats : int
+        Runs with and without each switch.
+    threads : int, optional
+    checkpointed : int
+        Particles of the layer whose checkpoint is measured.
+    """
+    resting = jacksboro(*RESTING)
+    creeping = (*resting[:2], replace(resting[2], stop=False))
+    scenes = {"flowing": jacksboro(*FLOWING), "resting": resting, "creeping": creeping, "bed": fall_on_a_bed()}
+    found = measure(scenes, repeats, threads) | {"checkpoint": checkpoint_cost(checkpointed)}
+    write_json(found, out / FILE)
+    made = page(found)
+    made.write(out)
+    return made.text
+
+
+if __name__ == "__main__":
+    import sys
+
+    print(study(Path(sys.argv[1])))

@@ -1,0 +1,137 @@
+"""What must hold at every moment of a run, whatever its choices."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from runout.backends.protocol import Backend, LedgerRow
+from runout.model.particles import Particles
+from runout.model.scene import STANDARD_GRAVITY, Scene
+from runout.model.surface import Surface
+from runout.release import stagger
+from runout.studies.stability_cases.layout import CELLS, EDGE, NARROW, Layout
+
+LIMITS = {  # largest value of what is measured
+    "mass": 1e-12,  # change of mass with what has escaped, over the mass
+    "momentum": 1.0,  # defect over its tolerance
+    "energy": 1e-3,  # rise of all energy over the drop of potential energy
+    "speed": 1.0,  # of a particle over its bound
+    "mean speed": 1.0,  # of the centre of mass over its bound
+    "penetration": 0.1,  # of the middle of a layer of particles below the ground [cells]; they lie at some heights in it
+    "penetration at narrow edges": 1.0,  # the same on terrains with edges that the stencil of three nodes cannot resolve
+    "sinking": np.inf,  # of a particle below where it touches, half its size above the ground [cells]; reported
+    "rest": 1.0,  # creep over 1 mm/s, for what must end at rest
+    "passage": 0.03,  # share of the mass that stays behind the edge of a cliff, for what must pass it
+}
+FIELDS = ("offset", "velocity", "affine", "strain", "history")
+
+
+@dataclass
+class Watch:
+    """Follows a run and keeps the worst of every invariant in ``worst``."""
+
+    layout: Layout
+    scene: Scene
+    start: Particles
+    first: LedgerRow
+    worst: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LIMITS, 0.0))
+    time: float = 0.0
+    steps: int = 0
+    not_finite: str = ""
+    lowest: list[float] = field(default_factory=lambda: [np.inf, np.inf])  # energy so far [J], see :meth:`close`
+    rise: float = 0.0  # [J]
+    drop: float = 0.0  # of potential energy [J]
+    stored: float = 0.0  # energy that belongs to the places of the last look [J]
+    moving: float = 0.0  # and to the velocities that led there [J]
+    grounds: tuple[Surface, Surface] = field(init=False)  # that of the raster, and that of the grid's nodes, which backends take
+
+    def __post_init__(self) -> None:
+        h, surface = self.scene.spacing, self.scene.surface
+        assert surface is not None
+        nodes = tuple(int(CELLS * self.layout.h / size) + 3 for size in h[:2])
+        self.grounds = surface, surface.resampled((h[0], h[1]), (-h[0], -h[1]), (nodes[0], nodes[1]))
+
+    def look(self, engine: Backend) -> bool:
+        """Take in the present state; False as soon as it is not finite."""
+        p, row = engine.particles(), engine.ledger()
+        for name in FIELDS:
+            if not np.isfinite(getattr(p, name)).all():
+                self.not_finite = name
+                return False
+        self._budget(row)
+        if len(p):
+            self._bounds(p, row)
+        return True
+
+    def finish(self, engine: Backend) -> None:
+        """Judge what only the end can tell."""
+        weight = self.first.mass * STANDARD_GRAVITY * self.layout.h
+        rounding = 2e-8 * self.steps * weight if self.scene.precision == "float32" else 0.0
+        self.worst["energy"] = max(self.rise - rounding, 0.0) / max(self.drop, self.first.kinetic_energy, 1e-3 * weight)
+        if self.layout.rests:
+            p = engine.particles()
+            creep = float(np.abs(p.mass @ p.velocity / p.mass.sum()).max())
+            self.worst["rest"] = creep / 1e-3
+        if self.layout.passes:
+            p = engine.particles()
+            behind = p.position(np.array(self.scene.spacing))[:, 0] < EDGE * self.layout.h
+            self.worst["passage"] = float(p.mass[behind].sum() / self.first.mass)
+
+    @property
+    def broken(self) -> list[str]:
+        """The invariants that did not hold, with what was measured."""
+        found = [f"{self.not_finite} is not finite"] if self.not_finite else []
+        return found + [f"{name} {self.worst[name]:.3g}" for name, limit in LIMITS.items() if not self.worst[name] <= limit]
+
+    def _keep(self, name: str, value: float) -> None:
+        self.worst[name] = max(self.worst[name], value)
+
+    def _budget(self, row: LedgerRow) -> None:
+        first = self.first
+        self._keep("mass", abs(row.mass + row.escaped_mass - first.mass) / first.mass)
+        if row.escaped_mass == 0.0:
+            weight = first.mass * np.array(self.scene.gravity)
+            defect = row.momentum - first.momentum - weight * self.time - row.basal_impulse
+            scale = np.abs(row.momentum).max() + np.abs(weight).max() * self.time + np.abs(row.basal_impulse).max()
+            tolerance = (1e-10 if self.scene.precision == "float64" else 1e-5) * scale
+            self._keep("momentum", float(np.abs(defect).max() / max(tolerance, np.finfo(float).tiny)))
+        self.stored = row.potential_energy + row.elastic_energy + row.escaped_energy + row.plastic_dissipation
+        self.moving = row.kinetic_energy + row.basal_dissipation
+        self.drop = max(self.drop, first.potential_energy - row.potential_energy - row.escaped_energy)
+
+    def close(self, row: LedgerRow) -> None:
+        """Complete the budget of the last look with the ledger one step later.
+
+        Velocities belong to the middle of a step and places to its end. The kinetic energy, and the work of the ground that
+        belongs to it, is that before a place or the mean of before and after: both are of first order in the step, and each
+        vibration shows in one of them as a rise and fall. Energy from nowhere rises in both.
+        """
+        rises = []
+        for k, moving in enumerate((self.moving, 0.5 * (self.moving + row.kinetic_energy + row.basal_dissipation))):
+            self.lowest[k] = min(self.lowest[k], self.stored + moving)
+            rises.append(self.stored + moving - self.lowest[k])
+        self.rise = max(self.rise, min(rises))
+
+    def _bounds(self, p: Particles, row: LedgerRow) -> None:
+        h, g, v0 = np.array(self.scene.spacing), STANDARD_GRAVITY, self.layout.speed
+        z, before = p.position(h)[:, 2], self.start.position(h)[:, 2]
+        height = self.layout.thickness * self.layout.h
+        bound = 1.05 * (np.sqrt(v0**2 + 2 * g * max(before.max() - z.min(), 0.0)) + 2 * np.sqrt(g * height))
+        self._keep("speed", row.max_speed / bound)
+        if row.escaped_mass == 0.0:
+            fall = before.mean() - z.mean() + 1e-6 * h[2]
+            mean = np.linalg.norm(row.momentum) / row.mass
+            released = 2 * self.first.elastic_energy / row.mass  # a release under its own weight can spring back
+            fastest = np.sqrt(v0**2 + 2 * g * max(fall, 0.0) + released)
+            self._keep("mean speed", float(mean / (1e-9 + 1.001 * fastest + 1e-3 * np.sqrt(g * height))))
+        above = np.maximum(*(_height(ground, p.position(h)) for ground in self.grounds))
+        edges = " at narrow edges" if self.layout.terrain in NARROW else ""
+        middle = above + (stagger.LEVELS - 1) * p.radius  # half a layer above its lower end
+        self._keep(f"penetration{edges}", float(-middle.min() / h.min()))
+        self._keep("sinking", float(-(above - p.radius).min() / h.min()))
+
+
+def _height(ground: Surface, x: np.ndarray) -> np.ndarray:
+    """First-order distance (n,) [m] of positions (n, 3) [m] from a ground, positive above."""
+    elevation, east, north = ground.evaluate(x[:, 0], x[:, 1])
+    return (x[:, 2] - elevation) / np.sqrt(1.0 + east**2 + north**2)  # type: ignore[no-any-return]

@@ -1,0 +1,126 @@
+"""What is tried: each choice alone from end to end, all of them at once by Latin hypercube, and the pinned set of CI."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from runout.model.limits import LARGEST_RADIANS, LIMITS
+from runout.studies.stability_cases.layout import CLIFFS, TERRAINS, Layout
+from runout.studies.stability_cases.trial import LARGEST
+
+SAMPLES, SEED = 200, 20
+PASSAGE: dict[str, Any] = {"passes": True, "basal": 10.0, "steps": 1500}
+SMALLEST_ANGLE = LARGEST_RADIANS + 0.03  # [deg]; below it is taken for radians
+AXES: dict[str, tuple[dict[str, Any], ...]] = {
+    "Courant number": tuple({"cfl": c} for c in (0.1, 0.2, 0.4, 0.5, 0.6, 0.61, 0.8, 1.0, 1.5)),
+    "Young's modulus": tuple({"youngs_modulus": e} for e in (1e4, 1e5, 1e6, 1e7, 1e8, 1e9)),
+    "Poisson's ratio": tuple({"poisson_ratio": nu} for nu in (0.0, 0.2, 0.45, 0.495, 0.5)),
+    "strength": (
+        *({"friction_angle": phi} for phi in (0.0, 5.0, 15.0, 45.0, 60.0, 61.0)),
+        *({"friction_angle": 0.0, "cohesion": c} for c in (1e2, 1e4, 1e6)),
+        *({"cohesion": c} for c in (1e2, 1e4, 1e6)),
+        {"friction_angle": 60.0, "cohesion": 1e6},
+        {"elastic": True},
+    ),
+    "particles a cell": (
+        *({"per_cell": (k, k, k)} for k in (1, 2, 3)),
+        {"per_cell": (4, 4, 4), "thickness": 1.0},
+        {"per_cell": (1, 1, 4)},
+        {"per_cell": (4, 4, 1)},
+    ),
+    "size of a cell [m]": tuple({"h": h} for h in (1e-3, 1e-2, 0.1, 10.0, 100.0, 400.0)),
+    "height of a cell": tuple({"flatness": f} for f in (0.25, 0.5, 2.0)),
+    "terrain": (*({"terrain": t} for t in TERRAINS), *({"terrain": t, "slope": 0.0} for t in ("bumps", "wall of 80 deg"))),
+    "passage": tuple({"terrain": t, **PASSAGE} for t in CLIFFS),
+    "slope [deg]": tuple({"slope": s} for s in (0.0, 10.0, 45.0, 60.0, 75.0)),
+    "basal friction angle [deg]": tuple({"basal": b} for b in (0.0, 30.0, 45.0, 60.0, 61.0)),
+    "thickness [cells]": tuple({"thickness": t} for t in (0.1, 0.25, 0.5, 1.0, 4.0)),
+    "placement": ({"placement": "excavated"}, {"placement": "excavated", "terrain": "bumps"}),
+    "one and two particles": tuple({"keep": n, "terrain": t} for n in (1, 2) for t in ("plane", "step down in one cell")),
+    "impact [m/s]": (
+        *({"speed": v, "terrain": "ramp"} for v in (10.0, 100.0)),
+        *({"speed": v, "terrain": "wall of 80 deg", "youngs_modulus": e} for v, e in ((10.0, 1e7), (30.0, 1e8), (100.0, 1e9))),
+    ),
+    "coordinates": tuple({"origin": o} for o in ((2.627e6, 5.14e6), (-5e5, -5e6))),
+    "precision": ({"precision": "float64"},),
+    "rest": (
+        {"slope": 10.0, "elastic": True, "rests": True, "steps": 2000},
+        {"slope": 10.0, "thickness": 0.5, "friction_angle": 45.0, "rests": True, "steps": 20000},
+    ),
+}
+PINNED: tuple[dict[str, Any], ...] = (
+    {},
+    {"cfl": 0.6},
+    {"cfl": 0.61},
+    {"youngs_modulus": 1e9},
+    {"friction_angle": 0.0, "cohesion": 1e3},
+    {"friction_angle": 0.0},
+    {"per_cell": (1, 1, 1)},
+    {"per_cell": (4, 4, 4), "thickness": 1.0},
+    {"h": 1e-3},
+    {"h": 400.0, "youngs_modulus": 4e9},
+    {"flatness": 0.5},
+    {"terrain": "bumps"},
+    {"terrain": "cliff of 80 deg"},
+    {"terrain": "step down in one cell"},
+    {"terrain": "step down in one cell", **PASSAGE},
+    {"terrain": "edge"},
+    {"terrain": "unknown cells"},
+    {"terrain": "cells of -9999"},
+    {"thickness": 0.25},
+    {"keep": 1},
+    {"speed": 100.0, "terrain": "ramp", "youngs_modulus": 1e8},
+    {"origin": (2.627e6, 5.14e6)},
+    {"slope": 10.0, "elastic": True, "rests": True, "steps": 1000},
+)
+
+
+def one_at_a_time() -> Iterator[tuple[str, Layout]]:
+    """Each choice from end to end, all others as they are."""
+    for axis, choices in AXES.items():
+        for choice in choices:
+            yield axis, Layout(**choice)
+
+
+def pinned(precision: str = "float32") -> Iterator[tuple[str, Layout]]:
+    """The set of CI."""
+    for choice in PINNED:
+        yield named(choice), Layout(**{"precision": precision, **choice})
+
+
+def sampled(count: int = SAMPLES) -> Iterator[tuple[str, Layout]]:
+    """All choices at once, by Latin hypercube with a fixed seed."""
+    points = qmc.LatinHypercube(14, rng=np.random.default_rng(SEED)).random(count)
+    for k, u in enumerate(points):
+        yield f"sample {k}", _from_unit(u)
+
+
+def named(choice: dict[str, Any]) -> str:
+    """Words for what a layout changes."""
+    return ", ".join(f"{name} = {value}" for name, value in choice.items()) or "as it is"
+
+
+def _from_unit(u: np.ndarray) -> Layout:
+    terrains = [t for t in TERRAINS if not t.startswith(("unknown", "cells of"))]
+    per_cell = tuple(int(k) for k in np.floor(1.0 + 3.0 * u[5:8]))
+    thickness = 0.25 * 16.0 ** u[12]
+    layout = Layout(
+        cfl=0.1 + 0.5 * u[0],
+        youngs_modulus=10.0 ** (4.0 + 5.0 * u[1]),
+        poisson_ratio=0.45 * u[2],
+        friction_angle=max(60.0 * u[3], SMALLEST_ANGLE),
+        cohesion=0.0 if u[4] < 0.4 else 10.0 ** (10.0 * (u[4] - 0.4)),
+        per_cell=(per_cell[0], per_cell[1], per_cell[2]),
+        h=min(10.0 ** (-3.0 + 6.0 * u[8]), LIMITS["thickness"].high / thickness),
+        terrain=terrains[int(u[9] * len(terrains))],
+        slope=60.0 * u[10],
+        basal=max(60.0 * u[11], SMALLEST_ANGLE),
+        thickness=thickness,
+        flatness=0.5 + 0.5 * u[13],
+        precision="float32" if u[0] * 16 % 1 < 0.5 else "float64",
+    )
+    held = 64 * np.prod(per_cell) * layout.thickness / layout.flatness
+    return layout if held <= LARGEST else replace(layout, per_cell=(1, 1, 1))

@@ -1,0 +1,58 @@
+"""One trial: run a layout, and say whether it survived, was refused in advance, or failed."""
+
+import time
+from dataclasses import dataclass
+
+from runout.backends.protocol import get_backend
+from runout.errors import RunoutError
+from runout.studies.stability_cases.invariants import Watch
+from runout.studies.stability_cases.layout import Layout
+
+LOOKS = 40  # at least so many over a run
+LARGEST = 5_000  # particles
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What became of one layout: ``verdict`` is "survived", "refused" or "failed", ``reason`` says why not survived."""
+
+    name: str
+    layout: Layout
+    backend: str
+    verdict: str
+    reason: str
+    particles: int
+    steps: int
+    worst: dict[str, float]
+    seconds: float
+
+
+def attempt(name: str, layout: Layout, backend: str = "scan", device: str = "cpu") -> Trial:
+    """Run one layout on one backend (one thread on the CPU)."""
+    started = time.perf_counter()
+    try:
+        scene, particles = layout.built()
+        engine = get_backend(backend, device, 1)
+        engine.load(scene, particles)
+    except RunoutError as refusal:
+        return Trial(name, layout, backend, "refused", str(refusal), 0, 0, {}, time.perf_counter() - started)
+    watch = Watch(layout, scene, particles, engine.ledger())
+    every, reasons = max(1, layout.steps // LOOKS), list[str]()
+    try:
+        while watch.steps < layout.steps and watch.look(engine):
+            for k in range(every):
+                dt = engine.stable_step()
+                engine.step(dt)
+                watch.time += dt
+                if k == 0:
+                    watch.close(engine.ledger())
+            watch.steps += every
+        watch.look(engine)
+        watch.finish(engine)
+    except RunoutError as stop:
+        reasons.append(str(stop))
+    reasons += watch.broken
+    verdict = "failed" if reasons else "survived"
+    return Trial(
+        name, layout, backend, verdict, "; ".join(reasons), len(particles), watch.steps, watch.worst, time.perf_counter() - started
+    )

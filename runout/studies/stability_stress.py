@@ -1,0 +1,82 @@
+"""Stability stress test: push every choice of a run to its end and see that nothing breaks, as a table and a page."""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from runout import __version__
+from runout.backends.protocol import get_backend
+from runout.errors import ExitCode
+from runout.io.atomic import write_json
+from runout.studies.stability_cases.layout import Layout
+from runout.studies.stability_cases.matrix import one_at_a_time, pinned, sampled
+from runout.studies.stability_cases.page import changes, page
+from runout.studies.stability_cases.trial import Trial, attempt
+from runout.studies.work_precision import commit
+
+LOGGER = logging.getLogger("runout.stress")
+FILE = "stress.json"
+DEFAULTS = asdict(Layout())
+
+
+def stress(out: Path | None = None, full: bool = False, backend: str = "scan", device: str = "cpu") -> list[Trial]:
+    """All trials, in their order.
+
+    Parameters
+    ----------
+    out : Path or None
+        Folder for ``stress.md``, its table and figure, and :data:`FILE`; nothing is written when None.
+    full : bool
+        Every choice alone and the Latin hypercube (some minutes) instead of the pinned set (seconds).
+    backend : str
+        "scan", "hash" or "reference".
+    device : str
+        "cpu", or "cuda:0" for the backend "hash".
+
+    Raises
+    ------
+    StorageError
+        If the folder cannot be written.
+    ConfigError, DeviceError
+        If there is no such backend or device: before a trial, which would count it as refused.
+    """
+    get_backend(backend, device, 1)
+    started, trials = time.perf_counter(), list[Trial]()
+    for name, layout in [*one_at_a_time(), *sampled()] if full else pinned():
+        trials.append(attempt(name, layout, backend, device))
+        LOGGER.log(logging.WARNING if trials[-1].verdict == "failed" else logging.INFO, "%s", as_line(trials[-1]))
+    count = Counter(t.verdict for t in trials)
+    LOGGER.info("%d survived, %d refused, %d failed", count["survived"], count["refused"], count["failed"])
+    if out is not None:
+        chosen = {"--full": full, f"--backend {backend}": backend != "scan", f"--device {device}": device != "cpu"}
+        said = " ".join(["runout stress", *(option for option, given in chosen.items() if given), "--out DIR"])
+        content = {**as_json(trials, time.perf_counter() - started), "command": said, "backend": backend, "device": device}
+        write_json(content, out / FILE)
+        page(content).write(out)
+    return trials
+
+
+def command(out: Path | None, full: bool, backend: str, device: str = "cpu") -> ExitCode:
+    """What ``runout stress`` does; fails if a trial has failed."""
+    return ExitCode.FAILURE if any(t.verdict == "failed" for t in stress(out, full, backend, device)) else ExitCode.OK
+
+
+def as_json(trials: Sequence[Trial], seconds: float) -> dict[str, Any]:
+    """The trials, ready for a JSON file: what each changes from the defaults, its verdict and its worst invariants."""
+    rows = [{name: value for name, value in asdict(t).items() if name not in ("layout", "backend")} for t in trials]
+    found = [{**row, "changed": _changed(t)} for row, t in zip(rows, trials, strict=True)]
+    return {"version": __version__, "commit": commit(), "seconds": seconds, "defaults": DEFAULTS, "trials": found}
+
+
+def as_line(trial: Trial) -> str:
+    """What the terminal says of a trial."""
+    why = f": {trial.reason}" if trial.reason else ""
+    return f"{trial.verdict}: {trial.name} ({changes(_changed(trial))}), {trial.particles} particles, {trial.steps} steps{why}"
+
+
+def _changed(trial: Trial) -> dict[str, Any]:
+    return {name: value for name, value in asdict(trial.layout).items() if value != DEFAULTS[name]}

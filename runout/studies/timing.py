@@ -1,0 +1,178 @@
+"""Times cases of the benchmark side by side: repetitions take turns, so that a busy moment of the machine hits all of them."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from runout.accuracy import CFL
+from runout.backends.protocol import get_backend
+from runout.observers import Ledger, PeakMaps
+from runout.simulation import CROSSING
+from runout.studies.sloping_layer import Layer
+
+STEP_SHARE = 0.475 / CFL  # of the stable step at the start: the Courant number of all records, with room for a flow that speeds up
+UNTIMED_STEPS = 3
+WORK_OF_A_RUN = 400_000  # particle-steps between two looks at the clock
+NODE_BYTES = 64  # that a node may take, by the aim of the design
+
+
+@dataclass(frozen=True)
+class Case:
+    """One layer on one way of computing it; ``index`` is "sparse" or the "dense" control."""
+
+    layer: Layer
+    threads: int = 1
+    index: str = "sparse"
+    device: str = "cpu"
+    observed: bool = True
+
+    def described(self) -> dict[str, Any]:
+        """The choices, ready for JSON."""
+        return {**asdict(self.layer), **{name: getattr(self, name) for name in ("threads", "index", "device", "observed")}}
+
+
+def engine_of(case: Case) -> Any:
+    """A backend for a case, without a scene: scan on the CPU, hash on a GPU."""
+    return get_backend("scan" if case.device == "cpu" else "hash", case.device, case.threads, index=case.index)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A few steps: their number, seconds of one of them, whether the index was rebuilt, wall seconds of a step by stage."""
+
+    steps: int
+    step: float
+    rebuilt: bool
+    stages: dict[str, float]
+
+
+@dataclass
+class TimedRun:
+    """A case under way: steps of one length, and an observation as often as a simulation makes one."""
+
+    case: Case
+    engine: Any = field(init=False)
+    runs: list[Run] = field(default_factory=list)
+    observing: list[float] = field(default_factory=list)  # seconds for each step
+
+    def __post_init__(self) -> None:
+        scene, particles = self.case.layer.build()
+        self.n = len(particles)
+        self.engine = engine_of(self.case)
+        self.engine.load(scene, particles)
+        self.peaks, self.ledger, self.now = PeakMaps(scene.raster, 0.1), Ledger(), 0.0
+        self.dt = STEP_SHARE * self.engine.stable_step()
+        crossing = CROSSING * scene.observed_length / self.engine.ledger().max_speed
+        self.steps = max(1, math.floor(crossing / self.dt))
+        self.advance(UNTIMED_STEPS)
+        self.observe()
+
+    def advance(self, steps: int) -> None:
+        """Some steps, in one go where the backend can; the stable step, asked for as in a simulation, waits for a GPU."""
+        if hasattr(self.engine, "steps"):
+            self.engine.steps(self.dt, steps)
+            self.engine.stable_step()
+            return
+        for _ in range(steps):
+            self.engine.step(self.dt)
+            self.engine.stable_step()
+
+    def observe(self) -> None:
+        """Maps and ledger of the present state."""
+        if self.case.observed:
+            self.peaks.observe(self.now, self.engine.columns())
+            self.ledger.record(self.now, self.dt, self.engine.ledger())
+
+    def repeat(self) -> None:
+        """The steps between two observations in short runs, and one observation."""
+        clock = clock_of(self.case)
+        for run in _runs(self.steps, self.n):
+            before, rebuilds, started = dict(self.engine.counters.seconds), self.engine.counters.rebuilds, clock()
+            self.advance(run)
+            total = clock() - started
+            stages = {name: (s - before.get(name, 0.0)) / run for name, s in self.engine.counters.seconds.items()}
+            self.runs.append(Run(run, total / run, self.engine.counters.rebuilds > rebuilds, stages))
+        started = clock()
+        self.observe()
+        self.observing.append((clock() - started) / self.steps)
+        self.now += self.steps * self.dt
+
+    def measured(self) -> dict[str, Any]:
+        """What the repetitions gave, ready for JSON; see docs/benchmarks for the keys."""
+        plain = [r for r in self.runs if not r.rebuilt] or self.runs
+        middle = float(np.median([r.step for r in plain]))
+        rebuilding = sum(r.steps * max(r.step - middle, 0.0) for r in self.runs if r.rebuilt) / sum(r.steps for r in self.runs)
+        stepping, observing = min(r.step for r in plain) + rebuilding, min(self.observing)
+        stages = {name: min(r.stages[name] for r in plain) for name in plain[0].stages}
+        stages = {**stages, "index": rebuilding, "observers": observing}
+        ns = {name: 1e9 * seconds / self.n for name, seconds in stages.items()}
+        return {
+            "case": self.case.described(),
+            "particles": self.n,
+            "steps": self.steps * len(self.observing),
+            "runs": len(self.runs),
+            "clock": "wall" if clock_of(self.case) is time.perf_counter else "processor",
+            "rebuilds": self.engine.counters.rebuilds,
+            "active_blocks": self.engine.ledger().active_blocks,
+            "rate": self.n / (stepping + observing),
+            "rate_of_steps": self.n / stepping,
+            "median_over_best": middle / min(r.step for r in plain),
+            "ns_per_particle_step": ns,
+            "memory": memory_of(self.engine, self.n),
+        }
+
+
+def clock_of(case: Case) -> Callable[[], float]:
+    """Processor time where one thread works, so that other work on the machine hardly counts; wall time elsewhere."""
+    return time.process_time if case.threads == 1 and case.device == "cpu" else time.perf_counter
+
+
+def _runs(steps: int, n: int) -> list[int]:
+    """Lengths of short runs that make up ``steps``: the shorter, the likelier that nothing disturbs one of them."""
+    length = min(max(WORK_OF_A_RUN // n, 1), steps)
+    return [min(length, steps - done) for done in range(0, steps, length)]
+
+
+def take_turns(timed_runs: Sequence[Any], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
+    """What ``measured`` of each course says after ``repetitions`` rounds, each in the reverse order of the one before."""
+    for round_number in range(repetitions):
+        for timed in timed_runs[:: 1 if round_number % 2 == 0 else -1]:
+            timed.repeat()
+        tick()
+    return [timed.measured() for timed in timed_runs]
+
+
+def memory_of(engine: Any, n: int) -> dict[str, float]:
+    """Bytes of all arrays that a backend holds, for each of ``n`` particles too; nodes of the blocks that hold particles."""
+    total = engine.bytes_used() if hasattr(engine, "bytes_used") else sum(dict(_arrays(engine, set())).values())
+    nodes = 64 * engine.ledger().active_blocks
+    return {
+        "bytes": total,
+        "active_nodes": nodes,
+        "bytes_per_particle": total / n,
+        "bytes_per_particle_beside_nodes": (total - NODE_BYTES * nodes) / n,
+    }
+
+
+def _arrays(held: Any, seen: set[int]) -> Iterator[tuple[int, int]]:
+    """Identity and bytes of the arrays reachable from an object by its attributes; a scene is input and does not count."""
+    if id(held) in seen or type(held).__name__ in ("Scene", "module"):
+        return
+    seen.add(id(held))
+    if isinstance(held, np.ndarray):
+        own = _owner(held)
+        yield id(own), own.nbytes
+    elif isinstance(held, dict | list | tuple) or (hasattr(held, "__dict__") and type(held).__module__.startswith("runout.")):
+        items = held if isinstance(held, list | tuple) else held.values() if isinstance(held, dict) else vars(held).values()
+        for item in items:
+            yield from _arrays(item, seen)
+
+
+def _owner(view: np.ndarray) -> np.ndarray:
+    while isinstance(view.base, np.ndarray):
+        view = view.base
+    return view

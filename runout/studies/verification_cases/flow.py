@@ -1,0 +1,188 @@
+"""Runs of a flow that note thickness and energy: in plane strain on a periodic grid, or in space.
+
+Plane strain takes a slice of :data:`ACROSS` cells with one particle a cell across, whose grid repeats. A wall that reflects is the
+mirror image of the body.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from runout.backends.protocol import LedgerRow, get_backend
+from runout.model.materials import Material
+from runout.model.particles import Particles
+from runout.model.scene import Raster, Scene
+from runout.model.surface import Surface
+from runout.release import stagger
+from runout.studies.verification_cases.bodies import filled
+from runout.studies.verification_cases.closed_forms import GRAVITY
+from runout.studies.verification_cases.transfer_loss import TransferLoss
+
+ACROSS = 4  # cells of a slice: the shortest period
+CHUNK = 10  # steps of one length
+BASE = 40.35  # [cells] of a level floor above the origin
+
+
+@dataclass(frozen=True)
+class Energies:
+    """What became of the potential energy since the start, as shares of its drop [1].
+
+    ``kinetic`` and ``elastic`` gained, ``basal`` and ``internal`` dissipated, ``transfer``: kinetic energy that the transfers
+    between particles and grid lost. ``basal`` is the ground's work on the nodes, of which ``unbooked`` is missing in the ledger.
+    """
+
+    drop: float  # [J]
+    kinetic: float
+    elastic: float
+    basal: float
+    internal: float
+    transfer: float
+    unbooked: float
+
+    @property
+    def residual(self) -> float:
+        """What is not accounted for."""
+        return 1 - self.kinetic - self.elastic - self.basal - self.internal - self.transfer
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A flow at one time [s]: particles (of one layer of a slice), thickness [m] on the raster (rows, columns), energies."""
+
+    time: float
+    particles: Particles
+    thickness: np.ndarray
+    energies: Energies
+
+
+def level_scene(
+    spacing: float,
+    size: tuple[float, float],
+    material: Material,
+    friction: float,
+    slope_deg: float = 0.0,
+    precision: str = "float64",
+    height: float | None = None,
+) -> Scene:
+    """A level floor under gravity that leans east by ``slope_deg``; ``size`` of the domain [m], zero across for a slice.
+
+    Cells are ``spacing`` [m] wide, and as high unless ``height`` [m] is given.
+    """
+    height = spacing if height is None else height
+    slope, columns = np.radians(slope_deg), round(size[0] / spacing)
+    rows = max(1, round(size[1] / spacing))
+    raster = Raster(rows, columns, (spacing, spacing if rows > 1 else (ACROSS + 1) * spacing))
+    surface = Surface.through(np.full((12, 12), BASE * height), (size[0] / 11, size[0] / 11))
+    gravity = (GRAVITY * float(np.sin(slope)), 0.0, -GRAVITY * float(np.cos(slope)))
+    return Scene((spacing, spacing, height), surface, raster, (material,), (friction,), gravity, precision=precision)
+
+
+def slice_of(plane: np.ndarray, volume: float | np.ndarray, scene: Scene) -> Particles:
+    """A slice from particles at places (n, 2) [m] along the floor and above it; ``volume`` [m3] of each, in a slice of one cell."""
+    h, n = scene.spacing[0], len(plane)
+    across = np.repeat((np.arange(ACROSS) + 1.0) * h, n)  # on nodes: half way between them rounding chooses the cell
+    along, above = np.tile(plane[:, 0], ACROSS), np.tile(plane[:, 1], ACROSS)
+    volumes = np.tile(np.broadcast_to(volume, n), ACROSS)
+    p = filled(np.column_stack([along, across, BASE * h + above]), h, scene.materials[0].density, 1.0, h / 4)
+    p.volume *= volumes
+    p.mass *= volumes
+    return p
+
+
+def staggered(along: np.ndarray, thickness: np.ndarray, width: float, layer: float, scene: Scene) -> tuple[Particles, np.ndarray]:
+    """A slice as releases are filled (:mod:`runout.release.stagger`), and how deep below the surface its particles lie (n,) [m].
+
+    ``along`` (n,) [m]: columns of a ``width`` [m] along the floor, filled up to ``thickness`` (n,) [m] in layers of ``layer`` [m].
+    """
+    h, columns = scene.spacing[0], len(along)
+    index = np.stack(np.meshgrid(np.arange(ACROSS), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)[:, ::-1]
+    column, above, height = stagger.layered(index, np.tile(thickness, ACROSS), layer)
+    across = (index[column, 1] + 1.0) * h  # on nodes, as in slice_of
+    place = np.column_stack([along[index[column, 0]], across, BASE * scene.spacing[2] + above])
+    p = filled(place, scene.spacing, scene.materials[0].density, 1.0)
+    p.volume *= width * h * height
+    p.mass *= width * h * height
+    p.radius[:] = stagger.half_size(height)
+    return p, np.tile(thickness, ACROSS)[column] - above
+
+
+def rectangle(length: float, height: float, spacing: float, start: float = 0.0) -> np.ndarray:
+    """Places (n, 2) [m] of particles in a rectangle that begins at ``start`` [m], two of a cell along each axis."""
+    x, z = (np.arange(round(2 * s / spacing)) * spacing / 2 + spacing / 4 for s in (length, height))
+    return np.stack(np.meshgrid(start + x, z, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def press(p: Particles, depth: np.ndarray, scene: Scene, at_rest: float = 1.0) -> None:
+    """Give particles the stress of their weight ``depth`` (n,) [m] below the surface; ``at_rest``: horizontal over vertical."""
+    m = scene.materials[0]
+    vertical = m.density * scene.gravity[2] * depth
+    mean = vertical * (1 + 2 * at_rest) / 3
+    bulk = m.lame_lambda + 2 * m.shear_modulus / 3
+    strain = mean / (3 * bulk) + np.stack([at_rest * vertical - mean] * 2 + [vertical - mean]) / (2 * m.shear_modulus)
+    p.strain[:, :3] = np.expm1(2 * strain).T
+
+
+def run(
+    scene: Scene,
+    particles: Particles,
+    times: Sequence[float],
+    samples: int = 40,
+    threads: int = 1,
+    along: int = 0,
+    alike: bool = True,
+) -> list[Frame]:
+    """The flow at ``times`` [s]; a scene as wide as a slice repeats across, and ``along`` [cells] if that is not zero.
+
+    The layers of a slice are ``alike``, unless it was :func:`staggered`.
+
+    ``samples`` steps, spread evenly, are taken by the reference backend too, which counts what the transfers lose.
+    """
+    engine, shadow = get_backend("scan", threads=threads, index="dense"), _Shadow(scene, along, alike)
+    engine.period = (along, ACROSS * (scene.raster.rows == 1), 0)  # type: ignore[attr-defined]
+    engine.load(scene, particles)
+    start, now, frames, done, dt = engine.ledger(), 0.0, list[Frame](), 0, 0.0
+    for end in times:
+        while now < end * (1 - 1e-12):
+            if done % CHUNK == 0 or now + dt > end:
+                dt = min(0.95 * engine.stable_step(), end - now)
+            if now * samples >= shadow.taken * times[-1]:
+                shadow.look(engine.particles(), now, 0.95 * engine.stable_step())
+            engine.step(dt)
+            now, done = now + dt, done + 1
+        p = engine.particles()
+        shadow.look(p, now, 0.95 * engine.stable_step())  # the last step may be as short as rounding
+        columns, cell = engine.columns(), scene.raster.cell_size
+        energies = _energies(start, engine.ledger(), shadow.lost)
+        frames.append(Frame(now, shadow.layer(p), columns.volume / (cell[0] * min(cell[1], ACROSS * cell[0])), energies))
+    return frames
+
+
+class _Shadow:
+    """What transfers and ground take that no ledger books: from single steps of the reference backend."""
+
+    def __init__(self, scene: Scene, along: int, alike: bool):
+        self.scene = scene
+        self.sliced = scene.raster.rows == 1
+        self.layers = ACROSS if self.sliced and alike else 1  # of which one is looked at
+        self.losses = TransferLoss((along, ACROSS // self.layers * self.sliced, 0))
+        self.taken, self.time, self.lost, self.rates = 0, 0.0, np.zeros(2), np.zeros(2)
+
+    def layer(self, p: Particles) -> Particles:
+        """One of the layers of a slice; all particles in space."""
+        return p.take(np.flatnonzero(p.identity < len(p) // ACROSS)) if self.sliced else p
+
+    def look(self, p: Particles, now: float, dt: float) -> None:
+        """Take a step of ``dt`` [s] at time ``now`` [s] from particles ``p``."""
+        seen = p if self.layers == 1 else self.layer(p)
+        rates = np.array(self.losses.rates(self.scene, seen, dt)) * self.layers
+        self.lost += (now - self.time) * 0.5 * (rates + self.rates)
+        self.taken, self.time, self.rates = self.taken + 1, now, rates
+
+
+def _energies(start: LedgerRow, end: LedgerRow, lost: np.ndarray) -> Energies:
+    drop = start.potential_energy - end.potential_energy
+    kinetic, stored = end.kinetic_energy - start.kinetic_energy, end.elastic_energy - start.elastic_energy
+    basal = end.basal_dissipation - start.basal_dissipation + lost[1]
+    internal = end.plastic_dissipation - start.plastic_dissipation
+    return Energies(drop, *(float(e / drop) for e in (kinetic, stored, basal, internal, lost[0], lost[1])))

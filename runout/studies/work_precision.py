@@ -1,0 +1,276 @@
+"""What a step costs: particle-steps per second and bytes per particle against size, threads, precision, depth and sparsity.
+
+Every comparison is made of cases that took turns in one run, and is a ratio; docs/benchmarks says what the JSON holds.
+"""
+
+import hashlib
+import logging
+import os
+import platform
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from runout import __version__, log
+from runout.accuracy import PARTICLES_PER_CELL
+from runout.errors import BudgetError, CapacityError, ConfigError
+from runout.studies.prototype import PrototypeRun, load_prototype
+from runout.studies.sloping_layer import PER_CELL, Layer
+from runout.studies.timing import Case, TimedRun, take_turns
+
+LOGGER = logging.getLogger("runout.work_precision")
+SCHEMA = 2
+SIZES, FULL_SIZES = (10_000, 100_000, 400_000), (1_000_000, 3_000_000, 10_000_000)
+SIZE = 100_000  # of the studies other than that of size
+THIN, DEEP = (2, 3), 16  # cells through the depth
+UPWARDS = (PARTICLES_PER_CELL[2], PER_CELL)  # particles of a cell above each other: the default, and as many as beside
+SPARSITIES = (1.0, 3.0, 10.0, 100.0, 400.0)
+AGAINST = 400_000, 1_000_000
+NEEDED = 900  # bytes a particle while a scene is loaded, twice for cases that take turns
+REAL_NUMBERS = 24  # of the state: position 3, velocity 3, affine 9, strain 6, history, mass, volume
+NODE_SUMS = 27 * (4 + 3)  # multiply-adds that quadratic splines cannot do without: mass and momentum out, velocity back
+
+Study = dict[str, list[dict[str, Any]]]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What to measure: sizes beyond 4e5 with ``full``, device, threads and precisions, the prototype's script."""
+
+    full: bool = False
+    device: str = "cpu"
+    threads: tuple[int, ...] = (1, 2)
+    precision: tuple[str, ...] = ("float32", "float64")
+    against: Path | None = None
+    repetitions: int = 5
+    sizes: tuple[int, ...] | None = None
+    size: int = SIZE
+
+    def __post_init__(self) -> None:
+        if not self.threads or min(self.threads) < 1:
+            raise ConfigError(f"--threads is {self.threads}; give numbers from 1")
+        if not self.precision or set(self.precision) - {"float32", "float64"}:
+            raise ConfigError(f"--precision is {self.precision}; choose float32, float64 or both")
+
+    @property
+    def usable_threads(self) -> tuple[int, ...]:
+        """The numbers of threads that this machine has cores for; a GPU is one."""
+        if self.device != "cpu":
+            return (1,)
+        cores = available_cores()
+        return tuple(t for t in self.threads if t <= cores) or (cores,)
+
+
+def run(choices: Choices, json_file: Path | None = None, figure: Path | None = None) -> dict[str, Any]:
+    """Measure, write the JSON and the figure where they are asked for, and return what the JSON holds.
+
+    Raises
+    ------
+    ConfigError, DeviceError
+        A choice that cannot be measured.
+    StorageError
+        A file that cannot be written.
+    """
+    from runout.io.atomic import write_json
+
+    content = measured(choices)
+    if json_file:
+        LOGGER.info("wrote %s", write_json(content, json_file))
+    if figure:
+        from runout.studies.work_report import draw
+
+        LOGGER.info("wrote %s", draw(content, figure))
+    return content
+
+
+def report(content: dict[str, Any]) -> None:
+    """Print stages, memory and ratios."""
+    from runout.studies.work_report import cost_table, table
+
+    for part in (cost_table(content), table(content)):
+        log.output().print(part, end="\n\n", markup=False)
+
+
+def measured(choices: Choices) -> dict[str, Any]:
+    """Measurements of all studies, the machine and the ratios that follow."""
+    prototype = load_prototype(choices.against) if choices.against else None
+    roofline = measured_roofline(choices)
+    studies: Study = {}
+    plan = planned(choices)
+    with log.progress("bench") as bar:
+        for number, (name, cases) in enumerate(plan):
+            tick = _ticks(bar, number, len(plan) + bool(prototype), choices.repetitions)
+            studies.setdefault(name, []).extend(take_turns(_timed_runs(cases), choices.repetitions, tick))
+        if prototype:
+            studies["against"] = _against(prototype, choices)
+    return {
+        "schema": SCHEMA,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": machine(),
+        "versions": versions(),
+        "roofline": roofline,
+        "studies": studies,
+        "ratios": ratios(studies, roofline),
+    }
+
+
+def planned(choices: Choices) -> list[tuple[str, list[Case]]]:
+    """Study and the cases of it that take turns; large sizes stand alone."""
+
+    def case(particles: int = choices.size, threads: int = choices.usable_threads[0], **layer: Any) -> Case:
+        return Case(Layer(particles, **{"precision": choices.precision[0], **layer}), threads, device=choices.device)
+
+    sizes = choices.sizes or (*SIZES, *(s for s in FULL_SIZES if choices.full and _fits(s, len(choices.usable_threads))))
+    small, large = [s for s in sizes if s <= max(SIZES)], [s for s in sizes if s > max(SIZES)]
+    plan = [("size", [case(s, t) for s in group if s for t in choices.usable_threads]) for group in (small, *([s] for s in large))]
+    plan.append(("precision", [case(precision=p) for p in choices.precision]))
+    plan.append(("depth", [case(depth=d, upwards=u) for u in UPWARDS for d in (*THIN, DEEP)]))
+    kinds = ("sparse", "dense") if choices.device == "cpu" else ("sparse",)
+    apart = [Layer(choices.size, sparsity=s, precision=choices.precision[0], aligned=True) for s in SPARSITIES]
+    one = choices.usable_threads[0]
+    plan.append(("sparsity", [Case(a, one, kind, choices.device, observed=False) for a in apart for kind in kinds]))
+    return [(name, cases) for name, cases in plan if cases]
+
+
+def _timed_runs(cases: Sequence[Case]) -> list[TimedRun]:
+    """Courses of the cases that a backend does not refuse for their size, such as a dense index over a very large box."""
+    timed_runs = []
+    for case in cases:
+        try:
+            timed_runs.append(TimedRun(case))
+        except (BudgetError, CapacityError, MemoryError) as error:
+            LOGGER.warning("%s index at sparsity %g is left out: %s", case.index, case.layer.sparsity, error)
+    return timed_runs
+
+
+def _fits(particles: int, cases: int) -> bool:
+    import psutil
+
+    fits = bool(NEEDED * particles * cases < psutil.virtual_memory().available)
+    if not fits:
+        LOGGER.warning("%d particles are left out: too little memory is free", particles)
+    return fits
+
+
+def _against(prototype: Any, choices: Choices) -> list[dict[str, Any]]:
+    """The prototype and runout on the same particles, each with one and more threads, in turns."""
+    done = []
+    for size in choices.sizes or AGAINST:
+        layer = Layer(size, depth=DEEP)
+        timed_runs: list[Any] = [PrototypeRun(prototype, layer, t) for t in choices.usable_threads]
+        timed_runs += [TimedRun(Case(layer, t, device=choices.device)) for t in choices.usable_threads]
+        done += take_turns(timed_runs, choices.repetitions)
+    return done
+
+
+def _ticks(bar: Callable[[float], None], number: int, total: int, repetitions: int) -> Callable[[], None]:
+    done = iter(range(1, repetitions + 1))
+    return lambda: bar((number + next(done) / repetitions) / total)
+
+
+def measured_roofline(choices: Choices) -> list[dict[str, float]]:
+    """Copy bandwidth [bytes/s] and multiply-adds [1/s] of the processor, for each number of threads; none for a GPU."""
+    if choices.device != "cpu":
+        return []
+    from runout.backends.roofline import copy_bandwidth, multiply_add_rate
+
+    best = choices.repetitions
+    return [
+        {"threads": t, "copy_bytes_per_second": copy_bandwidth(t, best), "multiply_adds_per_second": multiply_add_rate(t, best)}
+        for t in choices.usable_threads
+    ]
+
+
+def ratios(studies: Study, roofline: Sequence[dict[str, float]]) -> dict[str, Any]:
+    """Ratios of rates within a study; each pair took turns in one run."""
+    found: dict[str, Any] = {}
+    sizes, one = studies.get("size", []), min((m["case"]["threads"] for m in studies.get("size", [])), default=1)
+    alone = {m["case"]["particles"]: m["rate"] for m in sizes if m["case"]["threads"] == one}
+    found["threads"] = [
+        {"particles": m["particles"], "threads": m["case"]["threads"], "ratio": m["rate"] / alone[m["case"]["particles"]]}
+        for m in sizes
+        if m["case"]["threads"] != one
+    ]
+    double = {m["case"]["precision"]: m["rate"] for m in studies.get("precision", [])}
+    if len(double) == 2:
+        found["float64_over_float32"] = double["float64"] / double["float32"]
+    depth = {(m["case"]["depth"], m["case"]["upwards"]): m["rate"] for m in studies.get("depth", [])}
+    found["thin_over_deep"] = [
+        {"depth": d, "deep": DEEP, "upwards": u, "ratio": depth[d, u] / depth[DEEP, u]} for u in UPWARDS for d in THIN
+    ]
+    found["sparsity"] = _sparsity_ratios(studies.get("sparsity", []))
+    found["against"] = _prototype_ratios(studies.get("against", []))
+    found["roofline"] = [share for m in sizes for share in _bounds(m, roofline)]
+    return found
+
+
+def _sparsity_ratios(measurements: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rate of the steps over that of one body with the sparse index."""
+    first = next((m["rate_of_steps"] for m in measurements if m["case"]["index"] == "sparse"), 1.0)
+    return [
+        {"sparsity": m["case"]["sparsity"], "index": m["case"]["index"], "ratio": m["rate_of_steps"] / first} for m in measurements
+    ]
+
+
+def _prototype_ratios(measurements: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rate with everything on over that of the prototype, which leaves out index, sort, contact and observers."""
+    theirs = {(m["particles"], m["case"]["threads"]): m["rate"] for m in measurements if "prototype" in m["case"]}
+    own = [m for m in measurements if "prototype" not in m["case"]]
+    return [
+        {"particles": m["particles"], "threads": t, "ratio": m["rate"] / theirs[m["particles"], t]}
+        for m in own
+        for t in [m["case"]["threads"]]
+    ]
+
+
+def _bounds(m: dict[str, Any], roofline: Sequence[dict[str, float]]) -> list[dict[str, float]]:
+    """Shares of what bandwidth and arithmetic allow a code that reads and writes each state once and visits 27 nodes twice."""
+    state = 2 * REAL_NUMBERS * (4 if m["case"]["precision"] == "float32" else 8)
+    return [
+        {
+            "particles": m["particles"],
+            "threads": m["case"]["threads"],
+            "of_bandwidth": m["rate"] * state / r["copy_bytes_per_second"],
+            "of_arithmetic": m["rate"] * NODE_SUMS / r["multiply_adds_per_second"],
+        }
+        for r in roofline
+        if r["threads"] == m["case"]["threads"]
+    ]
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def machine() -> dict[str, Any]:
+    """Cores, bits of a vector register and architecture: nothing that names the machine."""
+    from llvmlite.binding import get_host_cpu_features
+
+    features = get_host_cpu_features()
+    bits = next((b for name, b in (("avx512f", 512), ("avx2", 256)) if features.get(name)), 128)
+    return {"cores": available_cores(), "vector_bits": bits, "architecture": platform.machine()}
+
+
+def versions() -> dict[str, str | None]:
+    """Versions of what compiles and runs the kernels, and the commit where the code stands in a repository."""
+    packages = {name: metadata.version(name) for name in ("numpy", "numba", "llvmlite", "warp-lang")}
+    return {"runout": __version__, "commit": commit(), "python": platform.python_version(), **packages}
+
+
+def commit() -> str | None:
+    """Commit of the source, with a hash of what has been changed since; None outside a repository."""
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        head, changed = git("rev-parse", "--short=12", "HEAD"), git("diff", "HEAD", "--", ".", "../runout")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return f"{head}+{hashlib.sha256(changed.encode()).hexdigest()[:8]}" if changed else head

@@ -1,0 +1,1 @@
+"""The workflow of a site: check, plan, run of the stages, status."""

@@ -1,0 +1,257 @@
+"""Every problem of a site at once; nothing is changed."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.errors import ConfigError, InputError, MaterialError, RunoutError
+from runout.workflow import check_physics
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.model.depth_resolution import DepthResolution
+    from runout.model.friction import FrictionZones
+    from runout.model.release import Release
+    from runout.model.terrain import Terrain
+
+LARGEST_STRAIN = 0.01  # elastic, under the release's own weight
+MOST_TRAPPED = 0.05  # share of a release in its scar that is not worth a warning
+
+
+@dataclass
+class Findings:
+    """What an inspection found: problems refuse a run, warnings do not, notes tell what was changed in the DEM."""
+
+    problems: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    site: "Site | None" = None
+    terrain: "Terrain | None" = None
+    releases: "list[Release]" = field(default_factory=list)
+    zones: "FrictionZones | None" = None
+
+    def note(self, error: RunoutError) -> None:
+        """Add an error, or each of the problems that it lists."""
+        listed = error.problems if isinstance(error, ConfigError) else []
+        self.problems += map(str, listed) if listed else [str(error)]
+
+
+def inspect(site_path: Path) -> Findings:
+    """Problems and warnings of the configuration, the DEM and the releases of a site."""
+    from runout.config.read import files_outside
+    from runout.config.site import read_site
+
+    found = Findings()
+    readable: Site | None
+    try:
+        found.site = readable = read_site(site_path)
+    except ConfigError as error:
+        found.note(error)
+        readable = _readable_part(site_path, [problem.key for problem in error.problems])
+    if readable is None:
+        return found
+    try:
+        found.terrain = readable.terrain()
+    except InputError as error:
+        found.note(error)
+        return found
+    found.notes += files_outside(readable.settings, readable.folder)
+    found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
+    _read_releases(found, readable, found.terrain)
+    _read_zones(found, readable, found.terrain)
+    _inspect_overlaps(found, found.terrain)
+    if found.site is not None:
+        _inspect_resolution(found, found.site)
+        _inspect_obstacles(found, found.site, found.terrain)
+        try:
+            _inspect_reach(found, found.site, found.terrain)
+            found.warnings += check_physics.warnings(found.site, found.releases, found.zones)
+        except MaterialError as error:  # of a member
+            found.note(error)
+    return found
+
+
+def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
+    """A site of the terrain and those releases that nothing is wrong with, so that their files are inspected too."""
+    from runout.config.document import read_document
+    from runout.config.read import site_file
+    from runout.config.schema import ReleaseSettings, SiteSettings, TerrainSettings
+    from runout.config.site import Site
+
+    if not wrong or any(key == "" or key.startswith("terrain") for key in wrong):
+        return None
+    file = site_file(site_path)
+    stated = read_document(file).values
+    if not isinstance(stated, dict):
+        return None
+    releases = enumerate(stated["release"] if "release" not in wrong else [])
+    right = [values for i, values in releases if not any(key.startswith(f"release[{i}]") for key in wrong)]
+    settings = SiteSettings.model_construct(
+        terrain=TerrainSettings.model_validate(stated["terrain"]),
+        release=[ReleaseSettings.model_validate(values) for values in right],
+    )
+    return Site(file.parent, file, file.parent.name, settings)
+
+
+def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Read the releases one by one, so that the problems of each are found."""
+    for stated in site.settings.release:
+        alone = replace(site, settings=site.settings.model_copy(update={"release": [stated]}))
+        try:
+            read = alone.releases(terrain)
+            found.releases += read
+            found.notes += [f"release {release.name}: {change}" for release in read for change in release.changes]
+        except InputError as error:
+            found.note(error)
+
+
+def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    try:
+        found.zones = site.friction_zones(terrain)
+    except InputError as error:
+        found.note(error)
+    if found.zones:
+        found.notes += found.zones.changes
+
+
+def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
+    for one, other in combinations(found.releases, 2):
+        shared = int(((one.thickness > 0) & (other.thickness > 0)).sum())
+        if shared and one.outline is not None and other.outline is not None:
+            shared = math.ceil(one.outline.intersection(other.outline).area / terrain.cell_area)
+        if shared:
+            found.problems.append(f"releases {one.name} and {other.name} overlap on {shared} cells; cut one of them back")
+
+
+def _inspect_resolution(found: Findings, site: "Site") -> None:
+    if not found.releases:
+        return
+    grid = site.grid(found.releases)
+    spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3)
+    for release in found.releases:
+        found.problems += _too_coarse(release, spacing)
+        found.warnings += _too_thin(release, depth_resolution(release, site, grid))
+        found.warnings += _too_soft(release, site)
+        found.warnings += _trapped(release, site)
+
+
+def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Obstacles that the grid smears."""
+    from runout.config.fetch import locate
+    from runout.terrain.obstacles import narrowest
+
+    cell = max(np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)[:2]) if found.releases else 0.0
+    cell = max(cell, *terrain.cell_size)
+    for obstacle in site.settings.terrain.obstacles or []:
+        width = narrowest(terrain, locate(obstacle.polygons, site.folder), obstacle.layer)
+        if width < 2 * cell:
+            found.warnings.append(
+                f"{obstacle.polygons}: the narrowest obstacle is about {width:.3g} m wide, less than two cells of {cell:.4g} m; "
+                "its volume is kept, its crest is lower than stated: use smaller cells, or draw it wider"
+            )
+
+
+def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
+    cells = release.area / (spacing[0] * spacing[1])
+    if cells < 1:
+        finer = math.sqrt(release.area) / 4
+        area = f"its area of {release.area:.4g} m2 is {cells:.2g} cells"
+        yield f"release {release.name}: {area}; set simulation.cell_size to {finer:.2g} or less"
+
+
+def depth_resolution(release: "Release", site: "Site", grid: "dict[str, Any]") -> "DepthResolution":
+    """What the ``grid`` of a site resolves of a release where it is thickest, with the step that the material allows at rest."""
+    from runout.model.depth_resolution import DepthResolution
+    from runout.model.scene import Raster, Scene
+
+    stated, (rows, columns) = site.settings.simulation, release.thickness.shape
+    spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3).tolist()
+    raster, material = Raster(rows, columns, release.terrain.cell_size), release.material or site.material()
+    scene = Scene(
+        tuple(spacing), None, raster, (material,), (0.0,), cfl=grid["cfl"], transfer=stated.transfer, flip_ratio=stated.flip_ratio
+    )
+    return DepthResolution.of(float(release.thickness.max()), scene, scene.stable_step(0.0))
+
+
+def _too_thin(release: "Release", found: "DepthResolution") -> Iterator[str]:
+    from runout.model.depth_resolution import FEWEST_CELLS
+
+    if found.is_coarse:
+        finer = found.depth / FEWEST_CELLS
+        yield (
+            f"release {release.name}: {found.cells_through_depth:.1f} cells through its greatest thickness of {found.depth:.3g} m; "
+            f"below {FEWEST_CELLS} numerical viscosity slows the flow ({found.numerical_viscosity:.2g} m2/s stop shear through the "
+            f"depth in {found.shear_decay_time:.2g} s), cell_size <= {finer:.2g} m in the vertical avoids it"
+        )
+
+
+def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
+    material = release.material or site.material()
+    strain = material.density * 9.81 * release.thickness.max() / material.youngs_modulus
+    if strain > LARGEST_STRAIN:
+        stiff = material.youngs_modulus * strain / LARGEST_STRAIN
+        yield (
+            f"release {release.name}: its weight strains it by {100 * strain:.1f} %; above 1 % the stiffness shows in the runout, "
+            f"youngs_modulus >= {stiff:.2g} Pa avoids it"
+        )
+
+
+def _trapped(release: "Release", site: "Site") -> Iterator[str]:
+    """What of a release cannot slide out of its scar as it is stated; if nothing, then in the worst of the members."""
+    from runout.ensemble.design import member_table
+    from runout.model.release import Edge, Placement
+    from runout.release.outlets import trapped_share
+
+    if release.placement is Placement.ON_SURFACE:
+        return
+    members = member_table(site.settings.ensemble)
+    own, stated = release.basal_friction_angle, math.radians(site.settings.basal_friction_angle_deg)
+    angles = members.get("basal_friction_angle_deg", np.degrees([stated]))
+    worst = math.radians(float(np.max(angles))) if own is None else own
+    largest = float(np.max(members.get("release_volume_factor", 1.0)))
+    for factor, angle in dict.fromkeys([(1.0, stated if own is None else own), (largest, worst)]):
+        scaled = release.scaled(factor) if factor != 1.0 else release
+        below, held = trapped_share(scaled, 0.0), trapped_share(scaled, angle)
+        if max(below, held) > MOST_TRAPPED:
+            times = f" with volume factor {factor:.3g}" if factor != 1.0 else ""
+            thins = "edge: tapered" if release.outline is not None else "a raster that thins out to its rim"
+            fix = thins if release.edge is Edge.VERTICAL else "a longer outline, or less volume,"
+            yield (
+                f"release {release.name}{times}: {held:.0%} of {scaled.volume:.4g} m3 lie below the lines that rise from the rim "
+                f"of the scar at the basal friction angle of {math.degrees(angle):.3g} deg, {below:.0%} below its lowest outlet; "
+                f"this mass is trapped unless the rest carries it along; {fix} avoids it"
+            )
+            return
+
+
+def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Edges of the DEM, and cells of it without elevation, over which the mass may leave."""
+    from runout.terrain import open_edge, prepare
+
+    if not found.releases:
+        return
+    thickness = np.sum([release.thickness for release in found.releases], axis=0)
+    reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, found.releases, found.zones))
+    found.notes += open_edge.note(terrain)
+    cells = open_edge.open_cells(terrain, reach)
+    if cells.any():
+        found.warnings.append(open_edge.statement(terrain, cells))
+    rims = {"north": reach[0], "south": reach[-1], "west": reach[:, 0], "east": reach[:, -1]}
+    sides = [side for side, rim in rims.items() if rim.any()]
+    if sides:
+        found.warnings.append(
+            f"{terrain.source}: the mass may leave the DEM in the {' and '.join(sides)} (energy line); what leaves is booked as "
+            "escaped mass, a larger DEM avoids it"
+        )
+
+
+def require_sound(site_path: Path) -> None:
+    """ConfigError with every problem of a site, if it has any."""
+    problems = inspect(site_path).problems
+    if problems:
+        raise ConfigError("\n".join(problems))

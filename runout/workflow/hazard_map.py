@@ -1,0 +1,190 @@
+"""The main study: terrain -> release -> ensemble -> hazard -> report; a stage that is up to date is skipped."""
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from runout import log
+from runout.errors import ConfigError, ExitCode
+from runout.interrupt import at_end
+from runout.io.lock import exclusive
+from runout.io.part import remove_stale
+from runout.lifetime import end_workers
+from runout.workflow.stages import Stage
+from runout.workflow.study import PLAN, STAGES, Study
+
+LOGGER = logging.getLogger("runout.hazard_map")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run did: stages done and skipped, and the members that failed with their reasons."""
+
+    done: tuple[str, ...]
+    skipped: tuple[str, ...]
+    failed: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """Partial ensemble when members failed."""
+        return ExitCode.PARTIAL_ENSEMBLE if self.failed else ExitCode.OK
+
+
+def run(
+    site_path: Path | str,
+    out: Path | None = None,
+    stages: Sequence[str] = STAGES,
+    *,
+    workers: int | None = None,
+    force: bool = False,
+    retry_failed: bool = False,
+    device: str | None = None,
+) -> Outcome:
+    """Do the stages of a site that are not up to date, in their order.
+
+    Parameters
+    ----------
+    site_path, out : Path or str
+        Site folder or its site.yaml; results folder, ``results`` of the site when None.
+    stages : sequence of str
+        Names out of :data:`STAGES`.
+    workers : int or None
+        Members that run at once; one per core when None.
+    force : bool
+        Do the stages even when they are up to date; members that are done are never run again.
+    retry_failed : bool
+        Run also those members again that failed for a reason that is not expected to pass.
+    device : str or None
+        "cpu", "cuda:N" or "auto" instead of what site.yaml says.
+
+    Raises
+    ------
+    InputError, DeviceError, BudgetError, PartialEnsembleError
+        An input cannot be used; the device is not there; the members that are left need more than the budget; not one member is
+        done.
+    """
+    try:
+        study = Study.open(site_path, out, workers, retry_failed, device)
+    except ConfigError:
+        if "ensemble" in stages:
+            _inspected(Path(site_path))  # which names the problems of the inputs as well
+        raise
+    with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
+        remove_stale(study.results)
+        return _run(study, [stage for stage in PLAN if stage.name in stages], force)
+
+
+def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
+    _require_sound(study, stages)
+    done = []
+    for stage in stages:
+        reason = study.why_stale(stage) or ("asked for by --force" if force and stage.name != "ensemble" else None)
+        if reason is None:
+            LOGGER.debug("%s: up to date", stage.name)
+            continue
+        LOGGER.info("%s: %s (%s)", stage.name, stage.purpose, reason)
+        started = time.perf_counter()
+        _make(study, stage)
+        LOGGER.info("%s: done in %.1f s", stage.name, time.perf_counter() - started, extra={"stage": stage.name})
+        done.append(stage.name)
+    if not done:
+        LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
+    return _outcome(study, stages, tuple(done))
+
+
+def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
+    """ConfigError with every problem that `runout check` names, before a run that is to simulate anything."""
+    if "ensemble" not in [stage.name for stage in stages] or not any(study.why_stale(stage) for stage in PLAN[:3]):
+        return
+    _inspected(study.site.file)
+
+
+def _inspected(site_path: Path) -> None:
+    from runout.workflow.check import require_sound
+
+    with log.muted():
+        require_sound(site_path)
+
+
+def _make(study: Study, stage: Stage) -> None:
+    """Do a stage; while it is under way, and after a kill, the record does not hold it."""
+    with exclusive(study.results, f".locks/{stage.name}"):
+        study.record.withdraw(stage.name)
+        files = MAKERS[stage.name](study)
+        study.require_inputs()
+        study.record.finished(stage.name, study.key(stage), files)
+
+
+def _outcome(study: Study, stages: Sequence[Stage], done: tuple[str, ...]) -> Outcome:
+    concerns_members = any(stage.name not in ("terrain", "release") for stage in stages)
+    failed = study.failed if concerns_members else {}
+    for member, reason in failed.items():
+        LOGGER.warning("member %d of %d failed: %s", member, len(study.status), reason)
+    return Outcome(done, tuple(stage.name for stage in stages if stage.name not in done), failed)
+
+
+def make_terrain(study: Study) -> Iterable[Path]:
+    """Write the prepared elevation to ``terrain.nc``."""
+    from runout.io import netcdf
+
+    maps = netcdf.map_dataset(study.terrain, {"elevation": study.terrain.elevation}, title=f"{study.site.name}: terrain")
+    return [netcdf.write(maps, study.results / "terrain.nc")]
+
+
+def make_release(study: Study) -> Iterable[Path]:
+    """Write the thickness of all releases together to ``release.nc``."""
+    from runout.io import netcdf
+
+    releases = study.site.releases(study.terrain)
+    for release in releases:
+        LOGGER.info("release %s: %.4g m3 on %.4g m2, %s", release.name, release.volume, release.area, release.placement)
+    thickness = study.terrain.where_known(np.sum([release.thickness for release in releases], axis=0))
+    maps = netcdf.map_dataset(study.terrain, {"release_thickness": thickness}, title=f"{study.site.name}: release")
+    return [netcdf.write(maps, study.results / "release.nc")]
+
+
+def make_members(study: Study) -> Iterable[Path]:
+    """Run the members that are left, into ``members/``."""
+    from runout.ensemble.run import run_ensemble
+    from runout.workflow.plan import require_budget
+
+    require_budget(study.site, study.left, workers=study.workers)
+    with log.progress("members") as bar:
+        run_ensemble(
+            study.site,
+            study.results,
+            workers=study.workers,
+            progress=lambda state: bar(state.fraction),
+            retry_failed=study.retry_failed,
+        )
+    study.refresh()
+    return []
+
+
+def make_maps(study: Study) -> Iterable[Path]:
+    """Aggregate what is done into hazard.nc, members.nc, maps/, outlines.gpkg and run.json."""
+    from runout.hazard.products import write_products
+
+    return write_products(study.site, study.results, study.members, study.ensemble_report)
+
+
+def make_report(study: Study) -> Iterable[Path]:
+    """Write report.html."""
+    from runout.report.html import write_report
+
+    study.require_maps()
+    return [write_report(study.site, study.results)]
+
+
+MAKERS: dict[str, Callable[[Study], Iterable[Path]]] = {
+    "terrain": make_terrain,
+    "release": make_release,
+    "ensemble": make_members,
+    "hazard": make_maps,
+    "report": make_report,
+}

@@ -1,0 +1,78 @@
+"""What a run of a site would do, and what that costs, or what is wrong with the site; nothing is changed."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runout import log
+from runout.errors import BudgetError, CapacityError, ExitCode
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from runout.config.site import Site, SiteData
+
+
+def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
+    """Print the problems and warnings of a site, the stages that a run would do and why, and its forecast.
+
+    Returns
+    -------
+    int
+        Exit code: 0 ready to run, 2 problems, 4 over its budget.
+    """
+    from rich.text import Text
+
+    from runout.workflow.check import inspect
+
+    console = log.output()
+    with log.muted():
+        found = inspect(site_path)
+    for problem in found.problems:
+        console.print(Text.assemble(("problem ", "bold red"), problem))
+    for warning in found.warnings:
+        console.print(Text.assemble(("warning ", "yellow"), warning))
+    for note in found.notes:
+        console.print(Text.assemble(("note    ", "dim"), note))
+    if found.problems or found.site is None:
+        console.print(f"[bold]{len(found.problems)} problem{'s' * (len(found.problems) != 1)}; nothing was changed[/]")
+        return ExitCode.CONFIGURATION
+    if found.zones:
+        console.print(found.zones.statement(), markup=False)
+    from runout.config.site import SiteData
+
+    data = SiteData(found.releases[0].terrain, tuple(found.releases), found.zones)
+    return _print_plan(console, found.site, data, out, device)
+
+
+def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | None, device: str | None) -> int:
+    from rich.text import Text
+
+    from runout.accuracy import lines
+    from runout.workflow.check import depth_resolution
+    from runout.workflow.plan import forecast
+    from runout.workflow.status import print_stages
+    from runout.workflow.study import Study
+
+    study = Study.open(site.file, out, device=device)
+    grid = site.member_arguments(data=data)
+    for release in data.releases:
+        volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}"
+        edge = f", {release.edge} edge" if release.outline is not None else ""
+        console.print(f"release {release.name}: {volume}{edge}, up to {release.thickness.max():.3g} m thick", markup=False)
+        console.print(f"release {release.name}: {depth_resolution(release, study.site, grid).statement()}", markup=False)
+    for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):
+        console.print(line, markup=False)
+    print_stages(console, study)
+    try:
+        with log.progress("calibration") as bar, log.muted():
+            expected = forecast(study.site, study.left, progress=bar)
+    except (BudgetError, CapacityError) as error:  # known from the releases: nothing was calibrated
+        console.print(Text.assemble(("over budget ", "bold red"), str(error)))
+        return error.exit_code
+    for line in expected.lines():
+        console.print(line, markup=False)
+    over = expected.over_budget(study.site.settings.budget)
+    for line in over:
+        console.print(Text.assemble(("over budget ", "bold red"), line))
+    return ExitCode.OVER_BUDGET if over else ExitCode.OK

@@ -1,0 +1,174 @@
+"""One site and the folder of its results: which stages of its study are up to date, and why not."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout.errors import PartialEnsembleError, StorageError
+from runout.io.fingerprint import Unchanged
+from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from runout.config.site import Site
+    from runout.ensemble.run import EnsembleReport
+    from runout.ensemble.written import Written
+    from runout.model.terrain import Terrain
+
+HEAD = ("name", "title", "description", "metadata")
+FLOW = ("terrain", "release", "material", "basal_friction_angle_deg", "simulation", "ensemble")
+PLAN = (
+    Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
+    Stage("release", "read and check the release", ("name", "terrain", "release")),
+    Stage("ensemble", "run the members", FLOW),
+    Stage("hazard", "aggregate the members into maps", (*HEAD, *FLOW, "hazard")),
+    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "budget")),  # all that it prints
+)
+STAGES = tuple(stage.name for stage in PLAN)
+
+
+@dataclass
+class Study:
+    """A site and the folder of its results."""
+
+    site: "Site"
+    results: Path
+    workers: int | None = None
+    retry_failed: bool = False
+    _watched: Unchanged | None = field(default=None, init=False, repr=False)
+
+    @classmethod
+    def open(
+        cls,
+        site_path: Path | str,
+        out: Path | None = None,
+        workers: int | None = None,
+        retry_failed: bool = False,
+        device: str | None = None,
+    ) -> "Study":
+        """The study of a site folder or site.yaml; its results go to ``out``, or to ``results`` of the site.
+
+        It is computed where site.yaml says, or on ``device`` (see :meth:`runout.config.site.Site.on_device`).
+        """
+        from runout.config.site import read_site
+
+        site = read_site(Path(site_path))
+        if device is not None:
+            site = site.on_device(device)
+        return cls(site, Path(out) if out else site.folder / "results", workers, retry_failed)
+
+    @cached_property
+    def record(self) -> StageRecord:
+        """Keys of the finished stages."""
+        return StageRecord(self.results)
+
+    @cached_property
+    def inputs(self) -> str:
+        """Checksum of all input files, as they are when this is first asked."""
+        self._watched = Unchanged(self.site.inputs())
+        return digest_files(self._watched.seen)
+
+    def require_inputs(self) -> None:
+        """InputError if an input was changed since :attr:`inputs` was first asked."""
+        if self._watched:
+            self._watched.require()
+
+    @cached_property
+    def terrain(self) -> "Terrain":
+        """The prepared terrain."""
+        return self.site.terrain()
+
+    @cached_property
+    def members(self) -> "pd.DataFrame":
+        """Table of the members: parameters, weights, seeds."""
+        from runout.ensemble.design import member_table
+
+        return member_table(self.site.settings.ensemble)
+
+    @cached_property
+    def status(self) -> "pd.DataFrame":
+        """State and reason of every member when this was first asked; :meth:`refresh` asks again."""
+        from runout.ensemble.status import member_status
+
+        return member_status(self.site, self.results)
+
+    def refresh(self) -> None:
+        """Look at the members anew."""
+        for name in ("status", "written"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
+    def written(self) -> "Written":
+        """What the files of the members held when they were written."""
+        from runout.ensemble.written import Written
+
+        return Written(self.results)
+
+    def member_files(self, state: str) -> list[Path]:
+        """Files of the members of a state."""
+        from runout.ensemble.member import member_file
+
+        return [member_file(self.results, member) for member in self.status.index[self.status["state"] == state]]
+
+    @property
+    def failed(self) -> dict[int, str]:
+        """Members that failed, with the reason."""
+        return self.status.loc[self.status["state"] == "failed", "reason"].to_dict()
+
+    @property
+    def left(self) -> list[int]:
+        """Members that a run has to simulate: not run yet, changed, or failed for a reason that may have passed."""
+        from runout.ensemble.member import plan_members
+        from runout.ensemble.status import Failure
+
+        numbers = self.failed
+        failed = [member for member in plan_members(self.site) if member.number in numbers] if numbers else []
+        failures = {member.number: Failure.read(member.failure_file(self.results)) for member in failed}
+        again = [number for number, failure in failures.items() if self.retry_failed or not (failure and failure.lasting)]
+        return sorted([*self.status.index[self.status["state"] == "left"], *again])
+
+    @property
+    def ensemble_report(self) -> "EnsembleReport":
+        """What a run of the ensemble would report if it had nothing to simulate; PartialEnsembleError with no member done."""
+        from runout.ensemble.run import EnsembleReport
+
+        done = tuple(self.status.index[self.status["state"] == "done"])
+        if not done:
+            first = next(iter(self.failed.items()), None)
+            unfinished = f"no member is done ({self.status['reason'].iloc[0]})"
+            why = f"all {len(self.failed)} members failed; member {first[0]}: {first[1]}" if first else unfinished
+            remedy = "mend the cause" if first else f"run `runout ensemble {self.site.folder}` first"
+            raise PartialEnsembleError(f"{self.results / 'members'}: {why}; {remedy}")
+        return EnsembleReport(skipped=done, failed=self.failed)
+
+    def require_maps(self) -> None:
+        """StorageError unless the hazard stage is up to date: a report shows maps and settings that belong together."""
+        reason = self.why_stale(next(stage for stage in PLAN if stage.name == "hazard"))
+        if reason:
+            raise StorageError(f"{self.results / 'hazard.nc'}: {reason}; run `runout hazard {self.site.folder}` first")
+
+    def key(self, stage: Stage) -> str:
+        """Key of a stage as the site and its members stand now."""
+        return stage_key(stage, self.site.computed(), self.inputs, self._start(stage.name))
+
+    def _start(self, stage: str) -> Any:
+        """What a stage starts from besides inputs and configuration: the members, and what the report shows."""
+        if stage not in ("hazard", "report"):
+            return None
+        members = [self.status["state"].to_dict(), [self.written.checksum(file) for file in self.member_files("done")]]
+        if stage == "hazard":
+            return members
+        error = self.results / "convergence.json"
+        return [members, self.record.checksums("hazard"), digest_files([error] if error.is_file() else [])]
+
+    def why_stale(self, stage: Stage) -> str | None:
+        """Why a stage has to be done; None when it is up to date."""
+        if stage.name != "ensemble":
+            return self.record.why_stale(stage.name, self.key(stage))
+        left = len(self.left)
+        if left:
+            return f"{left} of {len(self.status)} members to simulate"
+        unknown = sum(not self.written.has(file) for file in self.member_files("done"))
+        return f"{unknown} of {len(self.status)} members to enter into the record" if unknown else None

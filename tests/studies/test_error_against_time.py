@@ -1,0 +1,184 @@
+"""Error against time: what curves say, that every choice reaches the run, and the page; nothing depends on a clock."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runout import cli
+from runout.accuracy import SOURCE
+from runout.errors import ExitCode
+from runout.model.surface import Surface
+from runout.studies import error_against_time
+from runout.studies.error_against_time import measured
+from runout.studies.error_cases import choice, problems, solids
+from runout.studies.error_cases.choice import BASE, VARIATIONS, Variation
+from runout.studies.error_cases.curve import cost_at, fitted, front, on_front
+from runout.studies.error_cases.node_contact import node_contact
+from runout.studies.error_cases.problems import PROBLEMS
+from runout.studies.verification_cases import spreading_cap
+from runout.studies.verification_cases.bodies import free_scene, lattice, particles_at
+from runout.studies.verification_cases.sliding_box import BOX
+
+CELLS = np.array([1.0, 0.5, 0.25, 0.125, 0.0625])
+
+
+def test_fit_finds_order_and_floor_of_errors_that_have_them():
+    fit = fitted(CELLS, np.hypot(0.3 * CELLS**2, 0.002))
+    assert fit.order == pytest.approx(2.0, abs=0.01)
+    assert fit.floor == pytest.approx(0.002, rel=0.01)
+    assert fit.at(0.01) == pytest.approx(0.002, rel=0.01)
+
+
+def test_fit_sees_no_floor_where_there_is_none():
+    fit = fitted(CELLS, 0.3 * CELLS**1.5)
+    assert fit.order == pytest.approx(1.5)
+    assert fit.floor == 0.0
+    assert fitted(CELLS[:1], [0.3]) is None
+
+
+def test_front_holds_what_nothing_beats():
+    assert front([1, 2, 4, 4, 2], [8, 4, 2, 3, 4]) == [True, True, True, False, True]
+
+
+def test_cost_at_an_error_lies_on_the_power_law_between_grids():
+    assert cost_at(0.02, [10, 1000], [0.2, 0.002]) == pytest.approx(100)
+    assert cost_at(0.001, [10, 1000], [0.2, 0.002]) is None
+    assert cost_at(0.5, [10, 1000], [0.2, 0.002]) is None
+    assert cost_at(0.0019985, [10, 1000], [0.2, 0.002]) == pytest.approx(1000)  # as good as equal
+    assert cost_at(0.20015, [10, 1000], [0.2, 0.002]) == pytest.approx(10)
+
+
+@pytest.fixture(scope="module")
+def content():
+    """U9 on two grids with every choice, each run once."""
+    return measured(["u9"], repeats=1)
+
+
+def test_every_choice_is_measured_on_every_grid(content):
+    (problem,) = content["problems"]
+    curves = {c["variation"]: c["points"] for c in problem["curves"]}
+    assert set(curves) == {v.name for v in PROBLEMS["u9"].variations()}
+    assert set(curves) >= {"defaults", "CFL 0.4", "transfer aflip", "float64", "reference"}
+    assert [p["grid"] for p in curves["defaults"]] == [8, 16]
+    assert [p["particles"] for p in curves["3 particles per axis"]] == [24, 48]
+    assert [p["particles"] for p in curves["1 particle per axis"]] == [8, 16]
+    assert curves["CFL 0.2"][0]["steps"] == pytest.approx(3.0 * curves["defaults"][0]["steps"], rel=0.02)
+    assert curves["CFL 0.5"][0]["steps"] == pytest.approx(1.2 * curves["defaults"][0]["steps"], rel=0.02)
+    for points in curves.values():
+        assert all(p["particle_steps"] == p["particles"] * p["steps"] for p in points)
+        assert all(p["blocks"] > 0 and p["bytes"] > 0 for p in points)
+
+
+def test_backend_and_precision_change_no_error_that_shows(content):
+    (problem,) = content["problems"]
+    errors = {c["variation"]: c["points"][0]["error"] for c in problem["curves"]}
+    assert errors["reference"] == pytest.approx(errors["float64"], rel=1e-9)
+    assert errors["defaults"] == pytest.approx(errors["float64"], rel=1e-3)
+    assert errors["defaults"] != errors["float64"]
+    assert errors["3 particles per axis"] < errors["defaults"] < errors["1 particle per axis"]
+
+
+def test_curves_say_order_cost_and_front(content):
+    (problem,) = content["problems"]
+    base = next(c for c in problem["curves"] if c["variation"] == "defaults")
+    assert base["fit"]["order"] == pytest.approx(0.86, abs=0.05)
+    ranked = problem["cost_at_equal_error"]
+    assert ranked["defaults"]["particle_steps"] == pytest.approx(1.0)
+    assert ranked["float64"]["particle_steps"] == pytest.approx(1.0, rel=0.01)
+    assert ranked["CFL 0.2"]["particle_steps"] > 1.5
+    points = [p for c in problem["curves"] for p in c["points"]]
+    assert 0 < sum(p["front"] for p in points) < len(points)
+
+
+def test_front_of_curves_depends_on_the_cost_that_is_looked_at():
+    quick, light = {"seconds": 1.0, "particle_steps": 2.0, "error": 0.1}, {"seconds": 2.0, "particle_steps": 1.0, "error": 0.1}
+    curves = {"a": [quick, {**quick, "error": 0.2}], "b": [light]}
+    assert on_front(curves) == {"a": [False, False], "b": [True]}
+    assert on_front(curves, "seconds") == {"a": [True, False], "b": [False]}
+
+
+def test_a_problem_without_error_on_a_rigid_path_is_solved_with_any_number_of_particles():
+    found = {v.name: solids.box(3, v) for v in VARIATIONS[:3]}
+    assert [o.particles for o in found.values()] == [432, 54, 1458]
+    assert max(o.error for o in found.values()) < 1e-3
+
+
+@pytest.mark.parametrize("per_axis", [1, 2, 3])
+def test_strip_holds_the_same_mass_with_any_number_of_particles(per_axis):
+    scene, p, _ = spreading_cap.strip(2.0, 27.8, 1.0, per_axis)
+    parabola = 4 / 3 * 80.0 * spreading_cap.HEIGHT
+    assert p.volume.sum() / (scene.spacing[1] * 4) == pytest.approx(parabola, rel=5e-3)
+
+
+def test_a_choice_that_this_version_does_not_know_is_left_out(monkeypatch):
+    unknown = Variation("of tomorrow", scene={"no_such_field": 1})
+    assert not choice.selectable(unknown)
+    monkeypatch.setattr(problems, "VARIATIONS", (BASE, unknown))
+    assert [v.name for v in PROBLEMS["u9"].variations()] == ["defaults"]
+
+
+def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
+    monkeypatch.setattr(problems, "VARIATIONS", VARIATIONS[:2])
+    monkeypatch.setattr(error_against_time, "PROBLEMS", {"u7": PROBLEMS["u7"]})
+    assert cli.main(["bench", "--error", "--out", str(tmp_path)]) == ExitCode.OK
+    page = (tmp_path / "work_precision.md").read_text()
+    assert "| 1 particle per axis | " in page
+    assert "| U7 | manufactured waves" in page
+    assert "\nU7,defaults,0.125,32,37," in (tmp_path / "tables" / "work_precision_runs.csv").read_text()
+    assert "\nU7,1 particle per axis," in (tmp_path / "tables" / "work_precision_curves.csv").read_text()
+    assert (tmp_path / "work_precision.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "work_precision.json").is_file()
+
+
+def test_problems_that_are_not_there_are_named():
+    with pytest.raises(error_against_time.ConfigError, match="choose among U7, U9"):
+        measured(["U99"])
+
+
+PUBLISHED = json.loads((Path(__file__).parents[2] / SOURCE).read_text())
+
+
+def test_no_choice_of_the_published_study_is_as_cheap_as_the_defaults_on_every_problem_that_ranks():
+    ranking = [p["cost_at_equal_error"] for p in PUBLISHED["problems"] if p["name"] not in ("T1", "T5")]
+    names = {name for costs in ranking for name in costs} - {BASE.name, "hash on the CPU"}
+    assert len(names) > 12
+    for name in names:
+        found = [costs[name]["seconds"] for costs in ranking if "seconds" in costs.get(name, {})]
+        assert not found or max(found) > 1.05, name  # none: never as accurate
+
+
+def test_defaults_lie_on_the_published_front_of_error_over_time_of_every_problem():
+    assert len(PUBLISHED["problems"]) == len(PROBLEMS)
+    for problem in PUBLISHED["problems"]:
+        curves = {c["variation"]: c["points"] for c in problem["curves"]}
+        assert any(on_front(curves, "seconds")[BASE.name]), problem["name"]
+
+
+def body_at_20_m(ground, size):
+    """A body of a size [m] that moves at (1, 1, -1) m/s, and contact at nodes with level ground at an elevation [m]."""
+    body = particles_at(20.0 + lattice(size, 1.0), 1.0, 1000.0, 0.25)
+    body.velocity[:] = (1.0, 1.0, -1.0)
+    engine = node_contact()
+    engine.load(replace(free_scene(1.0, BOX, Surface.through(np.full((12, 12), ground), (4.0, 4.0))), friction=(0.5,)), body)
+    return body, engine
+
+
+def test_contact_at_nodes_is_coulomb_friction_on_the_whole_tangential_vector():
+    """A body below the ground that moves at (1, 1, -1) m/s keeps sqrt(2) - 0.5 m/s at 45 degrees with a friction of 0.5."""
+    body, engine = body_at_20_m(30.0, (2.0, 2.0, 2.0))
+    before = engine.ledger().kinetic_energy
+    engine.step(1e-4)
+    after, found = engine.ledger(), engine.particles().velocity
+    np.testing.assert_allclose(found, np.broadcast_to([1 - 0.5 / np.sqrt(2)] * 2 + [0.0], found.shape), atol=1e-12)
+    assert after.basal_dissipation == pytest.approx(before - after.kinetic_energy)
+    np.testing.assert_allclose(after.basal_impulse, body.mass.sum() * (found[0] - (1.0, 1.0, -1.0)), rtol=1e-12)
+
+
+def test_nodes_above_the_ground_feel_no_contact():
+    body, engine = body_at_20_m(10.0, (1.0, 1.0, 1.0))
+    engine.step(1e-4)
+    np.testing.assert_allclose(engine.particles().velocity, body.velocity, atol=1e-12)
+    assert engine.ledger().contact_particles == 0

@@ -1,0 +1,202 @@
+"""`runout check`: every problem of configuration and inputs at once, what a run would do, and what it takes."""
+
+import time
+
+import numpy as np
+import pytest
+from ramp_site import SITE, ramp, slab, write_raster, write_site
+
+import runout
+from runout import cli
+from runout.errors import BudgetError, ExitCode
+from runout.workflow import plan
+from runout.workflow.check import inspect
+
+SITE_OF_TWO = SITE.replace("material:", "  - {name: second, raster: inputs/second.tif, placement: on_surface}\nmaterial:")
+
+
+def said(capsys, *arguments):
+    code = cli.main([*map(str, arguments)])
+    return code, capsys.readouterr().out
+
+
+def test_a_good_site_is_planned_and_left_as_it_is(tmp_path, capsys):
+    folder = write_site(tmp_path / "ramp")
+    before = sorted(tmp_path.rglob("*"))
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.OK
+    assert "problem" not in out
+    assert "release slab: 2.88e+04 m3 on 3600 m2, on_surface" in out
+    assert "release slab: 0.8 cells through a depth of 8 m; the transfers act like a viscosity of" in " ".join(out.split())
+    assert "ensemble run the members: 4 of 4 members to simulate" in out
+    assert all(word in out for word in ("particles", "steps", "time", "memory", "disk"))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_check_of_a_finished_site_says_that_nothing_is_left(finished_site, capsys):
+    code, out = said(capsys, "check", finished_site[0])
+    assert code == ExitCode.OK
+    assert out.count("nothing: it is up to date") == 5
+    assert "no member is left to simulate" in out
+
+
+def test_problems_of_configuration_and_data_are_listed_at_once(tmp_path, capsys):
+    text = SITE.replace("end_time", "end_tiem").replace("ensemble:", "budgt: 3\nensemble:")
+    elevation = ramp()
+    elevation[12, 8] = -9999.0  # under the slab
+    code, out = said(capsys, "check", write_site(tmp_path / "ramp", text, elevation))
+    assert code == ExitCode.CONFIGURATION
+    assert "did you mean 'end_time'?" in out
+    assert "did you mean 'budget'?" in out
+    assert "row 12" in out
+    assert "dem.tif" in out
+    assert not (tmp_path / "ramp" / "results").exists()
+
+
+def test_each_bad_release_is_named(tmp_path, capsys):
+    second = SITE_OF_TWO.replace("on_surface}", "on_surface, volume: 1.0e+6}")
+    folder = write_site(tmp_path / "ramp", second, thickness=-slab())
+    write_raster(folder / "inputs" / "second.tif", slab())
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.CONFIGURATION
+    assert "negative" in out
+    assert "second.tif" in out
+    assert out.count("problem ") == 2
+
+
+def test_overlapping_releases_are_refused(tmp_path, capsys):
+    folder = write_site(tmp_path / "ramp", SITE_OF_TWO)
+    write_raster(folder / "inputs" / "second.tif", slab())
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.CONFIGURATION
+    assert "releases slab and second overlap on 36 cells" in out
+
+
+def test_unknown_cells_that_the_mass_may_reach_are_named_with_place_and_number(tmp_path):
+    behind, reached = ramp(), ramp()
+    behind[12, 1] = -9999.0
+    reached[12, 30] = reached[20:, 22:] = -9999.0
+    assert not any("without elevation" in line for line in inspect(write_site(tmp_path / "behind", elevation=behind)).warnings)
+    found = inspect(write_site(tmp_path / "reached", elevation=reached))
+    (warning,) = [line for line in found.warnings if "without elevation" in line]
+    assert found.problems == []
+    assert "dem.tif: the mass may come to 32 cells without elevation" in warning
+    assert "31 cells along the edge of the known ground (easting 500225.0 to 500495.0, northing 4999765.0 to 4999795.0)" in warning
+    assert "a hole of 1 cells around row 12, column 30 (easting 500305.0, northing 4999875.0)" in warning
+    assert any("113 of 1200 cells have no elevation" in note for note in found.notes)
+
+
+def test_unknown_cells_under_the_release_are_refused(tmp_path):
+    elevation = ramp()
+    elevation[12, 8] = -9999.0
+    (problem,) = inspect(write_site(tmp_path / "under", elevation=elevation)).problems
+    assert "row 12, column 8" in problem
+
+
+def test_cells_larger_than_the_release_are_refused(tmp_path):
+    found = inspect(write_site(tmp_path / "ramp", SITE.replace("cell_size: 10", "cell_size: 200")))
+    assert any("set simulation.cell_size to 15 or less" in problem for problem in found.problems)
+
+
+def test_a_flow_that_may_leave_the_dem_is_a_warning(tmp_path):
+    friction = "{distribution: uniform, low: 12, high: 22}"
+    steep = inspect(write_site(tmp_path / "steep", SITE.replace(friction, "{distribution: uniform, low: 21, high: 22}")))
+    flat = inspect(write_site(tmp_path / "flat", SITE.replace(friction, "{distribution: uniform, low: 4, high: 22}")))
+    assert not any("leave the DEM" in warning and "east" in warning for warning in steep.warnings)
+    assert any("leave the DEM in the" in warning and "east" in warning for warning in flat.warnings)
+    assert steep.problems == flat.problems == []
+
+
+def test_thin_and_soft_releases_are_warned_of(tmp_path):
+    found = inspect(write_site(tmp_path / "ramp"))
+    (thin,) = [warning for warning in found.warnings if "0.8 cells through its greatest thickness of 8 m" in warning]
+    assert "m2/s stop shear through the depth in 0.4" in thin
+    assert any("strains it by 7.8 %" in warning for warning in found.warnings)
+
+
+def test_a_run_over_its_budget_is_refused_with_both_numbers(tmp_path, capsys):
+    folder = write_site(tmp_path / "ramp", SITE + "budget: {memory_gb: 0.001, hours: 10}\n")
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.OVER_BUDGET
+    assert "budget.memory_gb is 0.001, the run needs about" in out
+    assert "budget.hours" not in out
+    assert cli.main(["run", str(folder)]) == ExitCode.OVER_BUDGET
+    assert "budget.memory_gb is 0.001" in capsys.readouterr().err
+    assert not list((folder / "results").glob("members/*.nc"))
+    with pytest.raises(BudgetError, match="raise it"):
+        plan.require_budget(runout.read_site(folder), [0, 1])
+
+
+def test_a_run_that_cannot_fit_is_refused_before_anything_is_calibrated(tmp_path, capsys, monkeypatch):
+    def refused(*arguments):
+        pytest.fail("particles were made")
+
+    monkeypatch.setattr("runout.release.sample.sample_particles", refused)
+    fine = SITE.replace("cell_size: 10", "cell_size: 0.25")
+    code, out = said(capsys, "check", write_site(tmp_path / "budget", fine + "budget: {memory_gb: 2}\n"))
+    assert code == ExitCode.OVER_BUDGET
+    assert "budget.memory_gb is 2, the run needs about" in out
+    folder = write_site(tmp_path / "machine", fine)
+    monkeypatch.setattr(plan, "available_bytes", lambda: 3e9)
+    code, out = said(capsys, "check", folder)
+    assert code == ExitCode.OVER_BUDGET
+    assert "3 GB are available; use fewer workers" in out
+
+
+def test_forecast_holds_within_a_factor_of_two(tmp_path):
+    site = runout.read_site(write_site(tmp_path / "ramp", SITE.replace("cell_size: 10", "cell_size: 5")))
+    expected = plan.forecast(site, [0, 1, 2, 3], workers=1)
+    seconds, results = [], []
+    for member in plan_members(site):
+        started = time.process_time()
+        results.append(runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1}))
+        seconds.append(time.process_time() - started)
+    middle = np.argsort([member.parameters["basal_friction_angle_deg"] for member in plan_members(site)])[2]
+    assert expected.particles == results[middle].n_particles
+    assert 0.5 < expected.steps / results[middle].steps < 2
+    assert 0.5 < expected.seconds / sum(seconds) < 2
+    assert expected.members == 4
+    assert expected.workers == 1
+
+
+def test_times_are_said_as_people_say_them():
+    assert [plan.duration(seconds) for seconds in (3.21, 45.4, 200, 7500)] == ["3.2 s", "45 s", "3 min 20 s", "2 h 5 min"]
+
+
+def plan_members(site):
+    from runout.ensemble.member import plan_members
+
+    return plan_members(site)
+
+
+def test_a_release_without_a_coordinate_system_is_named(tmp_path):
+    folder = write_site(tmp_path / "ramp")
+    write_raster(folder / "inputs" / "thickness.tif", slab(), crs=None)
+    found = inspect(folder)
+    assert found.problems == []
+    assert any(
+        "thickness.tif states no coordinate system; taken to be in the terrain's, EPSG:32632" in note for note in found.notes
+    )
+
+
+def test_mass_that_is_trapped_in_its_scar_is_named(tmp_path):
+    excavated = SITE.replace("on_surface", "excavated")
+    pit = [w for w in inspect(write_site(tmp_path / "pit", excavated)).warnings if "this mass is trapped" in w]
+    assert len(pit) == 1
+    assert (
+        "slab: 23% of 2.88e+04 m3 lie below the lines that rise from the rim of the scar at the basal friction angle of 20 deg"
+        in pit[0]
+    )
+    assert "a raster that thins out to its rim avoids it" in pit[0]
+    assert not [w for w in inspect(write_site(tmp_path / "ramp")).warnings if "this mass is trapped" in w]
+
+
+def test_overlapping_polygons_of_one_thickness_are_named(tmp_path):
+    import geopandas
+    import shapely
+
+    text = SITE.replace("raster: inputs/thickness.tif", "polygons: inputs/release.gpkg\n    thickness: 2.0")
+    folder = write_site(tmp_path / "ramp", text)
+    boxes = [shapely.box(500_050.0 + x, 4_999_850.0, 500_090.0 + x, 4_999_910.0) for x in (0.0, 30.0)]
+    geopandas.GeoDataFrame(geometry=boxes, crs="EPSG:32632").to_file(folder / "inputs" / "release.gpkg")
+    assert any("polygons 1 and 2 overlap and have one thickness; the common 600 m2 count once" in n for n in inspect(folder).notes)

@@ -1,0 +1,58 @@
+"""`runout run` refuses what `runout check` refuses, with the same words and before anything is made."""
+
+import pytest
+from ramp_site import SITE, ramp, slab, write_raster, write_site
+
+from runout import cli
+from runout.errors import ExitCode
+from runout.workflow import plan
+
+SECOND = SITE.replace("material:", "  - {name: second, raster: inputs/second.tif, placement: on_surface}\nmaterial:")
+
+
+def hole_under_the_release():
+    elevation = ramp()
+    elevation[12, 7] = -9999.0
+    return elevation
+
+
+BAD = {
+    "keys": {"text": SITE.replace("end_time", "end_tiem").replace("ensemble:", "budgt: 3\nensemble:")},
+    "keys and data": {"text": SITE.replace("end_time", "end_tiem"), "thickness": -slab()},
+    "overlap": {"text": SECOND},
+    "overlap and negative thickness": {"text": SECOND, "thickness": -slab()},
+    "hole under the release": {"elevation": hole_under_the_release()},
+    "cells larger than the release": {"text": SITE.replace("cell_size: 10", "cell_size: 200")},
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_run_refuses_what_check_refuses(tmp_path, capsys, case):
+    folder = write_site(tmp_path / "ramp", **BAD[case])
+    write_raster(folder / "inputs" / "second.tif", slab())
+    before = sorted(tmp_path.rglob("*"))
+    assert cli.main(["check", str(folder)]) == ExitCode.CONFIGURATION
+    problems = [line.removeprefix("problem ") for line in capsys.readouterr().out.splitlines() if line.startswith("problem ")]
+    assert cli.main(["run", str(folder)]) == ExitCode.CONFIGURATION
+    said = capsys.readouterr().err
+    assert problems
+    assert [problem for problem in problems if problem not in said] == []
+    assert {path.name for path in tmp_path.rglob("*")} - {path.name for path in before} <= {"results", "run.log"}
+
+
+def test_run_refuses_a_site_that_does_not_fit_into_memory_as_check_does(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(plan, "available_bytes", lambda: 3e8)
+    folder = write_site(tmp_path / "ramp")
+    assert cli.main(["check", str(folder)]) == ExitCode.OVER_BUDGET
+    said = capsys.readouterr().out
+    assert "of memory, 0.3 GB are available; use fewer workers" in said
+    assert cli.main(["run", str(folder)]) == ExitCode.OVER_BUDGET
+    assert "0.3 GB are available; use fewer workers" in capsys.readouterr().err
+    assert not list(folder.glob("results/members/*.nc"))
+
+
+def test_a_stage_that_needs_no_release_is_not_refused_for_one(tmp_path):
+    folder = write_site(tmp_path / "ramp", SECOND)
+    write_raster(folder / "inputs" / "second.tif", slab())
+    assert cli.main(["terrain", str(folder)]) == ExitCode.OK
+    assert cli.main(["ensemble", str(folder)]) == ExitCode.CONFIGURATION
