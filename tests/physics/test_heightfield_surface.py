@@ -109,3 +109,26 @@ def test_distance_to_a_plane_is_exact(slope_x, slope_y, height):
 
 def test_weighted_sum_of_three_values():
     assert heightfield.interpolate((0.25, 0.5, 0.25), 1.0, 2.0, 7.0) == 3.0
+
+
+def test_surface_at_a_point_is_that_of_the_nine_coefficients_around_it():
+    """Coefficients of 3 + 2 x - 5 y are its values at the nodes."""
+    c = [3.0 + 2.0 * x - 5.0 * y for x in range(3) for y in range(3)]
+    z, east, north = heightfield.surface_at(c, 0.8, 1.3)
+    assert (z, east, north) == pytest.approx((3.0 + 1.6 - 6.5, 2.0, -5.0))
+    bent = [float(x * x * (1 + y)) for x in range(3) for y in range(3)]
+    step = 1e-6
+    numeric = [
+        (heightfield.surface_at(bent, 0.8 + dx, 1.3 + dy)[0] - heightfield.surface_at(bent, 0.8 - dx, 1.3 - dy)[0]) / (2 * step)
+        for dx, dy in ((step, 0.0), (0.0, step))
+    ]
+    assert heightfield.surface_at(bent, 0.8, 1.3)[1:] == pytest.approx(numeric, abs=1e-8)
+
+
+def test_upward_normal_has_unit_length_and_stands_on_both_slopes():
+    n = np.array(heightfield.upward_normal(0.3, -0.4))
+    assert n[2] > 0
+    assert n @ n == pytest.approx(1.0)
+    assert n @ (1.0, 0.0, 0.3) == pytest.approx(0.0, abs=1e-15)
+    assert n @ (0.0, 1.0, -0.4) == pytest.approx(0.0, abs=1e-15)
+    assert heightfield.height_at(heightfield.distance(3.0, 0.8), 0.8) == pytest.approx(3.0)

@@ -34,3 +34,18 @@ def test_product_and_inverse_of_commuting_tensors_are_those_of_matrices(seed):
 
 def test_scalar_product_of_vectors():
     assert tensors.dot((1.0, -2.0, 3.0), (4.0, 5.0, 0.5)) == -4.5
+
+
+@given(symmetric)
+def test_invariants_are_those_of_the_characteristic_polynomial(a):
+    exact = np.poly(matrix(a))[1:] * (-1.0, 1.0, -1.0)
+    np.testing.assert_allclose(tensors.invariants(a), exact, rtol=1e-9, atol=1e-6)
+
+
+def test_a_cubic_in_a_tensor_comes_from_horner_steps():
+    a, P = (1.0, 2.0, -1.0, 0.3, 0.4, 0.5), (0.7, -0.2, 0.9)
+    A, eye = matrix(a), np.eye(3)
+    quadratic = P[0] * A @ A + P[1] * A + P[2] * eye
+    np.testing.assert_allclose(matrix(tensors.polynomial(a, P)), quadratic, atol=1e-14)
+    cubic = tensors.polynomial(a, tensors.horner(P, tensors.invariants(a), 0.6))
+    np.testing.assert_allclose(matrix(cubic), A @ quadratic + 0.6 * eye, atol=1e-13)

@@ -212,3 +212,51 @@ def test_sampling_an_array_needs_no_library_of_the_edges():
         "print([m for m in ('shapely', 'geopandas', 'rasterio', 'pyproj', 'scipy', 'pandas') if m in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(("thickness", "rows"), [(0.4, 1), (2.9, 1), (3.0, 2), (4.9, 2), (5.0, 3), (9.0, 5)])
+def test_particles_of_a_column_stand_as_far_apart_as_they_are_high(terrain, material, thickness, rows):
+    """Cells of 4 m with two layers: half a layer of 2 m more makes another row, and rows share the thickness evenly."""
+    release, spacing = of_polygon(shapely.box(50.0, 50.0, 60.0, 60.0), terrain, thickness), (5.0, 5.0, 4.0)
+    particles = sample_particles([release], [material], slope(terrain, 0.0, 0.0), spacing, (2, 2, 2), jitter=0.0)
+    x, y, z = particles.position(spacing).T
+    columns = [np.sort(z[(x == east) & (y == north)]) - 10.0 for east, north in np.unique(np.column_stack((x, y)), axis=0)]
+    assert {len(column) for column in columns} == {rows}
+    for column in columns:
+        np.testing.assert_allclose(np.diff(column), thickness / rows, rtol=1e-6)
+        assert 0.0 < column[0] < thickness / rows
+        assert column[-1] < thickness
+
+
+def test_a_column_of_a_millionth_of_a_layer_gets_no_particle_and_the_others_its_volume(terrain, material):
+    """Layers of 2 m: 3 micrometres are filled, 1.5 are not."""
+    for trace, filled in ((3.0e-6, 2), (1.5e-6, 1)):
+        thickness = np.zeros(terrain.shape)
+        thickness[20, 30], thickness[20, 31] = 6.0, trace
+        release = Release(thickness, terrain)
+        particles = sample_particles([release], [material], slope(terrain), (5.0, 5.0, 4.0), (1, 1, 2))
+        assert len(np.unique(particles.position((5.0, 5.0, 4.0))[:, 0] // 5.0)) == filled
+        assert particles.volume.sum() == pytest.approx(release.volume, rel=1e-12)
+
+
+def test_pressing_gets_the_depth_below_the_top_of_its_release_and_the_number(terrain, material):
+    pair = [of_polygon(shapely.box(10, 10, 60, 60), terrain, 4.0), of_polygon(shapely.box(70, 10, 120, 60), terrain, 8.0)]
+    pressed = []
+    level = slope(terrain, 0.0, 0.0)
+    sample_particles(pair, [material] * 2, level, (5.0, 5.0, 5.0), press=lambda *given: pressed.append(given))
+    assert [number for _, _, number in pressed] == [0, 1]
+    for (particles, depth, _), thickness in zip(pressed, (4.0, 8.0), strict=True):
+        np.testing.assert_allclose(depth, 10.0 + thickness - particles.position((5.0, 5.0, 5.0))[:, 2], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [({"jitter": -0.01}, "jitter"), ({"jitter": 0.51}, "jitter"), ({"seed": -1}, "seed"), ({"seed": 0.5}, "seed")]
+    + [({"particles_per_cell": n}, "particles_per_cell") for n in (0, 1001, (2, 2), (2, 0, 2), (2, 2.0, 2))],
+)
+def test_sampling_refuses_what_it_cannot_do(terrain, material, changed, says):
+    release = of_polygon(TRIANGLE, terrain, 5.0)
+    with pytest.raises(ConfigError, match=says):
+        sample_particles([release], [material], slope(terrain), (5.0, 5.0, 5.0), **changed)
+    with pytest.raises(ConfigError, match="2 materials for 1 releases"):
+        sample_particles([release], [material] * 2, slope(terrain), (5.0, 5.0, 5.0))

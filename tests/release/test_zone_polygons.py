@@ -82,3 +82,22 @@ def test_polygons_of_different_friction_must_not_overlap_and_lines_are_no_zones(
     assert "count once" in same.changes[0]
     with pytest.raises(ZoneError, match="a friction zone needs polygons around it"):
         FrictionZones.from_vector(write_polygons([shapely.LineString([(0, 0), (20, 20)])]), terrain, factor=1.5)
+
+
+def test_zones_below_one_lessen_friction_in_one_file_and_beside_those_of_another(terrain, write_polygons):
+    ice = FrictionZones.from_vector(write_polygons([SLOPE], "ice.gpkg"), terrain, factor=0.5)
+    np.testing.assert_allclose(ice.factor[2:4, 4], (0.7, 0.5), rtol=1e-12)
+    assert ice.least_angle(np.arctan(0.4)) == pytest.approx(np.arctan(0.2))
+    rough = FrictionZones.from_vector(write_polygons([shapely.box(40.0, 10.0, 60.0, 30.0)], "rough.gpkg"), terrain, factor=1.5)
+    both = together([ice, rough])
+    found = both.at(np.full(3, 0.4), np.array([38.0, 42.0, 70.0]), np.full(3, 20.0))
+    np.testing.assert_allclose(found, (0.2, 0.6, 0.4), rtol=1e-12)
+    assert both.factor.min() == 0.5
+    assert both.source == f"{ice.source}, {rough.source}"
+    assert [zone["factor"] for zone in both.zones] == [0.5, 1.5]
+
+
+def test_positions_beyond_the_rim_have_the_friction_of_the_rim(terrain, write_polygons):
+    rim = FrictionZones.from_vector(write_polygons([shapely.box(0.0, 0.0, 5.0, 5.0)]), terrain, factor=0.5)
+    far = rim.at(np.full(4, 0.4), np.array([-9.0, 4.9, 5.1, 900.0]), np.array([-9.0, 4.9, 4.9, 900.0]))
+    np.testing.assert_allclose(far, (0.2, 0.2, 0.4, 0.4), rtol=1e-12)

@@ -6,6 +6,7 @@ import pytest
 from ramp_site import write_site
 
 from runout import cli, read_site
+from runout.backends.protocol import devices_of, find_device, get_backend
 from runout.errors import ConfigError, DeviceError, ExitCode
 
 
@@ -76,3 +77,39 @@ def test_what_is_computed_does_make_it_another_member(ramp):
     coarser = site.settings.simulation.model_copy(update={"cell_size": 50.0})
     other = site.__class__(site.folder, site.file, site.name, site.settings.model_copy(update={"simulation": coarser}))
     assert other.computed() != site.computed()
+
+
+@pytest.mark.parametrize(
+    ("there", "wanted", "found"),
+    [
+        ((), "auto", "cpu"),
+        (("cuda:0", "cuda:1"), "auto", "cuda:0"),
+        (("cuda:0", "cuda:1"), "cuda", "cuda:0"),
+        (("cuda:0", "cuda:1"), "cuda:1", "cuda:1"),
+        (("cuda:0",), "cpu", "cpu"),
+    ],
+)
+def test_a_device_is_found_by_its_name(gpus, there, wanted, found):
+    gpus(*there)
+    assert find_device(wanted) == found
+
+
+def test_members_share_all_gpus_the_named_one_or_none(gpus):
+    gpus("cuda:0", "cuda:1")
+    assert devices_of("cuda") == ("cuda:0", "cuda:1")
+    assert devices_of("cuda:1") == ("cuda:1",)
+    assert devices_of("cpu") == ()
+
+
+def test_a_backend_takes_the_device_that_it_can_use(gpus):
+    def package(backend):
+        return type(backend).__module__.split(".")[2]
+
+    assert package(get_backend("auto")) == "scan"
+    gpus("cuda:0")
+    assert package(get_backend("auto", "cpu")) == "scan"
+    assert package(get_backend("hash", "cpu")) == "hash"
+    with pytest.raises(DeviceError, match="device is 'cuda'; backend 'scan' runs on 'cpu' only"):
+        get_backend("scan", "cuda")
+    with pytest.raises(DeviceError, match=r"backend is 'fast'; choose one of .*scan.*, auto"):
+        get_backend("fast")
