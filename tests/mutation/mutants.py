@@ -55,7 +55,7 @@ def _changes(node: ast.AST) -> Iterator[tuple[ast.AST, str, str]]:
     """Changes (node, operator, new text) within a node, without those of texts, annotations, decorators and ``zip(strict=)``."""
     if isinstance(node, ast.Raise):
         yield node, "removed raise", "pass"
-    if isinstance(node, NO_STATEMENT) or _is_for_type_checkers(node) or isinstance(node, ast.keyword) and node.arg == "strict":
+    if isinstance(node, NO_STATEMENT) or _is_for_type_checkers(node) or (isinstance(node, ast.keyword) and node.arg == "strict"):
         return
     yield from ((node, operator, text) for operator, text in _of_expression(node))
     yield from _of_statement(node)

@@ -29,7 +29,7 @@ TESTS = {
     "runout/physics": ["tests/physics"],
     "runout/hazard": ["tests/hazard", "tests/io/test_outlines.py"],
     "runout/release": ["tests/release"],
-    "runout/terrain": ["tests/terrain", "tests/release/test_zone_polygons.py"],
+    "runout/terrain": ["tests/terrain", "tests/release/test_zone_polygons.py", "tests/release/test_other_systems.py"],
 }
 COMPILING = ["tests/physics/test_parity.py", "tests/physics/test_compile_cache.py", "tests/physics/test_single_precision_series.py"]
 SLOW = ["test_float32_keeps_small_strain", "test_a_tapered_mass_leaves_its_scar", "test_products_pass_the_strict_checker"]

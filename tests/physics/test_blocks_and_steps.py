@@ -64,3 +64,8 @@ def test_acoustic_limit_counts_the_speed_of_the_material():
 
 def test_particle_limit_is_half_a_cell():
     assert timestep.particle_limit(2.0, 20.0) == pytest.approx(0.05)
+
+
+def test_mixture_of_a_key_is_the_number_of_earlier_versions():
+    keys = [(0, 0, 0), (1, -1, 7), (-1048576, 1048575, -5)]
+    assert [blocks.mixed(blocks.block_key(*xyz)) for xyz in keys] == [117125070, 903677300, 623442407]

@@ -202,3 +202,32 @@ def test_parts_that_are_shaped_together_have_the_shape_that_each_has_alone():
         (part,) = taper._shaped([outlined], ground, taper.filled(ground.elevation, ground.cell_size), taper.FEW_SLOPES)
         alone[part.window] += part.volumes(0.8) / ground.cell_area
     np.testing.assert_allclose(together.scaled(0.8).thickness(), alone, atol=1e-9)
+
+
+def test_linear_weights_over_cells_sum_to_the_spacing_and_balance_at_their_centre():
+    """Nodes of 3 m spacing over six cells of 2 m; the tent of a node on an edge of a cell covers two cells alike."""
+    centre = np.array([4.0, 6.5])
+    found = taper._integrals(centre, 3.0, 2.0, 6)
+    np.testing.assert_allclose(found.sum(axis=0), 3.0)
+    np.testing.assert_allclose(found[:, 0], [1 / 6, 4 / 3, 4 / 3, 1 / 6, 0.0, 0.0], atol=1e-12)
+    cut = taper._integrals(np.array([0.0]), 3.0, 2.0, 6)[:, 0]
+    np.testing.assert_allclose(cut, [4 / 3, 1 / 6, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_values_between_cells_are_bilinear_and_those_of_the_rim_beyond():
+    terrain = Terrain(np.zeros((4, 5)), (2.0, 3.0), 100.0, 200.0)
+    values = terrain.easting[None, :] + 10.0 * terrain.northing[:, None]
+    x, y = np.array([101.0, 104.4, 107.2]), np.array([201.5, 204.0, 209.1])
+    np.testing.assert_allclose(taper._at(values, terrain, x, y), x + 10.0 * y)
+    np.testing.assert_allclose(taper._at(values, terrain, np.array([90.0]), np.array([300.0])), 101.0 + 10.0 * 210.5)
+
+
+def test_bowl_solves_the_poisson_equation_inside_and_is_zero_outside():
+    inside = np.zeros((6, 7), bool)
+    inside[1:5, 1:6] = True
+    inside[1, 1] = False
+    source = np.random.default_rng(0).uniform(0.5, 2.0, inside.shape)
+    u = np.zeros(inside.shape)
+    u[inside] = taper._bowl(inside, source)
+    beside = u[:-2, 1:-1] + u[2:, 1:-1] + u[1:-1, :-2] + u[1:-1, 2:]
+    np.testing.assert_allclose((4.0 * u[1:-1, 1:-1] - beside)[inside[1:-1, 1:-1]], source[inside])

@@ -1,0 +1,91 @@
+"""Styles of the outlines and the colours of classes as QGIS reads them."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+
+from runout.hazard.outline_style import outline_styles
+from runout.hazard.style import below, class_colours, class_edges, qml
+from runout.io.vector import PROBABILITY_LEVELS
+
+
+def read(text):
+    return ElementTree.fromstring(text.split("\n", 1)[1])
+
+
+def options(element):
+    return {o.get("name"): o.get("value") for o in element.iter("Option") if o.get("name")}
+
+
+def rgb(colour):
+    return ",".join(str(int(colour[k : k + 2], 16)) for k in (1, 3, 5)) + ",255"
+
+
+def test_lines_of_probability_are_wider_and_darker_the_higher_they_are():
+    style = read(outline_styles()["inundation"])
+    categories, symbols = list(style.iter("category")), list(style.iter("symbol"))
+    assert [float(c.get("value")) for c in categories] == sorted(PROBABILITY_LEVELS)
+    assert [c.get("label") for c in categories] == [
+        f"probability {100 * level:g} % or more" for level in sorted(PROBABILITY_LEVELS)
+    ]
+    assert [c.get("symbol") for c in categories] == [s.get("name") for s in symbols]
+    widths = [float(options(s)["outline_width"]) for s in symbols]
+    assert widths == pytest.approx([0.4 + 0.1 * k for k in range(len(widths))])
+    assert [options(s)["outline_color"] for s in symbols] == [rgb(c) for c in class_colours("YlOrRd", len(symbols))]
+
+
+def test_each_layer_has_a_colour_of_its_own_and_labels():
+    styles = {name: read(text) for name, text in outline_styles().items()}
+    assert set(styles) == {"release", "inundation", "obstacles", "friction_zones"}
+    first = {name: options(style)["outline_color"] for name, style in styles.items() if name != "inundation"}
+    assert first == {"release": "215,38,61,255", "obstacles": "107,74,43,255", "friction_zones": "34,40,47,255"}
+    for name, colour in first.items():
+        text = next(styles[name].iter("text-style"))
+        assert text.get("textColor") == colour
+        assert next(styles[name].iter("settings")).find("placement") is not None
+        assert next(styles[name].iter("rendering")).get("drawLabels") == "1"
+    assert next(styles["release"].iter("text-style")).get("fieldName") == '"name"'
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_colours_run_from_the_light_to_the_dark_end_of_the_ramp(count):
+    colours = class_colours("plasma_r", count)
+    assert len(colours) == count
+    assert colours[0] == to_hex(colormaps["plasma_r"](0.15))
+    assert count == 1 or colours[-1] == to_hex(colormaps["plasma_r"](1.0))
+    assert count < 3 or colours[2] == to_hex(colormaps["plasma_r"](0.15 + 0.85 * 2 / (count - 1)))
+
+
+@pytest.mark.parametrize(("largest", "edges"), [(0.0, [1.0]), (1.0, [1.0]), (3.0, [1.0, 2.0, 3.0]), (8.0, list(range(1, 9)))])
+def test_few_members_have_a_class_each_and_many_share_round_ones(largest, edges):
+    assert class_edges("members_reached", [], 0.0, largest) == edges
+    many = class_edges("members_reached", [], 0.0, 40.0)
+    assert many[:2] == [1.0, 5.0]
+    assert len(many) < 10
+
+
+def test_an_edge_in_single_precision_belongs_to_the_class_above():
+    for edge in (0.1, 0.5, 2.0, 30.0):
+        assert float(np.nextafter(np.float32(edge), np.float32(0))) < below(edge) < float(np.float32(edge))
+
+
+@pytest.mark.parametrize(
+    ("name", "ramp", "kind"),
+    [
+        ("inundation_probability", "YlOrRd", "DISCRETE"),
+        ("speed_exceedance_standard_error", "Purples", "DISCRETE"),
+        ("first_arrival_time", "viridis_r", "DISCRETE"),
+        ("peak_speed", "plasma_r", "DISCRETE"),
+        ("elevation", "cividis", "INTERPOLATED"),
+    ],
+)
+def test_each_kind_of_map_has_its_colours_and_range(name, ramp, kind):
+    style = read(qml([0.0, 1.0, 5.0], "m", name))
+    shader, renderer = next(style.iter("colorrampshader")), next(style.iter("rasterrenderer"))
+    assert shader.get("colorRampType") == kind
+    shown = [item.get("color") for item in shader.iter("item") if item.get("alpha") == "255"]
+    assert shown == class_colours(ramp, 3)
+    assert (renderer.get("classificationMin"), renderer.get("classificationMax"), shader.get("minimumValue")) == ("0", "5", "0")
