@@ -126,7 +126,11 @@ def main(arguments: list[str] | None = None) -> float:
         trees: queue.Queue[Path] = queue.Queue()
         for number in range(options.workers):
             trees.put(copy_of_tree(Path(folder) / str(number)))
-        results = run_all(chosen, trees, pool, options.limit)
+        try:
+            results = run_all(chosen, trees, pool, options.limit)
+        except BaseException:  # an interrupt as well: what runs is finished, the rest is left
+            pool.shutdown(cancel_futures=True)
+            raise
     killed = sum(result["state"] != "survived" for result in results)
     print(f"seed {options.seed}: {killed} of {len(results)} mutants killed ({100.0 * killed / len(results):.0f} %)")
     if options.json:

@@ -8,6 +8,7 @@ import shapely
 from runout.errors import ReleaseError
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.release.crs import crs_name
 
 SQUARE = shapely.box(50.0, 50.0, 100.0, 100.0)
 UTM_16 = "+proj=utm +zone=16 +datum=WGS84 +units=m +no_defs"
@@ -210,3 +211,21 @@ def test_a_release_in_the_system_of_a_dem_without_a_datum_goes_where_the_elevati
     release = Release.from_vector(tmp_path / "scar.shp", terrain, thickness=3.0)
     ground = terrain.elevation[release.thickness > 1.5].mean()
     assert ground == pytest.approx(z[26:30, 20:24].mean(), abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("system", "name"),
+    [
+        ("EPSG:32616", "EPSG:32616 (WGS 84 / UTM zone 16N)"),
+        ("+proj=utm +zone=16 +ellps=intl", "+proj=utm +zone=16 +ellps=intl +units=m +no_defs"),
+        ("+proj=utm +zone=16 +datum=WGS84 +title=x", "EPSG:32616"),
+    ],
+)
+def test_a_system_is_called_by_its_code_its_name_or_its_parameters(system, name):
+    assert name in crs_name(pyproj.CRS(system))
+
+
+def test_a_transformation_is_said_with_its_operation_and_accuracy(write_polygons, terrain):
+    (said,) = Release.from_vector(write_polygons([SQUARE], crs="EPSG:32617"), terrain, thickness=2.0).changes
+    assert "from EPSG:32617 (WGS 84 / UTM zone 17N) to the terrain's EPSG:32616 (WGS 84 / UTM zone 16N) (" in said
+    assert "UTM zone 17N + UTM zone 16N; accuracy 0 m)." in said

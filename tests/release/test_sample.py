@@ -260,3 +260,11 @@ def test_sampling_refuses_what_it_cannot_do(terrain, material, changed, says):
         sample_particles([release], [material], slope(terrain), (5.0, 5.0, 5.0), **changed)
     with pytest.raises(ConfigError, match="2 materials for 1 releases"):
         sample_particles([release], [material] * 2, slope(terrain), (5.0, 5.0, 5.0))
+
+
+@pytest.mark.parametrize("spacing", [(20.0, 5.0, 2.0), (5.0, 20.0, 2.0)])
+def test_a_release_as_large_as_a_cell_that_is_not_square_is_sampled_and_a_smaller_one_refused(terrain, material, spacing):
+    enough, short = (of_polygon(shapely.box(50.0, 50.0, 60.0, north), terrain, 2.0) for north in (60.1, 59.5))
+    assert len(sample_particles([enough], [material], slope(terrain), spacing)) > 0
+    with pytest.raises(ReleaseError, match="covers 95 m2, less than one grid cell"):
+        sample_particles([short], [material], slope(terrain), spacing)
