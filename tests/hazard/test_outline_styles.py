@@ -46,6 +46,7 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
         text = next(styles[name].iter("text-style"))
         assert text.get("textColor") == colour
         assert next(styles[name].iter("settings")).find("placement") is not None
+        assert next(text.iter("text-buffer")).get("bufferDraw") == "1"
         assert next(styles[name].iter("rendering")).get("drawLabels") == "1"
     assert next(styles["release"].iter("text-style")).get("fieldName") == '"name"'
 

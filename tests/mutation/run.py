@@ -28,7 +28,7 @@ COPIED = ("runout", "pipelines", "tests", "sites", "docs", "pyproject.toml", "RE
 TESTS = {
     "runout/physics": ["tests/physics"],
     "runout/hazard": ["tests/hazard", "tests/io/test_outlines.py"],
-    "runout/release": ["tests/release"],
+    "runout/release": ["tests/release", "tests/terrain/test_open_edge.py"],
     "runout/terrain": ["tests/terrain", "tests/release/test_zone_polygons.py", "tests/release/test_other_systems.py"],
 }
 COMPILING = ["tests/physics/test_parity.py", "tests/physics/test_compile_cache.py", "tests/physics/test_single_precision_series.py"]

@@ -44,7 +44,9 @@ def test_a_release_beyond_the_terrain_is_told_by_how_much_and_where():
         require_inside(shapely.box(1060.0, 2000.0, 1070.0, 2010.0), terrain, "r.gpkg")
 
 
-@pytest.mark.parametrize(("stated", "sentences"), [(100.0, 0), (100.0 + 9e-5, 0), (100.0 + 1.5e-4, 1), (100.9, 1), (99.2, 1), (None, 0)])
+@pytest.mark.parametrize(
+    ("stated", "sentences"), [(100.0, 0), (100.0 + 9e-5, 0), (100.0 + 1.5e-4, 1), (100.9, 1), (99.2, 1), (None, 0)]
+)
 def test_a_stated_volume_within_one_percent_is_met_and_said(stated, sentences):
     thickness = np.array([[1.0, 3.0]])
     found, said = matched(thickness, 25.0, stated, "r.tif")

@@ -231,3 +231,13 @@ def test_bowl_solves_the_poisson_equation_inside_and_is_zero_outside():
     u[inside] = taper._bowl(inside, source)
     beside = u[:-2, 1:-1] + u[2:, 1:-1] + u[1:-1, :-2] + u[1:-1, 2:]
     np.testing.assert_allclose((4.0 * u[1:-1, 1:-1] - beside)[inside[1:-1, 1:-1]], source[inside])
+
+
+def test_a_tapered_mass_is_nowhere_thinner_than_a_thousandth_of_its_mean():
+    spike = shapely.union(shapely.box(50.0, 50.0, 150.0, 150.0), shapely.box(150.0, 100.1, 250.0, 100.9))  # an arm without a node
+    (part,) = tapered(np.array([spike]), np.array([4.0]), spike, plane(), excavated=False).parts
+    for factor in (1.0, 0.5):
+        inside = part.covered > 0
+        thickness = part.volumes(factor)[inside] / part.covered[inside]
+        assert thickness.min() == pytest.approx(1e-3 * factor * part.volume / part.covered.sum(), rel=0.01)
+        assert part.volumes(factor).sum() == pytest.approx(factor * 4.0 * spike.area)

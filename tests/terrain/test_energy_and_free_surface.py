@@ -113,3 +113,14 @@ def test_a_raster_knows_its_middle_and_its_edges_also_when_it_is_turned():
     assert turned.cell == (3.0, 2.0)
     straight = ElevationRaster(np.zeros((4, 6)), (3.0, 0.0, 100.0, 0.0, -2.0, 50.0), None, "m", "dem.tif")
     assert straight.bounds == (100.0, 42.0, 118.0, 50.0)
+
+
+def test_slopes_of_a_curved_free_surface_are_those_at_the_place():
+    rows, columns = np.indices((60, 70))
+    x, y = (columns + 0.5) * CELL[0], (60 - rows - 0.5) * CELL[1]
+    bowl = Terrain(0.001 * (x - 50.0) ** 2 + 0.002 * (y - 20.0) ** 2, CELL)
+    surface = free_surface(pile(bowl, Placement.EXCAVATED, slice(20, 30), slice(35, 45)), CELL)
+    at_x, at_y = np.array([180.0, 200.0, 221.0]), np.array([125.0, 140.0, 151.0])
+    east, north = surface.slopes(at_x, at_y)
+    np.testing.assert_allclose(east, 0.002 * (at_x - 50.0), atol=1e-6)
+    np.testing.assert_allclose(north, 0.004 * (at_y - 20.0), atol=1e-6)

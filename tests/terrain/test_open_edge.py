@@ -6,6 +6,7 @@ import pytest
 from runout import DruckerPrager, Release, Terrain, simulate
 from runout.errors import DemError
 from runout.simulation import build_scene
+from runout.terrain import open_edge
 from runout.terrain.fill import continued, filled
 from runout.terrain.open_edge import unknown_cells
 from runout.terrain.sdf import sliding_surface
@@ -121,3 +122,34 @@ def test_unknown_cells_lie_where_the_raster_has_them():
     found = unknown_cells(terrain)
     assert np.argwhere(found).tolist() == [[1, 1], [6, 4]]
     assert unknown_cells(Terrain.from_array(np.zeros((5, 7)), 10.0)) is None
+
+
+def test_open_cells_are_the_unknown_ones_beside_the_reach_corner_to_corner_too():
+    z = np.zeros((5, 6))
+    z[:, 4:] = np.nan
+    z[0, 0] = np.nan
+    reach = np.zeros((5, 6), bool)
+    reach[3, 3] = True
+    found = open_edge.open_cells(Terrain(z, (5.0, 5.0)), reach)
+    assert np.argwhere(found).tolist() == [[2, 4], [3, 4], [4, 4]]
+
+
+def test_places_without_elevation_are_told_the_largest_first_with_where_they_lie():
+    z = np.zeros((9, 12))
+    z[3:5, 4:7] = np.nan  # a hole
+    z[:, 11] = np.nan
+    terrain = Terrain(z, (5.0, 4.0), 100.0, 200.0, None, "dem.tif")
+    assert open_edge.note(terrain) == [
+        "dem.tif: 15 of 108 cells have no elevation; they are an open edge, mass that enters them is booked as escaped"
+    ]
+    cells = np.isnan(z)
+    cells[:5, 11] = False
+    said = open_edge.statement(terrain, cells)
+    assert "may come to 10 cells without elevation" in said
+    hole = "a hole of 6 cells around row 4, column 5 (easting 127.5, northing 218.0)"
+    rim = "4 cells along the edge of the known ground (easting 157.5 to 157.5, northing 202.0 to 214.0)"
+    assert said.index(hole) < said.index(rim)
+    assert "more places" not in said
+    z[0:9:2, 0] = z[8, 2:10:2] = np.nan
+    terrain = Terrain(z, (5.0, 4.0), 100.0, 200.0, None, "dem.tif")
+    assert "; and 7 more places; " in open_edge.statement(terrain, np.isnan(z))
