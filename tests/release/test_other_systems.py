@@ -64,6 +64,7 @@ def test_an_ellipsoid_alone_is_taken_for_the_datum_that_has_it_and_this_is_said(
     release = Release.from_vector(path, terrain, thickness=2.0)
     placed(release.outline, (75.0, 75.0), 50.0)
     assert "names no datum, which is taken to be that of the other" in release.changes[0]
+    assert "; accuracy not stated)" in release.changes[0]
 
 
 def test_axes_that_point_west_and_south_are_refused(write_polygons, terrain):
