@@ -50,6 +50,7 @@ def test_a_seed_repeats_its_sample(tmp_path):
 
 
 def test_tests_kill_what_they_see_and_survivors_are_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # what the runs below do not need
     (tmp_path / "toy").mkdir()
     (tmp_path / "checks").mkdir()
     source = "def larger(a, b):\n    return a if a > b else b\n"
