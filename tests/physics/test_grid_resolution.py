@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from runout.physics import contact, resolution, timestep
+from runout.physics import contact, timestep
+from runout.physics import numerical_scales as resolution
 
 
 def test_numerical_viscosity_falls_with_the_square_of_the_cells_a_wave():
@@ -62,9 +63,9 @@ def test_beyond_its_reach_a_particle_is_not_in_contact_whatever_its_direction():
 
 
 def test_approach_speed_bounds_that_on_every_slope_within_the_range():
-    assert contact.fall((0.0, 0.0, -3.0), 0.5, 0.5, 0.0, 0.0) == 3.0
-    assert contact.fall((0.0, 0.0, 3.0), 0.5, 0.5, 0.1, 0.1) == 0.0
-    assert contact.fall((2.0, -1.0, -3.0), 0.5, 0.25, 0.1, 0.2) == pytest.approx(1.0 - 0.25 + 3.0 + 0.2 + 0.2)
+    assert contact.approach_speed((0.0, 0.0, -3.0), 0.5, 0.5, 0.0, 0.0) == 3.0
+    assert contact.approach_speed((0.0, 0.0, 3.0), 0.5, 0.5, 0.1, 0.1) == 0.0
+    assert contact.approach_speed((2.0, -1.0, -3.0), 0.5, 0.25, 0.1, 0.2) == pytest.approx(1.0 - 0.25 + 3.0 + 0.2 + 0.2)
 
 
 def test_work_is_the_impulse_times_the_mean_velocity():

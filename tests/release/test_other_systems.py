@@ -6,9 +6,9 @@ import pytest
 import shapely
 
 from runout.errors import ReleaseError
+from runout.io.layer_crs import crs_name
 from runout.model.release import Release
 from runout.model.terrain import Terrain
-from runout.release.crs import crs_name
 
 SQUARE = shapely.box(50.0, 50.0, 100.0, 100.0)
 UTM_16 = "+proj=utm +zone=16 +datum=WGS84 +units=m +no_defs"

@@ -4,7 +4,7 @@ import pytest
 from pyproj import CRS
 
 from runout.errors import DemError
-from runout.terrain import crs
+from runout.io import crs
 
 UTM_32, SWISS, WEB = CRS("EPSG:32632"), CRS("EPSG:2056"), CRS("EPSG:3857")
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from runout.io.elevation_raster import ElevationRaster, moved
 from runout.model.release import Placement, Release
 from runout.model.terrain import Terrain
 from runout.terrain import fill, prepare
 from runout.terrain.energy_line import largest_speed
 from runout.terrain.free_surface import free_surface
-from runout.terrain.raster import ElevationRaster, moved
 
 CELL = (5.0, 4.0)
 FALL, THICK, FRICTION = 0.5, 6.0, 0.2

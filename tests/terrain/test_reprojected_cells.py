@@ -5,8 +5,8 @@ import pytest
 from pyproj import CRS, Geod
 
 from runout.errors import DemError
+from runout.io.elevation_raster import ElevationRaster
 from runout.terrain import netcdf, reproject
-from runout.terrain.raster import ElevationRaster
 
 WGS, UTM_32 = CRS("EPSG:4326"), CRS("EPSG:32632")
 
