@@ -109,12 +109,13 @@ def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Ba
 def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
     """Checksum of all that a run depends on: version, scene, particles, and further choices that have a sound ``repr``."""
     digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, choices)).encode())
-    ground = scene.surface
+    ground = scene.ground
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
     transfer = (scene.transfer, scene.flip_ratio, scene.f_bar, scene.sleep_speed)
     digest.update(scene.law.source.encode())
-    digest.update(repr((plain, transfer, scene.contact_band, ground and (ground.spacing, ground.origin))).encode())
-    arrays = [] if ground is None else [ground.coefficients]
+    lattice = ground and (ground.surface.spacing, ground.surface.origin, ground.first)
+    digest.update(repr((plain, transfer, scene.contact_band, lattice)).encode())
+    arrays = [ground.surface.coefficients, ground.change] if ground else []
     if scene.friction_zones:
         arrays += [scene.friction_zones.factor, scene.friction_zones.coefficient]
     if scene.unknown is not None:

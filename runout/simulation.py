@@ -223,6 +223,7 @@ def build_scene(
     from runout.release.known import onto_known_ground
     from runout.release.sample import particles_per_axis, sample_particles
     from runout.terrain import open_edge, prepare, sdf
+    from runout.terrain.crest_window import Mass
 
     releases = [release] if isinstance(release, Release) else list(release)
     if not releases:
@@ -242,9 +243,10 @@ def build_scene(
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
     strength = basal_strength.strengths(materials, spacing[2])
     dug = [r.excavation for r in releases]
-    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2])
+    mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(angles, strength, friction_zones))
+    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     if accept:
-        accept(expected_extent(releases, surface, spacing, particles_per_axis(particles_per_cell)))
+        accept(expected_extent(releases, surface.surface, spacing, particles_per_axis(particles_per_cell)))
     raster, friction = Raster(*terrain.shape, terrain.cell_size), tuple(math.tan(a) for a in angles)
     scene = Scene(
         spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision, transfer=transfer,

@@ -13,6 +13,7 @@ from runout.model.friction import FrictionZones
 from runout.model.laws import Law, law_of
 from runout.model.limits import LARGEST_CFL, checked, is_number
 from runout.model.materials import Material
+from runout.model.nodal_surface import NodalSurface
 from runout.model.surface import Surface
 from runout.physics import geostatic, timestep
 
@@ -42,8 +43,8 @@ class Scene:
     ----------
     spacing : tuple of float
         Grid spacing (dx, dy, dz) [m].
-    surface : Surface or None
-        Sliding surface; None for no ground at all.
+    surface : Surface, NodalSurface or None
+        Sliding surface, or that on the nodes of the grid; None for no ground at all. Contact takes :attr:`ground`.
     raster : Raster
         Cells of the elevation raster. Its outline and its ``unknown`` cells bound the domain: what leaves it is booked as escaped.
     materials : tuple of Material
@@ -78,7 +79,7 @@ class Scene:
     """
 
     spacing: tuple[float, float, float]
-    surface: Surface | None
+    surface: Surface | NodalSurface | None
     raster: Raster
     materials: tuple[Material, ...]
     friction: tuple[float, ...]
@@ -100,6 +101,9 @@ class Scene:
             raise ConfigError(f"cell_size is {self.spacing}; give one number or (dx, dy, dz)")
         for h in self.spacing:
             checked("cell_size", h, error=ConfigError)
+        if isinstance(self.surface, NodalSurface) and self.surface.spacing != self.spacing[:2]:
+            apart = f"{self.surface.spacing} m apart, the grid has them {self.spacing[:2]} m apart"
+            raise ConfigError(f"the ground is made for nodes {apart}; make it for this grid")
         if not is_number(self.cfl):
             raise ConfigError(f"cfl is {self.cfl!r}; it must be a number, {CFL:g} is usual")
         if not 0 < self.cfl <= LARGEST_CFL:
@@ -144,6 +148,11 @@ class Scene:
     def observed_length(self) -> float:
         """Length [m] that maps tell apart between two observations: a cell of the raster, or half a grid cell if that is longer."""
         return max(min(self.raster.cell_size), 0.5 * min(self.spacing[:2]))
+
+    @cached_property
+    def ground(self) -> NodalSurface | None:
+        """The sliding surface on the nodes of the grid, which every backend takes for contact."""
+        return NodalSurface(self.surface, self.spacing[:2]) if isinstance(self.surface, Surface) else self.surface
 
     @cached_property
     def isolated_cfl(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from runout.physics import bspline, heightfield
 
+STRIP = 64  # rows of coefficients that are resampled at once
 _EXTREMA = {"min": np.minimum, "max": np.maximum}
 
 
@@ -57,16 +58,19 @@ class Surface:
         c = _coefficients(c.T, averaged[1]).T
         return cls(np.ascontiguousarray(c), (float(spacing[0]), float(spacing[1])), (float(origin[0]), float(origin[1])))
 
-    def resampled(self, spacing: tuple[float, float], origin: tuple[float, float], shape: tuple[int, int]) -> "Surface":
-        """The surface as contact sees it: the spline on a lattice of the grid's nodes that follows it.
+    def on_nodes(self, spacing: tuple[float, float], first: tuple[int, int], shape: tuple[int, int]) -> "Surface":
+        """The spline that follows this surface, whose coefficients sit on so many nodes of a grid from the ``first`` on.
 
-        Exact for planes and parabolas, and for a surface on that lattice.
+        Exact for planes and parabolas. A coefficient is the same whatever nodes are asked for with it.
         """
-        x, y = (o + h * (0.5 * np.arange(2 * n + 3) - 1.0) for o, h, n in zip(origin, spacing, shape, strict=True))
-        value, east, north = self.evaluate(x[:, None], y[None, :])
-        c = _resampled(value.T, north.T).T
-        c = _resampled(c, east[:, 2:-2:2])
-        return Surface(c, spacing, origin)
+        y = spacing[1] * (0.5 * np.arange(2 * shape[1] + 3) + (first[1] - 1))
+        c = np.empty(shape)
+        for row in range(0, shape[0], STRIP):
+            rows = min(STRIP, shape[0] - row)
+            x = spacing[0] * (0.5 * np.arange(2 * rows + 3) + (first[0] + row - 1))
+            value, east, north = self._on_lattice(x, y)
+            c[row : row + rows] = _resampled(_resampled(value.T, north.T).T, east[:, 2:-2:2])
+        return Surface(c, (float(spacing[0]), float(spacing[1])), (first[0] * float(spacing[0]), first[1] * float(spacing[1])))
 
     def elevation(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Elevation [m] at local positions [m]."""
@@ -74,22 +78,52 @@ class Surface:
 
     def evaluate(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Elevation [m] and its slopes east and north [1] at local positions [m] of any common shape."""
-        i, wx, dx = self._weights(x, 0)
-        j, wy, dy = self._weights(y, 1)
-        value = east = north = np.zeros(np.broadcast(i, j).shape)
-        for a in range(3):
-            row = [self.coefficients[i + a, j + b] for b in range(3)]
-            along = heightfield.interpolate(wy, row[0], row[1], row[2])
-            value = value + wx[a] * along
-            east = east + dx[a] * along
-            north = north + wx[a] * heightfield.interpolate(dy, row[0], row[1], row[2])
+        (i, fx), (j, fy) = self.patch(x, 0), self.patch(y, 1)
+        columns = self.coefficients.shape[1]
+        value, east, north = spline_at(self.coefficients.reshape(-1), i * columns + j, columns, fx, fy)
         return value, east / self.spacing[0], north / self.spacing[1]
 
-    def _weights(self, x: np.ndarray, axis: int) -> tuple[np.ndarray, tuple, tuple]:
+    def _on_lattice(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """:meth:`evaluate` at all pairs of positions x (n,) and y (m,) [m], one axis after the other."""
+        (i, fx), (j, fy) = self.patch(x[:, None], 0), self.patch(y, 1)
+        low, high = j.min(), j.max() + 3
+        rows = [self.coefficients[i[:, 0] + a, low:high] for a in range(3)]
+        along, slope = (heightfield.interpolate(w, *rows) for w in (bspline.weights(fx), bspline.weight_slopes(fx)))
+        columns = [np.take(along, j - low + b, axis=1) for b in range(3)]
+        value = heightfield.interpolate(bspline.weights(fy), *columns)
+        north = heightfield.interpolate(bspline.weight_slopes(fy), *columns)
+        east = heightfield.interpolate(bspline.weights(fy), *(np.take(slope, j - low + b, axis=1) for b in range(3)))
+        return value, east / self.spacing[0], north / self.spacing[1]
+
+    def patch(self, x: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+        """First of the three coefficients along an axis that count at local positions [m], and offsets from it [spacings]."""
         q = (np.asarray(x, np.float64) - self.origin[axis]) / self.spacing[axis]
         first = np.clip(np.floor(q - 0.5).astype(np.int64), 0, self.coefficients.shape[axis] - 3)
-        f = q - first
-        return first, bspline.weights(f), bspline.weight_slopes(f)
+        return first, q - first
+
+
+def spline_at(
+    c: np.ndarray, begins: np.ndarray, stride: int, fx: np.ndarray, fy: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Elevation and its slopes by the two coordinates [m/spacing], of points ``fx``, ``fy`` [spacings] from the first of nine.
+
+    The nine coefficients of a point are three by three in the flat ``c``, from where it ``begins``, rows ``stride`` apart.
+    """
+    wx, dx, wy, dy = bspline.weights(fx), bspline.weight_slopes(fx), bspline.weights(fy), bspline.weight_slopes(fy)
+    value = east = north = np.zeros(np.shape(begins))
+    for a in range(3):
+        row = [c[begins + (a * stride + b)] for b in range(3)]
+        along = heightfield.interpolate(wy, row[0], row[1], row[2])
+        value = value + wx[a] * along
+        east = east + dx[a] * along
+        north = north + wx[a] * heightfield.interpolate(dy, row[0], row[1], row[2])
+    return value, east, north
+
+
+def smoothness_along(z: np.ndarray) -> np.ndarray:
+    """How smooth elevations (n, m) are along axis 0 [1]; the ground goes on beyond the rim."""
+    bends = np.pad(heightfield.second_difference(z[:-2], z[1:-1], z[2:]), ((3, 3), (0, 0)), mode="edge")
+    return _smoothness(*(bends[k : k + len(z)] for k in range(5)))  # type: ignore[no-any-return]
 
 
 def _coefficients(z: np.ndarray, averaged: int) -> np.ndarray:
@@ -97,9 +131,7 @@ def _coefficients(z: np.ndarray, averaged: int) -> np.ndarray:
     after = 0.5 * np.diff(z, axis=0)
     before = -np.concatenate([after[:1], after])
     after = np.concatenate([after, after[-1:]])
-    bends = np.pad(heightfield.second_difference(z[:-2], z[1:-1], z[2:]), ((3, 3), (0, 0)), mode="edge")
-    smooth = _smoothness(*(bends[k : k + len(z)] for k in range(5)))
-    return _spline_coefficient(z, before, after, smooth, heightfield.weight_of_means(averaged))  # type: ignore[no-any-return]
+    return _spline_coefficient(z, before, after, smoothness_along(z), heightfield.weight_of_means(averaged))  # type: ignore[no-any-return]
 
 
 def _resampled(value: np.ndarray, slope: np.ndarray) -> np.ndarray:

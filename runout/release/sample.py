@@ -11,6 +11,7 @@ import numpy as np
 from runout.errors import ConfigError, ReleaseError
 from runout.io.polygon_coverage import ROUND_OFF, covered_area, covered_centroid, regrid, regrid_within
 from runout.model.materials import Material
+from runout.model.nodal_surface import NodalSurface
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.surface import Surface
@@ -90,7 +91,7 @@ def _local_outline(release: Release) -> Any:
 def sample_particles(
     releases: list[Release],
     materials: list[Material],
-    surface: Surface,
+    surface: Surface | NodalSurface,
     spacing: tuple[float, float, float],
     particles_per_cell: int | tuple[int, int, int] = 8,
     seed: int = 0,
@@ -108,7 +109,7 @@ def sample_particles(
     ----------
     releases, materials : list
         One material per release.
-    surface : Surface
+    surface : Surface or NodalSurface
         What the mass lies on, in local coordinates.
     spacing : tuple of float
         Grid spacing (dx, dy, dz) [m].
@@ -232,7 +233,7 @@ def _columns(release: Release, size: tuple[float, float], layer: float) -> Raste
 def _fill(
     release: Release,
     columns: RasterSums,
-    surface: Surface,
+    surface: Surface | NodalSurface,
     spacing: tuple[float, float, float],
     layer: float,
     jitter: float,

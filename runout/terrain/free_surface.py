@@ -7,7 +7,7 @@ import numpy as np
 from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.terrain.fill import filled
-from runout.terrain.sdf import sliding_surface
+from runout.terrain.sdf import raster_surface
 
 AROUND = 3  # cells of the grid around the release that its surface looks at
 
@@ -53,7 +53,7 @@ def free_surface(release: Release, spacing: tuple[float, float]) -> FreeSurface:
     heap = release.heap[rows, columns]
     if heap.any():
         slopes = _slopes(heap[::-1].T, terrain.cell_size, spacing)
-    return FreeSurface(sliding_surface(ground, None, spacing), origin, terrain.cell_size, slopes)
+    return FreeSurface(raster_surface(ground, None, spacing), origin, terrain.cell_size, slopes)
 
 
 def _window(release: Release, spacing: tuple[float, float]) -> tuple[slice, slice]:

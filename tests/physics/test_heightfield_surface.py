@@ -71,10 +71,10 @@ def test_parabola_is_smooth_and_a_step_is_not_however_it_is_tilted(tilt, bend, d
 def test_resampled_surface_is_the_surface_where_it_is_smooth_and_on_the_same_lattice():
     x = 5.0 * np.arange(41)
     hills = Surface.through(3 * np.sin(x / 25)[:, None] * np.cos(x / 30)[None, :], (5.0, 5.0))
-    same = hills.resampled((5.0, 5.0), (0.0, 0.0), (41, 41))
+    same = hills.on_nodes((5.0, 5.0), (0, 0), (41, 41))
     np.testing.assert_allclose(same.coefficients[2:-2, 2:-2], hills.coefficients[2:-2, 2:-2], atol=1e-3)
     q = np.random.default_rng(3).uniform(30, 170, (2, 500))
-    np.testing.assert_allclose(hills.resampled((2.0, 3.0), (0.7, 0.1), (100, 66)).elevation(*q), hills.elevation(*q), atol=0.01)
+    np.testing.assert_allclose(hills.on_nodes((2.0, 3.0), (1, 2), (100, 66)).elevation(*q), hills.elevation(*q), atol=0.01)
 
 
 def test_slopes_are_continuous_where_patches_meet():

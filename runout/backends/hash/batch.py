@@ -171,7 +171,7 @@ class Batch:
     def _load_ground(self) -> None:
         """The surfaces, and how far from them particles of the largest radius may be to touch them."""
         reach = self.largest + float(self.band) + FARTHEST * max(self.scene.spacing)
-        surfaces = [s.surface for s in self.scenes if s.surface is not None]
+        surfaces = [s.ground for s in self.scenes if s.ground is not None]
         self.zones, self.ground = Zones(self.scenes, self.real), Ground(surfaces, self.scene.spacing, reach) if surfaces else None
 
     def node_arrays(self) -> NodeArrays:

@@ -28,7 +28,7 @@ from runout.backends.hash.layout import (
     node4,
     run,
 )
-from runout.model.surface import Surface
+from runout.model.nodal_surface import NodalSurface
 from runout.physics.bspline import first_node as first_node64
 from runout.physics.heightfield import bend_smoothness as bend_smoothness64
 from runout.physics.heightfield import distance, upward_normal
@@ -63,9 +63,18 @@ def _along_north(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.flo
     return resampled_coefficient64(south[0], here[0], north[0], smooth), here[1]
 
 
+def _change_at(changes: Doubles, shapes: Table2, s: int, m: int, n: int):
+    """What the coefficient of a node has more [m]: a place of the table of a scene, nothing beyond it."""
+    i = m - shapes[s, 4]
+    j = n - shapes[s, 5]
+    if i < 0 or j < 0 or i >= shapes[s, 6] or j >= shapes[s, 7]:
+        return wp.float64(0.0)
+    return changes[shapes[s, 3] + i * shapes[s, 7] + j]
+
+
 def cut_tiles(
-    coefficients: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2, up: Table2,
-    h: Doubles, tiles: Rows,
+    coefficients: Doubles, changes: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2,
+    up: Table2, h: Doubles, tiles: Rows,
 ):  # fmt: skip
     """Surface coefficients on the nodes of each block that may hold particles, relative to its lowest node [cells].
 
@@ -78,8 +87,10 @@ def cut_tiles(
     first = shapes[s, 0]
     nx = shapes[s, 1]
     ny = shapes[s, 2]
-    qx = (wp.float64(4 * coordinates[b, 0] + t // 6) * h[0] - lattices[s, 0]) / lattices[s, 2]
-    qy = (wp.float64(4 * coordinates[b, 1] - shift[s] + t % 6) * h[1] - lattices[s, 1]) / lattices[s, 3]
+    m = 4 * coordinates[b, 0] + t // 6
+    n = 4 * coordinates[b, 1] - shift[s] + t % 6
+    qx = (wp.float64(m) * h[0] - lattices[s, 0]) / lattices[s, 2]
+    qy = (wp.float64(n) * h[1] - lattices[s, 1]) / lattices[s, 3]
     ax = wp.float64(0.5) * h[0] / lattices[s, 2]
     ay = wp.float64(0.5) * h[1] / lattices[s, 3]
     before = _sample(coefficients, first, nx, ny, qx - ax - ax, qy)
@@ -88,7 +99,7 @@ def cut_tiles(
     east, slope_east = _along_north(coefficients, first, nx, ny, qx + ax, qy, ay)
     after = _sample(coefficients, first, nx, ny, qx + ax + ax, qy)
     smooth = bend_smoothness64(before[1], slope_west, slope, slope_east, after[1])
-    e = resampled_coefficient64(west, here, east, smooth)
+    e = resampled_coefficient64(west, here, east, smooth) + _change_at(changes, shapes, s, m, n)
     tiles[b, t] = real(e / h[2] - wp.float64(4 * coordinates[b, 2]))
 
 
@@ -209,19 +220,28 @@ class Ground:
     ``reach`` [m] is the distance of a particle's centre beyond which it touches the ground in no step.
     """
 
-    def __init__(self, surfaces: list[Surface], spacing: tuple[float, float, float], reach: float):
-        first, kept = 0, {}
-        for surface in surfaces:
-            if id(surface) not in kept:
-                kept[id(surface)] = (first, surface)
-                first += surface.coefficients.size
-        flat = np.concatenate([np.ascontiguousarray(s.coefficients, np.float64).ravel() for _, s in kept.values()])
-        self.coefficients = wp.array(flat, dtype=wp.float64)
-        shapes = np.array([(kept[id(s)][0], *s.coefficients.shape) for s in surfaces], np.int32)
-        self.shapes = wp.array(shapes, dtype=wp.int32)
-        self.lattices = wp.array(np.array([(*s.origin, *s.spacing) for s in surfaces]), dtype=wp.float64)
+    def __init__(self, grounds: list[NodalSurface], spacing: tuple[float, float, float], reach: float):
+        self.coefficients, starts = self._joined([g.surface.coefficients for g in grounds])
+        self.changes, others = self._joined([g.change for g in grounds])
+        shapes = [
+            (start, *g.surface.coefficients.shape, other, *g.first, *g.change.shape)
+            for start, other, g in zip(starts, others, grounds, strict=True)
+        ]
+        self.shapes = wp.array(np.array(shapes, np.int32), dtype=wp.int32)
+        self.lattices = wp.array(np.array([(*g.surface.origin, *g.surface.spacing) for g in grounds]), dtype=wp.float64)
         self.spacing = wp.array(np.array(spacing), dtype=wp.float64)
         self.reach = reach
+
+    @staticmethod
+    def _joined(tables: list[np.ndarray]) -> tuple[wp.array, list[int]]:
+        """Tables one behind the other on the device, each once, and where each begins."""
+        first, kept = 0, {}
+        for table in tables:
+            if id(table) not in kept:
+                kept[id(table)] = (first, np.ascontiguousarray(table, np.float64).ravel())
+                first += table.size
+        flat = np.concatenate([np.zeros(0), *(values for _, values in kept.values())])
+        return wp.array(flat, dtype=wp.float64), [kept[id(table)][0] for table in tables]
 
     def cut(self, kernels: SimpleNamespace, index: Index, nodes: NodeArrays, shift: wp.array, h: wp.array) -> None:
         """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""
@@ -231,8 +251,8 @@ class Ground:
             index.device_status.counts,
         )
         run(
-            kernels.cut_tiles, (index.capacity, 36), self.coefficients, self.shapes, self.lattices, index.member, shift,
-            index.coordinates, index.up, self.spacing, cut,
+            kernels.cut_tiles, (index.capacity, 36), self.coefficients, self.changes, self.shapes, self.lattices, index.member,
+            shift, index.coordinates, index.up, self.spacing, cut,
         )  # fmt: skip
         nodes.near.zero_(), nodes.grounded.zero_(), nodes.standing.fill_(-1)
         run(kernels.note_near, index.capacity, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)

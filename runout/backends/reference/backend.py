@@ -139,7 +139,7 @@ class ReferenceBackend:
     def _touch_ground(self, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
         """Change nodal velocities by one impulse of the ground per contact particle."""
         x, touches = self._p.position(self.spacing), np.zeros(len(self._p), np.bool_)
-        elevation, east, north = self.scene.surface.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
+        elevation, east, north = self.scene.ground.evaluate(x[:, 0], x[:, 1])  # type: ignore[union-attr]
         gap, normal = x[:, 2] - elevation, np.column_stack([east, north, np.ones(len(x))])
         band = self.scene.contact_band * self.spacing.min()
         self.loops.find_contacts(self._p.velocity, self._p.radius, dt, band, gap, normal, touches)

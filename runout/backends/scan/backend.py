@@ -151,16 +151,17 @@ class ScanBackend:
 
     def _allocate_blocks(self, former: Arenas | None = None) -> None:
         """Arrays by block, after a rebuild; with room for as many shares as the ``former`` had, or the next step runs twice."""
-        i, k, surface = self.index, self.k, self.scene.surface
+        i, k, ground = self.index, self.k, self.scene.ground
         self.schedule = Schedule.of(i, self.threads, not self.gradient_transfer)
         sleeps, sharers = self.scene.sleep_speed > 0, len(former.shares) if former else 0
         self.arenas = a = Arenas.of(i, self.schedule, self.scene.dtype, self.domain, sleeps, sharers)
         self.reaches_rim = bool(a.rim.any())
         self._fit_buffers(k.total_held(i.held, i.nown)[1])
-        if surface is not None:
+        if ground is not None:
+            surface = ground.surface
             k.cut_tiles(
-                surface.coefficients, *surface.origin, *surface.spacing, i.bxyz, i.around, i.nown, self.corner, self.spacing,
-                a.tiles, a.planes, a.bounds,
+                surface.coefficients, *surface.origin, *surface.spacing, ground.change, ground.first,
+                i.bxyz, i.around, i.nown, self.corner, self.spacing, a.tiles, a.planes, a.bounds,
             )  # fmt: skip
 
     def _fit_buffers(self, fullest: int) -> None:

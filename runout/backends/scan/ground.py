@@ -53,6 +53,13 @@ def _node_coefficient(coefficients, ox, oy, sx, sy, x, y, dx, dy):
     return resampled_coefficient(west[0], here[0], east[0], smooth)
 
 
+def _change_at(change, i, j):
+    """What a node's coefficient has more [m]: a place of the table ``change``, nothing beyond it."""
+    if i < 0 or j < 0 or i >= change.shape[0] or j >= change.shape[1]:
+        return real(0.0)
+    return change[i, j]
+
+
 def _bound_column(tile, o, plane, a):
     """Note a plane value + slopes . f that no point of a column's surface exceeds; returns its highest point in the column.
 
@@ -105,13 +112,13 @@ def _cut_tile(elevation, floor, h, tile, plane, bound):
     bound[1] = _least_normal_z(tile, h)
 
 
-def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, around, nown, corner, h, tiles, planes, bounds):
+def cut_tiles(coefficients, ox, oy, sx, sy, change, first, bxyz, around, nown, corner, h, tiles, planes, bounds):
     """Surface coefficients (nown, 36) on the nodes of each block, relative to its lowest node [cells].
 
-    The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. ``corner`` is
-    the node at which blocks are counted from. ``planes`` (nown, 16, 3) bound the surface in each column of cells from
-    above; ``bounds`` (nown, 2) are the highest of them and the least vertical component of the normal. Blocks one above the
-    other take the same elevations.
+    The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. ``change`` [m] is
+    added to the nodes from ``first`` on. ``corner`` is the node at which blocks are counted from. ``planes`` (nown, 16, 3) bound
+    the surface in each column of cells from above; ``bounds`` (nown, 2) are the highest of them and the least vertical component
+    of the normal. Blocks one above the other take the same elevations.
     """
     for b in prange(nown):
         if _joined(around, bxyz, b, BELOW) >= 0:
@@ -119,13 +126,14 @@ def cut_tiles(coefficients, ox, oy, sx, sy, bxyz, around, nown, corner, h, tiles
         elevation = local_elevations(h)
         for i in range(6):
             for j in range(6):
-                x = (corner[0] + 4 * bxyz[b, 0] + i) * h[0]
-                y = (corner[1] + 4 * bxyz[b, 1] + j) * h[1]
-                elevation[i * 6 + j] = _node_coefficient(coefficients, ox, oy, sx, sy, x, y, h[0], h[1])
-        n = np.int64(b)
-        while n >= 0:
-            _cut_tile(elevation, corner[2] + 4 * bxyz[n, 2], h, tiles[n], planes[n], bounds[n])
-            n = _joined(around, bxyz, n, ABOVE)
+                m = corner[0] + 4 * bxyz[b, 0] + i
+                n = corner[1] + 4 * bxyz[b, 1] + j
+                e = _node_coefficient(coefficients, ox, oy, sx, sy, m * h[0], n * h[1], h[0], h[1])
+                elevation[i * 6 + j] = e + _change_at(change, m - first[0], n - first[1])
+        block = np.int64(b)
+        while block >= 0:
+            _cut_tile(elevation, corner[2] + 4 * bxyz[block, 2], h, tiles[block], planes[block], bounds[block])
+            block = _joined(around, bxyz, block, ABOVE)
 
 
 def _ground(a, fx, fy, z, radius, east, north, dz):

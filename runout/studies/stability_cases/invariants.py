@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from runout.backends.protocol import Backend, LedgerRow
+from runout.model.nodal_surface import NodalSurface
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Scene
-from runout.model.surface import Surface
 from runout.release import stagger
-from runout.studies.stability_cases.layout import CELLS, EDGE, NARROW, Layout
+from runout.studies.stability_cases.layout import EDGE, NARROW, Layout
 
 LIMITS = {  # largest value of what is measured
     "mass": 1e-12,  # change of mass with what has escaped, over the mass
@@ -43,13 +43,6 @@ class Watch:
     drop: float = 0.0  # of potential energy [J]
     stored: float = 0.0  # energy that belongs to the places of the last look [J]
     moving: float = 0.0  # and to the velocities that led there [J]
-    grounds: tuple[Surface, Surface] = field(init=False)  # that of the raster, and that of the grid's nodes, which backends take
-
-    def __post_init__(self) -> None:
-        h, surface = self.scene.spacing, self.scene.surface
-        assert surface is not None
-        nodes = tuple(int(CELLS * self.layout.h / size) + 3 for size in h[:2])
-        self.grounds = surface, surface.resampled((h[0], h[1]), (-h[0], -h[1]), (nodes[0], nodes[1]))
 
     def look(self, engine: Backend) -> bool:
         """Take in the present state; False as soon as it is not finite."""
@@ -124,14 +117,15 @@ class Watch:
             released = 2 * self.first.elastic_energy / row.mass  # a release under its own weight can spring back
             fastest = np.sqrt(v0**2 + 2 * g * max(fall, 0.0) + released)
             self._keep("mean speed", float(mean / (1e-9 + 1.001 * fastest + 1e-3 * np.sqrt(g * height))))
-        above = np.maximum(*(_height(ground, p.position(h)) for ground in self.grounds))
+        assert self.scene.ground is not None
+        above = _height(self.scene.ground, p.position(h))
         edges = " at narrow edges" if self.layout.terrain in NARROW else ""
         middle = above + (stagger.LEVELS - 1) * p.radius  # half a layer above its lower end
         self._keep(f"penetration{edges}", float(-middle.min() / h.min()))
         self._keep("sinking", float(-(above - p.radius).min() / h.min()))
 
 
-def _height(ground: Surface, x: np.ndarray) -> np.ndarray:
+def _height(ground: NodalSurface, x: np.ndarray) -> np.ndarray:
     """First-order distance (n,) [m] of positions (n, 3) [m] from a ground, positive above."""
     elevation, east, north = ground.evaluate(x[:, 0], x[:, 1])
     return (x[:, 2] - elevation) / np.sqrt(1.0 + east**2 + north**2)  # type: ignore[no-any-return]

@@ -59,8 +59,7 @@ def errors_of_contact(spacing: float, cell: float) -> tuple[float, float]:
     That is the distance of first order, from the surface on the nodes of the grid, within :data:`REACH` of the ground.
     """
     places, exact, normal = points(spacing, reach=REACH)
-    nodes = int(SIZE / spacing) + 1
-    ground = sliding_surface(raster(cell), None, (spacing, spacing)).resampled((spacing, spacing), (0.0, 0.0), (nodes, nodes))
+    ground = sliding_surface(raster(cell), None, (spacing, spacing))
     height, east, north = ground.evaluate(places[0], places[1])
     direction = np.stack([-east, -north, np.ones_like(east)]) / np.sqrt(1.0 + east**2 + north**2)
     off = (heightfield.distance(places[2] - height, direction[2]) - exact) / spacing

@@ -1,0 +1,77 @@
+"""The ground of contact: the sliding surface on the nodes of the grid, made where it is asked for."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from runout.model.surface import Surface, spline_at
+
+TILE = 32  # patches along each side of what is made at once
+WIDTH = TILE + 2  # nodes that these need
+NONE = np.zeros((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class NodalSurface:
+    """A surface resampled to the nodes of a grid, plus changes of the coefficients in a window of nodes.
+
+    Backends make the coefficients under their blocks; here they are made in tiles, once each, for whoever asks. So memory and time
+    follow the places asked for, not the number of nodes under the raster.
+
+    Parameters
+    ----------
+    surface : Surface
+        On a lattice of its own.
+    spacing : tuple of float
+        Of the grid, east and north [m]; node 0 lies at position 0.
+    change : ndarray (nx, ny)
+        What the coefficients of the nodes from ``first`` on have more [m], float64; none beyond.
+    first : tuple of int
+        Node of ``change[0, 0]``.
+    """
+
+    surface: Surface
+    spacing: tuple[float, float]
+    change: np.ndarray = field(default_factory=lambda: NONE)
+    first: tuple[int, int] = (0, 0)
+    _tiles: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False)
+
+    def on_nodes(self, first: tuple[int, int], shape: tuple[int, int]) -> Surface:
+        """The ground as a spline whose coefficients sit on so many nodes from the ``first`` on."""
+        found = self.surface.on_nodes(self.spacing, first, shape)
+        here, there = [], []
+        for one, count, start, size in zip(first, shape, self.first, self.change.shape, strict=True):
+            low, high = max(one, start), min(one + count, start + size)
+            here.append(slice(low - one, max(low, high) - one))
+            there.append(slice(low - start, max(low, high) - start))
+        found.coefficients[*here] += self.change[*there]
+        return found
+
+    def elevation(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Elevation [m] at local positions [m]."""
+        return self.evaluate(x, y)[0]
+
+    def evaluate(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Elevation [m] and its slopes east and north [1] at local positions [m] of any common shape."""
+        x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        q = [(place / h).ravel() for place, h in zip((x, y), self.spacing, strict=True)]
+        first = [np.floor(p - 0.5).astype(np.int64) for p in q]
+        table, begins = self._table(first[0] // TILE, first[1] // TILE)
+        begins += first[0] % TILE * WIDTH + first[1] % TILE
+        found = spline_at(table, begins, WIDTH, q[0] - first[0], q[1] - first[1])
+        value, east, north = (one.reshape(x.shape) for one in found)
+        return value, east / self.spacing[0], north / self.spacing[1]
+
+    def _table(self, east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients of the tiles (n,) one behind the other, each once, and where those of each begin (n,)."""
+        if not east.size:
+            return np.zeros(0), east
+        low, count = (east.min(), north.min()), int(np.ptp(north)) + 1
+        keys, slot = np.unique((east - low[0]) * count + north - low[1], return_inverse=True)
+        tiles = [self._tile(int(low[0] + key // count), int(low[1] + key % count)) for key in keys]
+        return np.concatenate(tiles), slot * WIDTH**2
+
+    def _tile(self, i: int, j: int) -> np.ndarray:
+        if (i, j) not in self._tiles:
+            self._tiles[i, j] = self.on_nodes((i * TILE, j * TILE), (WIDTH, WIDTH)).coefficients.ravel()
+        return self._tiles[i, j]

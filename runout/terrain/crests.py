@@ -1,0 +1,236 @@
+"""Crests and channels of a raster: where they run, and a surface that keeps their elevations.
+
+A spline rounds off what is two or three cells wide. How much depends on where the crest lies between the nodes and on its
+azimuth, which no formula along one axis at a time can see.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from runout.model.surface import Surface, smoothness_along
+from runout.physics import bspline
+
+WIDEST = 5  # cells of one elevation across a crest
+BESIDE = 3  # cells within which the ground falls on both sides of a crest
+LOWEST, HIGHEST = 0.05, 0.15  # cells of the grid: crests below the one are left alone, from the other on kept wholly
+WITHIN = 0.005  # of the height of a crest; smaller misses are left alone
+LARGEST = 0.25  # of the height of a crest; the most that it is moved
+ASIDE = 0.75  # cells of the raster between a crest of the raster and that of the surface, at most
+APART = 4  # half cells that the crests of two neighbouring rows may lie apart
+LEAST = 0.2  # of the squared weights that move a coefficient by the whole mean miss
+SEARCH, SWEEPS = 3, 10  # steps to the crest of the surface, and corrections of its height
+
+
+@dataclass(frozen=True)
+class Crests:
+    """Points (n,) on crests and channels, each seen along one axis.
+
+    Attributes
+    ----------
+    axis : ndarray of int
+        0 east, 1 north.
+    along, across : ndarray
+        Local position along that axis and the other one [m].
+    elevation : ndarray
+        Of the raster [m].
+    height : ndarray
+        Over the tilted ground on both sides [m]; negative in a channel.
+    weight : ndarray
+        1 at an edge, 0 on smooth ground, which the surface follows anyway.
+    tilt : ndarray
+        Slope of the ground under it along the axis [1].
+    cell : ndarray
+        Size of the cell along the axis [m].
+    """
+
+    axis: np.ndarray
+    along: np.ndarray
+    across: np.ndarray
+    elevation: np.ndarray
+    height: np.ndarray
+    weight: np.ndarray
+    tilt: np.ndarray
+    cell: np.ndarray
+
+    @classmethod
+    def of(
+        cls, z: np.ndarray, cell_size: tuple[float, float], spacing: float, corner: tuple[float, float] = (0.0, 0.0)
+    ) -> "Crests":
+        """Crests and channels of elevations (nx, ny) [m] of cells of ``cell_size`` [m], for a grid of ``spacing`` [m].
+
+        ``corner`` is the south-west corner of the first cell [m].
+        """
+        if min(z.shape) < BESIDE:
+            return cls(*(np.zeros(0) for _ in fields(cls)))
+        parts = []
+        for axis, (cell, other) in enumerate((cell_size, cell_size[::-1])):
+            for sign in (1.0, -1.0):
+                place, elevation, height, weight, tilt = _along(sign * np.moveaxis(z, axis, 0), spacing)
+                along, across = corner[axis] + (place[0] + 0.5) * cell, corner[1 - axis] + (place[1] + 0.5) * other
+                fixed = (np.full(len(weight), value) for value in (axis, cell))
+                signed = (sign * elevation, sign * height, weight, sign * tilt / cell)
+                parts.append((next(fixed), along, across, *signed, next(fixed)))
+        return cls(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+    def take(self, which: np.ndarray) -> "Crests":
+        """Some of the points."""
+        return Crests(*(values[which] for values in vars(self).values()))
+
+
+def kept(surface: Surface, crests: Crests) -> Surface:
+    """The surface with coefficients changed so that its crests and channels have the elevations of the raster.
+
+    Each sweep adds to a coefficient the mean miss of the points around it (SIRT, Gilbert 1972), weighted by the squares of the
+    weights. The miss is taken where the surface is highest across the crest, over the tilt of the ground; that place is searched
+    anew in each sweep. Points beside which nothing moves in a sweep are left out of the next ones.
+    """
+    if not len(crests.axis):
+        return surface
+    search, along, c = _Search(surface, crests), crests.along, surface.coefficients.flatten()
+    for _ in range(SEARCH):
+        along, reached = search.climb(c, along)[:2]
+    found = np.abs(along - crests.along) < (1.0 - 1e-9) * ASIDE * crests.cell  # else the surface rises on towards something else
+    crests, along, reached = crests.take(found), along[found], reached[found]
+    most = LARGEST * np.abs(crests.height)
+    aim = reached + crests.weight * np.clip(crests.elevation - reached, -most, most)
+    search = _Search(surface, crests)
+    room = np.zeros(c.shape)  # of a coefficient, twice what the highest crest beside it may move
+    for nodes in search.climb(c, along)[2]:
+        np.maximum.at(room, nodes, 2.0 * most)
+    low, high = c - room, c + room
+    for _ in range(SWEEPS):
+        along, reached, nodes, share = search.climb(c, along)
+        off = aim - reached
+        miss = np.sign(off) * np.maximum(np.abs(off) - WITHIN * np.abs(crests.height), 0.0)
+        sums, shares = (np.bincount(nodes.ravel(), v.ravel(), len(c)) for v in (share * miss, share))
+        moves = sums != 0.0
+        n = np.flatnonzero(moves)
+        c[n] = np.clip(c[n] + sums[n] / np.maximum(shares[n], LEAST), low[n], high[n])
+        beside = moves[nodes].any(axis=0)
+        if not beside.any():
+            break
+        if not beside.all():
+            crests, along, aim = crests.take(beside), along[beside], aim[beside]
+            search = _Search(surface, crests)
+    return replace(surface, coefficients=c.reshape(surface.coefficients.shape))
+
+
+class _Search:
+    """Search for the crests of a surface across those of the raster, whose places across the axis stay."""
+
+    def __init__(self, surface: Surface, crests: Crests):
+        axis, shape = crests.axis, np.array(surface.coefficients.shape)
+        self.crests, self.up = crests, np.sign(crests.height)
+        self.origin, self.spacing, self.last = np.array(surface.origin)[axis], np.array(surface.spacing)[axis], shape[axis] - 3
+        strides = np.array([shape[1], 1])
+        self.stride = strides[axis]
+        beside = [surface.patch(crests.across, other) for other in (1, 0)]
+        first, offset = (np.where(axis == 0, *pair) for pair in zip(*beside, strict=True))
+        self.beside = (first + np.arange(3)[:, None]) * strides[1 - axis]  # (3, n)
+        self.share = np.stack(bspline.weights(offset))
+
+    def climb(self, c: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Places (n,) [m] a step towards the crest of the surface of coefficients ``c``, and elevations (n,) [m] before it.
+
+        Both over the tilt of the ground, the elevations at the crest of the raster.
+
+        Then the nodes (12, n) that make these, and the squares of their weights.
+        """
+        q = (along - self.origin) / self.spacing
+        n = np.clip(np.floor(q).astype(np.int64), 1, self.last)
+        t, late = q - n, q - n >= 0.5
+        three = np.stack(bspline.weights(np.where(late, t, t + 1.0)))
+        none = np.zeros((1, len(t)))
+        own = np.where(late, np.concatenate([none, three]), np.concatenate([three, none]))
+        nodes = ((n - 1 + np.arange(4)[:, None]) * self.stride)[:, None] + self.beside
+        values = (c[nodes] * self.share).sum(axis=1)  # (4, n)
+        tilt = self.crests.tilt * self.spacing
+        before, after = (_slope(np.diff(values, axis=0), t + aside) - tilt for aside in (-0.25, 0.25))
+        bend = np.maximum(2.0 * self.up * (before - after), 0.1 * np.abs(self.crests.height))
+        step = np.clip(0.5 * self.up * (before + after) / bend, -0.25, 0.25) * self.spacing
+        most = ASIDE * self.crests.cell
+        moved = np.clip(along + step, self.crests.along - most, self.crests.along + most)
+        reached = (own * values).sum(axis=0) - self.crests.tilt * (along - self.crests.along)
+        return moved, reached, nodes.reshape(12, -1), (own[:, None] * self.share).reshape(12, -1) ** 2
+
+
+def _slope(rises: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Slope of a spline of three ``rises`` (3, n) between coefficients at -1, 0, 1 and 2: linear between -1/2, 1/2 and 3/2."""
+    return np.where(t < 0.5, rises[1] + (t - 0.5) * (rises[1] - rises[0]), rises[1] + (t - 0.5) * (rises[2] - rises[1]))
+
+
+def _along(z: np.ndarray, spacing: float) -> tuple[np.ndarray, ...]:
+    """Crests along axis 0 of elevations (n, m) [m]: places (2, k) [cells], elevations, heights [m], weights, tilts [m/cell] (k,).
+
+    A crest is one to :data:`WIDEST` cells of one elevation; its place is their middle. Between two rows it runs straight.
+    """
+    n, m = z.shape
+    rows = np.pad(z, ((WIDEST, WIDEST), (0, 0)), mode="edge")
+    at = [rows[k : k + n] for k in range(WIDEST - BESIDE, 2 * WIDEST + 1)]  # the cell itself and those before and after
+    before, after = z - np.min(at[:BESIDE], axis=0), z - np.min(at[BESIDE + 1 : 2 * BESIDE + 1], axis=0)
+    rough = 1.0 - smoothness_along(z)
+    halves = np.zeros((5, 2 * n + WIDEST, m))  # elevation, height, weight, tilt and place at half cells, where a crest is
+    flat = z > at[BESIDE - 1]
+    for wide in range(WIDEST):
+        i, j = np.nonzero(flat & (z > at[BESIDE + 1 + wide]))
+        k = np.minimum(i + wide, n - 1)
+        height = np.minimum(before[i, j], after[k, j])
+        tilt = _tilt(rows, i, k, j, height)
+        height += BESIDE * np.abs(tilt)  # on the side where the ground rises
+        aside, more = _middle(rows, i, k, j, height, tilt)
+        weight = np.minimum(rough[i, j], rough[k, j])
+        halves[:, i + k, j] = z[i, j] + more + tilt * aside, height, weight, tilt, 0.5 * (i + k) + aside
+        flat &= z == at[BESIDE + 1 + wide]
+    halves = halves[:, : 2 * n]
+    halves[2] *= np.clip((halves[1] / spacing - LOWEST) / (HIGHEST - LOWEST), 0.0, 1.0)
+    crest = halves[2] > 0.0
+    i, j = np.nonzero(crest)
+    found = [(np.stack([halves[4, i, j], j]), halves[:4, i, j])]
+    found += [_between(z, halves, crest, apart) for apart in range(-APART, APART + 1)]
+    places, values = (np.concatenate(part, axis=1) for part in zip(*found, strict=True))
+    return places, *values
+
+
+def _tilt(rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Slope [m/cell] of the ground under crests from their ``first`` to their ``last`` cell: the least between several feet.
+
+    ``rows`` reach :data:`WIDEST` cells farther at both ends. At most a part of the height: a cliff beside a crest is no tilt.
+    """
+    reach = range(BESIDE, WIDEST + 1)
+    feet = np.stack([(rows[last + WIDEST + k, j] - rows[first + WIDEST - k, j]) / (last - first + 2 * k) for k in reach])
+    least = np.maximum(feet.min(axis=0), 0.0) + np.minimum(feet.max(axis=0), 0.0)
+    return np.clip(least, -LARGEST * height, LARGEST * height)  # type: ignore[no-any-return]
+
+
+def _middle(
+    rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray, height: np.ndarray, tilt: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far [cells] the middle of crests lies from that of their highest cells: towards neighbours that tilted ground lowers.
+
+    Then how much [m] such a neighbour is higher over the tilted ground.
+    """
+    aside, more = np.zeros(len(first)), np.zeros(len(first))
+    for cell, sign in ((last, 1), (first, -1)):
+        share = 0.5 * sign
+        for k in (1, 2):
+            lower = rows[cell + WIDEST, j] + sign * k * tilt - rows[cell + WIDEST + sign * k, j]
+            more = np.clip(-lower, more, LARGEST * height) if k == 1 else more
+            share = share * np.clip(1.0 - lower / (LARGEST * height), 0.0, 1.0)
+            aside = aside + share
+    return aside, more
+
+
+def _between(z: np.ndarray, halves: np.ndarray, crest: np.ndarray, apart: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points half-way between crests of neighbouring rows that are ``apart`` half cells, if the raster is no gap there."""
+    first, last = max(0, -apart), len(crest) - max(0, apart)
+    i, j = np.nonzero(crest[first:last, :-1] & crest[first + apart : last + apart, 1:])
+    i += first
+    pair = np.stack([halves[:, i, j], halves[:, i + apart, j + 1]])
+    values = np.stack([pair[:, 0].mean(axis=0), pair[:, 1].min(axis=0), pair[:, 2].min(axis=0), pair[:, 3].mean(axis=0)])
+    place = pair[:, 4].mean(axis=0)
+    low = np.clip(place.astype(np.int64), 0, len(z) - 2)
+    share = place - low
+    here = 0.5 * ((1.0 - share) * (z[low, j] + z[low, j + 1]) + share * (z[low + 1, j] + z[low + 1, j + 1]))
+    through = here >= values[0] - LARGEST * values[1]
+    return np.stack([place, j + 0.5])[:, through], values[:, through]

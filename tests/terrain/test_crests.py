@@ -1,0 +1,115 @@
+"""Crests of dams and beds of channels on the ground that contact takes: their elevation in every azimuth, wherever they lie."""
+
+import numpy as np
+import pytest
+
+from runout import Terrain
+from runout.model.surface import Surface
+from runout.terrain import sdf
+from runout.terrain.crests import Crests, kept
+
+HEIGHT, SIZE, SPAN = 5.0, 64.0, 12.0
+AZIMUTHS = (0.0, 20.0, 26.565, 45.0, 71.0)
+
+
+def raster_of_dam(cell, width, azimuth, offset, averaged):
+    """Elevations (nx, ny) of cells: the dam at the middle of each, or its mean over it."""
+    n = 8 if averaged else 1
+    x = (np.arange(round(SIZE / cell) * n) + 0.5) * cell / n
+    across = (x[:, None] - SIZE / 2) * np.cos(azimuth) + (x - SIZE / 2) * np.sin(azimuth) - offset
+    z = HEIGHT * (np.abs(across) <= width / 2 + 1e-9)
+    return z.reshape(len(x) // n, n, -1, n).mean(axis=(1, 3))
+
+
+def crest_over_raster(ground, z, cell, azimuth, offset, width):
+    """Highest point of sections across the dam, over the highest cell that each section meets."""
+    along, across = np.linspace(-SPAN, SPAN, 49), np.linspace(-width, width, 81)[:, None]
+    x, y = (
+        SIZE / 2 + (across + offset) * np.cos(azimuth) - along * np.sin(azimuth),
+        SIZE / 2 + (across + offset) * np.sin(azimuth) + along * np.cos(azimuth),
+    )
+    middle = (np.arange(len(z)) + 0.5) * cell - SIZE / 2
+    position = (middle * np.cos(azimuth) - middle[:, None] * np.sin(azimuth))[..., None]
+    meets = np.abs(position - along) <= 0.5 * cell * (abs(np.cos(azimuth)) + abs(np.sin(azimuth))) + 1e-9
+    return ground.elevation(x, y).max(axis=0) / np.where(meets, z[..., None], 0.0).max(axis=(0, 1))
+
+
+def worst(h, cell, width, shifts=(0.0, 0.25, 0.7), sign=1.0, azimuths=AZIMUTHS, slope=0.0):
+    found = []
+    for azimuth in np.radians(azimuths):
+        for averaged in (False, True):
+            for shift in shifts:
+                z = raster_of_dam(cell, width, azimuth, shift * cell, averaged)
+                x = (np.arange(len(z)) + 0.5) * cell
+                terrain = Terrain.from_array(sign * (z - slope * x[:, None]).T[::-1], (cell, cell))
+                surface = sdf.sliding_surface(terrain, None, (h, h)).on_nodes((-2, -2), (round(SIZE / h) + 4,) * 2)
+                lattice = surface.origin[0] + surface.spacing[0] * np.arange(len(surface.coefficients))
+                ground = Surface(sign * surface.coefficients + slope * lattice[:, None], surface.spacing, surface.origin)
+                found.append(crest_over_raster(ground, z, cell, azimuth, shift * cell, width))
+    return np.min(found), np.max(found)
+
+
+@pytest.mark.parametrize(
+    ("h", "cell", "width"), [(2.0, 2.0, 4.0), (1.5, 2.0, 4.0), (1.0, 2.0, 4.0), (2.0, 2.0, 6.0), (2.0, 1.0, 4.0)]
+)
+def test_crest_of_a_dam_has_the_elevation_of_the_raster_in_every_azimuth(h, cell, width):
+    """Two cells of raster and grid wide, or more. Measured 0.986 to 1.017; before 0.77 to 1.04."""
+    low, high = worst(h, cell, width)
+    assert low > 0.98
+    assert high < 1.02
+
+
+def test_crest_of_a_dam_on_a_slope_stands_as_high_over_it_as_in_the_raster():
+    """On 20 degrees, in every azimuth. Measured 0.979 to 1.038; before 0.82 to 1.07."""
+    low, high = worst(2.0, 2.0, 4.0, shifts=(0.0, 0.25, 0.5), slope=0.36)
+    assert low > 0.97
+    assert high < 1.05
+
+
+def test_bed_of_a_channel_is_as_deep_as_the_raster():
+    low, high = worst(2.0, 2.0, 4.0, shifts=(0.0, 0.4), sign=-1.0)
+    assert low > 0.98
+    assert high < 1.02
+
+
+@pytest.mark.parametrize(("h", "least", "most"), [(3.0, 0.91, 1.04), (4.0, 0.44, 1.11)])
+def test_grid_coarser_than_half_a_dam_holds_part_of_it(h, least, most):
+    """Dam two cells of the raster wide. Measured 0.92 to 1.03 on nodes 1.5 cells apart, 0.46 to 1.08 on nodes two cells apart."""
+    low, high = worst(h, 2.0, 4.0)
+    assert least < low < 0.98
+    assert high < most
+
+
+def test_ground_without_crests_and_smooth_crests_stay_as_they_are():
+    x = 5.0 * np.arange(40)
+    hills, step = 20 * np.sin(x / 25)[:, None] * np.cos(x / 30), np.where(x[:, None] > 90, 0.0, 30.0) + 0 * x
+    for z in (0.4 * x[:, None] - 0.2 * x, hills, step):
+        surface = Surface.through(z, (5.0, 5.0))
+        np.testing.assert_array_equal(kept(surface, Crests.of(z, (5.0, 5.0), 5.0)).coefficients, surface.coefficients)
+
+
+def test_noise_beside_a_cliff_makes_no_lip_and_no_moat():
+    """Noise of 5 cm (rms) on a face of 30 m: the ground leaves the level by 8 mm to 20 cm."""
+    noise = np.random.default_rng(4).normal(0.0, 0.05, (60, 60))
+    for cell, h in ((2.0, 2.0), (1.2, 2.0), (2.0, 1.5)):
+        edge = 30 * cell
+        x = (np.arange(60) + 0.5) * cell
+        for azimuth in np.radians((0.0, 20.0, 45.0)):
+            along = (x - edge) * np.cos(azimuth) + (x[::-1, None] - edge) * np.sin(azimuth)
+            z = noise - np.clip(along * np.tan(np.radians(85.0)), 0.0, 30.0)
+            ground = sdf.sliding_surface(Terrain.from_array(z, (cell, cell)), None, (h, h))
+            places = np.random.default_rng(5).uniform(0.2 * edge, 1.8 * edge, (2, 8000))
+            found = ground.elevation(*places)
+            assert found.max() < 0.3
+            assert found.min() > -30.3
+
+
+def test_ground_under_a_mirrored_raster_is_the_mirrored_ground():
+    """To 2 cm at a few places of noise of 1 m, where two crests are alike to rounding, and elsewhere to 1e-9 m."""
+    z = np.random.default_rng(3).normal(0.0, 1.0, (24, 30)).round(1)
+    one = sdf.sliding_surface(Terrain.from_array(z, (2.0, 2.0)), None, (2.0, 2.0))
+    other = sdf.sliding_surface(Terrain.from_array(z[:, ::-1], (2.0, 2.0)), None, (2.0, 2.0))
+    x, y = np.random.default_rng(4).uniform(4.0, 44.0, (2, 500))
+    apart = np.abs(other.elevation(60.0 - x, y) - one.elevation(x, y))
+    assert np.median(apart) < 1e-9
+    assert apart.max() < 0.05
