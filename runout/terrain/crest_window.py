@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from runout.terrain.prepare import below_energy_line
+
 MARGIN = 4  # cells of the raster around what the masses may reach
 LARGEST = 250_000  # cells in the window
 LARGEST_TABLE = 2_000_000  # nodes in the window
@@ -72,24 +74,13 @@ def needs_table(cell: tuple[float, float], spacing: tuple[float, float]) -> bool
 
 def _reached(ground: np.ndarray, cell: tuple[float, float], box: Box, top: float, angle: float) -> Box:
     """Box of the cells below the energy line that hang together with the box of the mass."""
-    from scipy import ndimage
-
     aside = [
         size * np.maximum(np.maximum(first - np.arange(count), np.arange(count) - last + 1), 0)
         for (first, last), size, count in zip(box, cell, ground.shape, strict=True)
     ]
-    line = np.hypot(aside[0][:, None], aside[1])
-    line -= math.hypot(*cell)
-    np.maximum(line, 0.0, out=line)
-    line *= -math.tan(angle)
-    line += top
-    parts, count = ndimage.label(ground <= line, structure=np.ones((3, 3)))
-    own = np.zeros(count + 1, bool)
-    own[parts[tuple(slice(*sides) for sides in box)]] = True
-    own[0] = False
-    if not own.any():
-        return box
-    reach = own[parts]
+    start = np.zeros(ground.shape, bool)
+    start[tuple(slice(*sides) for sides in box)] = True
+    reach = below_energy_line(ground, start, np.hypot(aside[0][:, None], aside[1]), top, angle, cell)
     cells = [np.flatnonzero(reach.any(axis=axis)) for axis in (1, 0)]
     return (int(cells[0][0]), int(cells[0][-1]) + 1), (int(cells[1][0]), int(cells[1][-1]) + 1)
 

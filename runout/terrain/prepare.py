@@ -1,5 +1,6 @@
 """From a raster as its file states it to a terrain: north up, in metres, unknown cells NaN; every change is reported."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -179,10 +180,40 @@ def reachable(terrain: Terrain, thickness: np.ndarray, angle: float) -> np.ndarr
     dx, dy = terrain.cell_size
     ground = filled(terrain.elevation, terrain.cell_size)
     distance = ndimage.distance_transform_edt(~released, sampling=(dy, dx))
-    # a mass may start at the rim of its cell and needs to touch only the rim of the other
-    line = (ground + thickness)[released].max() - np.tan(angle) * np.maximum(distance - np.hypot(dx, dy), 0.0)
-    parts, _ = ndimage.label(((ground <= line) & np.isfinite(terrain.elevation)) | released, structure=np.ones((3, 3)))
-    return np.isin(parts, np.unique(parts[released]))
+    known = np.where(np.isfinite(terrain.elevation), ground, np.inf)
+    return below_energy_line(known, released, distance, (ground + thickness)[released].max(), angle, terrain.cell_size)
+
+
+def below_energy_line(
+    ground: np.ndarray, start: np.ndarray, distance: np.ndarray, top: float, angle: float, cell_size: tuple[float, float]
+) -> np.ndarray:
+    """Cells (n, m) below the energy line that hang together with those of the ``start``, and these.
+
+    Parameters
+    ----------
+    ground : ndarray (n, m)
+        Elevation [m]; infinite where no path leads.
+    start : ndarray (n, m) of bool
+    distance : ndarray (n, m)
+        From the start [m]; changed.
+    top : float
+        Elevation [m] from which the line falls.
+    angle : float
+        Of the line [rad].
+    cell_size : tuple of float
+        A mass may start at the rim of its cell and needs to touch only the rim of the other [m].
+    """
+    from scipy import ndimage
+
+    line = distance
+    line -= math.hypot(*cell_size)
+    np.maximum(line, 0.0, out=line)
+    line *= -math.tan(angle)
+    line += top
+    parts, count = ndimage.label((ground <= line) | start, structure=np.ones((3, 3)))
+    own = np.zeros(count + 1, bool)
+    own[parts[start]] = True
+    return own[parts]
 
 
 def steepness(elevation: np.ndarray, cell_size: tuple[float, float]) -> np.ndarray:

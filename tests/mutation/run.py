@@ -30,6 +30,7 @@ TESTS = {
     "runout/hazard": ["tests/hazard", "tests/io/test_outlines.py"],
     "runout/release": ["tests/release", "tests/terrain/test_open_edge.py"],
     "runout/terrain": ["tests/terrain", "tests/release/test_zone_polygons.py", "tests/release/test_other_systems.py"],
+    "runout/io": ["tests/io", "tests/release", "tests/terrain"],  # polygons and coordinate systems of release and terrain
 }
 COMPILING = ["tests/physics/test_parity.py", "tests/physics/test_compile_cache.py", "tests/physics/test_single_precision_series.py"]
 LEFT_OUT = [  # tests that compile kernels in every copy of the tree, or take long beside what they find
@@ -116,7 +117,7 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=60, help="number of mutants (60)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (0)")
-    parser.add_argument("--package", nargs="+", default=list(TESTS), help="folders or files to change (all four packages)")
+    parser.add_argument("--package", nargs="+", default=list(TESTS), help="folders or files to change (all of these packages)")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="mutants at a time (all cores)")
     parser.add_argument("--limit", type=float, default=60.0, help="seconds added to three times the time without a change (60)")
     parser.add_argument("--json", type=Path, help="file of the results")

@@ -258,7 +258,7 @@ class Index:
     Attributes
     ----------
     nown, nall : int
-        Blocks that may hold particles; all blocks. Read with the board.
+        Blocks that may hold particles; all blocks. Read with the device status.
     capacity : int
         Blocks that the arrays have room for.
     shared : int
@@ -287,11 +287,11 @@ class Index:
         Blocks that hold particles in contact, and their places among those near the ground.
     touching : (capacity,) int32
         How many a block holds.
-    board : Board
+    device_status : DeviceStatus
         Where the numbers of a step and of a sort are written; ``tally`` and ``entered`` are parts of it.
     former : (capacity, 3) int32
         Coordinates of the blocks before the present sort.
-    sums : (room + 1,) int32
+    sums : (capacity + 1,) int32
         Sums over the blocks before each, and over all.
     """
 

@@ -63,7 +63,7 @@ def enqueue_again(batch: Batch) -> None:
 
 
 def settle(batch: Batch, again: Callable[[], tuple[Callable[[], None], Callable[[], None]]]) -> dict[str, np.ndarray]:
-    """The board after a sort that has been launched, which is made again with more room until it fits."""
+    """The device status after a sort that has been launched; the sort is made again with larger arrays until they suffice."""
     device_status = batch.device_status.read()
     while device_status["flags"][HALT] == GROW:
         _make_room(batch, device_status["counts"])
