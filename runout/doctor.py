@@ -13,7 +13,7 @@ from pathlib import Path
 from runout import __version__, caches, log
 from runout.errors import ExitCode
 
-LIBRARIES = ("numpy", "numba", "warp-lang", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib", "landlab")
+LIBRARIES = ("numpy", "numba", "warp-lang", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")
 IMPORTED = ("numpy", "numba", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")
 ASK_WARP = "import warp; [print(f'device: {d.alias} ({d.name})') for d in warp.get_cuda_devices()]"
 FOREIGN_DATA = {  # set by QGIS, conda or OSGeo4W for their own build

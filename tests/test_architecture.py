@@ -3,8 +3,10 @@
 import ast
 import importlib.util
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +22,8 @@ HOMES = {
     "numba": ("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
     "warp": ("runout/backends/hash/", "runout/backends/compile.py"),
 }
+IMPORT_NAMES = {"warp-lang": "warp", "ruamel.yaml": "ruamel"}  # where it differs from the name of the distribution
+COME_WITH = {"llvmlite": "numba", "pydantic_core": "pydantic", "mpl_toolkits": "matplotlib"}  # always, in a version that fits
 HEAVY = (
     "numba",
     "warp",
@@ -140,6 +144,14 @@ def test_everything_public_says_what_it_is(path):
 def test_files_are_named_after_what_they_hold():
     vague = {"utils", "util", "helper", "helpers", "manager", "misc", "common", "tools"}
     assert [place(p) for p in SOURCES if vague & set(p.stem.split("_"))] == []
+
+
+def test_every_dependency_is_imported_and_every_import_is_a_dependency():
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    names = {re.match(r"[\w.-]+", line)[0] for line in stated}
+    modules = {IMPORT_NAMES.get(name, name) for name in names}
+    used = {COME_WITH.get(name, name) for path in SOURCES for _, name in imported(path)}
+    assert modules == used - set(sys.stdlib_module_names) - {"runout", "pipelines", ""}
 
 
 def test_errors_are_never_caught_wholesale():
