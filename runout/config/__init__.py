@@ -1,1 +1,1 @@
-"""Configuration: site.yaml, its checks, the site folder, and public files that it names."""
+"""Configuration: reads and checks site.yaml, the site folder and the public files that site.yaml names."""

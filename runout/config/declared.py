@@ -1,4 +1,4 @@
-"""Fields of a settings model from declared parameters (:mod:`runout.model.parameters`), of a law or of another kind."""
+"""Makes the fields of a settings model from declared parameters (:mod:`runout.model.parameters`)."""
 
 from collections.abc import Iterable
 from dataclasses import MISSING

@@ -8,29 +8,29 @@ from pydantic_core import PydanticCustomError
 
 from runout.model.limits import LARGEST_RADIANS, LIMITS, Range, looks_like_radians, radians_remedy
 
-FAR_TAIL = 4.0  # standard deviations; one sample in 30 000 lies further out
+FAR_TAIL = 4.0  # standard deviations; one sample in 30,000 lies outside
 
 
 class Settings(BaseModel):
-    """Base of all settings: frozen, unknown keys refused, no value turned into another type."""
+    """Base of all settings: frozen; it refuses unknown keys and converts no types."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 def quantity(description: str, default: Any = ..., *, unit: str = "", hint: str = "", **bounds: Any) -> Any:
-    """A field of a settings model: description (also the comment in a new site.yaml), unit, bounds, hint for wrong values."""
+    """A field of a settings model. ``description`` is the comment in a new site.yaml; ``hint`` ends messages on wrong values."""
     extra: Any = {"unit": unit, "hint": hint}
     return Field(default, description=description, json_schema_extra=extra, **bounds)
 
 
 def refuse(message: str, fix: str, key: str = "") -> PydanticCustomError:
-    """The error that a validator raises: the place (below its own), what is wrong, the remedy."""
+    """The error that a validator raises: the message, its remedy, and the key within the validated block."""
     context = {"message": message, "fix": fix, "key": key}
     return PydanticCustomError("runout", "{message}; {fix}", context)
 
 
 def limited(name: str, description: str, default: Any = ..., **more: Any) -> Any:
-    """A field of a settings model with the unit, the range and the hint of a quantity of :data:`runout.model.limits.LIMITS`."""
+    """A field of a settings model; unit, range and hint are those of :data:`runout.model.limits.LIMITS`."""
     valid = LIMITS[name]
     return quantity(description, default, unit=valid.unit, hint=valid.hint, **valid.bounds(), **more)
 
@@ -108,7 +108,7 @@ class Normal(Settings):
 
 
 class Discrete(Settings):
-    """Some values, each with its frequency."""
+    """A finite list of values, each with its relative frequency."""
 
     distribution: Literal["discrete"] = quantity("discrete values with frequencies")
     values: list[float] = quantity("the values", min_length=1)
@@ -132,22 +132,22 @@ DISTRIBUTIONS = {"uniform": Uniform, "triangular": Triangular, "normal": Normal,
 
 
 def tag_of(name: str) -> str:
-    """The mark that pydantic puts into an error's location for a chosen model; no key of a file looks like it."""
+    """Tag of a model in the location of a pydantic error. The angle brackets distinguish it from keys of a file."""
     return f"<{name}>"
 
 
 def discriminator(key: str, default: str) -> Callable[[Any], str]:
-    """How pydantic finds the model of a block: by the value of one of its keys."""
+    """Function that selects the model of a block by the value of one key."""
 
     def tag(block: Any) -> str:
         return tag_of(str(block.get(key, default) if isinstance(block, dict) else getattr(block, key, default)))
 
-    tag.__name__ = key  # pydantic names it in its errors
+    tag.__name__ = key  # pydantic prints this name in its errors
     return tag
 
 
 def shape(value: Any) -> str:
-    """The mark of what a value is: text, list, block or number."""
+    """Tag of the kind of a value: text, list, block or number."""
     if isinstance(value, str):
         return "<text>"
     return "<list>" if isinstance(value, list) else "<block>" if isinstance(value, dict | Settings) else "<number>"
@@ -163,14 +163,14 @@ Distribution = Annotated[
 
 
 def plausible_degrees(value: float) -> float:
-    """The angle [deg]; refused where it looks like radians."""
+    """The angle [deg]; an angle that looks like radians is refused."""
     if looks_like_radians(value):
         raise refuse(f"{value:g} deg is suspiciously small; angles are in degrees here", radians_remedy(value))
     return value
 
 
 def within_range(valid: Range, distribution: Any) -> Any:
-    """The distribution; refused where it can give a value outside the valid range of its parameter."""
+    """The distribution; it is refused if it can give a value outside the valid range of its parameter."""
     low, high = distribution.support()
     if valid.degrees:
         plausible_degrees(high)
@@ -186,7 +186,7 @@ def within_range(valid: Range, distribution: Any) -> Any:
 
 
 def _require_no_radians(distribution: Any) -> None:
-    """Refuse angles [deg] of which some samples would be taken for radians, as a stated angle is."""
+    """Refuse a distribution of angles [deg] whose samples may look like radians."""
     values = distribution.values if isinstance(distribution, Discrete) else [distribution.support()[0] or LARGEST_RADIANS]
     if any(map(looks_like_radians, values)):
         fix = "leave these out" if isinstance(distribution, Discrete) else "cut it with low: 1.6"

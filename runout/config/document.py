@@ -1,4 +1,4 @@
-"""A YAML file as plain values that remember their lines."""
+"""Reads a YAML file into plain values and records the line of each."""
 
 import math
 from collections.abc import Hashable
@@ -12,8 +12,8 @@ from runout.errors import Problem
 Location = tuple[Hashable, ...]  # keys and list positions from the top of the file down
 
 LARGEST_FILE = 256 * 1024  # [bytes]
-LARGEST_WHOLE = 2**63 - 1  # whole numbers beyond it are no quantity of a site
-SHOWN = 400  # characters of a message; values can be longer
+LARGEST_WHOLE = 2**63 - 1  # no quantity of a site is a larger whole number
+SHOWN = 400  # characters; longer messages are shortened
 
 
 @dataclass
@@ -38,13 +38,13 @@ class Document:
     problems: list[Problem] = field(default_factory=list)
 
     def line(self, location: Location) -> int:
-        """Line of a location, or of the nearest one above it that the file has."""
+        """Line of a location; if the file does not contain it, the line of the innermost block that it contains."""
         while location and location not in self.lines:
             location = location[:-1]
         return self.lines.get(location, 1)
 
     def value(self, location: Location) -> Any:
-        """The value at a location; None where the file has none."""
+        """The value at a location; None if the file has no such location."""
         found = self.values
         for part in location:
             try:
@@ -67,13 +67,13 @@ def dotted(location: Location) -> str:
 
 
 def shortened(text: str) -> str:
-    """A text that fits on a few lines: printable, its middle left out where it is long."""
+    """Printable text of limited length: the middle of a long text is left out."""
     text = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
     return text if len(text) <= SHOWN else f"{text[: SHOWN // 2]} ... {text[-SHOWN // 4 :]}"
 
 
 def read_document(path: Path) -> Document:
-    """Content of a YAML file with its lines; what is not YAML is listed in ``problems``."""
+    """Content of a YAML file with line numbers; ``problems`` lists the errors of YAML syntax."""
     document = Document(path.name)
     size = path.stat().st_size
     if size > LARGEST_FILE:
@@ -91,7 +91,7 @@ def read_document(path: Path) -> Document:
 
 
 class _Reader:
-    """Turns the nodes of a YAML text into plain values, noting lines and repeated keys."""
+    """Converts the nodes of a YAML text into plain values; records line numbers and repeated keys."""
 
     def __init__(self, document: Document) -> None:
         from ruamel.yaml import YAML
@@ -116,7 +116,7 @@ class _Reader:
             self.document.problems.append(Problem(self.document.name, line, "", "a control character stands here", fix))
 
     def _surveyed(self, text: str) -> bool:
-        """Whether the text may be built: it is no deeper and, with its aliases, no larger than a site.yaml can be."""
+        """Whether nesting depth and size, with all aliases expanded, are within the limits of a site.yaml."""
         from ruamel.yaml import YAML
 
         survey = Survey()
@@ -175,7 +175,7 @@ class _Reader:
         if (isinstance(value, int) and abs(value) > LARGEST_WHOLE) or (str(node.tag).endswith(":int") and isinstance(value, str)):
             fix = "write it as a float such as 1.0e+6, in the unit asked for"
             self._refused(location, line, f"a whole number of {digits} digits", fix)
-            return math.inf  # a number still, and refused by every check that comes
+            return math.inf  # still a number; the range checks refuse it
         if isinstance(value, str) and not _is_text(value):
             self._refused(location, line, "holds a character that is no text", "remove it; it may have come with a copied text")
             return "?"
@@ -183,7 +183,7 @@ class _Reader:
 
 
 def _is_text(value: str) -> bool:
-    """Whether a text can be printed and written: no control characters but tabs and new lines, no halves of characters."""
+    """Whether a text holds no control characters, apart from tabs and new lines, and no unpaired surrogates."""
     return all(c in "\t\n" or not (ord(c) < 32 or 0x7F <= ord(c) < 0xA0 or 0xD800 <= ord(c) < 0xE000) for c in value)
 
 

@@ -17,14 +17,14 @@ REDIRECTS = (301, 302, 303, 307, 308)
 
 
 def download(url: str, size: int, target: Path) -> None:
-    """Write the file of an address to ``target``; a part of it may be there after an error.
+    """Download a file to ``target``; after an error, an incomplete file may remain.
 
     Parameters
     ----------
     url : str
-        Address; it and all that it is redirected to begin with https.
+        Address; it and all redirections must begin with https.
     size : int
-        Stated size of the file [bytes]; the server is left as soon as it sends more.
+        Stated size of the file [bytes]; the download stops as soon as the server sends more.
     target : Path
 
     Raises
@@ -32,7 +32,7 @@ def download(url: str, size: int, target: Path) -> None:
     InputError
         If the server sends another size, redirects too often or away from https.
     StorageError
-        If it is too slow.
+        If the download takes too long.
     requests.exceptions.RequestException, OSError
         If the server does not answer or the file cannot be written.
     """
@@ -60,7 +60,7 @@ def download(url: str, size: int, target: Path) -> None:
 
 
 def _followed(session: Any, url: str) -> Any:
-    """The answer at the end of the redirects."""
+    """Response after all redirections."""
     for _ in range(MOST_REDIRECTS + 1):
         if urlsplit(url).scheme not in SCHEMES or not urlsplit(url).hostname:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Which part of a huge elevation raster a site needs: what its masses can reach, by the energy line."""
+"""The part of a huge elevation raster that a site needs: the area within reach of its masses, from the energy line."""
 
 import math
 from dataclasses import dataclass
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.model.terrain import Terrain
 
-LARGEST_DERIVED = 50_000_000  # cells; who needs more states so
-FIRST = 64  # cells around the releases that are looked at first
-BEYOND = 16  # cells around what the masses can reach that are kept
-SHARE_BEYOND = 0.05  # of its width, the same
+LARGEST_DERIVED = 50_000_000  # cells; for a larger extent, state terrain.extent
+FIRST = 64  # width [cells] around the releases of the first extent tried
+BEYOND = 16  # width [cells] of the margin around the area within reach
+SHARE_BEYOND = 0.05  # the same margin as a share of the width of that area
 VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb")
-EDGE_POINTS = 21  # of an extent that is brought to another system
+EDGE_POINTS = 21  # points per edge of an extent that is transformed
 
 
 @dataclass(frozen=True)
 class DerivedExtent:
-    """Extent that the masses of a site need.
+    """Extent that contains the area within reach of the masses of a site.
 
     Attributes
     ----------
     edges : tuple of float
         West, south, east and north, in the coordinates of the elevation raster's file.
     sentence : str
-        How it was found.
+        How the extent was derived, for log and record.
     """
 
     edges: Bounds
@@ -44,12 +44,12 @@ class DerivedExtent:
 
 
 def needed_extent(site: "Site") -> DerivedExtent | None:
-    """Extent of a site's elevation raster that no mass leaves; None where the raster is read as a whole.
+    """Extent of a site's elevation raster that no mass leaves; None if the raster is read as a whole.
 
     Raises
     ------
     DemError
-        If the raster is huge and the extent cannot be found, or is too large itself.
+        If the raster is huge and its extent cannot be derived, or the derived extent is too large.
     InputError
         If an input cannot be used.
     """
@@ -73,7 +73,7 @@ def needed_extent(site: "Site") -> DerivedExtent | None:
 
 
 def extent_around(dem: Path | str, release: Path) -> Bounds | None:
-    """Extent of a huge elevation raster around a release; None of another one, which is read as a whole.
+    """Extent of a huge elevation raster around a release; None for smaller rasters, which are read as a whole.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def release_bounds(release: "ReleaseSettings", folder: Path, header: "Header") -
 
 
 def _grown(site: "Site", header: "Header", edges: Bounds) -> DerivedExtent:
-    """Extent around releases, which grows on each side that a mass can reach, unless the known ground ends there."""
+    """Extent around the releases. Each edge within reach of a mass moves outwards until the known ground ends."""
     cell = abs(header.transform[0]), abs(header.transform[4])
     more = [max(FIRST * cell[k % 2], edges[2 + k % 2] - edges[k % 2]) for k in range(4)]
     whole, before = header.bounds, np.full(4, np.nan)
@@ -148,14 +148,14 @@ def _limited(edge: float, side: int, whole: Bounds) -> float:
 
 
 def _touched(reach: np.ndarray) -> tuple[bool, bool, bool, bool]:
-    """Whether cells (rows, columns) reach the west, south, east and north edge, or lie beside it."""
+    """Whether any cell within reach lies in the two outermost columns or rows: west, south, east, north."""
     near = reach[:, :2], reach[-2:], reach[:, -2:], reach[:2]
     west, south, east, north = (bool(cells.any()) for cells in near)
     return west, south, east, north
 
 
 def _reach(site: "Site", terrain: "Terrain") -> tuple[float, np.ndarray]:
-    """Least friction angle [rad], and the cells that the largest masses of any member reach against it."""
+    """Smallest friction angle [rad] and the cells (rows, columns) within reach of the largest masses of the ensemble."""
     from runout.terrain.prepare import reachable
 
     largest = max(1.0, _support(site, "release_volume_factor", 1.0)[1])
@@ -165,7 +165,7 @@ def _reach(site: "Site", terrain: "Terrain") -> tuple[float, np.ndarray]:
 
 
 def _least_friction(site: "Site", terrain: "Terrain", releases: "list[Release]") -> float:
-    """Smallest friction angle [rad] that any member may have on any ground in reach."""
+    """Smallest friction angle [rad] of all members on any ground within reach."""
     from runout.errors import ZoneError
     from runout.model.basal_strength import least_angle, strengths
 
@@ -177,7 +177,7 @@ def _least_friction(site: "Site", terrain: "Terrain", releases: "list[Release]")
     strength = strengths([r.material or weakest for r in releases], height)
     try:
         zones = site.friction_zones(terrain)
-    except ZoneError:  # none within this extent; who reads the site says what is wrong with them
+    except ZoneError:  # no zone lies within this extent; Site.friction_zones reports faults on the final extent
         zones = None
     return least_angle(angles, strength, zones)
 
@@ -189,7 +189,7 @@ def _support(site: "Site", name: str, otherwise: float) -> tuple[float, float]:
 
 
 def _kept(header: "Header", terrain: "Terrain", reach: np.ndarray, tried: Bounds, angle: float) -> DerivedExtent:
-    """The cells that are reached and some around them, within the extent that was tried."""
+    """Extent of the cells within reach plus a margin, at most the extent that was tried."""
     from pyproj import Transformer
 
     rows, columns = np.flatnonzero(reach.any(axis=1)), np.flatnonzero(reach.any(axis=0))

@@ -1,4 +1,4 @@
-"""Input files: beside site.yaml, in the folder RUNOUT_DATA, or fetched once into the user's cache; always checked."""
+"""Finds input files: in the site folder, in the folder RUNOUT_DATA, or by download into the user's cache. Checks them."""
 
 import hashlib
 import logging
@@ -19,7 +19,7 @@ LOGGER = logging.getLogger(__name__)
 
 
 def locate(source: str | RemoteFile, folder: Path) -> str | Path:
-    """Where an input can be read: a path, or the name of a sample raster as it stands.
+    """Path of an input; the name of a sample raster is returned unchanged.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ def locate(source: str | RemoteFile, folder: Path) -> str | Path:
     if source.startswith("matplotlib:"):
         return source
     path = folder / source
-    if exists(path):  # who reads it says what is missing
+    if exists(path):  # its reader reports a missing file
         require_regular(path, InputError)
     return path
 
 
 def fetch(remote: RemoteFile) -> Path:
-    """Path of a checked copy of a public file: below RUNOUT_DATA, else in the cache, else fetched into it."""
+    """Path of a checked copy of a public file: in RUNOUT_DATA, else in the cache, else downloaded to the cache."""
     given = _in_data_folder(remote)
     if given:
         return _checked(given, remote, f"remove it, or unset {DATA_FOLDER} to fetch the file")
@@ -57,7 +57,7 @@ def fetch(remote: RemoteFile) -> Path:
 
 
 def cache_folder() -> Path:
-    """Where fetched files are kept: RUNOUT_CACHE, or the platform's place for caches."""
+    """Folder of downloaded files: RUNOUT_CACHE, or the cache folder of the platform."""
     stated = os.environ.get(CACHE_FOLDER)
     if stated:
         return Path(stated).expanduser()
@@ -67,7 +67,7 @@ def cache_folder() -> Path:
 
 
 def cached_path(remote: RemoteFile) -> Path:
-    """Where the copy of a public file is or will be; the checksum in its name keeps two of one name apart."""
+    """Path of a public file in the cache; it contains the checksum, so that files of equal names differ."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", remote.url.rsplit("/", 1)[-1])[-LONGEST_NAME:]
     return cache_folder() / f"{remote.sha256[:12]}-{name}"
 
@@ -95,7 +95,7 @@ def _checked(path: Path, remote: RemoteFile, remedy: str) -> Path:
 
 
 def _download(remote: RemoteFile, target: Path) -> Path:
-    """The file, fetched to a temporary name beside ``target`` and moved there when whole and right."""
+    """Download a file to a temporary name beside ``target``, check it, and move it to ``target``."""
     import pooch
     from requests.exceptions import RequestException
 
@@ -112,9 +112,9 @@ def _download(remote: RemoteFile, target: Path) -> Path:
         raise StorageError(_by_hand(remote, target, type(error).__name__)) from error
     except InputError as error:
         raise InputError(f"{error}; {_get_copy(remote, target)}") from error
-    except ValueError as error:  # pooch removed what it had fetched
+    except ValueError as error:  # pooch has removed the file
         raise InputError(
-            f"{remote.url}: what the server sent has not the sha256 {remote.sha256}; {_get_copy(remote, target)}"
+            f"{remote.url}: the file of the server does not have the sha256 {remote.sha256}; {_get_copy(remote, target)}"
         ) from error
     except OSError as error:
         raise StorageError(f"{target}: cannot be written ({error.strerror or error}); {_other_cache()}") from error

@@ -1,4 +1,4 @@
-"""Settings of the material and of what an ensemble may sample, made from the declarations of the laws."""
+"""Settings of the material and of sampled parameters, derived from the declarations of the laws."""
 
 import re
 from collections.abc import Iterator
@@ -21,12 +21,12 @@ OF_THE_RUN = {"basal_friction_angle_deg": LIMITS["basal_friction_angle"], "relea
 
 
 class MaterialSettings(Settings):
-    """The material: its law and the parameters of that."""
+    """The material: its law and the parameters of the law."""
 
     law: str
 
     def material(self, sample: dict[str, float] | None = None) -> Material:
-        """The material, with sampled parameters, by their keys, in the place of the stated ones."""
+        """The material; sampled parameters (by key) replace the stated ones."""
         law, values = LAWS.find(self.law), {**self.model_dump(exclude={"law"}), **(sample or {})}
         return law.material(**{p.name: values[p.key] for p in law.parameters})
 
@@ -40,7 +40,7 @@ class MaterialSettings(Settings):
         return self
 
     def __reduce__(self) -> Any:
-        """Another process gets the class of the law, whose module registers it there."""
+        """Pickle the class of the law as well: importing its module registers the law in the other process."""
         return _restored, (LAWS.find(self.law).material, self.model_dump())
 
 
@@ -49,7 +49,7 @@ def _restored(material: type[Material], values: dict[str, Any]) -> MaterialSetti
 
 
 def _in_keys(text: str, law: Law) -> str:
-    """A message with the parameters as they are called in site.yaml."""
+    """A message in which the keys of site.yaml replace the names of the parameters."""
     for p in law.parameters:
         text = re.sub(rf"\b{p.name}\b", p.key, text)
     return text
@@ -57,7 +57,7 @@ def _in_keys(text: str, law: Law) -> str:
 
 @cache
 def settings_of(law: Law) -> type[MaterialSettings]:
-    """Settings of the material that follows a law."""
+    """Settings model of a material of this law."""
     names = ", ".join(LAWS.names())
     default = DEFAULT_LAW if law.name == DEFAULT_LAW else ...
     return create_model(
@@ -70,18 +70,18 @@ def settings_of(law: Law) -> type[MaterialSettings]:
 
 
 def law_named_in(block: Any) -> str | None:
-    """The law that a material block names, whether there is one of that name or not; None if it is no block."""
+    """Name of the law in a material block, known or not; None if the value is not a block."""
     return block.get("law", DEFAULT_LAW) if isinstance(block, dict) else None
 
 
 def known_law(block: Any) -> Law | None:
-    """The law that a material block names; None if there is none."""
+    """The law that a material block names; None if no such law is known."""
     name = law_named_in(block)
     return LAWS.find(name) if isinstance(name, str) and name in LAWS.names() else None
 
 
 def validated_material(block: Any) -> MaterialSettings:
-    """Settings of a material block, of the law that it names."""
+    """Settings of a material block, validated by the model of the law that it names."""
     if isinstance(block, MaterialSettings):
         return block
     if not isinstance(block, dict):
@@ -91,21 +91,21 @@ def validated_material(block: Any) -> MaterialSettings:
         raise refuse(f"{name!r} is not known", choice_fix(name, names), "law")
     try:
         law = LAWS.find(str(name))
-    except MaterialError as error:  # another package that does not work
+    except MaterialError as error:  # the package of the law cannot be imported
         message, _, fix = str(error).partition("; ")
         raise refuse(message, fix, "law") from None
     return settings_of(law).model_validate(block)
 
 
 def sampled_ranges(law: Law | None = None) -> dict[str, Range]:
-    """Range of each parameter that an ensemble may sample, by its key: of a law, or of all known laws."""
+    """Range of each parameter that an ensemble may sample, by key, for one law or for all known laws."""
     laws = [law] if law else LAWS.known()
     return OF_THE_RUN | sampled_in(p for each in laws for p in each.parameters)
 
 
 @cache
 def _parameters(law: Law | None, _known: tuple[Law, ...]) -> type[Settings]:
-    """What an ensemble may sample: a distribution for each parameter; ranges are those of the law."""
+    """Settings model with a distribution for each parameter that may be sampled; ranges are those of the law."""
     ranges = sampled_ranges() | (sampled_ranges(law) if law else {})
     fields: dict[str, Any] = {
         key: (Annotated[Distribution, AfterValidator(partial(within_range, valid))] | None, None) for key, valid in ranges.items()
@@ -119,9 +119,9 @@ def parameters_model(law: Law | None = None) -> type[Settings]:
 
 
 def sampled_parameters(block: Any, info: ValidationInfo) -> Any:
-    """The distributions of a block of parameters by name, checked; what is no block is left to the next check.
+    """Checked distributions of a block of parameters, by name. A value that is not a block is returned for the next check.
 
-    The context of the validation may hold the ``law`` whose ranges count.
+    The context of the validation may hold the ``law`` whose ranges apply.
     """
     if not isinstance(block, dict):
         return block
@@ -130,7 +130,7 @@ def sampled_parameters(block: Any, info: ValidationInfo) -> Any:
 
 
 def foreign_parameters(block: Any, sampled: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Sampled parameters that the law of a material block does not have: key, what is wrong, remedy."""
+    """Sampled parameters that the law of a material block does not have: key, message and remedy."""
     law = known_law(block)
     if law is None:
         return

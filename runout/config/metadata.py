@@ -1,4 +1,4 @@
-"""Who made a study and what for: printed at the head of the report and written into the products."""
+"""Author and purpose of a study, for the head of the report and the metadata of the products."""
 
 from runout.config.distributions import Settings, quantity
 
@@ -10,7 +10,7 @@ def _text(description: str, **bounds: str) -> str | None:
 
 
 class MetadataSettings(Settings):
-    """Who made the study, and what for. All keys are optional; what is not stated is absent from the products."""
+    """Author and purpose of the study. All keys are optional; the products contain only those that are stated."""
 
     author: str | None = _text("who is responsible for the study")
     email: str | None = _text("address of the author", pattern=r"^[^@\s]+@[^@\s]+$", hint="name@example.org")

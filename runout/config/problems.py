@@ -1,4 +1,4 @@
-"""What pydantic found wrong, said in the words of site.yaml: place, value, remedy."""
+"""Converts errors of pydantic into problems in terms of site.yaml: place, value, remedy."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, get_args
@@ -13,7 +13,7 @@ from runout.config.schema import RemoteFile, SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
 
-CHOSEN: dict[str, Any] = {  # models behind the marks of tagged unions
+CHOSEN: dict[str, Any] = {  # models of the tags of tagged unions
     **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
     "<block>": RemoteFile,
 }
@@ -60,7 +60,7 @@ def _is_mark(part: Any) -> bool:
 
 
 def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel], FieldInfo | None]:
-    """The model that a location ends in and the field that it names there."""
+    """Innermost model of a location, and the field of that model that the location names."""
     model: type[BaseModel] = SiteSettings
     field: FieldInfo | None = None
     for part in location:
@@ -75,7 +75,7 @@ def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel],
 
 
 def inner_model(annotation: Any) -> type[BaseModel] | None:
-    """The first settings model in the type of a field."""
+    """First settings model in the type of a field."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next((m for m in map(inner_model, get_args(annotation)) if m), None)
@@ -109,7 +109,7 @@ def _sections(document: Document) -> dict[str, Iterable[str]]:
 
 
 def _not_chosen(location: Location, context: Mapping[str, Any], value: Any, document: Document) -> Problem:
-    """A block whose law, distribution or shape is none of the known ones."""
+    """Problem of a block whose law, distribution or kind of value is unknown."""
     key = context["discriminator"].removesuffix("()")
     choices = [mark.strip("'") for mark in context["expected_tags"].split(", ")]
     if key == "shape":
@@ -123,7 +123,7 @@ def _not_chosen(location: Location, context: Mapping[str, Any], value: Any, docu
 
 
 def _choices(annotation: Any) -> list[str]:
-    """The words of a Literal, also inside a union."""
+    """Values of a Literal, also inside a union."""
     inner = get_args(annotation)
     return [c for c in inner if isinstance(c, str)] or [c for part in inner for c in _choices(part)]
 

@@ -1,4 +1,4 @@
-"""Reading site.yaml: every problem at once, each with its line, its value and its remedy."""
+"""Reads site.yaml and reports all its problems together, each with line, value and remedy."""
 
 import difflib
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from runout.io.boundary import exists, kind_of, names_in
 from runout.io.georeference import file_named_by
 
 FILE_NAME = "site.yaml"
-MOST_NAMES, LONGEST_NAME = 1000, 255  # of a folder's names, that are compared with a missing one; characters of one
+MOST_NAMES, LONGEST_NAME = 1000, 255  # names of a folder that are compared with a missing one; characters of a name
 
 
 def load(path: Path | str) -> SiteSettings:
@@ -50,7 +50,7 @@ def load(path: Path | str) -> SiteSettings:
 
 
 def site_file(path: Path | str) -> Path:
-    """The site.yaml of a path that is one or a folder with one."""
+    """Path of the site.yaml: ``path`` itself, or the one in the folder ``path``."""
     path = Path(path)
     is_folder = exists(path) and path.is_dir()
     if is_folder and (path / FILE_NAME).is_file():
@@ -71,7 +71,7 @@ def site_file(path: Path | str) -> Path:
 
 
 def nearest_file(path: Path) -> Path | None:
-    """The existing file or folder that is most like a missing one: beside it, or of its name in a folder below or above."""
+    """Existing path most similar to a missing one: a similar name in its folder, or the same name one folder up or down."""
     parent = path.parent
     while not (exists(parent) and parent.is_dir()):
         parent = parent.parent
@@ -84,7 +84,7 @@ def nearest_file(path: Path) -> Path | None:
 
 
 def _contradictions(document: Document) -> Iterator[Problem]:
-    """Sections that do not fit together."""
+    """Problems of settings that contradict each other."""
     sampled = document.value(("ensemble", "parameters"))
     sampled = sampled if isinstance(sampled, dict) else {}
     releases = document.value(("release",))
@@ -110,7 +110,7 @@ def _contradictions(document: Document) -> Iterator[Problem]:
 
 
 def _overlays(document: Document, key: str) -> list[dict[str, Any]]:
-    """Friction zones or obstacles as they are stated; nothing for one that is not a block."""
+    """Friction zones or obstacles of the document; an entry that is not a block becomes an empty one."""
     stated = document.value(("terrain", key))
     return [part if isinstance(part, dict) else {} for part in stated] if isinstance(stated, list) else []
 
@@ -131,7 +131,7 @@ def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
 
 
 def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
-    """What site.yaml names that does not lie in its folder, links followed: one sentence each."""
+    """One sentence for each input of site.yaml that lies outside the site folder, after symbolic links are resolved."""
     terrain = settings.terrain
     named: list[Any] = [terrain.dem, *(r.polygons for r in settings.release), *(r.raster for r in settings.release)]
     named += [zone.polygons for zone in terrain.friction_zones or []]

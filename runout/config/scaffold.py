@@ -45,7 +45,7 @@ def new_site(folder: Path | str, dem: Path | str, release: Path | str, thickness
     release : path
         Polygons (GeoPackage, Shapefile, GeoJSON) or raster of thickness.
     thickness : str, optional
-        Attribute of the polygons that holds it, or a number [m]; by default an attribute with such a name is looked for.
+        Attribute of the polygons that holds it, or a number [m]. Default: the attribute whose name means thickness.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def _fill(folder: Path, text: str, dem: Path | str, release: Path) -> None:
         _copy(Path(dem), folder / "inputs", "dem")
     _copy(release, folder / "inputs", "release")
     (folder / FILE_NAME).write_text(text, encoding="utf-8")
-    folder.chmod(0o755)  # a temporary folder is closed to others
+    folder.chmod(0o755)  # a temporary folder is readable by its owner only
 
 
 def _copy(path: Path, folder: Path, stem: str) -> None:

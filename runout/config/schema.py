@@ -1,4 +1,4 @@
-"""What a site.yaml may hold. The descriptions are also the comments of a new site.yaml."""
+"""Keys, types, ranges and descriptions of site.yaml. The descriptions are also the comments of a new site.yaml."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -38,7 +38,7 @@ InputFile = Annotated[Text | Annotated[RemoteFile, Tag("<block>")], Discriminato
 
 
 def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
-    """Keys of friction zones that do not fit together."""
+    """Conflicts between keys of a friction zone."""
     both = {"factor", "basal_friction_angle_deg"} <= given.keys()
     if both or not {"factor", "basal_friction_angle_deg"} & given.keys():
         said = (
@@ -48,7 +48,7 @@ def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
 
 
 class ZoneSettings(Settings):
-    """Ground that changes the friction of what moves over it."""
+    """Polygons with another basal friction."""
 
     polygons: str = quantity(
         "zones (GeoPackage, Shapefile, GeoJSON), relative to this folder", min_length=1, examples=["inputs/zones.gpkg"]
@@ -124,7 +124,7 @@ Conflict = tuple[str, str, str]  # key, what is wrong, remedy
 
 
 def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
-    """Keys of a release that do not fit together."""
+    """Conflicts between keys of a release."""
     polygons, raster = "polygons" in given, "raster" in given
     if polygons == raster:
         yield "", "polygons and raster are both given" if polygons else "neither polygons nor raster is given", "give one of them"
@@ -136,7 +136,7 @@ def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
 
 
 def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
-    """A device that the backend does not run on, or particles that it does not let sleep."""
+    """Conflicts of device and sleep_speed with the backend."""
     device, backend = given.get("device", "cpu"), given.get("backend", "scan")
     if given.get("sleep_speed", 0.0) and backend != "scan":
         yield "sleep_speed", f"{given['sleep_speed']} with backend {backend}, which has none of it", "set it to 0, or backend: scan"
@@ -145,7 +145,7 @@ def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
 
 
 def accuracy_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
-    """Neither accuracy nor cells; or nothing left that accuracy could choose."""
+    """Conflicts of accuracy with cell_size and cfl."""
     if "accuracy" not in given and "cell_size" not in given:
         yield "", "neither cell_size nor accuracy is given", "add cell_size: [m], or accuracy: standard"
     elif "accuracy" in given and given.keys() >= set(CHOICES):
@@ -243,7 +243,7 @@ class SimulationSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _preset(cls, stated: Any) -> Any:
-        """Take cfl from the preset, where it is not stated."""
+        """Take cfl from the preset unless it is stated."""
         if not isinstance(stated, dict):
             return stated
         _raise_first(accuracy_conflicts(stated))

@@ -1,4 +1,4 @@
-"""A site: its folder, its settings, and what they make of the inputs."""
+"""A site: its folder, its settings, and the terrain, releases and zones that they define."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.model.terrain import Terrain
 
-FINEST_RESOLUTION = 0.75  # of the raster's own cell; below, nothing is averaged and nothing gained
+FINEST_RESOLUTION = 0.75  # smallest useful terrain.resolution, as a share of the raster's cell
 FEWEST_AVERAGED = 3  # cells along a side
 ROW_EXTRAS = ("weight", "seed")  # columns of the table of members besides the parameters
 
 
 @dataclass(frozen=True)
 class SiteData:
-    """What the inputs of a site hold, the same for all its members: terrain, releases of unchanged volume, friction zones."""
+    """Inputs that all members of a site share: terrain, releases with a volume factor of 1, friction zones."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"
@@ -76,7 +76,7 @@ class Site:
         return terrain
 
     def read_elevations(self, extent: "Sequence[float] | None") -> "Terrain":
-        """The elevations of an extent (west, south, east, north; all of them where it is None), without the obstacles.
+        """Elevations without obstacles within an extent (west, south, east, north), or of the whole raster if it is None.
 
         Raises
         ------
@@ -92,13 +92,13 @@ class Site:
 
     @cached_property
     def derived_extent(self) -> "DerivedExtent | None":
-        """Extent of a huge elevation raster that the masses need, where site.yaml states none; None for other rasters."""
+        """Extent that is read of a huge elevation raster if site.yaml states none; None for other rasters."""
         from runout.config.extent import needed_extent
 
         return needed_extent(self) if self.settings.terrain.extent is None else None
 
     def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
-        """The friction zones on the terrain; None where site.yaml states none.
+        """The friction zones on the terrain; None if site.yaml states none.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class Site:
         return SiteData(terrain, tuple(self.releases(terrain)), self.friction_zones(terrain))
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
-        """The material with the sampled parameters in the place of the stated ones."""
+        """The material; sampled parameters replace the stated ones."""
         return self.settings.material.material(self._known(sample))
 
     def member_arguments(self, sample: Mapping[str, float] | None = None, data: SiteData | None = None) -> dict[str, Any]:
@@ -205,9 +205,9 @@ class Site:
         }
 
     def grid(self, releases: "Sequence[Release]") -> dict[str, Any]:
-        """cell_size [m] and cfl: as stated, else from simulation.accuracy and ``releases`` of unchanged volume.
+        """cell_size [m] and cfl: as stated, else from simulation.accuracy and ``releases`` with a volume factor of 1.
 
-        All members have the same grid, whatever their volume.
+        All members have the same grid, whatever their volume factor.
         """
         stated = self.settings.simulation.model_dump(include=set(CHOICES))
         if stated["cell_size"] is not None:
@@ -218,7 +218,7 @@ class Site:
     def default_particles(
         self, data: SiteData, cell_size: "CellSize | Sequence[float]", sample: Mapping[str, float] | None = None
     ) -> tuple[int, int, int]:
-        """Particles (px, py, pz) of a cell of ``cell_size`` [m] where site.yaml states none."""
+        """Default particles per cell (px, py, pz) for cells of ``cell_size`` [m]."""
         from runout.release.arrangement import default_particles
 
         sampled = self._known(sample)
@@ -228,16 +228,16 @@ class Site:
 
     @cached_property
     def _grid(self) -> dict[str, Any]:
-        """:meth:`grid` of the site's own releases, which are read only where it depends on them."""
+        """:meth:`grid` of the site's releases. They are read only if the grid depends on them."""
         return self.grid(self.releases(self.terrain()) if self.settings.simulation.cell_size is None else [])
 
     def inputs(self) -> list[Path]:
-        """Every file that the inputs consist of, side files too, public ones fetched; site.yaml is not among them.
+        """All input files with their side files, without site.yaml; public files are downloaded.
 
         Raises
         ------
         InputError, StorageError
-            If a public file cannot be had or is not the stated one.
+            If a public file cannot be downloaded or has another checksum than stated.
         """
         stated = [self.settings.terrain.dem]
         for release in self.settings.release:
@@ -247,9 +247,9 @@ class Site:
         return [path for source in stated for path in _files(locate(source, self.folder))]
 
     def resolved(self) -> dict[str, Any]:
-        """The whole configuration as plain dicts, lists, numbers and text, defaults included, angles in degrees.
+        """Complete configuration with defaults as plain dicts, lists, numbers and text; angles in degrees.
 
-        Where accuracy sets cell_size, and terrain and release particles_per_cell, these are in it too: as of no sampled parameter.
+        It contains the cell_size that accuracy sets and the default particles_per_cell, both without sampled parameters.
         """
         content = self._stated()
         simulation = content["simulation"]
@@ -258,7 +258,7 @@ class Site:
         return content
 
     def _stated(self) -> dict[str, Any]:
-        """:meth:`resolved` but for what particles_per_cell is by default."""
+        """:meth:`resolved` without the default particles_per_cell."""
         content = self.settings.model_dump(mode="json", exclude_none=True)
         if "cell_size" not in content["simulation"]:
             content["simulation"]["cell_size"] = self._grid["cell_size"]
@@ -267,7 +267,7 @@ class Site:
         return content
 
     def computed(self) -> dict[str, Any]:
-        """What of :meth:`resolved` makes the results: not where they are computed, since the sparse backends agree."""
+        """The part of :meth:`resolved` that determines the results: without device and sparse backend, which agree."""
         content, law = self._stated(), LAWS.find(self.settings.material.law)
         if law.source:
             content["material"]["source"] = law.source
@@ -278,16 +278,16 @@ class Site:
         return content
 
     def on_device(self, device: str) -> "Site":
-        """The same site, computed on "cpu", "cuda:N", "cuda", or "auto": the GPUs if there are any, else the CPU.
+        """The site with another device: "cpu", "cuda:N", "cuda" or "auto" (GPUs if there are any, else the CPU).
 
         "cuda" spreads the members over all GPUs.
 
         Raises
         ------
         DeviceError
-            If the device is not there; names what is there.
+            If there is no such device; the message lists the devices of the machine.
         ConfigError
-            If particles of the site may sleep, which no GPU has.
+            If sleep_speed is above 0, which GPUs do not support.
         """
         from runout.backends.protocol import find_device
 
@@ -303,8 +303,8 @@ class Site:
         return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
 
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
-        """The sampled parameters; refused where a name is not one."""
-        if not sample:  # a site of which only the inputs can be read has no material
+        """The sampled parameters; an unknown name is refused."""
+        if not sample:  # a site with an invalid material block has no material
             return {}
         ranges = sampled_ranges(LAWS.find(self.settings.material.law))
         unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
@@ -324,7 +324,7 @@ class Site:
         return read_raster(locate(stated.raster, self.folder), terrain, sign=stated.sign or "positive", **common)
 
     def _averaged(self, terrain: "Terrain", resolution: float) -> "Terrain":
-        """The terrain averaged over whole blocks of cells; a block with an unknown cell is unknown."""
+        """Terrain averaged over blocks of whole cells; a block with an unknown cell is unknown."""
         import numpy as np
 
         own = terrain.cell_size
@@ -348,12 +348,12 @@ class Site:
 
 
 def read_site(path: Path | str) -> Site:
-    """The site of a folder or a site.yaml; nothing but that file is read.
+    """The site of a folder or a site.yaml; only site.yaml is read.
 
     Raises
     ------
     ConfigError
-        With every problem of the file.
+        With all problems of the file.
     """
     file = site_file(path)
     settings = load(file)
@@ -365,7 +365,7 @@ def _fixed(value: Any) -> Any:
 
 
 def _files(source: str | Path) -> list[Path]:
-    """The files behind an input: with their side files and sources; a sample raster lies in matplotlib."""
+    """Files of an input with their side files and sources; sample rasters are files of matplotlib."""
     if isinstance(source, str):
         package = find_spec("matplotlib")
         roots = (package.submodule_search_locations or []) if package else []

@@ -1,15 +1,15 @@
-"""A YAML text before it is built: how deep, how large with its aliases written out, and what is not read in a site.yaml."""
+"""Limits of a YAML text, checked before it is loaded: nesting depth, size with expanded aliases, refused tags."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
-DEEPEST = 20  # nesting beyond this is a mistake
-MOST_NODES = 50_000  # values of a file, those behind aliases counted as often as they are used
+DEEPEST = 20  # levels of nesting
+MOST_NODES = 50_000  # values of a file; an alias counts with all values that it stands for
 
 
 @dataclass
 class _Open:
-    """A block or list that has not ended."""
+    """A block or list whose end has not been read."""
 
     anchor: str | None
     size: int = 1
@@ -17,12 +17,12 @@ class _Open:
 
 @dataclass
 class Survey:
-    """Looks at the events of a YAML text one by one, without recursion and without building a value.
+    """Checks the events of a YAML text one by one, without recursion and without constructing values.
 
     Attributes
     ----------
     refused : tuple or None
-        Line (from 1), what is wrong, remedy: why the text must not be built.
+        Line (from 1), message and remedy of the first violation.
     """
 
     refused: tuple[int, str, str] | None = None
@@ -31,7 +31,7 @@ class Survey:
     total: int = 0
 
     def accepts(self, event: Any) -> bool:
-        """Whether the text may go on after an event; if not, ``refused`` says why."""
+        """Whether an event is within the limits; if not, ``refused`` holds the reason."""
         kind = type(event).__name__
         if kind == "AliasEvent":
             self._alias(event)

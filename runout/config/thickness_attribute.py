@@ -1,4 +1,4 @@
-"""The attribute of release polygons that holds their thickness, whatever its author called it."""
+"""Finds the attribute of release polygons that holds their thickness, by its usual names in several languages."""
 
 import logging
 import unicodedata
@@ -10,26 +10,26 @@ from runout.model.limits import LIMITS, is_number
 
 LOGGER = logging.getLogger(__name__)
 
-ASSUMED = 10.0  # [m], to be edited
-NAMES = (  # without accents, capitals and signs; those of AvaFrame and RAMMS are among them
+ASSUMED = 10.0  # [m], written if no attribute is found
+NAMES = (  # lower case, without accents and signs; includes those of AvaFrame and RAMMS
     "thickness", "depth", "height", "thick", "thk", "h", "h0", "d", "d0", "relth", "relthickness", "releasethickness",
     "releasedepth", "releaseheight", "meanthickness", "meandepth", "depthm", "thicknessm", "heightm", "maechtigkeit",
     "machtigkeit", "tiefe", "dicke", "hoehe", "hohe", "anrissmachtigkeit", "anrissmaechtigkeit", "anrisshohe",
     "anrisshoehe", "epaisseur", "profondeur", "hauteur", "spessore", "profondita", "altezza", "espesor", "profundidad",
     "altura", "potencia", "espessura", "profundidade",
 )  # fmt: skip
-LONGEST = 10  # letters of an attribute of a shapefile
+LONGEST = 10  # longest name of an attribute in a shapefile
 
 
 def thickness_of(path: Path, stated: str | None = None) -> float | str:
-    """Thickness of release polygons for a new site.yaml: the name of an attribute, or a number [m]; the log says which and why.
+    """Thickness of release polygons for a new site.yaml: name of an attribute or a number [m]. The choice is logged.
 
     Parameters
     ----------
     path : Path
         Vector file.
     stated : str, optional
-        An attribute or a number, which then counts.
+        Attribute or number [m] that the user states; it overrides the search.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def _is_thickness(name: str) -> bool:
 
 
 def _usable(values: Any) -> bool:
-    """Whether every value is a valid thickness; some writers store numbers as text."""
+    """Whether every value is a valid thickness; numbers stored as text are accepted."""
 
     def number(value: Any) -> float:
         try:

@@ -1,1 +1,1 @@
-"""Ensemble of scenarios: a table of members, run over a local cluster, resumable, one bad member ends nothing."""
+"""Ensemble of scenarios: a table of members, run by local worker processes. Runs can be resumed; failed members do not end them."""

@@ -1,4 +1,4 @@
-"""Table of members: seeded scrambled Sobol points through the inverse distribution of every sampled parameter."""
+"""Table of members: scrambled Sobol points, mapped by the inverse distribution of every sampled parameter."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -14,9 +14,9 @@ SOBOL_BITS = 30  # points are multiples of 2**-30
 
 
 def member_table(ensemble: Any) -> "pd.DataFrame":
-    """Members of an ensemble, one a row.
+    """Members of an ensemble, one per row.
 
-    Member ``i`` depends on the seed, the parameters and ``i`` alone: a larger ensemble keeps the members of a smaller one.
+    Member ``i`` depends only on the seed, the parameters and ``i``: a larger ensemble contains the members of a smaller one.
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ def member_table(ensemble: Any) -> "pd.DataFrame":
     Raises
     ------
     ConfigError
-        If there is no member, or a distribution is not known or empty.
+        If the number of members is below 1, or a distribution is unknown or empty.
     """
     import pandas as pd
 
     count, parameters = ensemble.members, dict(ensemble.parameters or {})
     if count < 1:
         raise ConfigError(f"ensemble.members is {count}; at least 1 is needed")
-    names = sorted(parameters)  # the order in the file must not matter
+    names = sorted(parameters)  # independent of the order in the file
     points = sobol_points(count, len(names), ensemble.seed)
     sampled = {name: quantiles(parameters[name], points[:, i], name) for i, name in enumerate(names)}
     table = pd.DataFrame({name: sampled[name] for name in parameters}, index=pd.RangeIndex(count, name="member"))
@@ -49,12 +49,12 @@ def member_table(ensemble: Any) -> "pd.DataFrame":
 
 
 def sobol_points(count: int, dimensions: int, seed: int) -> np.ndarray:
-    """Scrambled Sobol points (count, dimensions), strictly between 0 and 1; the first do not depend on ``count``."""
+    """Scrambled Sobol points (count, dimensions), strictly between 0 and 1; more points keep the first ones."""
     from scipy.stats import qmc
 
     if dimensions == 0:
         return np.empty((count, 0))
-    whole = (count - 1).bit_length()  # drawing a power of two keeps scipy from warning; the first points are the same
+    whole = (count - 1).bit_length()  # scipy warns unless the number is a power of two; the first points are the same
     points = qmc.Sobol(dimensions, scramble=True, bits=SOBOL_BITS, seed=seed).random_base2(whole)[:count]
     return points + 0.5**SOBOL_BITS / 2  # 0 would give an infinite quantile of a normal distribution
 
@@ -80,7 +80,7 @@ def _uniform(distribution: Any, probability: np.ndarray) -> np.ndarray:
 
 
 def _normal(distribution: Any, probability: np.ndarray) -> np.ndarray:
-    """Cut at the bounds and renormalised, where there are bounds."""
+    """Quantiles of a normal distribution, truncated at the bounds if there are any."""
     from scipy.stats import truncnorm
 
     mean, deviation = distribution.mean, distribution.standard_deviation

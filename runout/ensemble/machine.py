@@ -1,11 +1,11 @@
-"""Cores and memory that this process may use: those of the machine, or of the container that it runs in."""
+"""Cores and memory that this process may use: those of the machine or of its container."""
 
 import os
 from pathlib import Path
 
 import psutil
 
-CGROUP = Path("/sys/fs/cgroup")  # version 2 has cpu.max and memory.max there, version 1 a folder for each controller
+CGROUP = Path("/sys/fs/cgroup")  # control groups: version 2 has cpu.max and memory.max here, version 1 a folder for each controller
 
 
 def core_count() -> int:
@@ -19,7 +19,7 @@ def core_count() -> int:
 
 
 def memory_bytes() -> int:
-    """Memory [byte] that all processes here may use together."""
+    """Memory [byte] that all processes on this machine or in this container may use together."""
     total = int(psutil.virtual_memory().total)
     limit = _numbers("memory.max") or _numbers("memory/memory.limit_in_bytes")
     return min(total, int(limit[0])) if limit and limit[0] > 0 else total
@@ -34,7 +34,7 @@ def resident_bytes(process: int) -> int:
 
 
 def _numbers(*files: str) -> list[float]:
-    """Numbers in files of the control group, in their order; empty if a file or a limit is missing."""
+    """Numbers in files of the control group; empty if a file or a limit is missing."""
     try:
         words = [word for name in files for word in (CGROUP / name).read_text(encoding="ascii").split()]
         return [float(word) for word in words]

@@ -1,4 +1,4 @@
-"""Running an ensemble: resumes, never runs an unchanged member again, and no bad member ends it."""
+"""Runs an ensemble. Finished members are kept, unchanged ones are not run again, and a failed member does not end the run."""
 
 import logging
 import time
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
-LEAST_WORK = 0.01  # members' worth of it, before the time that is left is told
+LEAST_WORK = 0.01  # members that must be finished before the remaining time is estimated
 
 
 @dataclass(frozen=True)
 class EnsembleReport:
-    """What a run of an ensemble did.
+    """Result of a run of an ensemble.
 
     Attributes
     ----------
     done : tuple of int
-        Members simulated now.
+        Members simulated in this run.
     skipped : tuple of int
-        Members whose result was there already.
+        Members with an earlier result.
     failed : dict of int to str
         Members without a result, with the reason.
     """
@@ -58,18 +58,18 @@ class EnsembleReport:
 
 @dataclass(frozen=True)
 class EnsembleProgress:
-    """How far a run is.
+    """Progress of a run.
 
     Attributes
     ----------
     finished, of : int
-        Members finished (failed ones too, and those already there), and all members.
+        Finished members, including failed and skipped ones, and all members.
     failed : int
         Members that failed so far.
     seconds : float
         Time since the start [s].
     remaining : float or None
-        Time left at the present rate [s]; None before anything is done.
+        Remaining time at the present rate [s]; None while it is unknown.
     under_way : float
         Sum of the fractions of the members that are running.
     """
@@ -83,7 +83,7 @@ class EnsembleProgress:
 
     @property
     def fraction(self) -> float:
-        """Part that is done, 0 to 1; members that are running count with their fractions."""
+        """Finished fraction, 0 to 1, including the fractions of running members."""
         return (self.finished + self.under_way) / self.of
 
 
@@ -97,28 +97,28 @@ def run_ensemble(
     retry_failed: bool = False,
     simulate: "Callable[..., Result] | None" = None,
 ) -> EnsembleReport:
-    """Report of an ensemble after running all members that have no valid result yet.
+    """Run all members that have no valid result; returns a report.
 
-    Results go to ``results/members/0003.nc``, reasons of failure to ``results/members/0003.failed.json``. May be killed at any
-    moment and called again. With more than one worker the members run in processes of their own, so the calling script
-    needs ``if __name__ == "__main__":``.
+    Results go to ``results/members/0003.nc``, reasons of failure to ``results/members/0003.failed.json``. The run
+    can be killed at any time and called again. With more than one worker, members run in other processes, and the calling
+    script needs ``if __name__ == "__main__":``.
 
     Parameters
     ----------
     site : Site
     results : Path
-        Folder of the results; made when absent.
+        Folder of the results; created if missing.
     workers : int, optional
-        Members at a time, by default one per GPU on GPUs, else as many as there are cores for; never more than cores. 1 runs
+        Members at the same time, at most one per core. Default: one per GPU on GPUs, else as many as the cores allow. 1 runs
         in this process.
     threads_per_worker : int
         Threads of each simulation.
     progress : callable, optional
-        Called in this process at the start, after every member, and now and then while members run.
+        Called in this process at the start, after every member, and periodically while members run.
     retry_failed : bool
-        Try also those members again that would fail again on any machine.
+        Also repeat members whose failure is permanent.
     simulate : callable, optional
-        Takes the place of :func:`runout.simulate`; importable by name, since it travels to other processes.
+        Replaces :func:`runout.simulate`. It must be importable by name, since it is pickled for other processes.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def run_ensemble(
                 with closing(run) as outcomes:
                     tally.collect(outcomes)
             finally:
-                remove_stale(folder)  # of workers that were killed
+                remove_stale(folder)  # temporary folders of workers that were killed
         tally.written.save()
     LOGGER.info("%s", tally.report())
     return tally.report()
@@ -160,7 +160,7 @@ def _work(
     threads: int,
     on_gpus: bool,
 ) -> tuple[Task, list[Group]]:
-    """What is to be done with members, and the groups in which it is: on hash they share launches, a group a worker."""
+    """Task for the members, and groups of members. On hash, the members of a group share kernel launches; one group per worker."""
     if simulate is None and (on_gpus or site.settings.simulation.backend == "hash"):
         return partial(simulate_together, site, results=results), dealt(waiting, workers)
     task = partial(simulate_alone, site, results=results, simulate=simulate, threads=threads)
@@ -168,10 +168,10 @@ def _work(
 
 
 def dealt(members: list[Member], workers: int) -> list[Group]:
-    """Members in at most ``workers`` groups of about the same work, which grows with the volume that is released.
+    """Members in at most ``workers`` groups of similar work, estimated from the released volume.
 
-    Each in turn, the largest first, comes to the group that has least; a group keeps the order of the numbers. Members that release
-    as much follow each other in the order of their other parameters, so that groups share those that run long too.
+    Members are assigned in descending order of volume, each to the group with the least work. Members of equal volume are
+    ordered by their other parameters, which spreads members with long runs over the groups. Groups are sorted by number.
     """
     groups: list[list[Member]] = [[] for _ in range(min(workers, len(members)))]
     work = [0.0] * len(groups)
@@ -183,12 +183,12 @@ def dealt(members: list[Member], workers: int) -> list[Group]:
 
 
 def _volume_factor(member: Member) -> float:
-    """Volume that a member releases over that of the others' common shape."""
+    """Released volume of a member relative to a volume factor of 1."""
     return member.parameters.get("release_volume_factor", 1.0)
 
 
 class _Tally:
-    """Books members and tells how far the run is."""
+    """Counts finished members and reports the progress of the run."""
 
     def __init__(
         self,
@@ -224,21 +224,21 @@ class _Tally:
         failure = Failure.read(member.failure_file(self.results)) if state is State.FAILED else None
         if state is State.DONE:
             self.skipped.append(member.number)
-            self._clear(member)  # killed between writing one and removing the other
+            self._clear(member)  # a run was killed between writing the result and removing the failure
         elif failure and failure.lasting and not retry_failed:
             self.failed[member.number] = reason
         else:
             self.waiting.append(member)
 
     def collect(self, outcomes: Iterator[Outcome]) -> None:
-        """Book every outcome as it comes.
+        """Record every outcome as it arrives.
 
         Raises
         ------
         DiskFullError
-            That of a member: the next one could not be written either.
+            If the disk is full for a member; the next one could not be written either.
         InputError
-            If an input was changed meanwhile.
+            If an input has changed during the run.
         """
         try:
             for outcome in outcomes:
@@ -268,19 +268,19 @@ class _Tally:
     def _book_failure(self, member: Member, failure: Failure) -> None:
         self.failed[member.number] = failure.reason
         failure.write(member.failure_file(self.results))
-        self.written.forget(member.file(self.results))  # of an older configuration
+        self.written.forget(member.file(self.results))  # result of an older configuration
         if failure.lasting:
             member.forget_checkpoints(self.results)
         LOGGER.warning("member %d failed: %s", member.number, failure.reason)
 
     def advance(self, member: int, fraction: float) -> None:
-        """Note the fraction, 0 to 1, of a member that is running."""
+        """Record the fraction, 0 to 1, of a running member."""
         if fraction != self.under_way.get(member):
             self.under_way[member] = fraction
             self._tell()
 
     def _clear(self, member: Member) -> None:
-        """Remove what tells of earlier attempts at a member that is done."""
+        """Remove files of earlier attempts at a finished member."""
         member.failure_file(self.results).unlink(missing_ok=True)
         member.forget_checkpoints(self.results)
 
@@ -294,12 +294,12 @@ class _Tally:
         self.progress(EnsembleProgress(self.of - left, self.of, len(self.failed), seconds, remaining, under_way))
 
     def report(self) -> EnsembleReport:
-        """What was done."""
+        """Report of the run."""
         return EnsembleReport(tuple(sorted(self.done)), tuple(self.skipped), dict(sorted(self.failed.items())))
 
 
 def _failure(member: Member, error: BaseException) -> Failure:
-    """Why a member failed; what runout raises itself is meant to be read, anything else is a bug with its traceback."""
+    """Failure of a member. The text of a RunoutError is for users; any other error is a bug and keeps its traceback."""
     known = isinstance(error, RunoutError)
     reason = str(error) if known else f"{type(error).__name__}: {error} (an error inside runout; please report it)"
     return Failure(

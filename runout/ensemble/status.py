@@ -1,4 +1,4 @@
-"""What has become of every member: done, failed with its reason, or left to do."""
+"""State of every member: done, failed with a reason, or left to do."""
 
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
 
-# these would fail again on any machine; every other failure may be due to memory, disk, device or a mended bug
+# permanent failures; others may be due to memory, disk, device or a bug that has been fixed
 LASTING = (InputError, StabilityError)
 
 
@@ -30,19 +30,19 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a member failed.
+    """Failure of a member.
 
     Attributes
     ----------
     member : int
     reason : str
-        What a user reads.
+        Message for users.
     type : str
         Name of the error's class.
     key : str
-        Key of the member that failed; a member with another key is tried anew.
+        Key of the failed member; a member with another key is run again.
     lasting : bool
-        True if it would fail again on any machine, so that it is not tried again.
+        Whether the failure is permanent; such a member is not run again.
     parameters : dict of str to float
     seed : int
     traceback : str
@@ -59,21 +59,21 @@ class Failure:
     traceback: str = ""
 
     def write(self, path: Path) -> None:
-        """Write it as JSON, whole."""
+        """Write the failure as JSON, completely or not at all."""
         write_json(asdict(self), path)
 
     @classmethod
     def read(cls, path: Path) -> "Failure | None":
-        """The failure of a file; None if there is none that can be read."""
+        """Failure from a file; None if it is missing or cannot be read."""
         try:
             found = cls(**read_json(path))
-        except TypeError:  # no failure
+        except TypeError:  # the content is not a failure
             return None
         return found if isinstance(found.reason, str) and isinstance(found.key, str) else None
 
 
 def member_state(member: Member, results: Path, written: Written) -> tuple[State, str]:
-    """State of a member and its reason (empty when done); ``written`` tells a file that was damaged since."""
+    """State of a member and its reason (empty if done); ``written`` detects damaged files."""
     found = written.look(member.file(results))
     if found.key == member.key:
         return State.DONE, ""
@@ -97,7 +97,7 @@ def member_status(site: "Site", results: Path) -> "pd.DataFrame":
     import pandas as pd
 
     members, written = plan_members(site), Written(results)
-    begun = members_folder(results).is_dir()  # else nothing is looked for, member by member
+    begun = members_folder(results).is_dir()  # avoids a search for files of each member
     states = [member_state(m, results, written) if begun else (State.LEFT, "not run yet") for m in members]
     table = pd.DataFrame([m.parameters for m in members], index=pd.Index([m.number for m in members], name="member"))
     table["state"] = [str(state) for state, _ in states]

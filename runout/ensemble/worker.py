@@ -1,6 +1,6 @@
-"""One worker process: takes groups of members from the process that started it, and tells how far they are.
+"""One worker process: receives groups of members from its parent process and reports progress and outcomes.
 
-Messages go through a pair of connected sockets without an address, or a pipe: nothing listens.
+Messages go through a pair of connected sockets without an address, or a pipe; no port is opened.
 """
 
 import logging
@@ -21,15 +21,15 @@ from runout.ensemble.member import Member
 from runout.errors import DeviceError
 from runout.lifetime import end_with_parent, interrupts_kept
 
-TICK_SECONDS = 0.5  # between two messages of a worker on the members that run
-END_SECONDS = 10.0  # for an idle worker to end by itself
+TICK_SECONDS = 0.5  # [s] between two progress messages of a worker
+END_SECONDS = 10.0  # [s] that an idle worker has to end by itself
 
-Group = tuple[Member, ...]  # members that are computed together: one, or many in the launches of a GPU
-Errors = Mapping[int, BaseException]  # of the members of a group that failed, by number
+Group = tuple[Member, ...]  # members that are computed together: one, or several that share the launches of a GPU
+Errors = Mapping[int, BaseException]  # errors of failed members of a group, by number
 
 
 class Task(Protocol):
-    """What is done with a group of members; returns the errors of those that failed, by number.
+    """Function that computes a group of members; returns the errors of failed members by number.
 
     ``progress`` is to be called with the number of a member and the fraction of it that is done, 0 to 1; ``device`` is one of the
     GPUs that the members share, None where they do not.
@@ -45,21 +45,21 @@ class Ready:
 
 @dataclass(frozen=True)
 class Progress:
-    """Fractions, 0 to 1, of members that run."""
+    """Fractions, 0 to 1, of running members."""
 
     fractions: dict[int, float]
 
 
 @dataclass(frozen=True)
 class Done:
-    """A group has ended, with an error of its own or with errors of members."""
+    """A group has ended, with an error of the group or errors of members."""
 
     error: BaseException | None = None
     errors: dict[int, BaseException] = field(default_factory=dict)
 
 
 class Failures:
-    """Block in which an error of a member is kept as ``error``: it fails that member and not the run; an interrupt passes."""
+    """Context that keeps the error of a member as ``error``, so that the run continues; interrupts are not caught."""
 
     def __init__(self) -> None:
         self.error: BaseException | None = None
@@ -73,7 +73,7 @@ class Failures:
 
 
 def done(task: Task, group: Group, tell: Callable[[int, float], None], device: str | None) -> Done:
-    """How a group ended."""
+    """Message on the end of a group."""
     with Failures() as failures:
         return Done(errors=dict(task(group, progress=tell, device=device)))
     return Done(failures.error)
@@ -81,7 +81,7 @@ def done(task: Task, group: Group, tell: Callable[[int, float], None], device: s
 
 @dataclass
 class Worker:
-    """A worker process as the process that started it sees it; ``group`` is what it works on, ``ready`` whether it has started."""
+    """Parent's view of a worker process. ``group`` holds the members it computes; ``ready`` is true once it has started."""
 
     number: int
     process: BaseProcess
@@ -90,7 +90,7 @@ class Worker:
     ready: bool = False
 
     def give(self, group: Group) -> None:
-        """Hand it a group of members; one that has just died is found dead later."""
+        """Send it a group of members. If it has just died, :meth:`hear` detects that."""
         self.group = group
         try:
             self.pipe.send(group)
@@ -98,20 +98,20 @@ class Worker:
             self.pipe.close()
 
     def hear(self) -> Ready | Progress | Done | None:
-        """What it says next; None if it has died."""
+        """Next message of the worker; None if it has died."""
         try:
             return self.pipe.recv()  # type: ignore[no-any-return]
-        except (EOFError, OSError, pickle.UnpicklingError):  # a message that its death cut off
+        except (EOFError, OSError, pickle.UnpicklingError):  # incomplete message of a worker that died
             return None
 
     def dismiss(self) -> None:
-        """Tell it to end: at once if it works, else when it has heard that there is no more to do."""
+        """Tell the worker to end: immediately if it is computing, else after it learns that no members are left."""
         if self.group or not self.ready:
             self.process.kill()
         self.pipe.close()
 
     def end(self) -> None:
-        """Dismiss it and wait until it has ended."""
+        """Dismiss the worker and wait until it has ended."""
         self.dismiss()
         self.process.join(END_SECONDS)
         self.process.kill()
@@ -119,14 +119,14 @@ class Worker:
 
 
 def start_worker(number: int, task: Task, device: str | None) -> Worker:
-    """A new worker process that does ``task`` on a device.
+    """Start a worker process that runs ``task`` on a device.
 
     Raises
     ------
     DeviceError
-        If the system starts no further process.
+        If the system cannot start another process.
     """
-    context = multiprocessing.get_context("spawn")  # a fork after numba has started its threads kills the child
+    context = multiprocessing.get_context("spawn")  # a forked child dies once numba has started threads
     ours, its = context.Pipe()
     process = context.Process(target=_work, args=(its, task, device, os.getpid()), name=f"runout-{number}", daemon=True)
     try:
@@ -140,22 +140,22 @@ def start_worker(number: int, task: Task, device: str | None) -> Worker:
 
 
 def _work(pipe: Connection, task: Task, device: str | None, parent: int) -> None:
-    """Do groups of members until there are no more; what a worker process runs."""
+    """Main function of a worker process: compute groups of members until none are left."""
     end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name in ("runout", "py.warnings"):  # the process that started it has said what the inputs have to say
+    for name in ("runout", "py.warnings"):  # the parent process has already logged messages on the inputs
         logging.getLogger(name).addHandler(logging.NullHandler())
     logging.captureWarnings(True)
     try:
         pipe.send(Ready())
         while True:
             pipe.send(_portable(done(task, pipe.recv(), _teller(pipe), device)))
-    except (EOFError, OSError):  # the other end was closed: there is no more to do
+    except (EOFError, OSError):  # the parent closed the connection: no members are left
         return
 
 
 def _teller(pipe: Connection) -> Callable[[int, float], None]:
-    """Collects the fractions of members and sends them now and then: members that share a launch are many."""
+    """Collects fractions of members and sends them periodically, since many members may share a launch."""
     fractions, told = dict[int, float](), time.monotonic()
 
     def tell(number: int, fraction: float) -> None:
@@ -170,7 +170,7 @@ def _teller(pipe: Connection) -> Callable[[int, float], None]:
 
 
 def _portable(outcome: Done) -> Done:
-    """The same with errors that can travel to another process; each keeps its traceback as a note."""
+    """The message with errors that can be pickled; each keeps its traceback as a note."""
     errors = {number: _noted(error) for number, error in outcome.errors.items()}
     return Done(outcome.error and _noted(outcome.error), errors)
 

@@ -1,4 +1,4 @@
-"""Who runs the members: this process, or worker processes that nobody else can reach (:mod:`runout.ensemble.worker`)."""
+"""Distributes members to this process or to worker processes (:mod:`runout.ensemble.worker`)."""
 
 import logging
 import os
@@ -15,15 +15,15 @@ from runout.ensemble.worker import END_SECONDS, Done, Group, Progress, Ready, Ta
 from runout.errors import CapacityError, ConfigError, DeviceError
 
 LOGGER = logging.getLogger(__name__)
-MEMORY_SHARE = 0.9  # of the machine, for all workers together
-MEMORY_END = 0.95  # of its share at which a worker is ended
-LOOK_SECONDS = 0.2  # between two looks at the memory of the workers
+MEMORY_SHARE = 0.9  # share of the memory of the machine for all workers together
+MEMORY_END = 0.95  # fraction of its share above which a worker is terminated
+LOOK_SECONDS = 0.2  # [s] between two checks of the memory of the workers
 THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A member that is finished, with its error if it failed."""
+    """A finished member, with its error if it failed."""
 
     member: Member
     error: BaseException | None = None
@@ -34,7 +34,7 @@ class WorkerDeathError(CapacityError):
 
 
 def worker_count(workers: int | None, threads_per_worker: int) -> int:
-    """Number of workers that the cores allow, at most ``workers``.
+    """Number of workers: ``workers``, or fewer if the cores do not suffice.
 
     Raises
     ------
@@ -53,12 +53,12 @@ def worker_count(workers: int | None, threads_per_worker: int) -> int:
 
 
 def workers_for(device: str, workers: int | None, threads_per_worker: int) -> tuple[int, tuple[str, ...]]:
-    """Number of workers for members on a ``device``, one per GPU if nothing else is asked for, and the GPUs that they share.
+    """Number of workers for members on a ``device``, by default one per GPU, and the GPUs that they share.
 
     Raises
     ------
     ConfigError, DeviceError
-        If a number is below 1, or the device is not there.
+        If a number is below 1, or the device does not exist.
     """
     devices = devices_of(device)
     return worker_count(workers or len(devices) or None, threads_per_worker), devices
@@ -67,14 +67,14 @@ def workers_for(device: str, workers: int | None, threads_per_worker: int) -> tu
 def in_process(
     task: Task, groups: Sequence[Group], advance: Callable[[int, float], None], devices: Sequence[str] = ()
 ) -> Generator[Outcome, None, None]:
-    """Outcomes of ``task`` for every member, run here group by group; ``advance`` hears a member's number and fraction."""
+    """Outcomes of ``task`` for every member, run in this process. ``advance`` is called with member number and fraction."""
     device = devices[0] if devices else None
     for group in groups:
         yield from _outcomes(group, done(task, group, advance, device))
 
 
 def _outcomes(group: Group, ended: Done) -> Iterator[Outcome]:
-    """Outcomes of members whose group ended with an error, or with errors of its own of some of them."""
+    """Outcomes of the members of a group that ended with an error of the group or with errors of members."""
     for member in group:
         yield Outcome(member, ended.error or ended.errors.get(member.number))
 
@@ -87,9 +87,9 @@ def in_workers(
     advance: Callable[[int, float], None],
     devices: Sequence[str] = (),
 ) -> Generator[Outcome, None, None]:
-    """Outcomes of ``task`` for every member as they come, run in worker processes of ``threads`` threads each.
+    """Outcomes of ``task`` for every member as they arrive, run in worker processes of ``threads`` threads each.
 
-    ``advance`` is called in this thread with the number of a member that runs and its fraction. The workers share the GPUs
+    ``advance`` is called in this thread with number and fraction of a running member. The workers share the GPUs
     ``devices``, each keeping to one.
 
     Raises
@@ -104,7 +104,7 @@ def in_workers(
 
 
 class _Workforce:
-    """Worker processes; each that dies is replaced, and all end with the block."""
+    """Context of worker processes. A worker that dies is replaced; all end with the context."""
 
     def __init__(self, task: Task, workers: int, devices: tuple[str, ...], memory: int):
         self.task, self.devices, self.memory = task, devices, memory
@@ -120,7 +120,7 @@ class _Workforce:
 
     def __exit__(self, *_: object) -> None:
         for worker in self.workers:
-            worker.dismiss()  # all at the same time
+            worker.dismiss()  # start all processes before waiting for any
         for worker in self.workers:
             worker.end()
 
@@ -128,8 +128,8 @@ class _Workforce:
         return start_worker(number, self.task, self.devices[number % len(self.devices)] if self.devices else None)
 
     def replace(self, worker: Worker) -> None:
-        """A new worker in place of a dead one; DeviceError if that one had not even started."""
-        worker.process.join(END_SECONDS)  # it has hung up
+        """Replace a dead worker; DeviceError if it died before it had started."""
+        worker.process.join(END_SECONDS)  # it has closed its connection
         worker.end()
         if not worker.ready:
             raise DeviceError(
@@ -139,7 +139,7 @@ class _Workforce:
         self.workers[worker.number] = self._start(worker.number)
 
     def speaking(self) -> list[Worker]:
-        """Workers that have something to say or have died, after a short wait; those that take too much memory are ended."""
+        """Workers with a message or that have died, after a short wait. Workers that use too much memory are terminated."""
         closed = [worker for worker in self.workers if worker.pipe.closed]
         by_pipe = {worker.pipe: worker for worker in self.workers if not worker.pipe.closed}
         heard = wait(list(by_pipe), 0.0 if closed else LOOK_SECONDS)
@@ -150,7 +150,7 @@ class _Workforce:
 
 
 def _feed(force: _Workforce, groups: Sequence[Group], advance: Callable[[int, float], None]) -> Generator[Outcome, None, None]:
-    """Outcomes of members, one group at a time for each worker; a member whose worker dies is tried once more, alone."""
+    """Outcomes of members; each worker gets one group at a time. A member whose worker dies is repeated once, alone."""
     waiting, died = deque(groups), set[int]()
     while waiting or any(worker.group for worker in force.workers):
         for idle in [worker for worker in force.workers if not worker.group][: len(waiting)]:
@@ -183,7 +183,7 @@ def _death(memory: int) -> WorkerDeathError:
 
 @contextmanager
 def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Set environment variables that new processes see when they start; all are undone."""
+    """Context that sets environment variables for new processes and restores them at the end."""
     before = dict(os.environ)
     os.environ.update(variables)
     try:

@@ -1,1 +1,1 @@
-"""Files: NetCDF, GeoTIFF, GeoPackage and provenance; every file is either whole or absent."""
+"""Reads inputs and writes NetCDF, GeoTIFF, GeoPackage and provenance; a file is written completely or not at all."""

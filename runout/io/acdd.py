@@ -1,4 +1,4 @@
-"""Global attributes of the conventions ACDD 1.3: what is known is stated, what is not known is absent."""
+"""Global attributes of the conventions ACDD 1.3; unknown ones are left out."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +22,7 @@ _NAMES = {  # keys of `metadata` in site.yaml -> attributes
 
 
 def study_attributes(stated: Mapping[str, Any]) -> dict[str, str]:
-    """Attributes that say who made a study and what for, of the block ``metadata`` of a site.yaml."""
+    """Attributes of author and purpose, from the block ``metadata`` of a site.yaml."""
     found = {attribute: str(stated[key]) for key, attribute in _NAMES.items() if stated.get(key)}
     if "creator_name" in found:
         found["creator_type"] = "person"

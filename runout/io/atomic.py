@@ -1,4 +1,4 @@
-"""Files that are either whole or absent."""
+"""Writes files completely or not at all."""
 
 import errno
 import json
@@ -12,7 +12,7 @@ from typing import Any
 from runout.errors import DiskFullError, StorageError
 from runout.io.part import part_folder
 
-PROBE = 2**20  # bytes that are written to find out whether a disk is full
+PROBE = 2**20  # bytes that are written to test whether a disk is full
 
 _FREE = "free some space or choose another folder with --out, then run again (finished work is kept)"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -30,9 +30,9 @@ _REMEDY = {
 
 
 def storage_error(path: str | os.PathLike[str], cause: Exception) -> StorageError:
-    """The error to raise when ``path`` cannot be written, with the remedy."""
+    """Error with remedy for a ``path`` that cannot be written."""
     number = getattr(cause, "errno", None) or 0
-    refusal = _refusal(Path(path).parent)  # libraries have their own numbers or none, or say that writing is not permitted
+    refusal = _refusal(Path(path).parent)  # libraries may report another error number, none, or a missing permission
     if refusal in _FULL or (number not in _REMEDY and refusal in _REMEDY):
         number = refusal
     reason = os.strerror(number) if number > 0 else str(cause)
@@ -42,13 +42,13 @@ def storage_error(path: str | os.PathLike[str], cause: Exception) -> StorageErro
 
 
 def reason(cause: OSError) -> str:
-    """What the system says of an error, with the remedy where there is one."""
+    """Text of a system error, with a remedy if one is known."""
     remedy = _REMEDY.get(cause.errno or 0)
     return (cause.strerror or str(cause)) + (f"; {remedy}" if remedy else "")
 
 
 def _refusal(folder: Path) -> int:
-    """Number of the error with which the system refuses to write to a folder now; 0 if it does not."""
+    """Error number of a test write to a folder; 0 if it succeeds."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(PROBE))
@@ -73,7 +73,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with part_folder(path) as folder, _refused(path):  # the error is made while the half file still takes its space
+        with part_folder(path) as folder, _refused(path):  # storage_error tests the disk with this file still on it
             temporary = folder / path.name
             yield temporary
             os.replace(temporary, path)
@@ -83,7 +83,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def _refused(path: Path) -> Iterator[None]:
-    """Block whose errors of the system are those of a file that cannot be written."""
+    """Context that converts system errors into a StorageError of ``path``."""
     try:
         yield
     except OSError as cause:
@@ -91,19 +91,19 @@ def _refused(path: Path) -> Iterator[None]:
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
-    """The path, after writing UTF-8 text to it as a whole."""
+    """Write UTF-8 text to a file, completely or not at all; returns the path."""
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)
 
 
 def write_json(content: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """The path, after writing a mapping to it as indented JSON; paths and NumPy numbers become text and numbers."""
+    """Write a mapping as indented JSON; paths and NumPy numbers become text and numbers. Returns the path."""
     return write_text(json.dumps(content, indent=2, ensure_ascii=False, default=_plain) + "\n", path)
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The mapping of a JSON file; an empty one if there is no such file, or it holds anything else."""
+    """Mapping of a JSON file; empty if the file is missing, damaged or holds no mapping."""
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

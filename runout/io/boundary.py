@@ -1,4 +1,4 @@
-"""Which files on disk may be opened as an input: regular files, and side files that are regular too."""
+"""Checks that an input and its side files are regular files."""
 
 import os
 import stat
@@ -8,7 +8,7 @@ from typing import Any
 from runout.errors import InputError
 
 SITE_FILE = "site.yaml"
-LARGEST_TEXT = 64 * 1024 * 1024  # of an input that is parsed as a whole [bytes]
+LARGEST_TEXT = 64 * 1024 * 1024  # largest input that is parsed as a whole [bytes]
 KINDS = {
     stat.S_IFIFO: "a named pipe",
     stat.S_IFCHR: "a device",
@@ -18,9 +18,9 @@ KINDS = {
 
 
 def require_regular(path: Path, error: type[InputError]) -> Path:
-    """Absolute path of a regular file that is not empty, and whose side files are regular too.
+    """Absolute path of a non-empty regular file whose side files are regular files as well.
 
-    No byte is read: a pipe would wait for ever. Side files are those that share the name up to a dot; a library opens them unasked.
+    The file is not opened, since a pipe would block. Side files share the name up to a dot; libraries open them on their own.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def require_regular(path: Path, error: type[InputError]) -> Path:
 
 
 def side_files(path: Path) -> list[Path]:
-    """Files beside ``path`` that a library may open with it: the same name before a dot, in any case of the letters."""
+    """Files beside ``path`` with the same name up to a dot, in upper or lower case; a library may open them with it."""
     stem, name = path.stem.lower() + ".", path.name.lower() + "."
     try:
         with os.scandir(path if path.is_dir() else path.parent) as entries:
@@ -52,7 +52,7 @@ def side_files(path: Path) -> list[Path]:
 
 
 def kind_of(path: Path) -> str | None:
-    """What a path is that is neither a regular file nor a folder, such as a named pipe; None for these two and for nothing."""
+    """Kind of a special file, such as a named pipe; None for regular files, folders and missing files."""
     try:
         return KINDS.get(stat.S_IFMT(path.stat().st_mode))
     except (OSError, ValueError):
@@ -60,22 +60,22 @@ def kind_of(path: Path) -> str | None:
 
 
 def as_path(path: Any, error: type[InputError]) -> Path:
-    """The path of what a caller names; the error if it is neither text nor a path."""
+    """``path`` as a Path; raises ``error`` if it is neither text nor a path."""
     if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
         raise error(f"{path!r} is a {type(path).__name__}; the path of a file is needed")
     return Path(path)
 
 
 def exists(path: Path) -> bool:
-    """Whether there is something of that name; a name that no file can have is none."""
+    """Whether a file or folder exists; False for names that no file can have."""
     try:
         return path.exists()
-    except (OSError, ValueError):  # too long, or a null character in it
+    except (OSError, ValueError):  # too long, or contains a null character
         return False
 
 
 def names_in(folder: Path) -> list[str]:
-    """Names in a folder, sorted; none where it cannot be read."""
+    """Sorted names in a folder; empty if it cannot be read."""
     try:
         return sorted(os.listdir(folder))
     except (OSError, ValueError):
@@ -83,7 +83,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def root_of(path: Path) -> Path:
-    """Folder that files named inside ``path`` must lie in: that of the site it belongs to, else its own."""
+    """Folder that must contain the files that ``path`` refers to: the site folder around it, else its own folder."""
     own = path.resolve().parent
     return next((folder for folder in (own, *own.parents) if (folder / SITE_FILE).is_file()), own)
 

@@ -1,4 +1,4 @@
-"""Coordinate reference systems of elevation rasters: what is stated, what can be used, which UTM zone fits."""
+"""Coordinate reference systems of elevation rasters: parsing, validity and UTM zone."""
 
 from dataclasses import replace
 from typing import Any
@@ -7,21 +7,21 @@ from runout.errors import DemError
 from runout.io.elevation_raster import ElevationRaster
 from runout.io.georeference import require_own_grids
 
-LARGEST_SCALE_ERROR = 0.02  # of national and continental systems; Web Mercator errs by 24 % at 36 degrees
-REMARKABLE_SCALE_ERROR = 0.005  # UTM stays below 0.001 in its zone
-NO_DATUM = ("unknown", "undefined", "not specified", "unspecified")  # how PROJ, Esri and EPSG call what is none
-WIDEST = 6.0  # degrees of longitude that one UTM zone serves
+LARGEST_SCALE_ERROR = 0.02  # largest of national and continental systems; that of Web Mercator is 24 % at 36 degrees
+REMARKABLE_SCALE_ERROR = 0.005  # UTM has less than 0.001 in its zone
+NO_DATUM = ("unknown", "undefined", "not specified", "unspecified")  # names of PROJ, Esri and EPSG for an unknown datum
+WIDEST = 6.0  # width of a UTM zone [degrees of longitude]
 
 
 def parse(crs: Any, source: str) -> Any:
-    """pyproj CRS of anything that names one; DemError with the reason if nothing does."""
+    """pyproj CRS of a code, WKT, PROJ text or object; DemError if it is not known."""
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
-    require_own_grids(str(crs), source, DemError)  # before anything is looked for
+    require_own_grids(str(crs), source, DemError)  # before PROJ opens any file
     try:
         found = CRS.from_user_input(crs)
-        horizontal(found)  # some systems that can be written cannot be taken apart
+        horizontal(found)  # some systems can be parsed but not inspected
     except (CRSError, TypeError, UnicodeError) as error:
         raise DemError(f"{source}: crs {crs!r} is not known ({error}); write for example EPSG:32632") from error
     require_own_grids(found.to_wkt(), source, DemError)
@@ -29,19 +29,19 @@ def parse(crs: Any, source: str) -> Any:
 
 
 def of_raster(crs: Any, source: str) -> Any:
-    """pyproj CRS of a rasterio one."""
+    """pyproj CRS of a rasterio CRS."""
     return parse(crs.to_wkt(), source)
 
 
 def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
-    """The raster with the system that the caller states; DemError if the file states another one."""
+    """The raster with the stated system; DemError if the file states another one."""
     if crs is None:
         return raster
     stated = parse(crs, raster.source)
     if raster.crs is None:
         return raster.noted(f"the file states no coordinate system; {stated.name} as given", crs=stated)
     if same(raster.crs, stated) and vertical_name(raster.crs) is None:
-        return replace(raster, crs=stated)  # it may state the datum of the heights
+        return replace(raster, crs=stated)  # the stated system may add a vertical datum
     if not same(raster.crs, stated):
         remedy = "leave crs away, or write the right one into the file with `gdal_edit.py -a_srs`"
         raise DemError(f"{raster.source}: the file states {raster.crs.name}, crs says {stated.name}; {remedy}")
@@ -49,7 +49,7 @@ def with_stated(raster: ElevationRaster, crs: Any) -> ElevationRaster:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two systems have the same horizontal coordinates, whatever the order of their axes."""
+    """Whether two systems have the same horizontal coordinates; the order of axes is ignored."""
     a, b = horizontal(one), horizontal(other)
     if a.equals(b, ignore_axis_order=True):
         return True
@@ -58,7 +58,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def names_datum(crs: Any) -> bool:
-    """Whether a system says which datum it has, or how to come to WGS 84, and not an ellipsoid alone."""
+    """Whether a system states its datum or a transformation to WGS 84, not only an ellipsoid."""
     if crs.is_bound:
         return True
     datum = crs.datum
@@ -66,7 +66,7 @@ def names_datum(crs: Any) -> bool:
 
 
 def same_ellipsoid(one: Any, other: Any) -> bool:
-    """Whether two systems have one figure of the Earth."""
+    """Whether two systems have the same ellipsoid."""
     a, b = one.ellipsoid, other.ellipsoid
     if a is None or b is None:
         return False
@@ -74,7 +74,7 @@ def same_ellipsoid(one: Any, other: Any) -> bool:
 
 
 def vertical_name(crs: Any) -> str | None:
-    """What heights of a system count from, in words; None where it does not say."""
+    """Name of the vertical datum of a system; None if it states none."""
     upward = vertical(crs)
     if upward is not None:
         code = upward.to_epsg(min_confidence=70)
@@ -92,13 +92,13 @@ def horizontal(crs: Any) -> Any:
 
 
 def vertical(crs: Any) -> Any:
-    """The vertical part of a compound system, else None."""
+    """Vertical part of a compound system; None for other systems."""
     parts = crs.sub_crs_list if crs is not None and crs.is_compound else []
     return next((part for part in parts if part.is_vertical), None)
 
 
 def is_local(crs: Any) -> bool:
-    """Whether a system has no known place on Earth."""
+    """Whether a system is local: without a known position on Earth."""
     return crs.is_engineering or not (crs.is_projected or crs.is_geographic)
 
 
@@ -108,7 +108,7 @@ def metres_per_unit(crs: Any) -> float:
 
 
 def projected_in_metres(crs: Any, source: str) -> Any:
-    """The horizontal part, if it is projected and in metres; else DemError."""
+    """Horizontal part of a projected system in metres; DemError for other systems."""
     flat = horizontal(crs)
     if not flat.is_projected or metres_per_unit(flat) != 1.0:
         raise DemError(f"{source}: {crs.name} is not a projected system in metres; project the elevations, for example to UTM")
@@ -116,21 +116,21 @@ def projected_in_metres(crs: Any, source: str) -> Any:
 
 
 def require_east_and_north(crs: Any, source: str) -> None:
-    """DemError if the axes of a system point west and south: files in such a system disagree on what they mean."""
+    """Raise DemError if the axes of a system point west and south: files in such systems differ in the signs of coordinates."""
     if {axis.direction for axis in crs.axis_info} == {"west", "south"}:
         remedy = "warp it to a system with eastings and northings, for example `gdalwarp -t_srs EPSG:CODE` of the UTM zone"
         raise DemError(f"{source}: the axes of {crs.name} point west and south; {remedy}")
 
 
 def longitude_latitude(crs: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Longitude and latitude [deg] of map positions, in the system's own datum."""
+    """Longitude and latitude [deg] of map positions in the datum of the system."""
     from pyproj import Transformer
 
     return Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(x, y)
 
 
 def scale_error(crs: Any, x: float, y: float) -> float:
-    """Largest relative error of distances that a projected system makes at a map position [1]."""
+    """Largest relative error [1] of distances in a projected system at a map position."""
     from pyproj import Proj
     from pyproj.exceptions import ProjError
 
@@ -145,7 +145,7 @@ def scale_error(crs: Any, x: float, y: float) -> float:
 
 
 def utm_for(crs: Any, longitude: float, latitude: float, source: str) -> Any:
-    """UTM system of the zone of a position [deg], in the datum of ``crs`` where it has one, else in WGS 84."""
+    """UTM system of the zone of a position [deg], in the datum of ``crs`` if UTM zones are defined for it, else in WGS 84."""
     from pyproj import CRS
     from pyproj.aoi import AreaOfInterest
     from pyproj.database import query_utm_crs_info

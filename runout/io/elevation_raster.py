@@ -1,4 +1,4 @@
-"""An elevation raster as its file states it, before it becomes a terrain."""
+"""Elevation raster with the georeference and units of its file."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Header:
-    """What the file of a raster states before a value is read.
+    """Georeference and size of a raster file, read without its values.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Header:
 
     @property
     def cells(self) -> int:
-        """How many cells it has."""
+        """Number of cells."""
         return self.shape[0] * self.shape[1]
 
     @property
@@ -45,13 +45,13 @@ class Header:
         return bounds_of(self.transform, self.shape)
 
     def part(self, extent: Bounds | None, error: type[InputError]) -> Part:
-        """The part that an extent needs, if it fits into the memory; else the error."""
+        """Part of the raster that covers an extent; an error if it does not fit into the memory."""
         part = part_of(self.transform, self.shape, extent, self.source, error)
         require_room(part.rows, part.columns, self.source, error)
         return part
 
     def said(self, part: Part) -> tuple[str, ...]:
-        """A sentence of what is read, where that is not all."""
+        """Sentence that states the part that is read; empty if it is the whole raster."""
         if (part.rows, part.columns) == self.shape:
             return ()
         edges = ", ".join(f"{edge:.10g}" for edge in bounds_of(part.transform(self.transform), (part.rows, part.columns)))
@@ -76,7 +76,7 @@ class ElevationRaster:
     source : str
         For messages.
     changes : tuple of str
-        What was changed so far, one sentence each.
+        Changes so far, one sentence each.
     """
 
     values: np.ndarray
@@ -104,17 +104,17 @@ class ElevationRaster:
         return bounds_of(self.transform, (self.values.shape[0], self.values.shape[1]))
 
     def changed(self, sentence: str, **fields: Any) -> "ElevationRaster":
-        """The raster with other fields, the change recorded and logged as a warning."""
+        """The raster with other fields; the change is recorded and logged as a warning."""
         log.warning("%s: %s", self.source, sentence)
         return replace(self, changes=(*self.changes, sentence), **fields)
 
     def noted(self, sentence: str, **fields: Any) -> "ElevationRaster":
-        """The raster with a remark that an analyst should know; no value differs by it."""
+        """The raster with a recorded remark; its values are unchanged."""
         log.info("%s: %s", self.source, sentence)
         return replace(self, changes=(*self.changes, sentence), **fields)
 
 
 def moved(transform: tuple[float, ...], rows: int, columns: int) -> tuple[float, ...]:
-    """Transform of the part of a raster, north up, that begins so many rows and columns further."""
+    """Affine map of the part of a raster that begins at a row and column."""
     a, b, c, d, e, f = transform
     return a, b, c + a * columns, d, e, f + e * rows

@@ -1,4 +1,4 @@
-"""What files held when they were written, and whether they still do.
+"""Fingerprints of files: checksum, size and times, to find out whether a file has changed.
 
 The checksum decides. It is computed anew unless the file's size, inode, time of content and time of status are the same, and the
 times were older than a step of the file system's clock when the checksum was taken: every later change of the content changes one
@@ -21,7 +21,7 @@ STEP, COARSE_STEP = SECOND // 25, 2 * SECOND  # [ns] of the clocks of file syste
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What a file held.
+    """Checksum, size and times of a file.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Fingerprint:
     size : int
         Of the file [byte].
     inode, modified, changed : int
-        Its number, and the times [ns] of its content and of its status.
+        Inode number, and the times [ns] of the last change of content and of status.
     noted : int
-        When all this was found [ns].
+        Time [ns] at which the fingerprint was taken.
     """
 
     sha256: str
@@ -44,24 +44,24 @@ class Fingerprint:
 
     @classmethod
     def of(cls, path: Path) -> "Fingerprint":
-        """That of a file as it is; OSError if it cannot be read."""
-        noted, status = time.time_ns(), os.stat(path)  # a change from here on has a later time
+        """Fingerprint of a file; OSError if it cannot be read."""
+        noted, status = time.time_ns(), os.stat(path)  # later changes of the file have a later time
         return cls(sha256(path), status.st_size, status.st_ino, status.st_mtime_ns, status.st_ctime_ns, noted)
 
     @classmethod
     def read(cls, stored: Any) -> "Fingerprint | None":
-        """That of a record; None if it is none."""
+        """Fingerprint from a JSON record; None if the record is not valid."""
         types = {field.name: str if field.name == "sha256" else int for field in fields(cls)}
         if not isinstance(stored, Mapping) or set(stored) != set(types):
             return None
         return cls(**stored) if all(type(stored[name]) is kind for name, kind in types.items()) else None
 
     def stored(self) -> dict[str, Any]:
-        """For a record in JSON."""
+        """The fingerprint as values for JSON."""
         return asdict(self)
 
     def fault(self, path: Path) -> str | None:
-        """What is wrong with the file; None if it holds what it held."""
+        """How the file differs from the fingerprint; None if its content is unchanged."""
         try:
             status = os.stat(path)
             if status.st_size != self.size:
@@ -77,7 +77,7 @@ class Fingerprint:
 
 
 def fingerprints(paths: Iterable[Path]) -> dict[Path, Fingerprint]:
-    """Those of files that were just written, after a step of the clock."""
+    """Fingerprints of files that were just written, taken after a tick of the file system's clock."""
     listed = list(paths)
     wait = max((_settled(os.stat(path)) for path in listed), default=0) - time.time_ns()
     if 0 <= wait <= STEP:
@@ -86,32 +86,32 @@ def fingerprints(paths: Iterable[Path]) -> dict[Path, Fingerprint]:
 
 
 def _settled(status: os.stat_result) -> int:
-    """Time [ns] from which on a change of a file shows in its times."""
+    """Time [ns] after which a change of a file changes its times."""
     whole_seconds = status.st_mtime_ns % SECOND == status.st_ctime_ns % SECOND == 0
     return max(status.st_mtime_ns, status.st_ctime_ns) + (COARSE_STEP if whole_seconds else STEP)
 
 
 class Unchanged:
-    """Files that must not change while they are used.
+    """Guards files that must not change while they are used.
 
     Parameters
     ----------
     paths : iterable of Path
-        The files; made before they are read.
+        The files. Create this object before reading them.
     """
 
     def __init__(self, paths: Iterable[Path]):
         self.seen = {path: _glance(path) for path in paths}
 
     def require(self) -> None:
-        """InputError if one of them was written since."""
+        """Raise InputError if one of the files has changed."""
         for path, before in self.seen.items():
             if _glance(path) != before:
                 raise InputError(f"{path}: this input was changed during the run; what was made of it since is not used, run again")
 
 
 def _glance(path: Path) -> tuple[int, int, int] | None:
-    """Size, number and time of content of a file; None if there is none."""
+    """Size, inode and time of content of a file; None if it does not exist."""
     try:
         status = os.stat(path)
     except OSError:

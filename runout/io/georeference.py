@@ -1,4 +1,4 @@
-"""Whether the place of a raster on the map, and a coordinate system, can be computed with."""
+"""Checks that the georeference and the coordinate system of a raster can be used in computations."""
 
 import math
 import re
@@ -8,13 +8,13 @@ from pathlib import Path
 from runout.errors import InputError
 
 SMALLEST_CELL, LARGEST_CELL = 1e-7, 1e6  # in map units: a centimetre in degrees, and more than any map sheet
-GRIDS = re.compile(r'(?:grids|init)=([^\s"\]]*)|PARAMETERFILE\["[^"]*",\s*"([^"]*)"', re.IGNORECASE)  # in PROJ text and in WKT
+GRIDS = re.compile(r'(?:grids|init)=([^\s"\]]*)|PARAMETERFILE\["[^"]*",\s*"([^"]*)"', re.IGNORECASE)  # in PROJ text, in WKT
 FARTHEST = 1e9  # map units from the origin of the map
-DIGITS = 2.0**44  # cells from the origin; beyond it neighbouring cells are hardly told apart in double precision
+DIGITS = 2.0**44  # cells from the origin; farther out, double precision hardly resolves a cell
 
 
 def require_usable(transform: Sequence[float], source: Path | str, error: type[InputError]) -> None:
-    """Nothing for an affine map ``(a, b, c, d, e, f)`` of finite numbers, of cells and places as maps have them; else the error."""
+    """Raise an error unless an affine map ``(a, b, c, d, e, f)`` is finite, with plausible cell sizes and coordinates."""
     if not all(math.isfinite(number) for number in transform):
         raise error(f"{source}: its georeference holds {_listed(transform)}, which are no finite numbers; {_remedy(source)}")
     a, b, c, d, e, f = transform
@@ -27,13 +27,13 @@ def require_usable(transform: Sequence[float], source: Path | str, error: type[I
 
 
 def file_named_by(text: str) -> str | None:
-    """File or address that a coordinate system, as PROJ or WKT text, names besides the grids of PROJ; None if it names none."""
+    """File or address that a coordinate system (PROJ or WKT text) names, apart from the grids of PROJ; None if there is none."""
     named = [name for found in GRIDS.findall(text) for part in found for name in part.split(",")]
     return next((name for name in named if re.search(r"[/\\]|:.*:", name)), None)
 
 
 def require_own_grids(text: str, source: Path | str, error: type[InputError]) -> None:
-    """Nothing for a coordinate system, as PROJ or WKT text, whose grids are those of PROJ; the error where it names other files."""
+    """Raise an error if a coordinate system (PROJ or WKT text) names files other than the grids of PROJ."""
     other = file_named_by(text)
     if other:
         raise error(

@@ -27,14 +27,14 @@ _CARRIED = (
     "configuration_sha256",
     "vertical_datum",
 )
-_AVERAGED = ("elevation", "ground_slope")  # in overviews; a mean over other maps may be a value of no cell, as on the rim of a flow
+_AVERAGED = ("elevation", "ground_slope")  # overviews are means; at the edge of a flow a mean would mislead
 
 
 def write_cog(dataset: "xr.Dataset", name: str, path: str | os.PathLike[str], **selection: float) -> Path:
-    """The path, after writing one map of a dataset as a whole cloud-optimised GeoTIFF, north up.
+    """Write one map of a dataset as a cloud-optimised GeoTIFF, north up; returns the path.
 
-    Values are in the unit for people (:attr:`runout.variables.Variable.printed`): pressure in kPa. Overviews hold values of single
-    cells, but means of the ground. The band states its least, largest and mean value and its standard deviation.
+    Values are in the printed unit (:attr:`runout.variables.Variable.printed`): pressure in kPa. Overviews hold values of single
+    cells, those of the ground means. The metadata of the band state minimum, maximum, mean and standard deviation.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def raster_transform(dataset: "xr.Dataset") -> "Affine":
 
 
 def _encoded(layer: "xr.DataArray", crs: "CRS | None", tags: dict[str, Any]) -> bytes:
-    """The file's bytes: made in memory, for GDAL only logs a disk that fills while it closes a file."""
+    """Bytes of the file. They are made in memory because GDAL only logs a full disk when it closes a file."""
     from rasterio.errors import RasterioError
     from rasterio.io import MemoryFile
 
@@ -100,7 +100,7 @@ def _encoded(layer: "xr.DataArray", crs: "CRS | None", tags: dict[str, Any]) -> 
 
 
 def statistics(known: np.ndarray, cells: int) -> dict[str, str]:
-    """Statistics of the known values (n,) among ``cells``, under the names of GDAL; empty where no value is known."""
+    """Statistics of the known values (n,) of ``cells`` with the keys of GDAL; empty if no value is known."""
     if known.size == 0:
         return {}
     found = {"MINIMUM": known.min(), "MAXIMUM": known.max(), "MEAN": known.mean(dtype=np.float64)}

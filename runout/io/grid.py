@@ -1,4 +1,4 @@
-"""The place of a raster on the map as CF and GDAL both understand it."""
+"""Coordinates and grid mapping of a raster for CF and GDAL."""
 
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
     import pyproj
     import xarray as xr
 
-UNNAMED = "latitude_longitude"  # the grid mapping of CF that tells the figure of the Earth alone
+UNNAMED = "latitude_longitude"  # grid mapping of CF that states only the ellipsoid
 
 
 def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
     """Coordinates of the cell centres: ``x`` ascending, ``y`` descending [m], and ``crs`` unless the system is local.
 
-    Where CF has no name for the projection, ``longitude`` and ``latitude`` [degree] of the middle of the raster as well.
+    If CF does not define the projection, also ``longitude`` and ``latitude`` [degree] of the middle of the raster.
     """
     import xarray as xr
 
@@ -34,7 +34,7 @@ def grid_coordinates(terrain: Terrain) -> "dict[str, xr.Variable]":
 
 
 def _middle(terrain: Terrain) -> "dict[str, xr.Variable]":
-    """Geographic position of the middle of the raster, which a grid mapping of that name needs."""
+    """Longitude and latitude of the middle of the raster, which this grid mapping requires."""
     import xarray as xr
     from pyproj import Transformer
 
@@ -49,7 +49,7 @@ def _middle(terrain: Terrain) -> "dict[str, xr.Variable]":
 
 
 def _axis(name: str, long_name: str) -> dict[str, str]:
-    standard_name = f"projection_{name}_coordinate"  # without it a checker takes an axis for longitude or latitude
+    standard_name = f"projection_{name}_coordinate"  # otherwise the CF checker takes an axis for longitude or latitude
     described = {"units": "m", "axis": name.upper(), "standard_name": standard_name, "long_name": long_name}
     return described | {"coverage_content_type": "coordinate"}
 
@@ -62,11 +62,11 @@ def geo_transform(terrain: Terrain) -> str:
 
 
 def grid_mapping(crs: str) -> dict[str, Any]:
-    """Attributes of the grid mapping variable: CF parameters, and the WKT for whatever CF cannot hold."""
+    """Attributes of the grid mapping variable: parameters of CF, and WKT for complete definitions."""
     from pyproj.exceptions import CRSError
 
     horizontal = horizontal_crs(crs)
-    with warnings.catch_warnings():  # Swiss LV95 loses a parameter in CF; crs_wkt and spatial_ref keep it
+    with warnings.catch_warnings():  # CF has no parameter for the rotation of Swiss LV95; crs_wkt and spatial_ref keep it
         warnings.simplefilter("ignore", UserWarning)
         attributes = horizontal.to_cf()
     if "grid_mapping_name" not in attributes:
@@ -75,13 +75,13 @@ def grid_mapping(crs: str) -> dict[str, Any]:
         attributes["azimuth"] = attributes["azimuth_of_central_line"]
     try:
         attributes["spatial_ref"] = horizontal.to_wkt("WKT1_GDAL")
-    except CRSError:  # systems that WKT1 cannot express; crs_wkt says it all
+    except CRSError:  # systems that WKT1 cannot express; crs_wkt is complete
         attributes["spatial_ref"] = horizontal.to_wkt()
     return attributes | {"long_name": f"coordinate reference system: {horizontal.name}"}
 
 
 def _figure_of_the_earth(horizontal: "pyproj.CRS") -> dict[str, Any]:
-    """CF parameters of the datum, for a projection that CF has no name for, such as Krovak's or a double stereographic one."""
+    """CF parameters of the datum for projections that CF does not define, such as Krovak or double stereographic."""
     named = {k: v for k, v in horizontal.geodetic_crs.to_cf().items() if k != "crs_wkt"} if horizontal.geodetic_crs else {}
     return named | {"comment": "CF has no name for this projection: crs_wkt holds it, the parameters tell the figure of the Earth"}
 
@@ -95,7 +95,7 @@ def horizontal_crs(crs: str) -> "pyproj.CRS":
 
 
 def extent_attributes(terrain: Terrain) -> dict[str, Any]:
-    """Geographic extent for the global attributes, and the vertical datum where it is stated; empty for a local system."""
+    """Global attributes of geographic extent and, if stated, vertical datum; empty for a local system."""
     from pyproj import CRS, Transformer
 
     if terrain.crs is None:
@@ -117,7 +117,7 @@ def extent_attributes(terrain: Terrain) -> dict[str, Any]:
 
 
 def _corners(extent: tuple[float, float, float, float], to_geographic: "pyproj.Transformer") -> str:
-    """Polygon of the corners as WKT, latitude first as EPSG:4326 has it."""
+    """Polygon of the corners as WKT, latitude first as in EPSG:4326."""
     west, south, east, north = extent
     easting, northing = [west, east, east, west, west], [south, south, north, north, south]
     longitude, latitude = to_geographic.transform(easting, northing)
@@ -125,7 +125,7 @@ def _corners(extent: tuple[float, float, float, float], to_geographic: "pyproj.T
 
 
 def _vertical_datum(terrain: Terrain) -> dict[str, str]:
-    """What the elevations count from, as the terrain was told or as its compound system says; empty where nothing says."""
+    """Vertical datum of the terrain, as stated or from its compound system; empty if unknown."""
     from pyproj import CRS
 
     system = CRS.from_user_input(terrain.crs)

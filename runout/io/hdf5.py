@@ -1,4 +1,4 @@
-"""HDF5 files whose numbers lie in other files: external storage, virtual datasets and external links.
+"""Finds HDF5 files that refer to other files: external storage, virtual datasets and external links.
 
 The library opens such files unasked. What points to them is found in the bytes of the file by the layout of the format (HDF5 File
 Format Specification 3.0, IV.A.2.g, IV.A.2.h and IV.A.2.i) and by where it points, so that no file is opened by the library first.
@@ -14,15 +14,15 @@ import numpy as np
 from runout.errors import InputError
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-PLACES = (0, *(512 << k for k in range(16)))  # of the signature, behind a block of the user
-PIECE, OVERLAP = 2**24, 64  # bytes that are searched at a time, and that pieces share
+PLACES = (0, *(512 << k for k in range(16)))  # offsets of the signature after a user block
+PIECE, OVERLAP = 2**24, 64  # bytes searched at a time, and overlap of the pieces
 NAME_SIZES = (1, 2, 4, 8)
 
 Bytes = Any  # ndarray (n,) of uint8
 
 
 def require_own_storage(path: Path, error: type[InputError]) -> None:
-    """Nothing for a file that is no HDF5, or holds its own numbers.
+    """Raise an error if a file is HDF5 and its values lie in other files.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def require_own_storage(path: Path, error: type[InputError]) -> None:
 
 @lru_cache(maxsize=64)
 def _elsewhere(path: Path, size: int, modified: int, inode: int) -> str | None:
-    """What a file, known by its status, holds that names another one; None if nothing does."""
+    """Kind of reference to another file that a file holds; None if it holds none. Its status is part of the key of the cache."""
     if size < len(SIGNATURE):
         return None
     content = np.memmap(path, np.uint8, "r")
@@ -62,7 +62,7 @@ def _elsewhere(path: Path, size: int, modified: int, inode: int) -> str | None:
 
 
 def _size_of_addresses(content: Bytes, start: int) -> int:
-    """Bytes of an address, by the superblock; of longer ones the first eight count."""
+    """Bytes of an address by the superblock, at most eight."""
     version = int(content[start + 8]) if start + 8 < len(content) else 0
     place = start + (13 if version < 2 else 9)
     size = int(content[place]) if place < len(content) else 8
@@ -70,23 +70,23 @@ def _size_of_addresses(content: Bytes, start: int) -> int:
 
 
 def _external(b: Bytes) -> Bytes:
-    """Where messages of external files may begin: version 1, three zeros, slots allocated and used (of two bytes, not 0)."""
+    """Possible starts of external file messages: version 1, three zeros, slots allocated and used (two bytes each, not 0)."""
     heads = np.flatnonzero((b[:-7] == 1) & (b[1:-6] == 0) & (b[2:-5] == 0) & (b[3:-4] == 0))
     return heads[((b[heads + 4] | b[heads + 5]) != 0) & ((b[heads + 6] | b[heads + 7]) != 0)]
 
 
 def _virtual(b: Bytes) -> Bytes:
-    """Where layout messages of virtual datasets may begin: version 4 to 15, class 3."""
+    """Possible starts of layout messages of virtual datasets: version 4 to 15, class 3."""
     return np.flatnonzero((b[1:] == 3) & (b[:-1] >= 4) & (b[:-1] <= 15))
 
 
 def _links(b: Bytes) -> Bytes:
-    """Where messages of external links may begin: version 1, flags with the type of the link, which is 64."""
+    """Possible starts of external link messages: version 1, flags with link type, link type 64."""
     return np.flatnonzero((b[:-2] == 1) & (b[2:] == 64) & ((b[1:-1] & 0b1110_1000) == 8))
 
 
 def _names_marks(content: Bytes, start: int, places: Bytes, size: int, mark: bytes) -> bool:
-    """Whether an address [size bytes] at any of some places points to a mark."""
+    """Whether an address [size bytes] at any of the places points to the mark."""
     places = places[places + size <= len(content)]
     places = places[content[places + size - 1] == 0] if size == 8 else places  # no file has 2^56 bytes
     target = np.full(len(places), start, np.uint64)
@@ -100,7 +100,7 @@ def _names_marks(content: Bytes, start: int, places: Bytes, size: int, mark: byt
 
 
 def _is_external_link(content: Bytes, place: int) -> bool:
-    """Whether a link message has flags, a name, and then the length of, and, a file and a path, each ended by a zero."""
+    """Whether a link message holds flags, a name, a length, and then file and path, both terminated by a zero."""
     flags = int(content[place + 1])
     width = NAME_SIZES[flags & 3]
     place += 3 + (8 if flags & 4 else 0) + (1 if flags & 16 else 0)

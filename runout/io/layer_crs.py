@@ -1,4 +1,4 @@
-"""Coordinate systems of release files compared with the terrain's, by definition and not by name."""
+"""Compares coordinate systems of release files with that of the terrain, by definition and not by name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,21 +11,21 @@ from runout.errors import ReleaseError
 from runout.io.crs import horizontal, names_datum, same, same_ellipsoid
 from runout.model.terrain import Terrain
 
-SAME_PLACE = 1e-3  # coordinates that agree to so much are taken as they are [m]
+SAME_PLACE = 1e-3  # largest difference of coordinates that are taken to be equal [m]
 
 Points = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
 class ToTerrain:
-    """How coordinates of a file become those of the terrain.
+    """Transformation from the coordinates of a file to those of the terrain.
 
     Attributes
     ----------
     forward, inverse : callable or None
-        Map coordinates (n, 2) of the file to those of the terrain [m], and back; None where they are the same.
+        Map coordinates (n, 2) of the file to those of the terrain [m], and back; None if both are the same.
     sentences : tuple of str
-        What was assumed or done.
+        Assumptions and changes, one sentence each.
     """
 
     forward: Points | None
@@ -34,9 +34,9 @@ class ToTerrain:
 
 
 def stated_crs(crs: Any) -> Any:
-    """Horizontal :class:`pyproj.CRS` that a file states, or None if it states none, or one that is explicitly undefined.
+    """Horizontal :class:`pyproj.CRS` that a file states; None if it states none or an explicitly undefined one.
 
-    A system is known by its definition: one without a name counts, a local or "undefined" one does not.
+    The definition decides: a system without a name is used, a local or "undefined" one is not.
     """
     import pyproj
     from pyproj.exceptions import CRSError
@@ -54,7 +54,7 @@ def stated_crs(crs: Any) -> Any:
 
 
 def crs_name(crs: Any) -> str:
-    """``EPSG:32616 (WGS 84 / UTM zone 16N)``; the parameters of a system that has neither code nor name."""
+    """Code and name, ``EPSG:32616 (WGS 84 / UTM zone 16N)``; for a system with neither, its parameters."""
     import warnings
 
     code = crs.to_epsg(min_confidence=70) if names_datum(crs) else None
@@ -63,26 +63,26 @@ def crs_name(crs: Any) -> str:
     if crs.name.lower() not in ("unknown", "unnamed", ""):
         return str(crs.name)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # that such a string cannot hold everything
+        warnings.simplefilter("ignore", UserWarning)  # warning of pyproj that PROJ text is not a complete definition
         return crs.to_proj4() or "a system without a name"
 
 
 def to_terrain(path: Path, crs: Any, terrain: Terrain, bounds: Any, command: str) -> ToTerrain:
-    """How the coordinates of a file become those of the terrain.
+    """Transformation from the coordinates of a file to those of the terrain.
 
-    A file that states no system is taken to be in the terrain's, or, where only that puts it on the terrain, in the one that
-    the file of the elevations had before these were projected.
+    A file without a system is taken to be in that of the terrain. If only the system of the elevation file, before projection,
+    places it on the terrain, that system is taken.
 
     Parameters
     ----------
     path : Path
         The file, for messages.
     crs : anything pyproj reads, or None
-        What the file states.
+        System that the file states.
     terrain : Terrain
-        Whose system it is brought to.
+        Terrain of the target system.
     bounds : sequence of float
-        West, south, east and north edge of what the file holds, in its own coordinates.
+        West, south, east and north edge of the content, in the coordinates of the file.
     command : str
         GDAL command that reprojects such a file: ``ogr2ogr`` or ``gdalwarp``.
 
@@ -118,7 +118,7 @@ def _unstated(path: Path, wanted: Any, terrain: Terrain, bounds: np.ndarray, com
 
 
 def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: str) -> ToTerrain:
-    """The transformation from a known system to another, unless both are the same."""
+    """Transformation between two known systems; none if both are the same."""
     from pyproj import Transformer
     from pyproj.exceptions import ProjError
 
@@ -155,7 +155,7 @@ def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: st
 
 
 def _is_own(stated: Any, own: Any, wanted: Any, terrain: Terrain) -> bool:
-    """Whether a system is that of the elevations' file; two that name no datum, if ellipsoid and coordinates are the same."""
+    """Whether a system equals that of the elevation file. Without a datum, ellipsoid and coordinates are compared."""
     from pyproj import Transformer
 
     if own is None or same(stated, own):
@@ -169,7 +169,7 @@ def _is_own(stated: Any, own: Any, wanted: Any, terrain: Terrain) -> bool:
 
 
 def _as_elevations(path: Path, stated: Any, wanted: Any, terrain: Terrain) -> ToTerrain:
-    """The transformation that brought the elevations from their file's system to the terrain's."""
+    """The transformation that the elevations had from the system of their file to that of the terrain."""
     from pyproj import Transformer
 
     transformer = Transformer.from_crs(stated, wanted, always_xy=True)
@@ -179,7 +179,7 @@ def _as_elevations(path: Path, stated: Any, wanted: Any, terrain: Terrain) -> To
 
 
 def _tried(transformer: Any, terrain: Terrain) -> ToTerrain:
-    """Both directions of a transformer; none where the corners of the terrain stay where they are."""
+    """Both directions of a transformer; none if it does not move the corners of the terrain."""
     from pyproj.exceptions import ProjError
 
     def inverse(points: np.ndarray) -> np.ndarray:
@@ -198,7 +198,7 @@ def _tried(transformer: Any, terrain: Terrain) -> ToTerrain:
 
 
 def _operation(transformer: Any) -> str:
-    """What a transformer that has been used does, and how accurate PROJ says that it is."""
+    """Steps of a transformer that has been used, and its accuracy as PROJ states it."""
     used = transformer.get_last_used_operation()
     accuracy = f"accuracy {used.accuracy:g} m" if used.accuracy is not None and used.accuracy >= 0 else "accuracy not stated"
     parts = [part for part in used.description.split(" + ") if not part.startswith("axis order change")]
@@ -224,7 +224,7 @@ def _moved_bounds(forward: Points, bounds: np.ndarray) -> np.ndarray:
 
 
 def _meets(bounds: np.ndarray, extent: tuple[float, float, float, float]) -> bool:
-    """Whether two boxes have a place in common."""
+    """Whether two boxes intersect."""
     west, south, east, north = extent
     return bool(bounds[0] <= east and bounds[2] >= west and bounds[1] <= north and bounds[3] >= south)
 

@@ -1,4 +1,4 @@
-"""Locks between processes; each ends with the process that holds it, however that ends."""
+"""Locks between processes. A lock is released when its process ends, also after a kill."""
 
 import os
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from runout.io.part import lock_folder
 
 @contextmanager
 def exclusive(folder: Path, name: str = ".lock") -> Iterator[None]:
-    """Block in which this process alone holds the lock file ``name`` of a folder, which is made when absent.
+    """Context in which only this process holds the lock file ``name`` of a folder; the folder is created if missing.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def exclusive(folder: Path, name: str = ".lock") -> Iterator[None]:
 
 @contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Block in which this process alone changes a record in a folder, after waiting for others; it is short."""
+    """Context in which only this process changes a record in a folder; waits for other processes. Keep it short."""
     descriptor = lock_folder(folder, wait=True)
     try:
         yield

@@ -1,4 +1,4 @@
-"""NetCDF that opens right in a GIS: CF-1.11, north up, described from the table of variables."""
+"""Reads and writes NetCDF: CF-1.11, north up for GIS, with metadata from the table of variables."""
 
 import os
 import threading
@@ -21,7 +21,7 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
-LOCK = threading.RLock()  # the netCDF library crashes when several threads use it, even on different files
+LOCK = threading.RLock()  # the netCDF library is not thread-safe, even for different files
 CHUNK = 256
 MAP_DIMS = ("y", "x")
 CONVENTIONS = "CF-1.11, ACDD-1.3"
@@ -37,11 +37,11 @@ def map_dataset(
     terrain : Terrain
         Its cells become ``x`` (ascending) and ``y`` (descending: north up), its CRS the variable ``crs``.
     maps : mapping of str to ndarray (rows, columns)
-        Values by the names of :data:`runout.variables.VARIABLES`, row 0 in the north; NaN where there is none.
+        Values by the names of :data:`runout.variables.VARIABLES`, row 0 in the north; NaN for missing values.
     title : str
         Title of the file.
     attrs : mapping, optional
-        Further global attributes; they win over the standard ones.
+        Further global attributes; they override the standard ones.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def map_dataset(
 
 
 def add_map(dataset: "xr.Dataset", name: str, values: np.ndarray, dims: tuple[str, ...] = ()) -> None:
-    """Put values (\\*dims, rows, columns) into a dataset of :func:`map_dataset` under a name of the table."""
+    """Add values (\\*dims, rows, columns) to a dataset of :func:`map_dataset` under a name of the table."""
     if name not in VARIABLES:
         raise ValueError(f"{name!r} is not in runout/variables.py; add it there, with its unit")
     variable = VARIABLES[name]
@@ -71,7 +71,7 @@ def add_map(dataset: "xr.Dataset", name: str, values: np.ndarray, dims: tuple[st
 
 
 def global_attributes(terrain: Terrain, title: str) -> dict[str, Any]:
-    """Global attributes that every file carries (CF and ACDD); what is not known is absent."""
+    """Global attributes of every file (CF and ACDD); unknown ones are left out."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return {
         "Conventions": CONVENTIONS,
@@ -95,7 +95,7 @@ def write(
     *,
     groups: "Mapping[str, xr.Dataset] | None" = None,
 ) -> Path:
-    """The path, after writing the dataset to it as a whole; safe to call from several threads.
+    """Write a dataset completely or not at all; returns the path. Safe to call from several threads.
 
     Units, names, types, fill values and ranges come from :data:`runout.variables.VARIABLES`; attributes that a
     variable already has are kept. Maps are compressed in chunks of 256 x 256 cells.
@@ -115,13 +115,13 @@ def write(
             _encoded(dataset).to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
             for group, content in (groups or {}).items():
                 _encoded(content).to_netcdf(temporary, mode="a", group=group, engine="netcdf4")
-        except RuntimeError as cause:  # what the netCDF library makes of a full disk
+        except RuntimeError as cause:  # error of the netCDF library on a full disk
             raise storage_error(path, cause) from cause
     return Path(path)
 
 
 def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset":
-    """The dataset of a file (or of one of its groups), loaded; ``crs`` is a coordinate, missing values are NaN.
+    """Dataset of a file or of one of its groups, loaded; ``crs`` is a coordinate, missing values are NaN.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset"
 
 
 def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
-    """Only the place of a file of maps: ``x``, ``y``, ``crs`` and, where the file has them, ``longitude`` and ``latitude``.
+    """Coordinates of a file of maps: ``x``, ``y``, ``crs`` and, if present, ``longitude`` and ``latitude``.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def unreadable(path: str | os.PathLike[str]) -> str | None:
-    """Why a file cannot be read to its end; None if every value of every group can."""
+    """Reason why a file cannot be read completely; None if every value of every group can be read."""
     import netCDF4
 
     try:
@@ -178,7 +178,7 @@ def unreadable(path: str | os.PathLike[str]) -> str | None:
 
 
 def read_rows(path: str | os.PathLike[str], name: str, rows: slice) -> np.ndarray:
-    """Some rows (rows, columns) of one map of a file, NaN where there is no value.
+    """Some rows (rows, columns) of one map of a file; NaN for missing values.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def read_rows(path: str | os.PathLike[str], name: str, rows: slice) -> np.ndarra
 
 @contextmanager
 def _reading(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
-    """Block that alone uses the netCDF library; a file that it cannot read, or ``part`` of it, is named in a StorageError."""
+    """Context that holds the lock of the netCDF library and converts its errors into a StorageError."""
     try:
         with LOCK:
             yield
@@ -213,7 +213,7 @@ def _encoded(dataset: "xr.Dataset") -> "xr.Dataset":
 
 
 def _describe(array: "xr.DataArray", name: str) -> None:
-    """Attributes, type and missing value of the table, for names that are in it."""
+    """Set attributes, type and missing value of the variables that are in the table."""
     array.encoding.setdefault("_FillValue", None)
     if name not in VARIABLES:
         return

@@ -1,7 +1,7 @@
-"""The only way in for rasters and vectors: named formats, files on this machine, bounded size, no network.
+"""Opens rasters and vectors. Only listed formats, local files and bounded sizes are accepted; no network.
 
-An input may come from somebody else. GDAL opens services, archives, databases and programs by what a file says; here the formats
-are lists, and what a file refers to is looked at first (:mod:`runout.io.references`).
+An input may come from an untrusted source. GDAL can open services, archives, databases and programs that a file names. Here
+the formats are listed, and references of a file are checked first (:mod:`runout.io.references`).
 """
 
 import importlib
@@ -27,32 +27,32 @@ RASTER_DRIVERS = (
     *("SAGA", "RST", "BT", "JP2OpenJPEG", "GPKG", "XYZ"),
 )
 VECTOR_DRIVERS = ("ESRI Shapefile", "GPKG", "GeoJSON", "FlatGeobuf", "OpenFileGDB")
-PARTS = re.compile(r'^(NETCDF|GPKG|GTIFF_DIR):(?:\d+:)?"?(/?[^":]+)"?(?::[^:]*)?$')  # a raster of several in a file
+PARTS = re.compile(r'^(NETCDF|GPKG|GTIFF_DIR):(?:\d+:)?"?(/?[^":]+)"?(?::[^:]*)?$')  # name of one raster among several in a file
 PART_DRIVERS = {"NETCDF": "netCDF", "GPKG": "GPKG", "GTIFF_DIR": "GTiff"}
 NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")
 NO_NETWORK = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none", "GDAL_VRT_ENABLE_PYTHON": "NO", "OGR_SQLITE_ALLOW_EXTERNAL_ACCESS": "NO"}
-# formats that reach services or run programs; they are taken out of pyogrio's GDAL where it was not loaded before
+# formats that reach services or run programs; GDAL is loaded without them
 SERVICES = "WFS,OAPIF,OGCAPI,CSW,HTTP,OGR_VRT,GPSBabel,GDALG,ADBC,Elasticsearch,Carto,AmigoCloud,PLSCENES,NGW,EEDA,GTFS,MapML,PDF"
-BYTES_PER_CELL = 80  # that reading, preparing and checking a raster takes at its peak (79 measured with 16 million cells)
+BYTES_PER_CELL = 80  # peak memory of reading, preparing and checking a raster (79 measured with 16 million cells)
 MOST_FEATURES = 100_000
 
 
 @contextmanager
 def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
-    """The open rasterio dataset of a raster file; nothing but that file, its side files and the sources of a VRT is read.
+    """Open rasterio dataset of a raster file. Only the file, its side files and the sources of a VRT are read.
 
     Parameters
     ----------
     name : path or str
         File, folder of an ESRI grid, or GDAL's name of one raster of several in a file, such as ``NETCDF:"dem.nc":z``.
     error : type of InputError
-        What is raised.
+        Error that is raised.
 
     Raises
     ------
     InputError
-        If it is no regular file, of no known format, refers to what is not to be read, or is stored in blocks that do not fit
-        into the memory.
+        If it is not a regular file of a known format, refers to files that are not read, or has blocks that do not fit into
+        the memory.
     """
     import rasterio
     from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
@@ -74,7 +74,7 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
 
 
 def _raster_target(name: str, error: type[InputError]) -> tuple[str, list[str]]:
-    """What GDAL is given, and the formats that it may try."""
+    """Name that GDAL opens, and the formats that it may try."""
     part = PARTS.match(name)
     if part and not Path(name).exists():
         path = require_regular(Path(part.group(2)), error)
@@ -104,7 +104,7 @@ def _require_real(dataset: Any, name: Path | str, error: type[InputError]) -> No
 
 
 def _require_blocks(dataset: Any, name: Path | str, error: type[InputError]) -> None:
-    """The error for a raster whose cells are stored in blocks, read as a whole, that do not fit into the memory."""
+    """Raise an error if the storage blocks of a raster do not fit into the memory."""
     for rows, columns in dataset.block_shapes:
         if rows * columns * BYTES_PER_CELL > _free_memory():
             remedy = f"write it in tiles: `gdal_translate -co TILED=YES {name} tiled.tif`"
@@ -112,7 +112,7 @@ def _require_blocks(dataset: Any, name: Path | str, error: type[InputError]) -> 
 
 
 def require_room(rows: int, columns: int, source: Path | str, error: type[InputError]) -> None:
-    """Nothing, if so many cells of a raster fit into the free memory; else the error, with both numbers."""
+    """Raise an error, with both numbers, if so many cells of a raster do not fit into the free memory."""
     needed, free = rows * columns * BYTES_PER_CELL, _free_memory()
     if needed > free:
         raise error(
@@ -132,12 +132,12 @@ def _free_memory() -> float:
 
 @contextmanager
 def open_netcdf(name: Path | str, error: type[InputError]) -> Iterator[Any]:
-    """The open xarray dataset of a NetCDF file on this machine; times are left as numbers.
+    """Open xarray dataset of a local NetCDF file; times are not decoded.
 
     Raises
     ------
     InputError
-        Of the given kind, if it is no regular file or no NetCDF.
+        Of the given kind, if it is not a regular file or not NetCDF.
     """
     import xarray as xr
 
@@ -155,16 +155,16 @@ def open_netcdf(name: Path | str, error: type[InputError]) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class VectorFile:
-    """A vector file that may be read.
+    """A vector file that has passed the checks.
 
     Attributes
     ----------
     path : Path
-        As it was named.
+        As stated by the caller.
     target : str
-        What GDAL is given.
+        Name that GDAL opens.
     error : type of InputError
-        What is raised.
+        Error that is raised.
     """
 
     path: Path
@@ -177,7 +177,7 @@ class VectorFile:
             return [str(layer) for layer, kind in pyogrio.list_layers(self.target) if kind is not None]
 
     def information(self, layer: str | None = None) -> dict[str, Any]:
-        """What pyogrio says of a layer: fields, number of features, driver."""
+        """Fields, number of features and driver of a layer."""
         with _reading(self) as pyogrio:
             found: dict[str, Any] = pyogrio.read_info(self.target, layer=layer)
         if found["driver"] not in VECTOR_DRIVERS:
@@ -201,12 +201,12 @@ class VectorFile:
 
 
 def open_vector(path: Path, error: type[InputError]) -> VectorFile:
-    """The vector file of a path; nothing but that file and its side files will be read.
+    """Vector file of a path. Only the file and its side files are read.
 
     Raises
     ------
     InputError
-        Of the given kind, if it is no regular file, of no known format, or refers to what is not to be read.
+        Of the given kind, if it is not a regular file of a known format, or refers to files that are not read.
     """
     absolute = require_regular(path, error)
     if absolute.is_dir():
@@ -230,7 +230,7 @@ def _vector_remedy(path: Path) -> str:
 
 @contextmanager
 def _reading(file: VectorFile) -> Iterator[Any]:
-    """pyogrio without the network; its errors, and those of pyproj and shapely, as the file's one kind."""
+    """Context of pyogrio without network that converts errors of pyogrio, pyproj and shapely into that of the file."""
     pyogrio = _pyogrio()
     from pyogrio.errors import DataLayerError, DataSourceError
     from pyproj.exceptions import ProjError
@@ -240,7 +240,7 @@ def _reading(file: VectorFile) -> Iterator[Any]:
     pyogrio.set_gdal_config_options(NO_NETWORK)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # GDAL's remarks; what matters is checked on the outcome
+            warnings.simplefilter("ignore", RuntimeWarning)  # warnings of GDAL; the result is checked instead
             yield pyogrio
     except ShapelyError as cause:
         raise file.error(f"{file.path}: holds a broken geometry ({cause}); close every ring, with four points or more") from cause
@@ -252,7 +252,7 @@ def _reading(file: VectorFile) -> Iterator[Any]:
 
 
 def _pyogrio() -> Any:
-    """pyogrio, loaded without the formats that reach services."""
+    """Import pyogrio without the formats that reach services."""
     if "pyogrio" not in sys.modules:
         stated = os.environ.get("OGR_SKIP")
         os.environ["OGR_SKIP"] = SERVICES if stated is None else f"{stated},{SERVICES}"

@@ -1,4 +1,4 @@
-"""Folders for files that are being written: they are told from those that a killed process left, and the latter removed.
+"""Temporary folders for files that are being written; those that a killed process left are recognised and removed.
 
 A folder ``.name.*.part`` is locked as long as its process lives; the system ends the lock with the process, however that ends.
 """
@@ -15,7 +15,7 @@ from runout.interrupt import at_end
 
 try:
     import fcntl
-except ImportError:  # Windows, which does not remove a folder with an open file
+except ImportError:  # Windows does not remove a folder with an open file
     fcntl = None  # type: ignore[assignment]
 
 PATTERN = ".*.part"
@@ -23,7 +23,7 @@ PATTERN = ".*.part"
 
 @contextmanager
 def part_folder(path: Path) -> Iterator[Path]:
-    """New folder beside ``path``, of this process alone; it goes with the block.
+    """Context with a new folder beside ``path`` that only this process uses; it is removed at the end.
 
     Raises
     ------
@@ -42,12 +42,12 @@ def part_folder(path: Path) -> Iterator[Path]:
 
 
 def remove_stale(folder: str | os.PathLike[str]) -> int:
-    """Number of folders of killed processes removed from ``folder`` and those in it; those of live processes stay."""
+    """Remove folders of killed processes from ``folder`` and its subfolders; returns their number."""
     return sum(_remove(part) for part in Path(folder).rglob(PATTERN) if part.is_dir())
 
 
 def _new(path: Path) -> tuple[Path, int | None]:
-    """A new folder and what keeps its lock; another process may have taken it for stale before it was locked."""
+    """A new folder and the descriptor of its lock. Retries if another process removed the folder before it was locked."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=PATTERN[2:], dir=path.parent))
         lock = lock_folder(folder, wait=True)
@@ -58,7 +58,7 @@ def _new(path: Path) -> tuple[Path, int | None]:
 
 
 def lock_folder(folder: Path, *, wait: bool) -> int | None:
-    """Descriptor that keeps the lock of a folder; None where it has gone, or the file system has no locks.
+    """Descriptor of the lock of a folder; None if the folder is gone or the file system has no locks.
 
     Raises
     ------
@@ -83,13 +83,13 @@ def lock_folder(folder: Path, *, wait: bool) -> int | None:
 
 
 def _remove(part: Path) -> bool:
-    """Whether a folder was removed, its process being dead."""
+    """Remove a folder if its process has ended; returns whether it was removed."""
     try:
         lock = lock_folder(part, wait=False)
     except BlockingIOError:
         return False
     if lock is None and fcntl is not None:
-        return False  # gone already, or nothing tells whether its process lives
+        return False  # already removed, or the state of its process is unknown
     shutil.rmtree(part, ignore_errors=True)
     if lock is not None:
         os.close(lock)

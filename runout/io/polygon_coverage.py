@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-ROUND_OFF = 1e-11  # a cell covered by less than this share is not covered, by more than 1 minus this wholly
+ROUND_OFF = 1e-11  # covered shares below this count as 0, above 1 minus this as 1
 SAME_EDGE = 1e-6  # edges closer than this share of a cell are one edge: headers print few digits
 
 
@@ -26,7 +26,7 @@ def covered_area(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> np.n
         Ascending [m].
     """
     pieces = _pieces(outline, edges_x, edges_y)
-    # a piece that rises with the interior on its right covers what lies east of it, one that falls uncovers it
+    # a northward piece (interior on its right) adds the area east of it; a southward piece subtracts it
     beside = pieces.summed(pieces.rise * (pieces.half_width - pieces.mean(0)))
     share = (beside + pieces.summed_from_west(pieces.rise)) / np.outer(np.diff(edges_x), np.diff(edges_y))
     share[share < ROUND_OFF] = 0.0
@@ -35,7 +35,7 @@ def covered_area(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> np.n
 
 
 def covered_window(outline: Any, edges: tuple[np.ndarray, np.ndarray]) -> tuple[tuple[slice, slice], np.ndarray]:
-    """The window of cells around a polygon or multipolygon that is not empty, and :func:`covered_area` in it."""
+    """Window of cells around a non-empty polygon or multipolygon, and :func:`covered_area` within it."""
     low, high = outline.bounds[:2], outline.bounds[2:]
     first = [max(int(np.searchsorted(e, v, "right")) - 1, 0) for e, v in zip(edges, low, strict=True)]
     last = [int(np.searchsorted(e, v, "left")) for e, v in zip(edges, high, strict=True)]
@@ -44,7 +44,7 @@ def covered_window(outline: Any, edges: tuple[np.ndarray, np.ndarray]) -> tuple[
 
 
 def covered_centroid(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centroids (nx, ny) of the covered part of each lattice cell, east and north of the cell's centre [m]; 0 where none is.
+    """Centroids (nx, ny) of the covered part of each lattice cell, east and north of the cell's centre [m]; 0 for uncovered cells.
 
     Parameters as for :func:`covered_area`.
     """
@@ -55,7 +55,7 @@ def covered_centroid(outline: Any, edges_x: np.ndarray, edges_y: np.ndarray) -> 
     cut = (area > 0) & (area < np.outer(np.diff(edges_x), np.diff(edges_y)))
     east, north = (np.divide(m, area, out=np.zeros_like(area), where=cut) for m in (moment_x, moment_y))
     half_x, half_y = 0.5 * np.diff(edges_x)[:, None], 0.5 * np.diff(edges_y)
-    return np.clip(east, -half_x, half_x), np.clip(north, -half_y, half_y)  # slivers: round-off over almost no area
+    return np.clip(east, -half_x, half_x), np.clip(north, -half_y, half_y)  # slivers: the quotient is dominated by round-off
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _directed_edges(outline: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _cut_at(
     edges: np.ndarray, axis: int, start: np.ndarray, end: np.ndarray, sign: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges cut at the lattice lines of one axis, turned to ascend along it; their sign says who was turned."""
+    """Edges cut at the lattice lines of one axis and reversed where needed to ascend; the sign of reversed edges changes."""
     turned = (start[:, axis] > end[:, axis])[:, None]
     low, high = np.where(turned, end, start), np.where(turned, start, end)
     first = np.searchsorted(edges, low[:, axis], "right")

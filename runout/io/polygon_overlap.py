@@ -1,4 +1,4 @@
-"""Pairs of polygons that overlap, found in bounded time, and polygons cut so that none do."""
+"""Finds overlapping polygons in bounded time, and cuts polygons so that none overlap."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 OVERLAP = 1e-6  # share of a polygon below which an overlap is round-off of shared borders
-MOST_PAIRS = 30_000  # of polygons whose rectangles overlap; beyond it those of one value are united, and not cut one by one
+MOST_PAIRS = 30_000  # pairs with overlapping bounding boxes; with more pairs, polygons of equal value are united instead of cut
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Overlaps:
     counts : ndarray (m,) of bool
         Whether it is more than round-off.
     complete : bool
-        False where there are too many pairs to look at all of them.
+        False if there are too many pairs to examine all of them.
     """
 
     first: np.ndarray
@@ -33,7 +33,7 @@ class Overlaps:
 
 
 def overlaps_of(polygons: np.ndarray, values: np.ndarray | None) -> Overlaps:
-    """Overlaps of polygons (n,); where there are too many pairs, those of different ``values`` (n,) come first."""
+    """Overlaps of polygons (n,). If there are too many pairs, those of different ``values`` (n,) are examined first."""
     import shapely
 
     first, second = shapely.STRtree(polygons).query(polygons)
@@ -52,9 +52,9 @@ def overlaps_of(polygons: np.ndarray, values: np.ndarray | None) -> Overlaps:
 
 
 def cut(polygons: np.ndarray, values: np.ndarray | None, found: Overlaps) -> np.ndarray:
-    """Polygons (n,) of which no two overlap: an overlap belongs to the first of its polygons.
+    """Polygons (n,) without overlaps: a common area is left to the first of its polygons.
 
-    With too many pairs, polygons of one value are united in the place of their first, and the others are empty.
+    With too many pairs, polygons of equal value are united: the first holds the union, the others are empty.
     """
     import shapely
 
@@ -85,7 +85,7 @@ def _united(polygons: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def polygonal(geometry: Any) -> Any:
-    """The polygons of a geometry; cutting along a shared border can leave points and lines."""
+    """Polygons of a geometry, without the points and lines that cutting along a shared border can leave."""
     import shapely
 
     parts = [g for g in shapely.get_parts(geometry) if g.geom_type == "Polygon"]

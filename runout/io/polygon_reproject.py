@@ -1,4 +1,4 @@
-"""Polygons and thickness rasters in another system than the terrain's, brought to its map coordinates."""
+"""Transforms polygons and thickness rasters from another system to the map coordinates of the terrain."""
 
 from pathlib import Path
 from typing import Any
@@ -9,15 +9,15 @@ from runout.errors import ReleaseError
 from runout.io.layer_crs import ToTerrain, crs_name, stated_crs, to_terrain
 from runout.model.terrain import Terrain
 
-PIECES = 128  # of the extent of a layer: straight lines of one system are curves in another
-FEWEST, MOST = 8, 16  # points along each side of a cell of the terrain where the thickness is looked up
+PIECES = 128  # points per edge of the extent of a layer: straight edges become curves in another system
+FEWEST, MOST = 8, 16  # sampling points of thickness along each side of a terrain cell
 LOST_VOLUME = 1e-3  # share of a raster's volume that may fall outside the terrain
 
 
 def polygons_on_terrain(path: Path, frame: Any, driver: str, terrain: Terrain) -> tuple[Any, tuple[str, ...]]:
-    """A frame of polygons in the terrain's coordinates, and what was assumed or done.
+    """Frame of polygons in the coordinates of the terrain, and sentences on assumptions and changes.
 
-    GeoJSON that names no system is in degrees by RFC 7946.
+    GeoJSON without a stated system is in degrees (RFC 7946).
     """
     import shapely
 
@@ -49,7 +49,7 @@ def polygons_on_terrain(path: Path, frame: Any, driver: str, terrain: Terrain) -
 def raster_on_terrain(
     values: np.ndarray, edges: tuple[np.ndarray, np.ndarray], found: ToTerrain, terrain: Terrain, path: Path
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[str, ...]]:
-    """Thickness on the cells of the terrain (nx, ny) [m], their local edges [m], and what was done; the volume stays.
+    """Thickness on the cells of the terrain (nx, ny) [m], their local edges [m], and sentences on changes; the volume is kept.
 
     Each cell of the terrain is the mean of what lies at points all over it; of a raster that is finer than these points it is the
     sum of the cells whose middles lie in it.
@@ -66,7 +66,7 @@ def raster_on_terrain(
     Raises
     ------
     ReleaseError
-        If a part of the volume lies outside the terrain.
+        If part of the volume lies outside the terrain.
     """
     assert found.forward is not None
     corners = np.stack(np.meshgrid(*edges, indexing="ij"), axis=-1)
@@ -105,7 +105,7 @@ def _require_inside(corners: np.ndarray, volumes: np.ndarray, terrain: Terrain, 
 
 
 def _window(corners: np.ndarray, volumes: np.ndarray, terrain: Terrain) -> tuple[slice, slice]:
-    """Cells of the terrain (east, north from the south-west) around all that holds a volume."""
+    """Window of terrain cells (east, north from the south-west) around all cells with volume."""
     filled = volumes != 0.0
     near = np.zeros(corners.shape[:2], bool)
     for i in (0, 1):

@@ -1,4 +1,4 @@
-"""Polygons of a vector file, of a release or of zones: read, checked, in map coordinates of the terrain."""
+"""Reads and checks the polygons of a vector file and transforms them to the map coordinates of the terrain."""
 
 import difflib
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from runout.io.polygon_reproject import polygons_on_terrain
 from runout.model.limits import checked
 from runout.model.terrain import Terrain
 
-NAMED = 5  # pairs in a message
+NAMED = 5  # pairs that a message names
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class PolygonLayer:
     attributes : pandas.DataFrame
         One row a polygon.
     changes : tuple of str
-        What was assumed or changed on the way in, one sentence each.
+        Assumptions and changes, one sentence each.
     """
 
     source: Path
@@ -40,7 +40,7 @@ class PolygonLayer:
     changes: tuple[str, ...] = ()
 
     def numbers(self, attribute: str, what: str) -> np.ndarray:
-        """Values (n,) of a numeric attribute; ReleaseError if it is missing, not a number, or empty somewhere."""
+        """Values (n,) of a numeric attribute; ReleaseError if it is missing, not numeric, or has empty values."""
         import pandas
 
         if attribute not in self.attributes:
@@ -48,7 +48,7 @@ class PolygonLayer:
         stated = self.attributes[attribute]
         kinds = pandas.api.types
         other = kinds.is_datetime64_any_dtype(stated) or kinds.is_timedelta64_dtype(stated) or kinds.is_bool_dtype(stated)
-        converted = pandas.Series(np.nan, stated.index) if other else stated  # a date would become nanoseconds, a yes 1
+        converted = pandas.Series(np.nan, stated.index) if other else stated  # dates and truth values would become numbers
         values = pandas.to_numeric(converted, errors="coerce").to_numpy(np.float64)
         unusable = np.flatnonzero(~np.isfinite(values))
         if len(unusable):
@@ -88,7 +88,7 @@ class PolygonLayer:
 
 
 def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: str = "release") -> PolygonLayer:
-    """Polygons of a GeoPackage, Shapefile, GeoJSON or whatever else GDAL reads; ``what`` they are is for messages.
+    """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages.
 
     Raises
     ------
@@ -154,17 +154,17 @@ def _require_valid(path: Path, geometry: np.ndarray) -> None:
 def without_overlap(
     layer: PolygonLayer, values: np.ndarray | None, what: str = "thickness", unit: str = " m"
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Polygons (n,) of which no two overlap, and the sentence that says so; an overlap belongs to the first of its polygons.
+    """Polygons (n,) without overlaps, and the sentences that report them; a common area is left to the first of its polygons.
 
     Parameters
     ----------
     values : ndarray (n,) or None
-        Thickness, or ``what`` else in its ``unit`` the polygons have; None for one common value.
+        Thickness [m], or the quantity ``what`` in ``unit``; None if all polygons have one value.
 
     Raises
     ------
     ReleaseError
-        If polygons of different values overlap: which one holds there is not for a program to say.
+        If polygons of different values overlap, since the value of the common area is ambiguous.
     """
     import shapely
 

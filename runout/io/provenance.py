@@ -1,4 +1,4 @@
-"""Where a result comes from: inputs with their checksums, configuration, versions, machine and command."""
+"""Provenance of a result: inputs with checksums, configuration, versions, machine and command."""
 
 import hashlib
 import json
@@ -27,7 +27,7 @@ def provenance(
     device: str,
     command: Iterable[str] | None = None,
 ) -> dict[str, Any]:
-    """What ``run.json`` says about the origin of a result, ready for JSON.
+    """Provenance of a result as ``run.json`` stores it, ready for JSON.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def checksum(content: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """The value in JSON's own types: mappings, lists, text, numbers, None."""
+    """The value converted to types of JSON: mappings, lists, text, numbers, None."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -109,7 +109,7 @@ def plain(value: Any) -> Any:
 
 
 def installed_versions() -> dict[str, str]:
-    """Versions of the packages that can change a result; those that are not installed are left out."""
+    """Versions of the installed packages that can change a result."""
     versions = {}
     for package in _PACKAGES:
         try:

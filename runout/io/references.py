@@ -1,4 +1,4 @@
-"""What an input file refers to: other files and addresses on the network, which a library would open unasked."""
+"""Checks the references of an input file to other files and network addresses, which a library would open on its own."""
 
 import json
 import os
@@ -13,13 +13,13 @@ from xml.etree import ElementTree
 from runout.errors import InputError
 from runout.io.boundary import LARGEST_TEXT, require_regular, root_of
 
-HEADER = 4096  # bytes at the start by which GDAL tells formats
+HEADER = 4096  # leading bytes from which GDAL recognises formats
 VRT_MARK = b"<VRTDataset"
-DEEPEST = 5  # VRTs that name VRTs
+DEEPEST = 5  # nesting levels of VRTs
 MOST_SOURCES = 20_000
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-FOREIGN = (b"<GDAL", b"stac_extensions")  # marks in a header that lead GDAL to formats which read other files
-SYSTEM = re.compile(r"\s*(\w+\s*\[|[A-Za-z]+:\d+|\+proj=|\{|urn:ogc:|$)", re.ASCII)  # of coordinates: WKT, code, PROJ, JSON
+FOREIGN = (b"<GDAL", b"stac_extensions")  # marks of formats that read other files
+SYSTEM = re.compile(r"\s*(\w+\s*\[|[A-Za-z]+:\d+|\+proj=|\{|urn:ogc:|$)", re.ASCII)  # start of WKT, code, PROJ, JSON
 ADDRESS = re.compile(r"^(/vsi|<|\w{2,}:)|://", re.ASCII)
 SYSTEMS = ("SRS", "SourceSRS", "TargetSRS", "SourceCRS", "TargetCRS", "GCPList")
 SOURCES = ("SourceFilename", "SourceDataset")
@@ -54,12 +54,12 @@ def header(path: Path) -> bytes:
 
 
 def require_vrt_inside(path: Path, error: type[InputError]) -> list[Path]:
-    """Sources of a virtual raster, and theirs; all are files of the site, or lie in the VRT's own folder where there is no site.
+    """Sources of a virtual raster and of its sources. All must lie in the site folder, or without a site in the folder of the VRT.
 
     Raises
     ------
     InputError
-        Of the given kind, where a VRT holds anything but plain bands of such files.
+        Of the given kind, if a VRT holds anything but plain bands of such files.
     """
     found: dict[Path, None] = {}
     _collect(path, root_of(path), error, found, 0)
@@ -84,7 +84,7 @@ def _collect(path: Path, root: Path, error: type[InputError], found: dict[Path, 
 
 
 def _plain(first: bytes) -> bool:
-    """Whether GDAL tells the format of a source in no other way than by its magic number or as a plain text grid."""
+    """Whether GDAL recognises a source by its magic number or as a plain text grid, and in no other way."""
     if first.startswith(TIFF) or first.startswith(b"EHFA_HEADER_TAG"):
         return not any(mark in first for mark in FOREIGN)
     return re.match(rb"\s*(ncols|nrows|xll|dsaa|north:)", first, re.IGNORECASE) is not None and not re.search(rb'[<{"]', first)
@@ -94,7 +94,7 @@ def _parsed(path: Path, error: type[InputError]) -> ElementTree.Element:
     if path.stat().st_size > LARGEST_TEXT:
         raise error(f"{path}: a VRT of {path.stat().st_size} bytes; {_as_tiff(path)}")
     text = path.read_bytes()
-    if b"<!" in text.replace(b"<!--", b""):  # entities can name files and grow without bound
+    if b"<!" in text.replace(b"<!--", b""):  # entities can refer to files and expand without bound
         raise error(f"{path}: a VRT with a document type or entities; {_as_tiff(path)}")
     try:
         tree = ElementTree.fromstring(text)
@@ -106,7 +106,7 @@ def _parsed(path: Path, error: type[InputError]) -> ElementTree.Element:
 
 
 def _sources(tree: ElementTree.Element, path: Path, error: type[InputError]) -> Iterator[tuple[str, bool]]:
-    """Name of every source and whether it is relative to the VRT; refuses elements that can do more than copy bands."""
+    """Name of every source and whether it is relative to the VRT. Elements that do more than copy bands are refused."""
     for element in tree.iter():
         kind = element.get("subClass")
         if element.tag not in KNOWN or (element.tag == "VRTDataset" and kind not in (None, "VRTWarpedDataset")):
@@ -141,7 +141,7 @@ def _as_tiff(path: Path) -> str:
 
 
 def require_json_inside(path: Path, error: type[InputError]) -> None:
-    """Nothing for JSON whose coordinate systems are named; refuses a link to one, which GDAL would fetch, and what is no JSON."""
+    """Raise an error if a file is not JSON, or its coordinate system is a link, which GDAL would fetch."""
     size = path.stat().st_size
     if size > LARGEST_TEXT:
         raise error(f"{path}: GeoJSON of {size} bytes is too large to read; write it as GeoPackage: `ogr2ogr polygons.gpkg {path}`")
@@ -160,12 +160,12 @@ def require_json_inside(path: Path, error: type[InputError]) -> None:
         raise error(f"{path}: is not valid JSON ({place}); mend it or export it again") from cause
     except RecursionError as cause:
         raise error(f"{path}: is nested too deeply; export it again") from cause
-    except ValueError as cause:  # bytes that are no text, numbers of thousands of digits
+    except ValueError as cause:  # bytes that are not text, numbers with thousands of digits
         raise error(f"{path}: is not valid JSON ({cause}); export it again") from cause
 
 
 def require_geopackage_inside(path: Path, error: type[InputError]) -> None:
-    """Nothing for a GeoPackage of plain tables; refuses layers that are views and virtual tables, which can run what they name."""
+    """Raise an error if a GeoPackage holds views or virtual tables, which can execute what they name."""
     try:
         with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro&immutable=1", uri=True)) as database:
             database.text_factory = lambda text: text.decode(errors="replace")

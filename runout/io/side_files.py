@@ -1,7 +1,7 @@
-"""Every file that an input depends on: the file itself, its side files, and the sources of a virtual one.
+"""Lists the files that an input depends on: the file, its side files, and the sources of a virtual file.
 
-Which side files a raster has is what GDAL says of it (georeference, mask, statistics, header), so that each format has its own.
-Vector formats have a table here, since no library at hand lists theirs. Overviews are left out: nothing reads them.
+GDAL lists the side files of a raster (georeference, mask, statistics, header).
+Side files of vector formats are in a table here, since no library lists them. Overviews are left out because they are not read.
 """
 
 import os
@@ -19,19 +19,19 @@ VECTOR_SIDES = {
     ".gml": (".xsd", ".gfs"),
     ".csv": (".csvt", ".prj"),
 }
-NOT_YET_WRITTEN_BACK = ("-wal", "-journal")  # changes of an SQLite file, a GeoPackage too, that lie beside it
+NOT_YET_WRITTEN_BACK = ("-wal", "-journal")  # journals of SQLite files such as GeoPackage
 SOURCE = re.compile(r"<(?:SourceFilename|SourceDataset|SrcDataSource)([^>]*)>([^<]+)<", re.IGNORECASE)
 RELATIVE = re.compile(r"relativeToVRT\s*=\s*[\"']\s*1", re.IGNORECASE)
 SQLITE = b"SQLite format 3"
-VIRTUAL = (b"<VRTDataset", b"<OGRVRTDataSource", b"<?xml")  # how a virtual file begins, whatever its suffix
+VIRTUAL = (b"<VRTDataset", b"<OGRVRTDataSource", b"<?xml")  # leading bytes of virtual files
 OVERVIEWS = ".ovr"
-DEEPEST = 8  # virtual files on virtual files
+DEEPEST = 8  # nesting levels of virtual files
 
 
 def files_of(path: Path) -> list[Path]:
-    """The file and all others that what it holds depends on, by path; of a folder every file in it.
+    """The file and all files that its content depends on, sorted by path; for a folder, all files in it.
 
-    A file that is not there, or that no library opens, is given alone: its reader will say what is wrong.
+    A file that is missing or unreadable is returned alone; its reader reports the error.
     """
     if path.is_dir():
         listed = {_key(p): p for p in (*path.iterdir(), *_raster_files(path)) if p.is_file()}
@@ -62,8 +62,8 @@ def _collect(path: Path, found: dict[str, Path], depth: int) -> None:
 
 
 def _raster_files(path: Path) -> list[Path]:
-    """The files that GDAL lists for a raster; none for what is no raster."""
-    if _begins(path).startswith(SQLITE):  # to open it may write back what lies beside it
+    """Files that GDAL lists for a raster; none for other files."""
+    if _begins(path).startswith(SQLITE):  # opening an SQLite file may write its journal back
         beside = path.with_name(path.name + ".aux.xml")
         return [beside] if beside.is_file() else []
     try:
@@ -83,7 +83,7 @@ def _vector_files(path: Path) -> list[Path]:
 
 
 def _begins(path: Path) -> bytes:
-    """The first bytes of a file; none of what is no file or cannot be read."""
+    """First bytes of a file; empty if it is not a file or cannot be read."""
     try:
         with path.open("rb") as file:
             return file.read(200)
@@ -92,12 +92,12 @@ def _begins(path: Path) -> bytes:
 
 
 def _literal(name: str) -> str:
-    """A name as a pattern that matches it alone."""
+    """Glob pattern that matches only this name."""
     return re.sub(r"([*?[])", r"[\1]", name)
 
 
 def _sources(path: Path) -> list[Path]:
-    """Files that a virtual raster or vector file is made from, as far as they are files."""
+    """Existing source files of a virtual raster or vector file."""
     try:
         is_virtual = _begins(path).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(VIRTUAL)
         text = path.read_text(encoding="utf-8", errors="replace") if is_virtual else ""

@@ -1,4 +1,4 @@
-"""Outlines of releases, inundation, obstacles and friction zones as a GeoPackage, with their styles."""
+"""Writes outlines of releases, inundation, obstacles and friction zones to a GeoPackage, with styles."""
 
 import math
 import os
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import geopandas as gpd
     from shapely import MultiPolygon
 
-_GEOPACKAGE: dict[str, Any] = {"driver": "GPKG", "dataset_options": {"VERSION": "1.2"}}  # one that older programs open in silence
+_GEOPACKAGE: dict[str, Any] = {"driver": "GPKG", "dataset_options": {"VERSION": "1.2"}}  # older programs open it without a warning
 PROBABILITY_LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
@@ -36,7 +36,7 @@ def write_outlines(
     obstacles: Sequence[tuple[Any, float]] = (),
     styles: Mapping[str, str] | None = None,
 ) -> Path:
-    """The path, after writing a GeoPackage with the layers ``release`` and ``inundation`` in the terrain's system.
+    """Write a GeoPackage with the layers ``release`` and ``inundation`` in the system of the terrain; returns the path.
 
     Where there are friction ``zones``, the layer ``friction_zones`` has their outlines, each with its ``factor`` [1] or
     ``basal_friction_angle_deg``; where there are ``obstacles``, the layer ``obstacles`` has theirs, with ``height_m``.
@@ -74,13 +74,13 @@ def write_outlines(
             for name, frame in layers.items():
                 frame.to_file(temporary, layer=name, engine="pyogrio", geometry_type="MultiPolygon", **_GEOPACKAGE)
             _write_styles(temporary, {name: text for name, text in (styles or {}).items() if name in layers})
-        except RuntimeError as cause:  # pyogrio's errors of a data source, layer or feature
+        except RuntimeError as cause:  # errors of pyogrio for data source, layer and feature
             raise storage_error(path, cause) from cause
     return Path(path)
 
 
 def reaches(probability: np.ndarray, level: float) -> np.ndarray:
-    """Cells of at least a level [1], both as float32: as in files, and so as the classes of a style have them."""
+    """Cells of at least a level [1]. Both are compared as float32, as the files and the classes of the styles hold them."""
     return np.asarray(probability, np.float32) >= np.float32(level)
 
 
@@ -98,7 +98,7 @@ def outline(mask: np.ndarray, terrain: Terrain) -> "MultiPolygon":
 
 
 def _write_styles(path: Path, styles: Mapping[str, str]) -> None:
-    """Add the table ``layer_styles``, in which QGIS keeps the styles of a GeoPackage; nothing without styles."""
+    """Add the table ``layer_styles``, in which QGIS keeps the styles of a GeoPackage, if there are styles."""
     import pandas as pd
     import pyogrio
 
@@ -175,7 +175,7 @@ def _frame(rows: list[dict[str, Any]], terrain: Terrain, columns: Sequence[str] 
 
 
 def _multi(geometry: Any) -> "MultiPolygon":
-    """The polygons of a geometry; lines and points, which remain where a border only touches the rim, are left out."""
+    """Polygons of a geometry, without the lines and points that remain where a border only touches the edge of the map."""
     from shapely import MultiPolygon, get_parts
 
     return MultiPolygon([part for part in get_parts(get_parts(geometry)) if part.geom_type == "Polygon"])

@@ -1,4 +1,4 @@
-"""The part of a raster that is read: whole cells around a stated extent, so that memory does not grow with the raster."""
+"""Part of a raster that is read: whole cells around a stated extent. Memory does not depend on the size of the raster."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from runout.errors import InputError
 
-LARGEST_WHOLE = 100_000_000  # cells; of larger rasters a site reads what it needs
+LARGEST_WHOLE = 100_000_000  # cells; of larger rasters a site reads only the part that it needs
 NEVER_BELOW = 3  # cells along a side
 
 Bounds = tuple[float, float, float, float]  # west, south, east, north, in the coordinates of the raster's own file
@@ -20,9 +20,9 @@ class Part:
     Attributes
     ----------
     row, column : int
-        First of them, as the file counts.
+        First row and column, counted as in the file.
     rows, columns : int
-        How many.
+        Number of rows and columns.
     """
 
     row: int
@@ -32,12 +32,12 @@ class Part:
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Rows and columns, for an array."""
+        """Slices of an array."""
         return slice(self.row, self.row + self.rows), slice(self.column, self.column + self.columns)
 
     @property
     def window(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Rows and columns, for rasterio."""
+        """Window of rasterio."""
         return (self.row, self.row + self.rows), (self.column, self.column + self.columns)
 
     def transform(self, whole: Sequence[float]) -> tuple[float, float, float, float, float, float]:
@@ -56,7 +56,7 @@ def bounds_of(transform: Sequence[float], shape: tuple[int, int]) -> Bounds:
 def part_of(
     transform: Sequence[float], shape: tuple[int, int], extent: Bounds | None, source: Path | str, error: type[InputError]
 ) -> Part:
-    """The whole cells that an extent touches; all of a raster where no extent is given, or where it is rotated.
+    """Whole cells that an extent touches; all cells if the extent is None or the raster is rotated.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def part_of(
 
 
 def _span(one: float, other: float, count: int) -> tuple[int, int]:
-    """First cell and number of cells between two places along an axis [cells]; what lies a millionth of a cell in is left out."""
+    """First cell and number of cells between two positions [cells] on an axis; overlaps below 1e-6 cells do not count."""
     low, high = sorted((one, other))
     first, last = max(math.floor(min(low, count) + 1e-6), 0), min(math.ceil(max(high, 0) - 1e-6), count)
     return first, last - first

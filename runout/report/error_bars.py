@@ -1,4 +1,4 @@
-"""The numerical error of the maps, as the study of convergence of the site left it."""
+"""Reads the numerical error of the maps from the convergence study of the site."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,12 +13,12 @@ REMEDY = "run `runout verify --convergence` for this site again, or remove the f
 
 
 def require_error_bars(content: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
-    """The content of ``convergence.json``, if it holds what the report prints: error bars and the finest cells.
+    """Content of ``convergence.json``, checked for the entries that the report prints: error bars and finest cell size.
 
     Raises
     ------
     StorageError
-        Names the first entry that is missing or of another kind.
+        If an entry is missing or has another type; the message names the first one.
     """
     wrong = next(_faults(content), None)
     if wrong:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-BUDGET = {  # where the released potential energy goes: label and colour, bottom of the stack first
+BUDGET = {  # shares of the released potential energy: label and colour, from the bottom of the stack
     "basal_dissipation": ("friction at the ground", "#7a5c3e"),
     "plastic_dissipation": ("plastic flow", "#c98b4b"),
     "numerical_dissipation": ("numerical loss", "#b9bec5"),
@@ -32,14 +32,14 @@ def budget_figure(ledgers: "dict[int, xr.Dataset]", members: "pd.DataFrame") -> 
 
 
 def kinetic_figure(ledgers: "dict[int, xr.Dataset]", members: "pd.DataFrame") -> Any:
-    """Figure of the kinetic energy of all members, the representative one in colour."""
+    """Figure of the kinetic energy of all members; the representative one is coloured."""
     figure, axes = _panel(3.2)
     draw_kinetic(axes, ledgers, representative(members))
     return figure
 
 
 def _panel(height: float) -> Any:
-    """Figure and axes of the width of a map and a height [inch]."""
+    """Figure and axes with the width of a map and a given height [inch]."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDE, height), layout="constrained")
@@ -47,12 +47,12 @@ def _panel(height: float) -> Any:
 
 
 def energy_budget(ledger: "xr.Dataset") -> dict[str, np.ndarray]:
-    """Parts of :data:`BUDGET` that the ledger holds, each (time,) [J], counted from the first time."""
+    """Parts of :data:`BUDGET` in the ledger, each (time,) [J], relative to the first time."""
     return {name: ledger[name].values - ledger[name].values[0] for name in BUDGET if name in ledger}
 
 
 def draw_budget(axes: Any, ledger: "xr.Dataset") -> None:
-    """Stacked shares of the released potential energy over time; the dashed line is the energy released so far."""
+    """Stacked shares of the released potential energy against time; the dashed line is the energy released so far."""
     time, released = ledger["time"].values, ledger["potential_energy"].values
     released = released[0] - released
     scale, prefix = energy_unit(float(np.abs(released).max()))
@@ -72,7 +72,7 @@ def draw_budget(axes: Any, ledger: "xr.Dataset") -> None:
 
 
 def draw_kinetic(axes: Any, ledgers: "dict[int, xr.Dataset]", chosen: int) -> None:
-    """Kinetic energy of every member over time, the chosen one in colour."""
+    """Kinetic energy of every member against time; the chosen one is coloured."""
     peak = max(float(ledger["kinetic_energy"].max()) for ledger in ledgers.values())
     scale, prefix = energy_unit(peak)
     for member, ledger in ledgers.items():
@@ -95,7 +95,7 @@ def energy_unit(largest: float) -> tuple[float, str]:
 
 
 def parameter_figure(members: "pd.DataFrame", parameter: str, figure_name: str = "runout_distance") -> Any:
-    """Figure of a result of the valid members against a sampled parameter."""
+    """Figure of the runout distance of the valid members against a sampled parameter."""
     figure, axes = _panel(3.0)
     column = FIGURES[figure_name]
     axes.scatter(members[parameter], members[figure_name], s=34, color="#1f6f8b", edgecolor="white", linewidth=0.7, zorder=3)

@@ -15,7 +15,7 @@ TEMPLATE = "report.html.jinja"
 
 
 def write_report(site: Any, results: Path) -> Path:
-    """Path of the report ``results/report.html``, after writing it as a whole.
+    """Write the report ``results/report.html``, completely or not at all; returns its path.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def write_report(site: Any, results: Path) -> Path:
 
 
 def page(site: Any, study: Study) -> dict[str, Any]:
-    """Everything that the template shows, by name."""
+    """Content of the template, by name."""
     settings = site.resolved()
     window = sheets.reached_window(study)
     headline = sheets.headline_sheets(study)
@@ -63,7 +63,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
 
 
 def _legend(study: Study) -> str:
-    """What the lines of the maps are, in a sentence."""
+    """Sentence that explains the lines on the maps."""
     lines = ["a red line is the outline of a release"]
     if study.basemap.obstacles:
         lines.append("hatched areas are obstacles, with what they add to the ground")
@@ -96,7 +96,7 @@ def _embedded(picture: bytes | None) -> str | None:
 
 
 def render(content: dict[str, Any]) -> str:
-    """The HTML text of a page's content."""
+    """HTML text from the content of the template."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

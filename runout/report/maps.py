@@ -1,6 +1,6 @@
-"""One map: cells of the raster over hillshade, north up, with colour bar, scale and what lies on the ground.
+"""Draws one map: cells over hillshade, north up, with colour bar, scale, releases, obstacles and zones.
 
-Letters are at least 9 pt on a sheet of 4.2 inch, so that they are 10 pixels high where a phone shows it 350 pixels wide.
+Text is at least 9 pt on a sheet of 4.2 inch, which is 10 pixels high on a phone that is 350 pixels wide.
 """
 
 import math
@@ -14,34 +14,34 @@ from runout.report.marks import INK, Mark, draw_marks, draw_unknown
 Window = tuple[slice, slice]  # rows and columns of the raster
 
 SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315, 42
-FEWEST_CELLS = 24  # a window is never narrower
+FEWEST_CELLS = 24  # smallest width of a window
 WIDTH_TO_HEIGHT = 1.0
-WIDE, HIGHEST = 4.2, 3.7  # [inch] sheet, and the map on it
+WIDE, HIGHEST = 4.2, 3.7  # [inch] width of the sheet and of the map on it
 MARGINS = (0.5, 0.46, 0.14, 0.1)  # [inch] left, bottom, right, top of the map
 BAR = (0.14, 0.5)  # [inch] height of the colour bar, and of the numbers and the label below it
-TITLE_HEIGHT = 0.2  # [inch] beyond the margin
+TITLE_HEIGHT = 0.2  # [inch] outside the margin
 SMALL, NORMAL = 9.0, 9.5  # [pt]
-PNG_METADATA = {"Software": None}  # the same map gives the same bytes
+PNG_METADATA = {"Software": None}  # equal maps give equal bytes
 
 
 @dataclass(frozen=True)
 class MapStyle:
-    """How a quantity is coloured.
+    """Colours of a quantity.
 
     Parameters
     ----------
     label : str
         Text of the colour bar, with the unit.
     colours : str
-        A perceptually uniform colour map of matplotlib; light means little.
+        A perceptually uniform colour map of matplotlib; light colours are small values.
     steps : tuple of float
-        Bounds of colour classes; empty for a continuous scale from 0 to the 99th percentile.
+        Bounds of colour classes; if empty, the scale is continuous from 0 to the 99th percentile.
     classes : int
-        Colour classes with round bounds instead of a continuous scale, about this many; 0 for none.
+        Approximate number of colour classes with round bounds; 0 for a continuous scale.
     logarithmic : bool
         A logarithmic continuous scale over at most three decades.
     faintest : float
-        Values at or below it are left transparent.
+        Values at or below it are transparent.
     scale : float
         Factor from the stored unit to the printed one.
     """
@@ -55,7 +55,7 @@ class MapStyle:
     scale: float = 1.0
 
 
-TENTHS = tuple(float(np.float32(i / 10)) for i in range(11))  # as files hold them: a value on a bound is in the class above
+TENTHS = tuple(float(np.float32(i / 10)) for i in range(11))  # float32 as in files; a value on a bound is in the class above
 STYLES = {
     "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
     "thickness": MapStyle("vertical thickness [m]", "viridis_r"),
@@ -106,7 +106,7 @@ class Basemap:
         return slice(0, len(self.northing)), slice(0, len(self.easting))
 
     def window(self, reached: np.ndarray, margin: float = 0.18) -> Window:
-        """Window (rows, columns) around the cells of ``reached`` and the releases, with a margin, of a common shape."""
+        """Window (rows, columns) around the cells of ``reached`` and the releases, with a margin and a common aspect ratio."""
         west, east, south, north = self._bounds(reached)
         dx, dy = self.cell_size
         width = max((east - west) * (1 + 2 * margin), FEWEST_CELLS * dx)

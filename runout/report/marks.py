@@ -1,4 +1,4 @@
-"""What is drawn over a map: outlines of releases, obstacles and friction zones with their labels."""
+"""Draws outlines and labels of releases, obstacles and friction zones on a map."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ RELEASE = "#d7263d"
 OBSTACLE = "#6b3f16"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
-UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # of cells without elevation; obstacles lean the other way
+UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # hatched unlike obstacles
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A shapely polygon or multipolygon in map coordinates, and what is written beside it."""
+    """A shapely polygon or multipolygon in map coordinates, with its label."""
 
     geometry: Any
     label: str
 
 
 def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zones: Sequence[Mark], labels: bool = True) -> None:
-    """Draw releases red, obstacles hatched and friction zones dashed, the last two with ``labels``, on axes with their limits."""
+    """Draw releases red, obstacles hatched and friction zones dashed within the limits of the axes; ``labels`` for the last two."""
     for x, y in _rings([zone.geometry for zone in zones]):
         axes.plot(x, y, color="white", linewidth=1.8, alpha=0.6, zorder=3)
         axes.plot(x, y, color=INK, linewidth=0.9, linestyle=(0, (5, 3)), zorder=3)
@@ -38,7 +38,7 @@ def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zo
 
 
 def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, float, float]) -> None:
-    """Grey and hatched cells (rows, columns) of an extent (west, east, south, north) [m], with a key; nothing where none is."""
+    """Hatch cells (rows, columns) of an extent (west, east, south, north) [m] in grey, with a key, if there are any."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.patches import Patch
 
@@ -72,7 +72,7 @@ def _hatched(geometry: Any) -> Any:
 
 
 def _label(axes: Any, mark: Mark, colour: str) -> None:
-    """Words inside the part of a mark that the axes show."""
+    """Write a label inside the visible part of a mark."""
     from matplotlib.patheffects import withStroke
     from shapely import box
 

@@ -1,4 +1,4 @@
-"""Figures of one member: how far it ran, where its mass is, how its energy went."""
+"""Key figures of one member: runout, deposit and energy."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Column:
-    """Heading and unit of a column of the table of members, and what it means."""
+    """Heading, unit and meaning of a column of the table of members."""
 
     heading: str
     units: str
@@ -32,7 +32,7 @@ FIGURES = {
 
 
 def member_figures(maps: "xr.Dataset", ledger: "xr.Dataset", hazard: "xr.Dataset") -> dict[str, float]:
-    """The figures of :data:`FIGURES` of one member, SI units; area in km² and the escaped share in percent."""
+    """Values of :data:`FIGURES` for one member in SI units; area in km², escaped share in percent."""
     released = hazard["release_thickness"].fillna(0.0).values > 0
     reached = np.isfinite(maps["arrival_time"].values)
     area = abs(float(hazard["x"][1] - hazard["x"][0]) * float(hazard["y"][1] - hazard["y"][0]))
@@ -84,6 +84,6 @@ def runout(
 
 
 def representative(members: "pd.DataFrame") -> int:
-    """The valid member whose runout distance is the (lower) median of all."""
+    """The valid member with the (lower) median runout distance."""
     ordered = members["runout_distance"].dropna().sort_values()
     return int(ordered.index[(len(ordered) - 1) // 2])

@@ -1,4 +1,4 @@
-"""The maps of the report, in their order: which variable, how it is coloured, and what a reader has to know."""
+"""Maps of the report in their order: variable, colours, title and caption."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
-HEADLINE_THICKNESS = 0.5  # [m] the threshold nearest to it heads the report
-LARGEST_SHARE = 0.5  # of the raster; a window below it gets a map of where it lies
-EXCEEDANCES = {  # variable before _exceedance_probability: words before the threshold
+HEADLINE_THICKNESS = 0.5  # [m] the first map of the report has the threshold nearest to this
+LARGEST_SHARE = 0.5  # share of the raster; the report locates smaller windows on a map of the whole terrain
+EXCEEDANCES = {  # start of the title by variable; the threshold follows
     "thickness": "Probability of a flow thickness of",
     "speed": "Probability of a flow speed of",
     "pressure": "Probability of a dynamic pressure of",
@@ -30,9 +30,9 @@ class Sheet:
     Parameters
     ----------
     title, caption : str
-        What it shows and how to read it.
+        Quantity and explanation.
     values : ndarray (rows, columns)
-        Cells to paint, NaN or 0 where nothing is painted.
+        Cells to draw; NaN and 0 are transparent.
     style : str
         Key of :data:`runout.report.maps.STYLES`.
     """
@@ -53,7 +53,7 @@ def reached_window(study: Study) -> Window:
 
 
 def location(study: Study, window: Window) -> bytes | None:
-    """PNG of the whole terrain with the frame of the maps; None where the maps show most of it anyway."""
+    """PNG of the whole terrain with the frame of the maps; None if the maps show most of the terrain."""
     shown = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
     if shown > LARGEST_SHARE * study.basemap.elevation.size:
         return None
@@ -61,7 +61,7 @@ def location(study: Study, window: Window) -> bytes | None:
 
 
 def headline_sheets(study: Study) -> list[Sheet]:
-    """The maps that head the report."""
+    """First maps of the report."""
     hazard = study.hazard
     levels = hazard["thickness_threshold"].values
     first = float(levels[np.argmin(np.abs(levels - HEADLINE_THICKNESS))])
@@ -75,7 +75,7 @@ def headline_sheets(study: Study) -> list[Sheet]:
 
 
 def further_sheets(study: Study, headline: list[Sheet]) -> list[Sheet]:
-    """Exceedance of every other threshold, and the largest pressure."""
+    """Further maps of the report: exceedance of all other thresholds, and peak dynamic pressure."""
     titles = {sheet.title for sheet in headline}
     exceedances = [
         exceedance_sheet(study.hazard, name, float(level))

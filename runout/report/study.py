@@ -1,4 +1,4 @@
-"""What the other stages left in the results folder, read for the report."""
+"""Reads the results folder for the report."""
 
 import json
 import math
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Study:
-    """Everything a report shows.
+    """Content of a report.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Study:
     run : dict
         Provenance, ``run.json``.
     convergence : dict or None
-        Numerical error of the maps, ``convergence.json``, where it was asked for.
+        Numerical error of the maps, ``convergence.json``; None if it was not computed.
     """
 
     hazard: "xr.Dataset"
@@ -50,7 +50,7 @@ class Study:
 
     @property
     def valid(self) -> "pd.DataFrame":
-        """The members that ended well."""
+        """Members that were simulated without failure."""
         return self.members[self.members["status"] == "valid"]
 
 
@@ -60,7 +60,7 @@ def read_study(results: Path) -> Study:
     Raises
     ------
     StorageError
-        If a file of the hazard stage is missing; names it and the command that makes it.
+        If a file of the hazard stage is missing; the message names the file and the command that makes it.
     """
     from runout.io import netcdf
 
@@ -99,7 +99,7 @@ def _existing(path: Path) -> Path:
 
 
 def member_table(path: Path) -> "pd.DataFrame":
-    """Weights, seeds, parameters, status and reasons of the members: every variable over ``realization`` alone."""
+    """Weights, seeds, parameters, status and reasons of the members: all variables whose only dimension is ``realization``."""
     import pandas as pd
     import xarray as xr
 
@@ -131,13 +131,13 @@ def features(path: Path, layer: str) -> list[dict[str, Any]]:
 
 
 def obstacle_label(feature: Mapping[str, Any]) -> str:
-    """How much an obstacle raises or lowers the ground."""
+    """Label of an obstacle: by how much it raises or lowers the ground."""
     height = float(feature["height_m"])
     return f"{'+' if height > 0 else MINUS}{number(abs(height))} m"
 
 
 def zone_label(feature: Mapping[str, Any]) -> str:
-    """What a friction zone does to the friction."""
+    """Label of a friction zone: its factor or friction angle."""
     factor = float(feature["factor"]) if feature["factor"] is not None else math.nan
     if math.isfinite(factor):
         return f"friction \u00d7 {number(factor)}"

@@ -1,4 +1,4 @@
-"""The tables of the report: key figures, warnings, members, balances, settings and provenance, as printed text."""
+"""Tables of the report as text: key figures, warnings, members, balances, settings and provenance."""
 
 import math
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ def sampled_parameters(study: Study) -> list[str]:
 
 
 def key_figures(study: Study) -> list[tuple[str, str, str]]:
-    """Figures at the head of the report: label, value, remark."""
+    """Key figures of the report: label, value, remark."""
     hazard, valid = study.hazard, study.valid
     released = volume(hazard_volume(hazard["release_thickness"], hazard))
     factor = study.members.get("release_volume_factor")
@@ -75,7 +75,7 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
 
 
 def heading(study: Study) -> list[tuple[str, str]]:
-    """Who made the study, when, with what and what for: words and values; what is not stated is left out."""
+    """Author, date, version and purpose of the study as labels and values; items that are not stated are left out."""
     stated = study.run.get("metadata", {})
     author = ", ".join(stated[key] for key in ("author", "institution", "email") if key in stated)
     created, version = study.run.get("created", ""), study.run.get("runout", "")
@@ -90,7 +90,7 @@ def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
 
 
 def warnings(study: Study, settings: dict[str, Any]) -> list[str]:
-    """What a reader must know before the maps are used, one sentence each."""
+    """Warnings for readers of the maps, one sentence each."""
     return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *_coarse(study), *_unclosed(study)]
 
 
@@ -158,9 +158,9 @@ def _coarse(study: Study) -> list[str]:
 
 
 def depth_resolution(study: Study) -> dict[str, float]:
-    """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the member that is resolved least.
+    """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the member with the fewest cells.
 
-    As ``run.json`` has them; empty where it has none.
+    They are read from ``run.json``; empty if it does not contain them.
     """
     return dict(study.run.get("resolution", {}))
 
@@ -176,7 +176,7 @@ def _unclosed(study: Study) -> list[str]:
 
 
 def energy_residual(ledger: "xr.Dataset") -> float:
-    """Energy lost by the scheme at the end as a share of the potential energy released [1]; 0 where the ledger does not hold it."""
+    """Final energy loss of the scheme as a share of the released potential energy [1]; 0 if the ledger does not contain it."""
     if "numerical_dissipation" not in ledger:
         return 0.0
     released = float(ledger["potential_energy"][0] - ledger["potential_energy"].min())
@@ -190,7 +190,7 @@ def mass_error(ledger: "xr.Dataset") -> float:
 
 
 def balance(study: Study) -> dict[str, str]:
-    """How well mass and energy are kept, worst of all members, and what the grid resolves."""
+    """Largest errors of mass and energy of all members, and the resolution of the grid."""
     ledgers = study.ledgers.values()
     mass = max((mass_error(ledger) for ledger in ledgers), default=math.nan)
     energy = max((energy_residual(ledger) for ledger in ledgers), default=math.nan)
@@ -203,7 +203,7 @@ def balance(study: Study) -> dict[str, str]:
 
 
 def _resolved(found: dict[str, float]) -> str:
-    """The resolution in a sentence; empty where ``run.json`` does not tell."""
+    """Sentence on the resolution; empty if ``run.json`` does not contain it."""
     if not found:
         return ""
     viscosity, time = quantity(found["numerical_viscosity"], "m2 s-1", 2), quantity(found["shear_decay_time"], "s", 2)
@@ -216,7 +216,7 @@ def _resolved(found: dict[str, float]) -> str:
 
 
 def members(study: Study) -> dict[str, Any]:
-    """Table of members: headings with unit and meaning, and rows of cells; failed members carry their reason."""
+    """Table of members: headings with unit and meaning, and rows; rows of failed members state the reason."""
     parameters = sampled_parameters(study)
     weighted = study.members["weight"].nunique() > 1
     headings = [("Member", "", "number of the realization")]
@@ -243,11 +243,11 @@ def _unit(parameter: str) -> str:
 
 
 def settings(resolved: dict[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Sections of the configuration, each a list of words and values."""
+    """Sections of the configuration, each a list of labels and values."""
     sections = []
     scalars = []
     for key, value in resolved.items():
-        if key == "description":  # heads the page
+        if key == "description":  # printed at the head of the page
             continue
         if isinstance(value, dict):
             sections.append((_words(key), _lines(value)))
@@ -296,7 +296,7 @@ def _value(key: str, value: Any) -> str:
 
 
 def provenance(run: dict[str, Any]) -> dict[str, Any]:
-    """Inputs with their checksums, changes made on the way in, and the other entries of ``run.json`` as lines."""
+    """Inputs with checksums, changes to the inputs, and the other entries of ``run.json``, as lines."""
     inputs = [entry for entry in run.get("inputs", []) if isinstance(entry, dict)]
     rest = {k: v for k, v in run.items() if k not in ELSEWHERE}
     rest |= {"members": run["ensemble"]["statement"]} if "ensemble" in run else {}
@@ -305,7 +305,7 @@ def provenance(run: dict[str, Any]) -> dict[str, Any]:
 
 
 def numerical_error(convergence: Mapping[str, Any] | None) -> str | None:
-    """The numerical error of the maps in a sentence; None where it was not found out."""
+    """Sentence on the numerical error of the maps; None if it was not computed."""
     if convergence is None:
         return None
     bars = [

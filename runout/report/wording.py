@@ -1,4 +1,4 @@
-"""Numbers as they are printed in the report: few digits, thin spaces, a unit."""
+"""Formats numbers for the report: significant digits, thin spaces, unit."""
 
 import math
 
@@ -19,7 +19,7 @@ PRINTED_UNITS = {
 
 
 def number(value: float, digits: int = 3) -> str:
-    """``value`` with ``digits`` significant digits and thin spaces between thousands; a dash where it is not known."""
+    """``value`` with ``digits`` significant digits and thin spaces between thousands; a dash for unknown values."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if value == 0:
@@ -55,7 +55,7 @@ def volume(value: float) -> str:
 
 
 def span(values: list[float], printed: str = "") -> str:
-    """Range of finite values, one number where they are equal."""
+    """Range of finite values; one number if all are equal."""
     known = [v for v in values if v is not None and math.isfinite(v)]
     if not known:
         return UNKNOWN

@@ -1,4 +1,4 @@
-"""Every problem of a site at once; nothing is changed."""
+"""Finds all problems of a site without changing anything."""
 
 import math
 from collections.abc import Iterator
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.model.terrain import Terrain
 
-LARGEST_STRAIN = 0.01  # elastic, under the release's own weight
-MOST_TRAPPED = 0.05  # share of a release in its scar that is not worth a warning
+LARGEST_STRAIN = 0.01  # elastic strain under the weight of the release
+MOST_TRAPPED = 0.05  # largest share of a release trapped in its scar without a warning
 
 
 @dataclass
 class Findings:
-    """What an inspection found: problems refuse a run, warnings do not, notes tell what was changed in the DEM."""
+    """Result of an inspection: problems prevent a run, warnings do not, notes state changes to the DEM."""
 
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -77,7 +77,7 @@ def inspect(site_path: Path) -> Findings:
 
 
 def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
-    """A site of the terrain and those releases that nothing is wrong with, so that their files are inspected too."""
+    """Site with the terrain and the releases whose settings are valid, so that their files can be inspected as well."""
     from runout.config.document import read_document
     from runout.config.read import site_file
     from runout.config.schema import ReleaseSettings, SiteSettings, TerrainSettings
@@ -99,7 +99,7 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
 
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Read the releases one by one, so that the problems of each are found."""
+    """Read the releases one by one to find the problems of each."""
     for stated in site.settings.release:
         alone = replace(site, settings=site.settings.model_copy(update={"release": [stated]}))
         try:
@@ -141,7 +141,7 @@ def _inspect_resolution(found: Findings, site: "Site") -> None:
 
 
 def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Obstacles that the grid smears."""
+    """Warn of obstacles narrower than two cells of the grid."""
     from runout.config.fetch import locate
     from runout.terrain.obstacles import narrowest
 
@@ -165,7 +165,7 @@ def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
 
 
 def depth_resolution(release: "Release", site: "Site", grid: "dict[str, Any]") -> "DepthResolution":
-    """What the ``grid`` of a site resolves of a release where it is thickest, with the step that the material allows at rest."""
+    """Depth resolution of a release at its greatest thickness, with the time step of the material at rest."""
     from runout.model.depth_resolution import DepthResolution
     from runout.model.scene import Raster, Scene
 
@@ -202,7 +202,7 @@ def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
 
 
 def _trapped(release: "Release", site: "Site") -> Iterator[str]:
-    """What of a release cannot slide out of its scar as it is stated; if nothing, then in the worst of the members."""
+    """Warn of mass that cannot slide out of its scar, for the stated release or, if there is none, for the worst member."""
     from runout.ensemble.design import member_table
     from runout.model.release import Edge, Placement
     from runout.release.outlets import trapped_share
@@ -230,7 +230,7 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
 
 
 def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Edges of the DEM, and cells of it without elevation, over which the mass may leave."""
+    """Warn of edges of the DEM, and of cells without elevation, over which mass may leave."""
     from runout.terrain import open_edge, prepare
 
     if not found.releases:
@@ -251,7 +251,7 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
 
 
 def require_sound(site_path: Path) -> None:
-    """ConfigError with every problem of a site, if it has any."""
+    """Raise ConfigError with all problems of a site, if there are any."""
     problems = inspect(site_path).problems
     if problems:
         raise ConfigError("\n".join(problems))

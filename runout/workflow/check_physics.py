@@ -1,4 +1,4 @@
-"""Checks of the physics of a site's members: which friction acts at the base, and whether waves outrun the flow."""
+"""Checks the physics of the members of a site: basal friction in effect, and wave speed relative to flow speed."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from runout.model.materials import Material
     from runout.model.release import Release
 
-WAVES_OVER_FLOW = 10.0  # speed of pressure waves over that of the flow below which the stiffness shows in the run-out
+WAVES_OVER_FLOW = 10.0  # ratio of wave speed to flow speed below which the stiffness affects the run-out
 AT_BASE = "basal_friction_angle_deg"
 
 
 @dataclass(frozen=True)
 class Bases:
-    """Base of one release in all members: friction of the ground and strength of the mass (members,) [1]."""
+    """Basal friction of the ground and strength of the mass under one release, each (members,) [1]."""
 
     name: str
     ground: np.ndarray
@@ -34,7 +34,7 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
     Raises
     ------
     MaterialError
-        If the sampled parameters of a member make no material.
+        If the sampled parameters of a member are not a valid material.
     """
     if not releases:
         return
@@ -58,7 +58,7 @@ def _least(bases: list[Bases], zones: "FrictionZones | None") -> float:
 
 
 def _bases(site: "Site", releases: "Sequence[Release]", materials: "list[Material]") -> list[Bases]:
-    """The base of each release in all members, which have these ``materials``."""
+    """Friction and strength at the base of each release for all members with these ``materials``."""
     height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
     angles = [float(sample.get(AT_BASE, site.settings.basal_friction_angle_deg)) for sample in _samples(site)]
     ground, own = np.tan(np.radians(angles)), np.array(strengths(materials, height))
@@ -78,7 +78,7 @@ def _samples(site: "Site") -> list[dict[str, float]]:
 
 
 def _materials(site: "Site") -> "list[Material]":
-    """The material of each member; made once where none of its parameters is sampled."""
+    """Material of each member; one object if none of its parameters is sampled."""
     samples = _samples(site)
     if samples and not set(samples[0]) - {AT_BASE, "release_volume_factor"}:
         return [site.material()] * len(samples)
@@ -86,7 +86,7 @@ def _materials(site: "Site") -> "list[Material]":
 
 
 def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str]:
-    """Which friction acts, if the ground is stronger than the mass of a release in some members."""
+    """Sentence on the friction in effect if the ground is stronger than the mass of a release in some members."""
     ground = np.array([zones.at_cells(f).max() for f in base.ground.tolist()]) if zones else base.ground
     limited = np.flatnonzero(ground > base.strength)
     if not len(limited):
@@ -97,7 +97,7 @@ def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str
 
 
 def _slow_waves(softest: "Material", releases: "Sequence[Release]", angle: float) -> Iterator[str]:
-    """Material so soft that pressure waves are less than ten times as fast as the flow may become against friction of ``angle``."""
+    """Warn of pressure waves less than ten times as fast as the flow may become at the friction ``angle``."""
     from runout.terrain.energy_line import largest_speed
 
     speed = largest_speed(releases, angle)

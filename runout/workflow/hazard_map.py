@@ -1,4 +1,4 @@
-"""The main study: terrain -> release -> ensemble -> hazard -> report; a stage that is up to date is skipped."""
+"""The main workflow: terrain -> release -> ensemble -> hazard -> report; stages that are up to date are skipped."""
 
 import logging
 import time
@@ -23,7 +23,7 @@ LOGGER = logging.getLogger("runout.hazard_map")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run did: stages done and skipped, and the members that failed with their reasons."""
+    """Result of a run: stages done and skipped, and failed members with their reasons."""
 
     done: tuple[str, ...]
     skipped: tuple[str, ...]
@@ -31,7 +31,7 @@ class Outcome:
 
     @property
     def exit_code(self) -> ExitCode:
-        """Partial ensemble when members failed."""
+        """PARTIAL_ENSEMBLE if members failed, else OK."""
         return ExitCode.PARTIAL_ENSEMBLE if self.failed else ExitCode.OK
 
 
@@ -45,34 +45,33 @@ def run(
     retry_failed: bool = False,
     device: str | None = None,
 ) -> Outcome:
-    """Do the stages of a site that are not up to date, in their order.
+    """Run the stages of a site that are not up to date, in their order.
 
     Parameters
     ----------
     site_path, out : Path or str
         Site folder or its site.yaml; results folder, ``results`` of the site when None.
     stages : sequence of str
-        Names out of :data:`STAGES`.
+        Names from :data:`STAGES`.
     workers : int or None
-        Members that run at once; one per core when None.
+        Members that run at the same time; one per core if None.
     force : bool
-        Do the stages even when they are up to date; members that are done are never run again.
+        Run the stages even if they are up to date; finished members are not run again.
     retry_failed : bool
-        Run also those members again that failed for a reason that is not expected to pass.
+        Also repeat members whose failure is permanent.
     device : str or None
         "cpu", "cuda:N" or "auto" instead of what site.yaml says.
 
     Raises
     ------
     InputError, DeviceError, BudgetError, PartialEnsembleError
-        An input cannot be used; the device is not there; the members that are left need more than the budget; not one member is
-        done.
+        If an input cannot be used, the device does not exist, the remaining members exceed the budget, or no member is done.
     """
     try:
         study = Study.open(site_path, out, workers, retry_failed, device)
     except ConfigError:
         if "ensemble" in stages:
-            _inspected(Path(site_path))  # which names the problems of the inputs as well
+            _inspected(Path(site_path))  # its message lists the problems of the inputs as well
         raise
     with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
         remove_stale(study.results)
@@ -98,7 +97,7 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
 
 
 def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
-    """ConfigError with every problem that `runout check` names, before a run that is to simulate anything."""
+    """Raise ConfigError with all problems that `runout check` lists, if the run is to simulate any member."""
     if "ensemble" not in [stage.name for stage in stages] or not any(study.why_stale(stage) for stage in PLAN[:3]):
         return
     _inspected(study.site.file)
@@ -112,7 +111,7 @@ def _inspected(site_path: Path) -> None:
 
 
 def _make(study: Study, stage: Stage) -> None:
-    """Do a stage; while it is under way, and after a kill, the record does not hold it."""
+    """Run a stage. It is not in the record while it runs, nor after it was killed."""
     with exclusive(study.results, f".locks/{stage.name}"):
         study.record.withdraw(stage.name)
         files = MAKERS[stage.name](study)
@@ -149,7 +148,7 @@ def make_release(study: Study) -> Iterable[Path]:
 
 
 def make_members(study: Study) -> Iterable[Path]:
-    """Run the members that are left, into ``members/``."""
+    """Run the remaining members; results go to ``members/``."""
     from runout.ensemble.run import run_ensemble
     from runout.workflow.plan import require_budget
 
@@ -167,7 +166,7 @@ def make_members(study: Study) -> Iterable[Path]:
 
 
 def make_maps(study: Study) -> Iterable[Path]:
-    """Aggregate what is done into hazard.nc, members.nc, maps/, outlines.gpkg and run.json."""
+    """Aggregate finished members into hazard.nc, members.nc, maps/, outlines.gpkg and run.json."""
     from runout.hazard.products import write_products
 
     return write_products(study.site, study.results, study.members, study.ensemble_report)

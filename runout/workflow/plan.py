@@ -1,4 +1,4 @@
-"""What a run will take: particles, steps, time, memory and disk, from a short calibration on this machine."""
+"""Forecasts particles, steps, time, memory and disk of a run from a short calibration on this machine."""
 
 import logging
 import math
@@ -23,28 +23,28 @@ if TYPE_CHECKING:
     from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-UNTIMED_STEPS = 3  # they compile, or load what was compiled
+UNTIMED_STEPS = 3  # steps without timing, which compile kernels or load them from the cache
 TIMED_STEPS = 60
-COARSE_SECONDS = 2.0  # that the coarse run may take
-FINEST, COARSEST = 1.5, 4.0  # its cells over the fine ones; it costs the fourth power less
-START_SECONDS = 8.0  # of worker processes: imports, compiled code from the cache
-CROWDING = 1.2  # a core is slower while the others work
+COARSE_SECONDS = 2.0  # longest time of the coarse run [s]
+FINEST, COARSEST = 1.5, 4.0  # coarse over fine cell size; the cost falls with its fourth power
+START_SECONDS = 8.0  # start of a worker process [s]: imports, compiled code from the cache
+CROWDING = 1.2  # time on a core while the others are busy, relative to an idle machine
 MEMBER_MAPS = 5
-CHECKPOINT_BYTES = {"float32": 130, "float64": 240}  # of a particle, while its member runs
+CHECKPOINT_BYTES = {"float32": 130, "float64": 240}  # of disk per particle, while its member runs
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What is to come, for the members that are left.
+    """Forecast of a run for the remaining members.
 
     Attributes
     ----------
     members : int
         Members to simulate.
     workers : int
-        Members that run at once.
+        Members that run at the same time.
     particles, steps : int
-        Of the member with the largest volume.
+        Of the member with the largest volume factor.
     member_seconds : float
         Time of that member on one core [s].
     seconds : float
@@ -74,7 +74,7 @@ class Forecast:
         ]
 
     def over_budget(self, budget: Any) -> list[str]:
-        """What exceeds ``budget`` (hours, memory_gb, disk_gb; each may be None), with both numbers."""
+        """A sentence with both numbers for each exceeded limit of ``budget`` (hours, memory_gb, disk_gb; None: no limit)."""
         needs = {"hours": self.seconds / 3600, "memory_gb": self.memory / GIGABYTE, "disk_gb": self.disk / GIGABYTE}
         limits = {name: getattr(budget, name, None) for name in needs}
         return [_over(name, limit, needs[name]) for name, limit in limits.items() if limit is not None and needs[name] > limit]
@@ -83,22 +83,22 @@ class Forecast:
 def forecast(
     site: "Site", left: Sequence[int], *, workers: int | None = None, progress: Callable[[float], None] | None = None
 ) -> Forecast:
-    """Forecast for the members ``left``; simulates the one with the largest volume coarsely, and its first steps.
+    """Forecast for the members ``left``. Simulates the member with the largest volume on a coarse grid, and its first steps.
 
     Parameters
     ----------
     site : Site
     left : sequence of int
-        Numbers of the members that are still to be simulated.
+        Numbers of the members to simulate.
     workers : int, optional
-        Members at a time; one per core when None.
+        Members at the same time; one per core if None.
     progress : callable, optional
         Called with the finished fraction of the calibration, 0 to 1.
 
     Raises
     ------
     BudgetError, CapacityError
-        If the members that run at once need more memory than the budget allows, or than there is; nothing large has been made.
+        If members that run at the same time exceed the memory of the budget or of the machine. Checked before large allocations.
     """
     if not left:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
@@ -113,12 +113,12 @@ def forecast(
 
 
 def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> None:
-    """BudgetError if the members ``left`` need more than the site's budget; sites without one are not calibrated.
+    """Raise BudgetError if the members ``left`` exceed the budget of the site. Sites without a budget are not calibrated.
 
     Raises
     ------
     BudgetError, CapacityError
-        The latter if members that run at once need more memory than there is, with a budget or without one.
+        CapacityError if members that run at the same time exceed the memory of the machine, with or without a budget.
     """
     budget = site.settings.budget
     if not left:
@@ -135,11 +135,11 @@ def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = N
 
 
 class _Fits(Exception):
-    """The memory of a member is known and allowed; nothing large has been made."""
+    """Signal that the memory of a member has been checked; raised before large allocations."""
 
 
 def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> None:
-    """CapacityError if the members that run at once need more memory than there is."""
+    """Raise CapacityError if members that run at the same time exceed the memory of the machine."""
     largest, together = _planned(site, left, workers)[1:]
 
     def accept(needed: MemoryForecast) -> None:
@@ -151,7 +151,7 @@ def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> N
 
 
 def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[list[Member], Member, int]":
-    """Members of the numbers ``left``, the largest of them, and how many run at once."""
+    """Members ``left``, the largest of them, and how many run at the same time."""
     from runout.ensemble.member import plan_members
     from runout.ensemble.workers import workers_for
 
@@ -161,7 +161,7 @@ def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[l
 
 
 def duration(seconds: float) -> str:
-    """Time as people say it: 40 s, 3 min 20 s, 2 h 5 min."""
+    """Duration as text: 40 s, 3 min 20 s, 2 h 5 min."""
     if seconds < 100:
         return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -170,14 +170,14 @@ def duration(seconds: float) -> str:
 
 
 def _largest(members: "Sequence[Member]") -> "Member":
-    """Of the members with the largest volume the one in the middle of its friction angles."""
+    """Member with the median friction angle among those with the largest volume."""
     largest = max(m.parameters.get("release_volume_factor", 1.0) for m in members)
     among = [m for m in members if m.parameters.get("release_volume_factor", 1.0) == largest]
     return sorted(among, key=lambda m: m.parameters.get("basal_friction_angle_deg", 0.0))[len(among) // 2]
 
 
 def _relative_work(parameters: Mapping[str, float], reference: Mapping[str, float]) -> float:
-    """Particle-steps of a member over those of the reference: volume times the speed of pressure waves."""
+    """Particle-steps of a member relative to those of the reference: ratio of volume times wave speed."""
 
     def ratio(name: str) -> float:
         return parameters[name] / reference[name] if name in parameters else 1.0
@@ -190,10 +190,10 @@ def _calibrated(
 ) -> tuple[int, int, float]:
     """Particles, steps and seconds of one member on one core.
 
-    How long the flow lasts, what its observers cost and how much dearer a step becomes when the mass spreads and moves
-    comes from a run with coarse cells: time steps are proportional to their size. What a step costs at the start
-    comes from the first steps with the fine ones. Processor time is measured, so that other work on the machine does
-    not count. ``accept`` hears the memory that it takes before that is taken.
+    A run with coarse cells measures the duration of the flow, the cost of observers, and by how much the cost of a step grows
+    as the mass spreads. Time steps are proportional to the cell size. The first steps with fine cells measure the initial cost
+    of a step. Processor time is used, so that other work on the machine does not count. ``accept`` is called with the memory
+    before it is allocated.
     """
     from runout.simulation import simulate
 
@@ -204,7 +204,7 @@ def _calibrated(
     step, step_seconds = _timed_steps(scene, particles, arguments)
     longest = step_seconds * arguments["end_time"] / step
     smallest = math.sqrt(min(release.area for release in arguments["release"]))
-    room = max(1.0, smallest / (2 * max(scene.spacing)))  # coarser cells than that would not see the release
+    room = max(1.0, smallest / (2 * max(scene.spacing)))  # coarser cells would not resolve the release
     coarsening = min(room, float(np.clip((longest / COARSE_SECONDS) ** 0.25, FINEST, COARSEST)))
     arguments["cell_size"] = tuple(coarsening * h for h in scene.spacing)
     _, first_seconds = _timed_steps(*_scene(arguments), arguments)
@@ -248,7 +248,7 @@ def _timed_steps(scene: "Scene", particles: "Particles", arguments: Mapping[str,
 
 
 def _fitting(site: "Site", needed: MemoryForecast, together: int) -> float:
-    """Memory of ``together`` members [byte], if budget and machine allow it."""
+    """Memory of ``together`` members [byte]; an error if it exceeds budget or machine."""
     total, budget = together * needed.total, getattr(site.settings, "budget", None)
     limit = getattr(budget, "memory_gb", None)
     if limit is not None and total > limit * GIGABYTE:

@@ -1,4 +1,4 @@
-"""What a run of a site would do, and what that costs, or what is wrong with the site; nothing is changed."""
+"""Previews a run of a site: its problems, or its stages and cost. Changes nothing."""
 
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
-    """Print the problems and warnings of a site, the stages that a run would do and why, and its forecast.
+    """Print problems and warnings of a site, the stages of a run with reasons, and its forecast.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | 
     try:
         with log.progress("calibration") as bar, log.muted():
             expected = forecast(study.site, study.left, progress=bar)
-    except (BudgetError, CapacityError) as error:  # known from the releases: nothing was calibrated
+    except (BudgetError, CapacityError) as error:  # computed from the releases, before the calibration
         console.print(Text.assemble(("over budget ", "bold red"), str(error)))
         return error.exit_code
     for line in expected.lines():

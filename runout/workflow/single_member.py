@@ -1,4 +1,4 @@
-"""One member of a site by itself, with snapshots: to look at, outside the ensemble."""
+"""Simulates one member of a site with snapshots, outside the ensemble."""
 
 import json
 import logging
@@ -14,7 +14,7 @@ LOGGER = logging.getLogger("runout.single_member")
 
 
 def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snapshots: int = 20, device: str | None = None) -> Path:
-    """File with maps, ledger and snapshots of one member, after simulating it with all cores.
+    """Simulate one member with all cores and write its maps, ledger and snapshots; returns the file.
 
     Parameters
     ----------
@@ -25,14 +25,14 @@ def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snap
     member : int
         Row of the table of members.
     snapshots : int
-        States to keep, evenly spaced over the time of the simulation.
+        Number of snapshots, evenly spaced over the simulated time.
     device : str or None
         "cpu", "cuda:N" or "auto" instead of what site.yaml says.
 
     Raises
     ------
     ConfigError, DeviceError
-        If there is no such member or the number of snapshots is negative, or the device is not there.
+        If there is no such member, the number of snapshots is negative, or the device does not exist.
     """
     from runout.ensemble.member import plan_members
     from runout.io.atomic import whole_file

@@ -1,4 +1,4 @@
-"""Which stages of a study are up to date: each leaves a key of all that it was made from."""
+"""Records finished stages of a study, with a key of everything that each depends on, to find those that are up to date."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ RECORD = "stages.json"
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage: its name, what it does in a sentence, and the sections of site.yaml that it depends on."""
+    """One stage: name, description, and the sections of site.yaml that it depends on."""
 
     name: str
     purpose: str
@@ -24,20 +24,20 @@ class Stage:
 
 
 def digest_files(paths: Iterable[Path]) -> str:
-    """Checksum of the contents of files in their order, whatever their folder is called."""
+    """Checksum of the contents of files in their order; paths do not matter."""
     return checksum([[(path.name, sha256(path)) for path in paths]])
 
 
 def stage_key(stage: Stage, resolved: Mapping[str, Any], inputs: str, state: Any = None) -> str:
-    """Key of a stage: version, contents of the inputs, its part of the configuration, and the state it starts from."""
+    """Key of a stage: checksum of version, inputs, its sections of the configuration, and its initial state."""
     sections = {name: resolved.get(name) for name in stage.sections}
     return checksum([__version__, stage.name, inputs, sections, state])
 
 
 class StageRecord:
-    """What the finished stages of one results folder were made from and what they made, in ``stages.json``.
+    """Keys and files of the finished stages of a results folder, in ``stages.json``.
 
-    A stage is withdrawn from the record before its files are replaced, so that a run that is killed meanwhile leaves a stage
+    A stage is removed from the record before its files are replaced, so that a run that is killed meanwhile leaves a stage
     that is not done. A record that cannot be read, or an entry of it, counts as absent.
 
     Parameters
@@ -51,7 +51,7 @@ class StageRecord:
         self.path = results / RECORD
 
     def why_stale(self, stage: str, key: str) -> str | None:
-        """Why the stage has to be done; None when it is up to date and its files hold what it wrote."""
+        """Reason why a stage has to be run; None if it is up to date and its files are unchanged."""
         entry = self._entries().get(stage)
         if entry is None:
             return "not done yet"
@@ -63,16 +63,16 @@ class StageRecord:
         return next(faults, None)
 
     def checksums(self, stage: str) -> dict[str, str]:
-        """Checksums of the files of a finished stage, by name; none of one that is not."""
+        """Checksums of the files of a stage, by name; empty if it is not finished."""
         entry = self._entries().get(stage)
         return {name: file.sha256 for name, file in entry.files.items()} if entry else {}
 
     def withdraw(self, stage: str) -> None:
-        """Note that the files of a stage are about to be replaced."""
+        """Remove a stage from the record, before its files are replaced."""
         self._replace(stage, Entry())
 
     def finished(self, stage: str, key: str, files: Iterable[Path]) -> None:
-        """Note that a stage is done, and what its files hold."""
+        """Record a finished stage with the fingerprints of its files."""
         made = {path.relative_to(self.results).as_posix(): file for path, file in fingerprints(files).items()}
         self._replace(stage, Entry(key, dict(sorted(made.items()))))
 
@@ -88,14 +88,14 @@ class StageRecord:
 
 @dataclass(frozen=True)
 class Entry:
-    """What the record says of one stage: its key, None while it is being made, and its files."""
+    """Entry of a stage in the record: its key, None while it runs, and its files."""
 
     key: str | None = None
     files: dict[str, Fingerprint] = field(default_factory=dict)
 
     @classmethod
     def read(cls, stored: Any) -> "Entry | None":
-        """The entry of a record; None if it is none."""
+        """Entry from the JSON record; None if it is not valid."""
         if not isinstance(stored, dict) or not isinstance(stored.get("files"), dict):
             return None
         key, files = stored.get("key"), {name: Fingerprint.read(one) for name, one in stored["files"].items()}
@@ -103,5 +103,5 @@ class Entry:
         return cls(key, sound) if (key is None or isinstance(key, str)) and len(sound) == len(files) else None
 
     def stored(self) -> dict[str, Any]:
-        """For the record in JSON."""
+        """The entry as values for JSON."""
         return {"key": self.key, "files": {name: file.stored() for name, file in self.files.items()}}

@@ -1,4 +1,4 @@
-"""How far a site is: its members with their reasons, and its stages."""
+"""Prints the state of a site: its members with reasons of failure, and its stages."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from runout.workflow.study import Study
 
 MARKS = {"done": "[green]done[/]", "failed": "[red]failed[/]", "left": "left"}
-MOST_ROWS = 60  # of members; more are summed up
+MOST_ROWS = 60  # largest number of members that are listed
 
 
 def print_status(site_path: Path, out: Path | None = None) -> int:
@@ -44,7 +44,7 @@ def _print_members(console: "Console", study: "Study") -> None:
 
 
 def print_stages(console: "Console", study: "Study") -> None:
-    """Print what a run would do, stage by stage, and why."""
+    """Print the stages that a run would do, with reasons."""
     from rich.markup import escape
 
     from runout.workflow.study import PLAN

@@ -1,4 +1,4 @@
-"""One site and the folder of its results: which stages of its study are up to date, and why not."""
+"""One site with its results folder: state of members and stages."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,14 +24,14 @@ PLAN = (
     Stage("release", "read and check the release", ("name", "terrain", "release")),
     Stage("ensemble", "run the members", FLOW),
     Stage("hazard", "aggregate the members into maps", (*HEAD, *FLOW, "hazard")),
-    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "budget")),  # all that it prints
+    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "budget")),  # sections that the report prints
 )
 STAGES = tuple(stage.name for stage in PLAN)
 
 
 @dataclass
 class Study:
-    """A site and the folder of its results."""
+    """A site and its results folder."""
 
     site: "Site"
     results: Path
@@ -48,9 +48,9 @@ class Study:
         retry_failed: bool = False,
         device: str | None = None,
     ) -> "Study":
-        """The study of a site folder or site.yaml; its results go to ``out``, or to ``results`` of the site.
+        """Study of a site folder or site.yaml; results go to ``out``, by default to ``results`` in the site folder.
 
-        It is computed where site.yaml says, or on ``device`` (see :meth:`runout.config.site.Site.on_device`).
+        ``device`` overrides that of site.yaml (see :meth:`runout.config.site.Site.on_device`).
         """
         from runout.config.site import read_site
 
@@ -66,12 +66,12 @@ class Study:
 
     @cached_property
     def inputs(self) -> str:
-        """Checksum of all input files, as they are when this is first asked."""
+        """Checksum of all input files at the first access."""
         self._watched = Unchanged(self.site.inputs())
         return digest_files(self._watched.seen)
 
     def require_inputs(self) -> None:
-        """InputError if an input was changed since :attr:`inputs` was first asked."""
+        """Raise InputError if an input has changed since the first access to :attr:`inputs`."""
         if self._watched:
             self._watched.require()
 
@@ -89,19 +89,19 @@ class Study:
 
     @cached_property
     def status(self) -> "pd.DataFrame":
-        """State and reason of every member when this was first asked; :meth:`refresh` asks again."""
+        """State and reason of every member at the first access; :meth:`refresh` updates it."""
         from runout.ensemble.status import member_status
 
         return member_status(self.site, self.results)
 
     def refresh(self) -> None:
-        """Look at the members anew."""
+        """Read the state of the members again."""
         for name in ("status", "written"):
             self.__dict__.pop(name, None)
 
     @cached_property
     def written(self) -> "Written":
-        """What the files of the members held when they were written."""
+        """Record of the checksums of the files of the members."""
         from runout.ensemble.written import Written
 
         return Written(self.results)
@@ -119,7 +119,7 @@ class Study:
 
     @property
     def left(self) -> list[int]:
-        """Members that a run has to simulate: not run yet, changed, or failed for a reason that may have passed."""
+        """Members to simulate: not run yet, changed, or failed for a temporary reason."""
         from runout.ensemble.member import plan_members
         from runout.ensemble.status import Failure
 
@@ -131,7 +131,7 @@ class Study:
 
     @property
     def ensemble_report(self) -> "EnsembleReport":
-        """What a run of the ensemble would report if it had nothing to simulate; PartialEnsembleError with no member done."""
+        """Report of an ensemble with nothing to simulate; raises PartialEnsembleError if no member is done."""
         from runout.ensemble.run import EnsembleReport
 
         done = tuple(self.status.index[self.status["state"] == "done"])
@@ -144,17 +144,17 @@ class Study:
         return EnsembleReport(skipped=done, failed=self.failed)
 
     def require_maps(self) -> None:
-        """StorageError unless the hazard stage is up to date: a report shows maps and settings that belong together."""
+        """Raise StorageError unless the hazard stage is up to date, so that maps and settings of a report agree."""
         reason = self.why_stale(next(stage for stage in PLAN if stage.name == "hazard"))
         if reason:
             raise StorageError(f"{self.results / 'hazard.nc'}: {reason}; run `runout hazard {self.site.folder}` first")
 
     def key(self, stage: Stage) -> str:
-        """Key of a stage as the site and its members stand now."""
+        """Key of a stage for the present state of the site and its members."""
         return stage_key(stage, self.site.computed(), self.inputs, self._start(stage.name))
 
     def _start(self, stage: str) -> Any:
-        """What a stage starts from besides inputs and configuration: the members, and what the report shows."""
+        """State that a stage depends on besides inputs and configuration: the members, and the files of the report."""
         if stage not in ("hazard", "report"):
             return None
         members = [self.status["state"].to_dict(), [self.written.checksum(file) for file in self.member_files("done")]]
@@ -164,7 +164,7 @@ class Study:
         return [members, self.record.checksums("hazard"), digest_files([error] if error.is_file() else [])]
 
     def why_stale(self, stage: Stage) -> str | None:
-        """Why a stage has to be done; None when it is up to date."""
+        """Reason why a stage has to be run; None if it is up to date."""
         if stage.name != "ensemble":
             return self.record.why_stale(stage.name, self.key(stage))
         left = len(self.left)

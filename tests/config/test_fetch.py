@@ -88,7 +88,7 @@ def test_public_file_is_fetched_once_and_then_taken_from_the_cache(server, cache
 
 
 def test_fetched_file_that_is_not_the_stated_one_is_refused_and_not_kept(server, cache):
-    with pytest.raises(InputError, match="has not the sha256"):
+    with pytest.raises(InputError, match="does not have the sha256"):
         fetch(remote(server, CONTENT.replace(b"2", b"3")))
     assert list(cache.iterdir()) == []
 

@@ -79,6 +79,12 @@ def test_wkt_is_kept_for_what_cf_cannot_hold() -> None:
     assert attributes["spatial_ref"].startswith("PROJCS"), "WKT1, which every GDAL reads"
 
 
+def test_a_projection_that_cf_does_not_define_has_the_ellipsoid_of_its_datum() -> None:
+    attributes = grid_mapping("EPSG:5514")  # Krovak
+    assert (attributes["semi_major_axis"], attributes["reference_ellipsoid_name"]) == (pytest.approx(6377397.155), "Bessel 1841")
+    assert pyproj.CRS(attributes["crs_wkt"]).to_epsg() == 5514
+
+
 def test_a_vertical_datum_becomes_an_attribute(tmp_path: Path) -> None:
     compound = pyproj.CRS("EPSG:25832+7837").to_wkt()
     terrain = Terrain(np.ones((3, 4)), (1.0, 1.0), 5e5, 5e6, compound)

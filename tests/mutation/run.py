@@ -2,7 +2,8 @@
 
     python tests/mutation/run.py --count 60 --seed 1 [--package runout/physics ...] [--workers 2] [--json mutants.json]
 
-A change that fails a test, or makes the tests take three times as long and more, is killed. Each one runs in a copy of the tree.
+A change that fails a test is killed. So is one with which the tests do not end in time, if without it they then take less than half
+of that time. Test files that call the changed function run first, then all of the package. Each change runs in a copy of the tree.
 """
 
 import argparse
@@ -17,8 +18,10 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
+from calls import ENVIRONMENT, callers
 from mutants import Mutant, sample
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,7 +33,7 @@ TESTS = {
     "runout/hazard": ["tests/hazard", "tests/io/test_outlines.py"],
     "runout/release": ["tests/release", "tests/terrain/test_open_edge.py"],
     "runout/terrain": ["tests/terrain", "tests/release/test_zone_polygons.py", "tests/release/test_other_systems.py"],
-    "runout/io": ["tests/io", "tests/release", "tests/terrain"],  # polygons and coordinate systems of release and terrain
+    "runout/io": ["tests/io", "tests/security", "tests/release", "tests/terrain"],
 }
 COMPILING = ["tests/physics/test_parity.py", "tests/physics/test_compile_cache.py", "tests/physics/test_single_precision_series.py"]
 LEFT_OUT = [  # tests that compile kernels in every copy of the tree, or take long beside what they find
@@ -65,12 +68,13 @@ def copy_of_tree(folder: Path) -> Path:
     return folder
 
 
-def run_tests(tree: Path, tests: list[str], limit: float | None, write_bytecode: bool) -> tuple[str, str]:
-    """The outcome: "passed", "failed" or "timeout", and the first failing test."""
-    environment = os.environ | {"PYTHONPATH": str(tree), "RUNOUT_CACHE": str(tree / "cache")}
+def run_tests(tree: Path, tests: list[str], limit: float | None, record: Path | None = None) -> tuple[str, str]:
+    """The outcome: "passed", "failed" or "timeout", and the first failing test. ``record``: file for the calls of test files."""
+    paths = os.pathsep.join([str(tree), str(Path(__file__).parent)])
+    environment = os.environ | {"PYTHONPATH": paths, "RUNOUT_CACHE": str(tree / "cache")}
     environment |= {"HYPOTHESIS_STORAGE_DIRECTORY": str(tree / "hypothesis")}
-    environment |= {} if write_bytecode else {"PYTHONDONTWRITEBYTECODE": "1"}
-    options = ["-x", "-q", "--tb=no", "-k", f"not ({' or '.join(LEFT_OUT)})"]
+    environment |= {ENVIRONMENT: str(record)} if record else {"PYTHONDONTWRITEBYTECODE": "1"}
+    options = ["-x", "-q", "--tb=no", "-p", "calls", "-k", f"not ({' or '.join(LEFT_OUT)})"]
     command = [sys.executable, "-m", "pytest", *options, *tests]
     process = subprocess.Popen(
         command, cwd=tree, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
@@ -85,27 +89,43 @@ def run_tests(tree: Path, tests: list[str], limit: float | None, write_bytecode:
     return ("passed", "") if process.returncode == 0 else ("failed", failure)
 
 
-def baseline(tree: Path, tests: list[str]) -> float:
-    """Time [s] of the tests without a change."""
-    start = time.monotonic()
-    outcome, failure = run_tests(tree, tests, None, True)
+@dataclass(frozen=True)
+class Baseline:
+    """Time [s] of the tests of a package without a change, and the functions that each test file calls."""
+
+    seconds: float
+    called: dict[str, list[str]]
+
+
+def baseline(tree: Path, tests: list[str]) -> Baseline:
+    """The tests without a change."""
+    start, record = time.monotonic(), tree / "calls.json"
+    outcome, failure = run_tests(tree, tests, None, record)
     if outcome != "passed":
         sys.exit(f"the tests fail without a change: {failure}")
-    return time.monotonic() - start
+    return Baseline(time.monotonic() - start, json.loads(record.read_text()))
 
 
-def try_mutant(tree: Path, mutant: Mutant, limit: float) -> dict[str, object]:
+def try_mutant(tree: Path, mutant: Mutant, unchanged: Baseline, margin: float) -> dict[str, object]:
     """What the tests say of one mutant."""
     file = tree / mutant.path
     source = file.read_bytes()
     changed = mutant.apply(source)
     shutil.rmtree(file.parent / "__pycache__", ignore_errors=True)  # bytecode of the original would hide the change
-    start = time.monotonic()
-    try:
-        file.write_bytes(changed)
-        outcome, failure = run_tests(tree, tests_of(mutant.path), limit, False)
-    finally:
-        file.write_bytes(source)
+    start, tests, limit = time.monotonic(), tests_of(mutant.path), 3.0 * unchanged.seconds + margin
+    near = callers(unchanged.called, mutant.path, source, mutant.line)
+    stages = [part for part in ([n for n in tests if n in near], [n for n in tests if n not in near]) if part]
+    while stages:
+        try:
+            file.write_bytes(changed)
+            outcome, failure = run_tests(tree, stages[0], limit)
+        finally:
+            file.write_bytes(source)
+        seconds = baseline(tree, stages[0]).seconds if outcome == "timeout" else 0.0
+        if 2.0 * seconds > limit:  # the machine has become slower: this says nothing of the change
+            limit = 4.0 * seconds
+        else:
+            stages = stages[1:] if outcome == "passed" else []
     lines = [text.decode().splitlines() for text in (source, changed)]
     diff = [line for line in difflib.unified_diff(*lines, lineterm="", n=0) if line[:3] not in ("---", "+++") and line[:2] != "@@"]
     state = {"passed": "survived", "failed": "killed", "timeout": "killed (timeout)"}[outcome]
@@ -158,11 +178,11 @@ def run_all(chosen: list[Mutant], trees: "queue.Queue[Path]", pool: ThreadPoolEx
         finally:
             trees.put(tree)
 
-    times = dict(zip(packages, pool.map(lambda p: in_a_tree(baseline, tests_of(first[p])), packages), strict=True))
-    print("without a change: " + ", ".join(f"{package} {seconds:.0f} s" for package, seconds in times.items()), flush=True)
+    found = dict(zip(packages, pool.map(lambda p: in_a_tree(baseline, tests_of(first[p])), packages), strict=True))
+    print("without a change: " + ", ".join(f"{package} {base.seconds:.0f} s" for package, base in found.items()), flush=True)
 
     def one(mutant: Mutant) -> dict[str, object]:
-        result = in_a_tree(try_mutant, mutant, 3.0 * times[package_of(mutant.path)] + margin)
+        result = in_a_tree(try_mutant, mutant, found[package_of(mutant.path)], margin)
         print(f"{result['state']}: {mutant.path}:{mutant.line} ({mutant.operator})", flush=True)
         if result["state"] == "survived":
             print("\n".join(f"    {line}" for line in result["diff"]), flush=True)

@@ -4,6 +4,7 @@ import ast
 import json
 
 import run
+from calls import callers
 from mutants import mutants, sample
 
 SOURCE = b'''"""A text of 3 words."""
@@ -49,6 +50,16 @@ def test_a_seed_repeats_its_sample(tmp_path):
     assert len(set(first)) == 6
 
 
+def test_tests_of_a_line_are_those_that_call_its_function():
+    called = {"test_a.py": ["toy.py:5"], "test_b.py": []}
+    assert callers(called, "toy.py", SOURCE, 8) == {"test_a.py"}
+    assert callers(called, "toy.py", SOURCE, 2) == callers(called, "toy.py", SOURCE, 5) == {"test_a.py", "test_b.py"}
+    inner = b"@cache\ndef f():\n    def g():\n        return 1\n    return g\n"
+    called = {"test_a.py": ["toy.py:1"], "test_b.py": ["toy.py:1", "toy.py:3"]}
+    assert callers(called, "toy.py", inner, 4) == {"test_b.py"}
+    assert callers(called, "toy.py", inner, 5) == {"test_a.py", "test_b.py"}
+
+
 def test_tests_kill_what_they_see_and_survivors_are_told(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # what the runs below do not need
     (tmp_path / "toy").mkdir()
@@ -59,6 +70,7 @@ def test_tests_kill_what_they_see_and_survivors_are_told(tmp_path, monkeypatch, 
     monkeypatch.setattr(run, "ROOT", tmp_path)
     monkeypatch.setattr(run, "COPIED", ("toy", "checks"))
     monkeypatch.setattr(run, "TESTS", {"toy": ["checks"]})
+    (tmp_path / "checks" / "test_other.py").write_text("def test_nothing():\n    pass\n")
     share = run.main(["--package", "toy", "--workers", "1", "--json", str(tmp_path / "found.json")])
     found = json.loads((tmp_path / "found.json").read_text())["mutants"]
     assert {m["operator"]: m["state"] for m in found} == {

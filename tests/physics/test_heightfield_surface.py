@@ -57,6 +57,15 @@ def test_surface_half_way_between_two_elevations_lies_between_them_where_the_gro
         assert low - 1e-9 <= (c[k] + c[k + 1]) / 2 <= high + 1e-9
 
 
+@given(st.floats(-100, 100), st.floats(-50, 50), st.integers(1, 20))
+def test_surface_passes_through_a_single_crest_or_pit_of_level_ground_that_is_not_smooth(level, height, averaged):
+    z = [level] * 3 + [level + height] + [level] * 3
+    w = heightfield.weight_of_means(averaged)
+    c = [heightfield.spline_coefficient(z[k], (z[k - 1] - z[k]) / 2, (z[k + 1] - z[k]) / 2, 0.0, w) for k in range(1, 6)]
+    assert (c[1] + 6 * c[2] + c[3]) / 8 == pytest.approx(level + height, abs=1e-9)
+    assert c[0] == c[1] == c[3] == c[4] == level
+
+
 @given(st.floats(-100, 100), st.floats(1e-3, 1e3), st.floats(-1e3, 1e3), st.floats(-0.05, 0.05))
 def test_parabola_is_smooth_and_a_step_is_not_however_it_is_tilted(tilt, bend, drop, noise):
     assert heightfield.smoothness(bend, bend * (1 + noise), bend, bend * (1 - noise), bend) == 1.0

@@ -125,7 +125,7 @@ def test_missing_file_suggests_a_neighbour(write_polygons, terrain):
 def test_file_of_another_kind_is_refused(tmp_path, terrain):
     path = tmp_path / "release.gpkg"
     path.write_text("not a database")
-    refused(path, terrain, "cannot be read as a vector file")
+    refused(path, terrain, "cannot be read as a vector file", "use GeoPackage, Shapefile, GeoJSON or FlatGeobuf")
 
 
 def test_shapefile_without_its_index_is_refused(write_polygons, terrain):

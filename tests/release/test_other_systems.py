@@ -6,7 +6,7 @@ import pytest
 import shapely
 
 from runout.errors import ReleaseError
-from runout.io.layer_crs import crs_name
+from runout.io.layer_crs import crs_name, to_terrain
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 
@@ -182,6 +182,14 @@ def test_a_file_without_a_system_on_the_projected_map_is_still_taken_for_the_ter
     release = Release.from_vector(tmp_path / "scar.gpkg", terrain, thickness=3.0)
     assert release.volume == pytest.approx(30_000.0, rel=1e-9)
     assert "taken to be in the terrain's" in release.changes[0]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_file_without_a_system_that_lies_in_neither_map_is_taken_for_the_terrains(geographic, tmp_path):
+    terrain, *_ = geographic
+    found = to_terrain(tmp_path / "scar.gpkg", None, terrain, (12.0, 40.0, 12.1, 40.1), "ogr2ogr")
+    assert found.forward is found.inverse is None
+    assert "taken to be in the terrain's" in found.sentences[0]
 
 
 @pytest.mark.filterwarnings("ignore")

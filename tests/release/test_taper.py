@@ -241,3 +241,11 @@ def test_a_tapered_mass_is_nowhere_thinner_than_a_thousandth_of_its_mean():
         thickness = part.volumes(factor)[inside] / part.covered[inside]
         assert thickness.min() == pytest.approx(1e-3 * factor * part.volume / part.covered.sum(), rel=0.01)
         assert part.volumes(factor).sum() == pytest.approx(factor * 4.0 * spike.area)
+
+
+@pytest.mark.parametrize(("cell", "size"), [(5.0, 2.5), (0.5, 2.0), (400.0, 20.0)])
+def test_a_lattice_has_two_nodes_in_a_cell_but_at_least_ten_and_at_most_the_finest_across(cell, size):
+    lattice = taper._Lattice.over(shapely.box(0.0, 0.0, 200.0, 100.0), plane(cell=cell), finest=100)
+    assert lattice.size == size
+    assert lattice.inside.shape == (100 / size + 2, 200 / size + 2)
+    assert lattice.inside.sum() * size**2 == pytest.approx(200.0 * 100.0)
