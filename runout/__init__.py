@@ -6,7 +6,7 @@ of the material laws are among them: each file of :mod:`runout.materials` brings
 
 from runout import ending
 
-if ending.is_command():  # before anything is loaded that takes time
+if ending.is_command():  # before slow imports
     ending.end_at_once()
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""The command ``runout`` as a process: a signal ends it with one line from here on, while libraries are loaded too."""
+"""Entry point of the command ``runout``. From here on a signal ends the process with one line, also during imports."""
 
 import sys
 
@@ -14,5 +14,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.argv[0] = "runout"  # as products name the command
+    sys.argv[0] = "runout"  # name of the command in the products
     sys.exit(main())

@@ -1,6 +1,6 @@
-"""Presets of accuracy: the cells, particles and steps that a word stands for, and what was measured of each.
+"""Presets of accuracy: cell size and Courant number of each, and its measured errors and cost.
 
-The numbers of :data:`PRESETS` come from :data:`SOURCE`; a test holds both together.
+The numbers of :data:`PRESETS` come from :data:`SOURCE`; a test compares both.
 """
 
 import math
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from runout.model.release import Release
 
 SOURCE = "tests/benchmarks/records/work_precision.json"
-EXAMPLE = "two sites, flows 35 and 55 m thick, 60 s"  # what the errors were measured on, of which the larger counts
-PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # where the caller says nothing; others where a mass stays thick (release/arrangement)
-FEWEST_ACROSS = 4.0  # cells across a release of its area
-CHOICES = ("cell_size", "cfl")  # what a preset sets
+EXAMPLE = "two sites, flows 35 and 55 m thick, 60 s"  # flows on which the errors were measured; presets state the larger error
+PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # default; release/arrangement.py has another one for masses that stay thick
+FEWEST_ACROSS = 4.0  # cells across a square of the area of a release
+CHOICES = ("cell_size", "cfl")  # settings of a preset
 
 CellSize = float | tuple[float, float, float]
 
@@ -29,13 +29,13 @@ class Preset:
     Attributes
     ----------
     cells : float
-        Through the mean thickness of the release.
+        Cells through the mean thickness of the release.
     cfl : float
     map_error, runout_error : float
         Expected numerical error of the map of flow thickness (relative L1) and of the run-out of 99 % of the mass (relative),
-        as measured on :data:`EXAMPLE`, the larger of the two; another site has others.
+        the larger of those measured on :data:`EXAMPLE`. They depend on the site.
     particle_steps : float
-        Work on the first of them over that of the preset "standard".
+        Work on the first of these flows relative to that of the preset "standard".
     """
 
     cells: float
@@ -59,7 +59,7 @@ PRESETS: dict[str, Preset] = {
 
 
 def preset(accuracy: str) -> Preset:
-    """The preset of a name.
+    """Preset with this name.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def preset(accuracy: str) -> Preset:
 
 
 def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[str, Any]) -> dict[str, Any]:
-    """cell_size and cfl of a run: what is ``given`` and not None, else what the preset says, else the default.
+    """cell_size and cfl of a run: values of ``given`` that are not None, else those of the preset, else the defaults.
 
     Raises
     ------
@@ -88,14 +88,14 @@ def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[
     if len(stated) == len(CHOICES):
         raise ConfigError(f"accuracy is {accuracy!r}, and {' and '.join(CHOICES)} are both given too; remove one of the three")
     if not releases:
-        return {"cfl": chosen.cfl, **stated}  # the run refuses it
+        return {"cfl": chosen.cfl, **stated}  # the run reports the error
     volume, area = sum(r.volume for r in releases), sum(r.area for r in releases)
     size = chosen.cell_size(volume / area, min(r.area for r in releases))
     return {"cell_size": size, "cfl": chosen.cfl, **stated}
 
 
 def work(grid: Mapping[str, Any]) -> float:
-    """Particle-steps of a run with cell_size, particles_per_cell and cfl, up to a factor that its site fixes."""
+    """Particle-steps of a run with cell_size, particles_per_cell and cfl, up to a factor that depends on the site."""
     size, count = grid["cell_size"], grid["particles_per_cell"]
     dx, dy, dz = size if isinstance(size, Sequence) else (size,) * 3
     particles = math.prod(count) if isinstance(count, Sequence) else count
@@ -108,9 +108,9 @@ def lines(
     grid: Mapping[str, Any],
     particles: Callable[[float], tuple[int, int, int]],
 ) -> list[str]:
-    """What ``runout check`` says: the cells of a run and, for each preset, its cells, its work over that of the run, its errors.
+    """Lines of ``runout check``: the cells of a run, and for each preset cells, relative work and errors.
 
-    ``particles`` (px, py, pz) of a cell by its height [m], where none are stated.
+    ``particles`` gives the default particles per cell (px, py, pz) for a cell height [m].
     """
     depth = sum(r.volume for r in releases) / sum(r.area for r in releases)
     size = grid["cell_size"]

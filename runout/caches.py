@@ -1,4 +1,4 @@
-"""Folders in which compilers and plotting keep what they made: a writable one is found before they are imported."""
+"""Cache folders of compilers and plotting. Writable folders are set before these libraries are imported."""
 
 import os
 import tempfile
@@ -8,7 +8,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Cache:
-    """One cache: who fills it, the variable that moves it, and where it is otherwise."""
+    """One cache: its owner, the environment variable that sets its folder, and the default folder."""
 
     name: str
     variable: str
@@ -16,12 +16,12 @@ class Cache:
 
     @property
     def folder(self) -> Path:
-        """Where it is now."""
+        """Present folder of the cache."""
         return Path(os.environ.get(self.variable) or Path(*self.default).expanduser())
 
 
 def all_caches() -> tuple[Cache, ...]:
-    """The caches of runout and of the libraries that it compiles and plots with."""
+    """Caches of runout and of its libraries for compiling and plotting."""
     home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     settings = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
     return (
@@ -32,9 +32,9 @@ def all_caches() -> tuple[Cache, ...]:
 
 
 def prepare() -> None:
-    """Send a cache whose own folder cannot be written to a temporary one, this process and its children alike.
+    """Replace cache folders that cannot be written by temporary ones, for this process and its children.
 
-    A variable that is set is left alone: who set it knows why.
+    Variables that the user has set are not changed.
     """
     for cache in all_caches():
         if cache.variable not in os.environ and not may_write(cache.folder):
@@ -42,7 +42,7 @@ def prepare() -> None:
 
 
 def may_write(folder: Path) -> bool:
-    """Whether ``folder`` can be written, or made; touches nothing."""
+    """Whether ``folder`` can be written or created; changes nothing."""
     try:
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     except OSError:
@@ -51,7 +51,7 @@ def may_write(folder: Path) -> bool:
 
 
 def try_to_write(folder: Path) -> str | None:
-    """Why ``folder`` cannot be written, found by writing; None when it can."""
+    """Reason why a test write to ``folder`` fails; None if it succeeds."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -61,7 +61,7 @@ def try_to_write(folder: Path) -> str | None:
 
 
 def _temporary() -> Path:
-    """The same folder for every command of a user, so that kernels are compiled once."""
+    """Temporary folder that all commands of a user share, so that kernels are compiled once."""
     owner = os.getuid() if hasattr(os, "getuid") else "user"
     folder = Path(tempfile.gettempdir()) / f"runout-{owner}"
     try:
@@ -69,5 +69,5 @@ def _temporary() -> Path:
         if not hasattr(os, "getuid") or folder.stat().st_uid == owner:
             return folder
     except OSError:
-        pass  # no folder there either: each process gets its own, and says so if that fails too
+        pass  # if this fails, each process gets its own folder or reports the error
     return Path(tempfile.mkdtemp(prefix="runout-"))

@@ -1,4 +1,4 @@
-"""Checkpoint of a run: everything that it needs to go on bit by bit as if it had not been broken off, in one file.
+"""Checkpoint of a run: one file with its complete state, from which it continues to the same bits.
 
 The file is an archive of plain arrays (.npz) beside a key of the inputs. It replaces the one before as a whole, and goes when the
 run is complete. A checkpoint of other inputs, of another version or half written is not used: the run starts anew and says so.
@@ -25,22 +25,22 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 8  # of the file; raise it when the meaning of a state changes
+FORMAT = 8  # version of the file; increase it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
-# errors of a damaged archive; RuntimeError is one that seems to be encrypted, or packed by an unknown method
+# errors of a damaged archive; RuntimeError: it seems to be encrypted, or has an unknown compression
 DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass
 class Checkpoint:
-    """The file that holds the latest checkpoint of one run.
+    """File with the latest checkpoint of one run.
 
     Parameters
     ----------
     path : Path
-        The file; its folder is made when absent.
+        The file; its folder is created if missing.
     key : str
-        What the run is, see :func:`run_key`.
+        Key of the run, see :func:`run_key`.
     every : float
         Wall time from one checkpoint to the next [s].
     """
@@ -49,15 +49,15 @@ class Checkpoint:
     key: str
     every: float = EVERY
     written: int = field(default=0, init=False)  # number of checkpoints
-    seconds: float = field(default=0.0, init=False)  # spent on them
+    seconds: float = field(default=0.0, init=False)  # [s] spent on checkpoints
     last: float = field(default_factory=time.perf_counter, init=False)
 
     def due(self) -> bool:
-        """Whether so much time has passed that the next one has to be written."""
+        """Whether the next checkpoint is due."""
         return time.perf_counter() - self.last >= self.every
 
     def write(self, state: State) -> None:
-        """Write a state in place of the one before, whole; StorageError when it cannot be written."""
+        """Replace the checkpoint by a new state, completely or not at all; StorageError if it cannot be written."""
         started = time.perf_counter()
         with whole_file(self.path) as temporary, temporary.open("wb") as file:
             np.savez(file, key=np.array(self.key), **state)  # type: ignore[arg-type]
@@ -66,7 +66,7 @@ class Checkpoint:
         self.seconds += self.last - started
 
     def read(self) -> State | None:
-        """The state to go on from; None without a file, and with one that does not belong to this run."""
+        """State to continue from; None if there is no file or it does not belong to this run."""
         if not self.path.is_file():
             return None
         try:
@@ -85,7 +85,7 @@ class Checkpoint:
 
 
 def stored_time(path: Path) -> float | None:
-    """Simulated time [s] of the checkpoint in a file; None if there is none that can be read."""
+    """Simulated time [s] of the checkpoint in a file; None if it is missing or cannot be read."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             return float(archive["run.time"])
@@ -94,7 +94,7 @@ def stored_time(path: Path) -> float | None:
 
 
 def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Backend, key: str) -> Checkpoint | None:
-    """Where a run keeps its checkpoints; None where none is asked for, or the backend has none."""
+    """Checkpoint of a run; None if none is requested or the backend does not support checkpoints."""
     if path is None:
         return None
     if not every >= 0:
@@ -107,7 +107,7 @@ def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Ba
 
 
 def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
-    """Checksum of all that a run depends on: version, scene, particles, and further choices that have a sound ``repr``."""
+    """Checksum of everything a run depends on: version, scene, particles, and further choices with a complete ``repr``."""
     digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, choices)).encode())
     ground = scene.ground
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)

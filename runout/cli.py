@@ -1,4 +1,4 @@
-"""The command ``runout``: parses and delegates only."""
+"""The command ``runout``: parses arguments and delegates."""
 
 import logging
 import sys
@@ -18,12 +18,12 @@ with interrupt.ended_at_once():  # it takes a moment
     from runout import log
 
 LOGGER = logging.getLogger(__name__)
-INTERRUPTED = 130  # what shells give for a command that Ctrl-C ended
+INTERRUPTED = 130  # exit code of shells for a command that Ctrl-C ended
 
 
 @dataclass(frozen=True)
 class Session:
-    """What holds for every command: how much it says and where the results go."""
+    """Options of every command: verbosity and results folder."""
 
     verbosity: int = 0
     out: Path | None = None
@@ -97,12 +97,12 @@ def release(site: SiteArgument, *, force: Force = False, session: Injected) -> i
 def ensemble(
     site: SiteArgument, *, workers: Workers = None, device: Device = None, retry_failed: RetryFailed = False, session: Injected
 ) -> int:
-    """Run the members that are left; write results/members/."""
+    """Run the remaining members; write results/members/."""
     return _stages(site, ("ensemble",), session, workers=workers, device=device, retry_failed=retry_failed)
 
 
 def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
-    """Aggregate the members that are done; write results/hazard.nc, maps/ and outlines.gpkg."""
+    """Aggregate the finished members; write results/hazard.nc, maps/ and outlines.gpkg."""
     return _stages(site, ("hazard",), session, force=force)
 
 
@@ -112,7 +112,7 @@ def report(site: SiteArgument, *, force: Force = False, session: Injected) -> in
 
 
 def status(site: SiteArgument, *, session: Injected) -> int:
-    """Say which members are done, failed and left, with reasons, and which stages are up to date."""
+    """List done, failed and remaining members with reasons, and the stages that are up to date."""
     from runout.workflow.status import print_status
 
     return print_status(site, session.out)
@@ -149,7 +149,7 @@ def bench(
     precision: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = ("float32", "float64"),
     session: Injected,
 ) -> int:
-    """Measure what a step costs on this machine, as ratios: size, threads, precision, depth, sparsity; or what accuracy costs."""
+    """Measure the cost of a step on this machine against size, threads, precision, depth and sparsity; or error against time."""
     if error:
         from runout.studies import error_against_time
 
@@ -208,14 +208,14 @@ def stress(
     device: Annotated[str, Parameter(help="cpu, or cuda:0 with --backend hash.")] = "cpu",
     session: Injected,
 ) -> int:
-    """Push every choice of a run to its end and see that nothing breaks; --out DIR writes a page."""
+    """Test extreme values of every setting of a run; --out DIR writes a page."""
     from runout.studies.stability_stress import command
 
     return command(session.out, full, backend, device)
 
 
 def doctor(*, session: Injected) -> int:
-    """Say what is installed, which devices and caches there are, what is wrong and how to mend it."""
+    """List installed libraries, devices and caches, with problems and remedies."""
     from runout.doctor import examine
 
     return examine()
@@ -237,7 +237,7 @@ def launch(
     quiet: Annotated[bool, Parameter(name=["-q", "--quiet"], negative="", help="Say warnings and errors only.")] = False,
     out: Annotated[Path | None, Parameter(help="Folder of the results [default: SITE/results].")] = None,
 ) -> int:
-    """Run one command with what holds for all of them."""
+    """Run one command with the options of every command."""
     session = Session(verbosity=1 if verbose else -1 if quiet else 0, out=out)
     command, bound, injected = _parsed(app, tokens)
     log.to_terminal(session.verbosity)
@@ -248,7 +248,10 @@ def launch(
 
 
 def main(tokens: Sequence[str] | None = None) -> int:
-    """Exit code of the command with the arguments ``tokens``; of the process when None, which an interrupt then ends at once."""
+    """Run the command with the arguments ``tokens``, or those of the process if None; returns the exit code.
+
+    With the arguments of the process, an interrupt ends the process at once.
+    """
     from runout import caches
 
     if tokens is None:
@@ -262,7 +265,7 @@ def main(tokens: Sequence[str] | None = None) -> int:
     except RunoutError as error:
         LOGGER.debug("traceback", exc_info=error)
         return _say(str(error), error.exit_code)
-    except OSError as error:  # a disk that is full, a folder that may not be written: the reader's to mend
+    except OSError as error:  # errors of the system that the user can remedy, such as a full disk
         LOGGER.debug("traceback", exc_info=error)
         from runout.io.atomic import reason
 
@@ -287,7 +290,7 @@ def _say(message: str, code: int) -> int:
 
 
 def _unexpected(session: Session, kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Say an error that nobody foresaw in one line; the log file keeps its traceback."""
+    """Print an unexpected error in one line; the log file keeps its traceback."""
     _say(f"{kind.__name__}: {error}; this is a fault of runout, -v shows where", ExitCode.FAILURE)
     if session.verbosity > 0:
         sys.__excepthook__(kind, error, trace)

@@ -1,4 +1,4 @@
-"""What is installed, which devices and caches there are, what is wrong with them and how to mend it."""
+"""Examines installed libraries, devices and caches; reports problems and remedies."""
 
 import importlib
 import os
@@ -26,7 +26,7 @@ FOREIGN_DATA = {  # set by QGIS, conda or OSGeo4W for their own build
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the examination; ``fix`` is empty where nothing is wrong."""
+    """One line of the examination; ``fix`` is empty if there is no problem."""
 
     topic: str
     text: str
@@ -34,12 +34,12 @@ class Finding:
 
 
 def findings() -> list[Finding]:
-    """Everything that the examination says, in its order."""
+    """All lines of the examination, in their order."""
     return [*_versions(), *_imports(), *_devices(), *_caches(), *_foreign_data(), *_coordinates()]
 
 
 def examine() -> int:
-    """Print the examination; exit code 1 when something is wrong."""
+    """Print the examination; exit code 1 if there are problems."""
     console, topic, escape = log.output(), "", log.escaped
     found = findings()
     for finding in found:
@@ -89,7 +89,7 @@ def _memory() -> str:
 
 
 def _graphics() -> Iterator[Finding]:
-    """Devices of warp, asked in a process of its own: a broken driver may end it, and the CPU needs none of it."""
+    """Devices of warp, found by another process, since a broken driver may end it."""
     asked = subprocess.run([sys.executable, "-c", ASK_WARP], capture_output=True, text=True, timeout=120, check=False)
     if asked.returncode:
         reason = (asked.stderr.strip() or f"it ended with code {asked.returncode}").splitlines()[-1]
@@ -119,12 +119,12 @@ def _foreign_data() -> Iterator[Finding]:
 
 
 def _coordinates() -> Iterator[Finding]:
-    """Whether rasterio can look up a coordinate system: it cannot with the PROJ database of another version."""
+    """Whether rasterio finds coordinate systems; it does not with the PROJ database of another version."""
     try:
         from rasterio.crs import CRS
         from rasterio.errors import CRSError
     except ImportError:
-        return  # said among the imports
+        return  # reported with the imports
     try:
         CRS.from_epsg(32616).to_wkt()
     except CRSError as error:

@@ -18,27 +18,27 @@ class ExitCode(IntEnum):
 
 
 class RunoutError(Exception):
-    """Base of every error that a user can mend; commands print its text without a traceback."""
+    """Base of all errors that a user can remedy; commands print the text without a traceback."""
 
     exit_code = ExitCode.FAILURE
 
 
 class InputError(RunoutError):
-    """An input that has to be mended before anything runs."""
+    """An input that must be corrected before a run."""
 
     exit_code = ExitCode.CONFIGURATION
 
 
 class DemError(InputError):
-    """An elevation raster that cannot be used as it is."""
+    """An elevation raster that cannot be used."""
 
 
 class ReleaseError(InputError):
-    """A release that cannot be used as it is."""
+    """A release that cannot be used."""
 
 
 class ZoneError(InputError):
-    """Friction zones of the ground that cannot be used as they are."""
+    """Friction zones that cannot be used."""
 
 
 class MaterialError(InputError):
@@ -46,7 +46,7 @@ class MaterialError(InputError):
 
 
 def member_of(kind: type[Choice], value: Any, name: str, error: type[InputError]) -> Choice:
-    """The member of an enumeration that has a value; ``error`` names the quantity and lists the values."""
+    """Member of an enumeration with this value; otherwise ``error`` names the quantity and lists the valid values."""
     try:
         return kind(value)
     except ValueError:
@@ -82,7 +82,7 @@ class StabilityError(RunoutError):
 
 
 class CapacityError(RunoutError):
-    """A scene that does not fit: index range or memory; states the largest that does."""
+    """A scene that exceeds the index range or the memory; states the limit."""
 
     exit_code = ExitCode.OVER_BUDGET
 
@@ -94,7 +94,7 @@ class BudgetError(RunoutError):
 
 
 class DeviceError(RunoutError):
-    """A device that is not there or cannot be used."""
+    """A device that does not exist or cannot be used."""
 
 
 class StorageError(RunoutError):
@@ -102,7 +102,7 @@ class StorageError(RunoutError):
 
 
 class DiskFullError(StorageError):
-    """A disk or quota without space for what has to be written."""
+    """A disk or quota without space for a file."""
 
 
 class PartialEnsembleError(RunoutError):

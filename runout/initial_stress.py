@@ -1,4 +1,4 @@
-"""What a release starts with: the stress of its own weight, or none."""
+"""Initial stress of a release: that of its own weight, or none."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -13,7 +13,7 @@ from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Scene
 from runout.terrain.free_surface import free_surface
 
-AT_ONCE = 2**15  # particles whose arrays fit into the cache
+AT_ONCE = 2**15  # particles per chunk; its arrays fit into the cache
 
 Press = Callable[[Particles, np.ndarray, int], None]
 
@@ -26,14 +26,14 @@ class InitialStress(StrEnum):
 
     @classmethod
     def of(cls, value: "InitialStress | str") -> "InitialStress":
-        """The initial stress of that name; ConfigError lists the names."""
+        """Initial stress with this name; ConfigError if there is none."""
         return member_of(cls, value, "initial_stress", ConfigError)
 
 
 def pressed_by(scene: Scene, releases: list[Release]) -> Press | None:
-    """Gives particles of a release, which lie ``depth`` (n,) [m] below its surface, the initial stress of a scene.
+    """Function that sets the initial stress of particles of a release from their depths (n,) [m] below its surface.
 
-    None where particles start without stress.
+    None if particles start without stress.
     """
     if InitialStress.of(scene.initial_stress) is InitialStress.NONE:
         return None

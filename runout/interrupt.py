@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a command at once, with one line, whatever it does: loads libraries, compiles, waits or writes.
+"""Ctrl-C and SIGTERM end a command at once with one line, also while it imports, compiles, waits or writes.
 
 An exception would be lost, or printed with its traceback, where libraries catch it or call back from C. Ending at once loses
 nothing: files are whole or absent, and the same command goes on from there.
@@ -16,7 +16,7 @@ __all__ = ["MESSAGE", "at_end", "end_at_once", "ended_at_once"]
 
 @contextmanager
 def ended_at_once() -> Iterator[None]:
-    """Block in which Ctrl-C ends this process, if nobody has said what else it does."""
+    """Context in which Ctrl-C ends this process, unless a handler has been set."""
     alone = signal.getsignal(signal.SIGINT) is signal.default_int_handler and threading.current_thread() is threading.main_thread()
     if alone:
         signal.signal(signal.SIGINT, end)
@@ -29,7 +29,7 @@ def ended_at_once() -> Iterator[None]:
 
 @contextmanager
 def at_end(act: Callable[[], object]) -> Iterator[None]:
-    """Block that a signal ends with ``act``."""
+    """Context in which a signal calls ``act`` before the process ends."""
     AT_END.append(act)
     try:
         yield

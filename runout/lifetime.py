@@ -1,4 +1,4 @@
-"""Processes that runout starts end when the process that started them ends, however it ends."""
+"""Ends child processes when their parent process ends, also after a kill."""
 
 import multiprocessing
 import os
@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 
-LOOK_SECONDS = 0.25  # between two looks at the parent
-END_SECONDS = 2.0  # for a killed process to end
+LOOK_SECONDS = 0.25  # [s] between two checks of the parent
+END_SECONDS = 2.0  # [s] that a killed process has to end
 
 
 def end_with_parent(parent: int) -> None:
-    """End this process soon after the process ``parent``, which started it, has ended."""
-    if os.name == "posix":  # elsewhere the number of the parent stays
+    """End this process soon after its parent process ``parent`` has ended."""
+    if os.name == "posix":  # on other systems the number of the parent does not change
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()
 
 
@@ -26,7 +26,7 @@ def _watch(parent: int) -> None:
 
 
 def end_workers() -> None:
-    """End the worker processes of this process, which is about to end at once."""
+    """End the worker processes of this process, before it ends itself."""
     for child in multiprocessing.active_children():
         child.kill()
         child.join(END_SECONDS)
@@ -34,14 +34,14 @@ def end_workers() -> None:
 
 @contextmanager
 def interrupts_kept() -> Iterator[None]:
-    """Processes started in this block do not hear Ctrl-C, which a terminal sends to all: their parent ends them.
+    """Context whose child processes do not receive Ctrl-C from the terminal; their parent ends them.
 
     An interrupt of this process during the block takes effect at its end.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # a process of multiprocessing; who starts it lets signals through again
+    resource_tracker.ensure_running()  # a process of multiprocessing; its starter unblocks signals again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -1,4 +1,4 @@
-"""What a command says: rich on the terminal, JSON lines in a file, progress with the time that is left."""
+"""Messages of a command: rich on the terminal, JSON lines in a file, progress bars with remaining time."""
 
 import json
 import logging
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 LOGGER = logging.getLogger("runout")
-WARNINGS = logging.getLogger("py.warnings")  # of libraries: in the log file always, on the terminal with -v
+WARNINGS = logging.getLogger("py.warnings")  # loggers of libraries: always in the log file, on the terminal with -v
 STANDARD_FIELDS = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime"}
 LEVELS = {-1: logging.WARNING, 0: logging.INFO, 1: logging.DEBUG}
 
 
 class JsonLines(logging.Formatter):
-    """One JSON object a line: time (UTC), level, where, message, and whatever was passed as ``extra``."""
+    """One JSON object per line: time (UTC), level, logger, message, and the values passed as ``extra``."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line of a record."""
+        """A log record as one line."""
         line = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
@@ -38,30 +38,30 @@ class JsonLines(logging.Formatter):
         return json.dumps(line, default=str)
 
 
-@cache  # one for messages and bars, so that they do not write over each other
+@cache  # messages and bars share one console, so that they do not overwrite each other
 def console() -> "Console":
-    """The terminal for messages: standard error, so that standard output carries only what was asked for."""
+    """Console for messages on standard error; standard output carries only results."""
     from rich.console import Console
 
     return Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def output() -> "Console":
-    """Standard output, for what was asked for; wide where nobody's terminal sets the width."""
+    """Console for results on standard output; wide if it is not a terminal."""
     from rich.console import Console
 
     return Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 160)
 
 
 class Terminal(logging.Handler):
-    """Messages on the terminal, a line each and never wrapped, so that paths can be copied; none is said twice in a run."""
+    """Messages on the terminal: one line each without wrapping, so that paths can be copied; repeated messages are left out."""
 
     def __init__(self, level: int):
         super().__init__(level)
         self.said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print one message; what is a warning or worse says so."""
+        """Print one message; warnings and errors are marked."""
         if record.getMessage() in self.said:
             return
         self.said.add(record.getMessage())
@@ -79,7 +79,7 @@ def _terminals() -> list[Terminal]:
 
 
 def to_terminal(verbosity: int = 0) -> None:
-    """Send the messages of runout to the terminal: -1 warnings only, 0 what happens, 1 every detail."""
+    """Send the messages of runout to the terminal: -1 warnings, 0 information, 1 all details."""
     for old in _terminals():
         LOGGER.removeHandler(old)
     LOGGER.addHandler(Terminal(LEVELS[verbosity]))
@@ -92,7 +92,7 @@ def to_terminal(verbosity: int = 0) -> None:
 
 @contextmanager
 def muted() -> Iterator[None]:
-    """Keep the terminal silent while something runs that says what it finds in another way."""
+    """Context without messages on the terminal, for code that reports its findings in another way."""
     levels = {terminal: terminal.level for terminal in _terminals()}
     for terminal in levels:
         terminal.setLevel(logging.CRITICAL)
@@ -133,13 +133,13 @@ def to_file(path: Path) -> Iterator[None]:
         LOGGER.setLevel(before)
         for logger in (LOGGER, WARNINGS):
             logger.removeHandler(handler)
-        with suppress(OSError):  # a full disk, which the products tell of
+        with suppress(OSError):  # full disk; the writers of products report it
             handler.close()
 
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[float], None]]:
-    """A bar with the time that is left; call what it gives with the finished fraction, 0 to 1."""
+    """Context of a progress bar with remaining time. Call the returned function with the finished fraction, 0 to 1."""
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"))
@@ -150,7 +150,7 @@ def progress(what: str) -> Iterator[Callable[[float], None]]:
 
 
 def escaped(text: str) -> str:
-    """Text with its brackets kept as they are when rich prints it."""
+    """Text whose brackets rich prints literally."""
     from rich.markup import escape
 
     return escape(text)

@@ -1,4 +1,4 @@
-"""Forecast of the memory of a run from its releases, before anything large is made; and the refusal of what does not fit."""
+"""Forecasts the memory of a run from its releases before large allocations, and refuses runs that do not fit."""
 
 import math
 from collections.abc import Sequence
@@ -18,14 +18,14 @@ GIGABYTE = 1e9
 # what the index of backend scan holds, and that of hash, whose particles move one cell between two sorts
 REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
 EXCHANGED = 248  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
-BYTES_PER_SQUARE = 40, 1000  # of two cells by two: around the release, and below it, while its blocks are counted
-PER_MAP_CELL = 150  # of a cell of the raster: sums, peaks and what computing them takes
+BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
+PER_MAP_CELL = 150  # bytes per cell of the raster: sums, peaks and work arrays
 PROGRAM = 0.35e9  # libraries and compiled code
 
 
 @dataclass(frozen=True)
 class Extent:
-    """What is to be held: particles, blocks with particles, blocks that they may enter, and blocks of nodes; these on a GPU."""
+    """Counts for the forecast: particles, blocks with particles, blocks that they may enter, and blocks of nodes (on a GPU)."""
 
     particles: int
     held: int
@@ -43,7 +43,7 @@ class MemoryForecast:
     backend : float
         Particles, index and blocks; on the device if that is a GPU.
     host : float
-        What the host holds besides: particles while they are loaded or handed back, maps, the program.
+        Further memory of the host: particles during loading and unloading, maps, the program.
     on_device : bool
     """
 
@@ -57,7 +57,7 @@ class MemoryForecast:
         return self.host + (0.0 if self.on_device else self.backend)
 
     def require(self, limit: float, what: str) -> None:
-        """CapacityError if the host needs more than ``limit`` [byte]; ``what`` names the limit."""
+        """Raise CapacityError if the host needs more than ``limit`` [byte]; ``what`` names the limit."""
         if self.total > limit:
             raise _too_much(self.total, limit, what)
 
@@ -71,7 +71,7 @@ def _too_much(needed: float, limit: float, what: str) -> CapacityError:
 
 
 def require_memory(forecast: MemoryForecast, engine: Backend, memory_gb: float | None) -> None:
-    """CapacityError if a run needs more than ``memory_gb`` [GB], or than what machine and device have free."""
+    """Raise CapacityError if a run needs more than ``memory_gb`` [GB], or than machine and device have free."""
     if memory_gb is not None:
         forecast.require(memory_gb * GIGABYTE, "memory_gb")
     free = available_bytes()
@@ -83,7 +83,7 @@ def require_memory(forecast: MemoryForecast, engine: Backend, memory_gb: float |
 
 
 def available_bytes() -> float | None:
-    """Memory that this process may still take [byte]; None where nothing tells (psutil is not installed)."""
+    """Memory that this process may still allocate [byte]; None if unknown."""
     if find_spec("psutil") is None:
         return None
     import psutil
@@ -103,7 +103,7 @@ def expected_memory(
         Cells of the elevation raster.
     precision : str
     engine : Backend, optional
-        On a GPU its own figures hold, elsewhere those of scan.
+        A GPU backend gives its own numbers; otherwise those of scan are used.
     transfer, f_bar : str, bool
         As of :class:`runout.model.scene.Scene`.
     """
@@ -118,7 +118,7 @@ def expected_memory(
 def expected_extent(
     releases: Sequence[Release], surface: Surface, spacing: tuple[float, float, float], per_axis: tuple[int, int, int]
 ) -> Extent:
-    """Particles and blocks of releases, counted from their thickness, before a particle is made."""
+    """Particles and blocks of releases, estimated from their thickness without making particles."""
     number = sum(_particles(release, spacing, per_axis) for release in releases)
     columns = [_columns(release, surface, spacing) for release in releases]
     low, high = (np.concatenate([c[k] for c in columns]) for k in (0, 1))
@@ -136,7 +136,7 @@ def _particles(release: Release, spacing: tuple[float, float, float], per_axis: 
 
 
 def _columns(release: Release, surface: Surface, spacing: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest grid node (n, 3) of the mass in squares of two cells by two."""
+    """Lowest and highest grid node (n, 3) of the mass in squares of two by two cells."""
     terrain = release.terrain
     rows, columns = (np.flatnonzero((release.thickness > 0).any(axis=axis)) for axis in (1, 0))
     width, height = ((np.ptp(n) + 1) * terrain.cell_size[k] for k, n in enumerate((columns, rows)))
@@ -157,7 +157,7 @@ def _columns(release: Release, surface: Surface, spacing: tuple[float, float, fl
 
 
 def _require_countable(name: str, spacing: tuple[float, float, float], needed: float) -> None:
-    """CapacityError if already the counting of the cells below a release does not fit into memory."""
+    """Raise CapacityError if even the count of cells below a release does not fit into memory."""
     free = available_bytes() or float(2**34)
     if not needed <= free:
         raise CapacityError(
@@ -171,7 +171,7 @@ def _middles(first: float, last: float, step: float) -> np.ndarray:
 
 
 def _blocks(low: np.ndarray, high: np.ndarray, shifts: tuple[int, ...], margin: int) -> np.ndarray:
-    """Columns (m, 4) of blocks around nodes: place east and north, lowest and highest block."""
+    """Columns (m, 4) of blocks around nodes: block index east and north, lowest and highest block."""
     plan = np.concatenate([(low[:, :2] + np.array((i, j))) >> 2 for i in shifts for j in shifts])
     heights = np.column_stack([(low[:, 2] - margin) >> 2, (high[:, 2] + margin) >> 2])
     return _hull(plan, np.tile(heights, (len(shifts) ** 2, 1)))

@@ -1,4 +1,4 @@
-"""What is recorded while a scene runs: maps on the raster's cells, the ledger, snapshots."""
+"""Records of a run: maps on the cells of the raster, and the ledger."""
 
 from dataclasses import dataclass, field
 
@@ -33,7 +33,7 @@ class PeakMaps:
         self.arrival_time = np.full(shape, np.nan)
 
     def observe(self, time: float, columns: RasterSums) -> None:
-        """Take in the columns at one time [s]."""
+        """Update the maps with the columns at one time [s]."""
         thickness, speed, pressure = flow_fields(columns, self.raster)
         thick, window = thickness >= self.arrival_threshold, columns.window
         highest, fastest, hardest = (m[window] for m in (self.max_flow_thickness, self.max_speed, self.max_pressure))
@@ -69,24 +69,24 @@ class Ledger:
         self.rows: list[LedgerRow] = []
 
     def record(self, time: float, dt: float, row: LedgerRow) -> None:
-        """Add the row of one time [s], reached with steps of ``dt`` [s]."""
+        """Add the row of one time [s]; ``dt`` [s] is the length of the steps before it."""
         self.time.append(time)
         self.dt.append(dt)
         self.rows.append(row)
 
     def state(self) -> State:
-        """All rows as arrays by name, first axis the times: what :meth:`restore` takes."""
+        """All rows as arrays (times, ...) by name, for :meth:`restore`."""
         rows = {f"row.{name}": np.array([getattr(row, name) for row in self.rows]) for name in vars(self.rows[0])}
         return {"time": np.array(self.time), "dt": np.array(self.dt), **rows}
 
     def restore(self, state: State) -> None:
-        """Take back what :meth:`state` gave."""
+        """Restore the rows from :meth:`state`."""
         self.time, self.dt = state["time"].tolist(), state["dt"].tolist()
         rows = part(state, "row.")
         self.rows = [LedgerRow(**{name: plain(values[i, ...]) for name, values in rows.items()}) for i in range(len(self.time))]
 
     def series(self) -> dict[str, np.ndarray]:
-        """Arrays (times,) by name; ``numerical_dissipation`` is what closes the budget of energy [J]."""
+        """Arrays (times,) by name; ``numerical_dissipation`` [J] closes the energy budget."""
         plain = [name for name in vars(self.rows[0]) if name not in ("momentum", "basal_impulse")]
         series = {name: np.array([getattr(row, name) for row in self.rows]) for name in plain}
         for d, axis in enumerate("xyz"):
@@ -100,7 +100,7 @@ class Ledger:
 
 @dataclass
 class AtRest:
-    """Stop rule: kinetic energy below 1 % of its peak and falling (AvaFrame), and slower than a floor on the whole.
+    """Stop rule: kinetic energy below 1 % of its peak and falling (AvaFrame), and a root mean square speed below a floor.
 
     The floor is a root mean square speed: a deposit that still creeps faster is not at rest, however fast the flow has
     been; a mass that never moves faster than a hundredth of it is at rest from the start.
@@ -112,7 +112,7 @@ class AtRest:
     last: float = 0.0
 
     def reached(self, row: LedgerRow) -> bool:
-        """Whether the flow has come to rest, from one more row of the ledger."""
+        """Whether the flow has come to rest, given the next row of the ledger."""
         energy = row.kinetic_energy
         falling = energy < self.last
         self.peak, self.last = max(self.peak, energy), energy

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Result:
-    """What :func:`runout.simulate` returns.
+    """Result of :func:`runout.simulate`.
 
     Attributes
     ----------
@@ -51,8 +51,8 @@ class Result:
     def maps(self) -> "xr.Dataset":
         """Maps on the cells of the elevation raster, with its coordinate system.
 
-        ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``arrival_time`` [s] (missing where
-        the flow never came) and ``deposit_thickness`` [m]; thickness is vertical. Cells without elevation have no value.
+        ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``arrival_time`` [s] (missing in
+        cells that the flow does not reach) and ``deposit_thickness`` [m]. Thickness is vertical. Cells without elevation are NaN.
         """
         from runout.io.netcdf import map_dataset
 
@@ -63,7 +63,7 @@ class Result:
     def ledger(self) -> "xr.Dataset":
         """Sums over the whole mass against ``time`` [s]: mass, momentum, energies, dissipation, step and work.
 
-        Its attributes tell the resolution (:class:`runout.model.depth_resolution.Resolution`).
+        Its attributes state the resolution (:class:`runout.model.depth_resolution.Resolution`).
         """
         import xarray as xr
 
@@ -103,7 +103,7 @@ class Result:
         return dataset
 
     def to_netcdf(self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None) -> None:
-        """Write maps, ledger and snapshots to one file, whole or not at all."""
+        """Write maps, ledger and snapshots to one file, completely or not at all."""
         from runout.io.netcdf import write
 
         groups = {"ledger": self.ledger}

@@ -1,4 +1,4 @@
-"""The time loop: step size, steps, observers, stop rule. It knows no physics and no array layout."""
+"""The time loop: step size, steps, observers, stop rule. Physics and array layout belong to the backends."""
 
 import logging
 import math
@@ -28,15 +28,15 @@ from runout.observers import AtRest, Ledger, PeakMaps, flow_fields
 from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
-OBSERVATIONS = 200  # at least so many over the whole time
-CROSSING = 0.5  # and one whenever the fastest particle crosses so much of a raster cell, or of half a grid cell if that is longer
-BATCH = 32  # steps at one step size: gravity adds little to the speed meanwhile, and the limit is checked again after
-STEP_RATIO = 1.04  # steps of time change in these ratios, so that records are repacked rarely
+OBSERVATIONS = 200  # least number of observations over the whole time
+CROSSING = 0.5  # largest travel between two observations, in raster cells or, if longer, half grid cells
+BATCH = 32  # steps of one size before the limit is checked again; gravity adds little to the speed meanwhile
+STEP_RATIO = 1.04  # ratio of successive step sizes, so that records are repacked rarely
 
 
 @dataclass(frozen=True)
 class RunControl:
-    """How a run goes on in time, and what of it is skipped because nothing needs it.
+    """Control of a run: its end, its observations, and the work that it may skip.
 
     Attributes
     ----------
@@ -259,7 +259,7 @@ def build_scene(
 
 
 class Run:
-    """One run from time zero, or from its checkpoint, to its end."""
+    """One run, from time zero or a checkpoint to its end."""
 
     def __init__(
         self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None, keep: Checkpoint | None
@@ -272,7 +272,7 @@ class Run:
         self.time = self.dt = self.due = self.seconds = self.observing = 0.0
 
     def start(self, particles: Particles) -> None:
-        """Load the backend with the particles, or with the state of the checkpoint if there is one of this run."""
+        """Load the backend with the particles, or with the state of a checkpoint of this run."""
         state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
@@ -288,7 +288,7 @@ class Run:
         LOGGER.info("goes on from a checkpoint at %.4g s of %.4g s", self.time, self.control.end_time)
 
     def _state(self, seconds: float) -> State:
-        """All that :meth:`start` needs to go on, after ``seconds`` [s] of wall time here."""
+        """State for :meth:`start` to continue from, after ``seconds`` [s] of wall time in this process."""
         assert isinstance(self.engine, ResumableBackend)
         state = {f"backend.{name}": values for name, values in self.engine.checkpoint().items()}
         state |= arrays_of(self, prefix="run.") | arrays_of(self.peaks, prefix="peaks.") | arrays_of(self.rest, prefix="rest.")
@@ -299,13 +299,13 @@ class Run:
         return state
 
     def timing(self, setup: float) -> dict[str, float]:
-        """Seconds by stage; what was done before a checkpoint counts."""
+        """Seconds by stage, including the time before a checkpoint."""
         own = {"observers": self.observing, "checkpoints": self.keep.seconds} if self.keep else {"observers": self.observing}
         return {"setup": setup, **self.engine.counters.seconds, **own, "total": setup + self.seconds}
 
     def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
         """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
-        maps = self.peaks.maps().items()  # of what stands on known ground: a particle covers a cell of the grid, beyond an edge too
+        maps = self.peaks.maps().items()  # only on known ground: the footprint of a particle may extend beyond an edge
         return Result(
             terrain=terrain,
             fields={name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps},
@@ -322,7 +322,7 @@ class Run:
         )
 
     def depth_resolution(self) -> DepthResolution:
-        """What the grid resolves of the flow so far, with the mean length of a step."""
+        """Resolution of the flow so far, with the mean time step."""
         depth, steps = flow_depth(self.peaks.max_flow_thickness), self.engine.counters.steps
         return DepthResolution.of(depth, self.scene, self.time / max(1, steps))
 
@@ -342,25 +342,25 @@ class Run:
             self.arrive(count)
 
     def begin(self) -> None:
-        """Observe the start, unless the run goes on from a checkpoint."""
+        """Observe the start, unless the run continues from a checkpoint."""
         if not self.ledger.time:
             self.due = self._observe()
 
     def plan(self, most: int) -> int:
-        """Set the next time step [s]; the number of such steps up to the next look, at most ``most``."""
+        """Set the next time step [s]; returns the number of such steps until the next observation, at most ``most``."""
         self.dt = min(_on_ladder(self.engine.stable_step()), self._next_stop() - self.time)
         span = min(self.due, self._next_stop()) - self.time
         return max(1, min(most, int(span / self.dt)))
 
     def arrive(self, count: int) -> None:
-        """``count`` steps are done; observe if it is time to."""
+        """Account for ``count`` finished steps; observe if an observation is due."""
         is_due = self.looks_after(count)
         self.time += self.dt * count
         if is_due:
             self.due = self._observe()
 
     def looks_after(self, count: int) -> bool:
-        """Whether it is time to observe once ``count`` steps are done."""
+        """Whether an observation is due after ``count`` steps."""
         return self.time + self.dt * count >= min(self.due, self._next_stop()) - 1e-12 * self.control.end_time
 
     def _next_stop(self) -> float:
@@ -393,5 +393,5 @@ class Run:
 
 
 def _on_ladder(limit: float) -> float:
-    """Largest step of a geometric ladder that does not exceed the limit."""
+    """Largest step of a geometric sequence that does not exceed the limit."""
     return float(STEP_RATIO ** math.floor(math.log(limit) / math.log(STEP_RATIO)))

@@ -1,1 +1,1 @@
-"""What all backends agree on: frozen dataclasses over NumPy, no loops."""
+"""The model that all backends share: frozen dataclasses with NumPy arrays."""

@@ -1,4 +1,4 @@
-"""Arrays and numbers from a caller: real numbers, or one clear error."""
+"""Checks arrays and numbers of callers: real numbers, or one clear error."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from runout.errors import InputError
 
-REAL = "iuf"  # kinds of NumPy's types that are real numbers; a mask is none
+REAL = "iuf"  # kinds of NumPy types that are real numbers; bool is excluded
 LARGEST_TEXT = 80  # characters of a value in a message
 
 
 def real_array(values: Any, what: str, error: type[InputError]) -> np.ndarray:
-    """A new float64 array of real numbers; masked ones become NaN.
+    """A new float64 array of real numbers; masked values become NaN.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def real_array(values: Any, what: str, error: type[InputError]) -> np.ndarray:
     what : str
         For the message, with its source.
     error : type of InputError
-        What is raised where there is no such array.
+        Error that is raised for anything else.
     """
     try:
         array: Any = np.ma.asarray(values)
@@ -34,7 +34,7 @@ def real_array(values: Any, what: str, error: type[InputError]) -> np.ndarray:
 
 
 def real_pair(value: Any, what: str, error: type[InputError]) -> tuple[float, float]:
-    """Two finite numbers, of two or of one that is meant twice; the error says what is needed."""
+    """Two finite numbers from two, or from one that is used twice; raises an error for anything else."""
     numbers = real_array(value, what, error)
     if numbers.shape not in ((), (1,), (2,)) or not np.isfinite(numbers).all():
         raise error(f"{what} is {shown(value)}; one or two finite numbers are needed")
@@ -43,6 +43,6 @@ def real_pair(value: Any, what: str, error: type[InputError]) -> tuple[float, fl
 
 
 def shown(value: Any) -> str:
-    """A value in a message, cut where it is long."""
+    """A value as text for a message, shortened if it is long."""
     text = repr(value)
     return text if len(text) <= LARGEST_TEXT else f"{text[:LARGEST_TEXT]} ..."

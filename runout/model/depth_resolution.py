@@ -1,4 +1,4 @@
-"""What the grid resolves of a flow: cells through its depth, and how soon the viscosity of the transfers stops its shear."""
+"""Resolution of a flow by the grid: cells through its depth, numerical viscosity, and decay time of shear."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -10,14 +10,14 @@ import numpy as np
 from runout.model.scene import Scene
 from runout.physics import numerical_scales as formulas
 
-FEWEST_CELLS = 4  # through the depth: below, numerical viscosity stops shear within about a second
-# the worst of several runs
+FEWEST_CELLS = 4  # cells through the depth; with fewer, numerical viscosity stops shear within about a second
+# reduction over several runs to the least resolved
 WORST = {"cells_through_depth": min, "numerical_viscosity": max, "shear_decay_time": min, "smallest_feature": max}
 
 
 @dataclass(frozen=True)
 class DepthResolution:
-    """What a grid and its time step resolve of a flow of one depth.
+    """Resolution of a flow of one depth by a grid and its time step.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class DepthResolution:
     numerical_viscosity : float
         Kinematic viscosity of the transfers [m2/s] for shear through the depth; zero for aflip that keeps all.
     shear_decay_time : float
-        Time [s] in which it lets that shear fall to 1/e.
+        Time [s] in which numerical viscosity reduces that shear to 1/e.
     smallest_feature : float
         Width [m] of the smallest feature that the maps can show.
     """
@@ -41,7 +41,7 @@ class DepthResolution:
 
     @classmethod
     def of(cls, depth: float, scene: Scene, dt: float) -> "DepthResolution":
-        """Of a flow of ``depth`` [m] in a scene that is stepped by ``dt`` [s]; zero cells and no viscosity without a flow."""
+        """Resolution of a flow of ``depth`` [m] in a scene with time step ``dt`` [s]; all zero for depth 0."""
         h = scene.spacing[2]
         feature = formulas.smallest_feature(max(scene.spacing[:2]), max(scene.raster.cell_size))
         if not (depth > 0 and dt > 0):
@@ -52,28 +52,28 @@ class DepthResolution:
 
     @property
     def is_coarse(self) -> bool:
-        """Whether there is a flow of less than :data:`FEWEST_CELLS` cells."""
+        """Whether the flow has less than :data:`FEWEST_CELLS` cells through its depth; False without a flow."""
         return 0 < self.cells_through_depth < FEWEST_CELLS
 
     def statement(self) -> str:
-        """All of it in a sentence without a beginning and an end."""
+        """Cells, viscosity and decay time as a clause for a sentence."""
         return (
             f"{self.cells_through_depth:.2g} cells through a depth of {self.depth:.3g} m; the transfers act like a viscosity of "
             f"{self.numerical_viscosity:.2g} m2/s, which stops shear through the depth in {self.shear_decay_time:.2g} s"
         )
 
     def attributes(self) -> dict[str, float]:
-        """Numbers for a file, by name; without a flow, or without any viscosity, what there is."""
+        """Attributes for a file; numbers that are undefined without a flow or viscosity are left out."""
         return {name: value for name, value in asdict(self).items() if math.isfinite(value)}
 
 
 def flow_depth(peak_thickness: np.ndarray) -> float:
-    """Depth [m] of a flow from the map of its largest thickness: the mean over its volume; 0 without any."""
+    """Depth [m] of a flow: volume-weighted mean of the map of maximum thickness; 0 without a flow."""
     thickness = np.nan_to_num(np.asarray(peak_thickness, np.float64))
     return float((thickness**2).sum() / thickness.sum()) if thickness.sum() > 0 else 0.0
 
 
 def worst(found: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """The least resolved of several runs, number by number; empty where no run tells."""
+    """For each attribute, the value of the least resolved run; empty if no run has any."""
     told = [attributes for attributes in found if set(WORST) <= set(attributes)]
     return {name: float(pick(float(a[name]) for a in told)) for name, pick in WORST.items()} if told else {}

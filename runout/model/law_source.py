@@ -1,4 +1,4 @@
-"""The source of a law: which functions it is made of, whether all compilers read them alike, and its checksum."""
+"""Source of a law: its functions, the check that all compilers can read them, and its checksum."""
 
 import ast
 import hashlib
@@ -16,7 +16,7 @@ USABLE_MODULES = ("math",)
 
 
 def functions_of_law(update: Callable[..., object]) -> list[FunctionType]:
-    """``update`` and the functions that it calls, those of :mod:`runout.physics` aside; each after what it calls."""
+    """``update`` and the functions that it calls, without those of :mod:`runout.physics`; callees come before their callers."""
     found: list[FunctionType] = []
     _collect(update, found, [])  # type: ignore[arg-type]
     return found
@@ -39,12 +39,12 @@ def _globals_of(function: FunctionType) -> Iterator[tuple[str, object]]:
 
 
 def require_shared_subset(function: FunctionType) -> None:
-    """Nothing, if numba, warp and plain Python read a function alike.
+    """Raise an error unless a function keeps to the subset of Python that numba, warp and Python share.
 
     Raises
     ------
     MaterialError
-        Lists file, line and remedy of each construct that they do not.
+        Lists file, line and remedy of each construct outside the subset.
     """
     modules = [n for n, v in _globals_of(function) if isinstance(v, ModuleType) and v.__name__ not in USABLE_MODULES]
     tree = ast.parse(textwrap.dedent(_source(function))).body[0]
@@ -59,7 +59,7 @@ def require_shared_subset(function: FunctionType) -> None:
 
 
 def fingerprint(material: type, update: Callable[..., object] | None) -> str:
-    """Checksum of the modules that a law stands in; of its functions where a module has no file."""
+    """Checksum of the modules of a law; if a module has no file, of its functions."""
     functions = functions_of_law(update) if update else []
     names = sorted({material.__module__, *(f.__module__ for f in functions)})
     digest = hashlib.sha256(" ".join(names).encode())
@@ -74,7 +74,7 @@ def fingerprint(material: type, update: Callable[..., object] | None) -> str:
 def _file_of(part: type | FunctionType) -> str:
     try:
         return inspect.getsourcefile(part) or ""
-    except (TypeError, OSError):  # of a notebook or of standard input
+    except (TypeError, OSError):  # module of a notebook or of standard input
         return ""
 
 

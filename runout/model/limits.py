@@ -1,4 +1,4 @@
-"""Valid ranges of what a user states, for site.yaml, attributes, rasters and Python; a law states those of its own parameters."""
+"""Valid ranges of inputs in site.yaml, attributes, rasters and Python. Laws declare the ranges of their own parameters."""
 
 import math
 from collections.abc import Callable
@@ -8,9 +8,9 @@ from typing import Any
 
 from runout.errors import ConfigError, InputError
 
-LARGEST_CFL = 0.6  # of the Courant number, whatever the material
-LARGEST_RADIANS = 1.5708  # an angle that is not above a quarter turn in radians was hardly meant in degrees
-SMALLEST_RADIANS = 0.02  # a smaller one is hardly a friction angle in radians, but a fluid in degrees
+LARGEST_CFL = 0.6  # largest Courant number of any material
+LARGEST_RADIANS = 1.5708  # angles up to a quarter turn in radians are taken for radians, not degrees
+SMALLEST_RADIANS = 0.02  # smaller angles are valid degrees (fluids) and implausible radians
 
 
 @dataclass(frozen=True)
@@ -43,15 +43,15 @@ class Range:
         return self.low <= value <= self.high and not (self.open_low and value == self.low)
 
     def bounds(self) -> dict[str, float]:
-        """The range in the words of pydantic."""
+        """The range as keyword arguments of pydantic."""
         return {"gt" if self.open_low else "ge": self.low, "le": self.high}
 
     def words(self) -> str:
-        """The range, for a table."""
+        """The range as text for a table."""
         return f"{'above ' if self.open_low else ''}{self.low:g} to {self.high:g}"
 
     def allowed(self) -> str:
-        """The range in words."""
+        """The range as text for a message."""
         bound = "above" if self.open_low else "at least"
         return f"it must be {bound} {self.low:g} and at most {self.high:g}" + (f" {self.unit}" if self.unit else "")
 
@@ -74,17 +74,17 @@ LIMITS = {
 
 
 def looks_like_radians(angle: float) -> bool:
-    """Whether an angle [deg] was hardly meant in degrees; 0 and the smallest angles are."""
+    """Whether an angle [deg] was probably given in radians; 0 and very small angles are not."""
     return SMALLEST_RADIANS <= angle <= LARGEST_RADIANS
 
 
 def radians_remedy(angle: float) -> str:
-    """What to write for an angle that was stated in radians."""
+    """Remedy for an angle that was given in radians."""
     return f"write {math.degrees(angle):.3g} if it is {angle:g} radians"
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a real number; a yes or no, a text or a date is none."""
+    """Whether a value is a real number; truth values, text and dates are not."""
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
@@ -96,16 +96,16 @@ def checked(name: str, value: Any, *, place: str = "", key: str = "", error: Cal
     name : str
         Of the quantity.
     value : object
-        What was stated.
+        Value to check.
     place, key : str
-        Where it stands and what it is called there, for the message; the name by default.
+        Where the value stands and its name there, for the message; default: ``name``.
     error : callable
-        Makes the error of a message.
+        Function that makes the error from a message.
 
     Raises
     ------
     error
-        If the value is no finite number or lies outside the range: place, key, value, range and remedy.
+        If the value is not a finite number or outside the range; states place, key, value, range and remedy.
     """
     return checked_within(LIMITS[name], f"{place}: {key or name}" if place else key or name, value, error=error)
 

@@ -1,4 +1,4 @@
-"""Material: the elasticity that every law has, and what a law answers about its strength."""
+"""Material: the elasticity that all laws share, and the interface to their strength."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from runout.model.parameters import numpydoc, parameter, parameters_of
 from runout.physics import elastic, geostatic
 
 LARGEST_COMPRESSION = 0.3  # elastic strain of a column under its own weight
-UNYIELDING = 1e6  # slope of a yield cone that nothing reaches [1]
+UNYIELDING = 1e6  # slope of the yield cone of a material that never yields [1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,9 +22,9 @@ class Material:
     """
 
     law: ClassVar[str] = ""  # name in site.yaml
-    history: ClassVar[str] = ""  # what the history variable of a particle is, with unit; it starts at 0
+    history: ClassVar[str] = ""  # meaning and unit of the history variable of a particle; it starts at 0
     depends_on_rate: ClassVar[bool] = False  # whether the record holds the length of the step [s], ``time_step``
-    largest_cfl: ClassVar[float] = LARGEST_CFL  # Courant number that its steps keep to
+    largest_cfl: ClassVar[float] = LARGEST_CFL  # largest Courant number of its time steps
     density: float = parameter(
         "bulk density", unit="kg m-3", low=100, high=5000, default=2000.0, sampled=True, hint="2 g/cm3 is 2000"
     )
@@ -59,13 +59,13 @@ class Material:
         return elastic.wave_speed(self.lame_lambda, self.shear_modulus, self.density)
 
     def require_carries(self, thickness: float, gravity: float) -> None:
-        """Nothing, if the material can carry ``thickness`` [m] of itself under ``gravity`` [m/s2].
+        """Raise an error unless the material can carry a layer of ``thickness`` [m] under ``gravity`` [m/s2].
 
         Raises
         ------
         MaterialError
-            If it would be compressed by more than three tenths: such a mass collapses into its lowest cells, and waves in it are
-            slower than its fall. Names the strain and the modulus that is needed.
+            If its weight would compress it by more than 30 %. Such a mass collapses into its lowest cells, and its pressure waves
+            are slower than its fall. Names the strain and the modulus that is needed.
         """
         strain = self.density * gravity * thickness / (self.lame_lambda + 2 * self.shear_modulus)
         if strain > LARGEST_COMPRESSION:
@@ -77,19 +77,19 @@ class Material:
 
     @property
     def yield_cone(self) -> tuple[float, float]:
-        """Slope M [1] and intercept q_c [Pa] of q <= M p + q_c for slow shear; :data:`UNYIELDING` for what never yields."""
+        """Slope M [1] and intercept q_c [Pa] of q <= M p + q_c in slow shear; :data:`UNYIELDING` if it never yields."""
         return UNYIELDING, 0.0
 
     @property
     def internal_friction(self) -> float:
-        """Shear over normal stress at which it yields in slow simple shear, cohesion aside [1]; infinite for what never does."""
+        """Ratio of shear to normal stress at yield in slow simple shear, without cohesion [1]; infinite if it never yields."""
         slope, _ = self.yield_cone
         return math.inf if slope >= UNYIELDING else geostatic.shear_strength(slope, 0.0)
 
     def shear_strength(self, pressure: float) -> float:
         """Largest shear stress over normal stress [1] that steady shear passes on under a normal stress of ``pressure`` [Pa].
 
-        Cohesion counts; infinite for what never yields.
+        Includes cohesion; infinite if the material never yields.
         """
         slope, intercept = self.yield_cone
         return math.inf if slope >= UNYIELDING else geostatic.shear_strength(slope, intercept / pressure)
@@ -98,8 +98,8 @@ class Material:
     def rest_ratio(self) -> float:
         """Horizontal over vertical stress at rest [1].
 
-        That of Jaky with the angle of internal friction; without internal friction that of elastic material which was not
-        strained sideways.
+        The ratio of Jaky for the angle of internal friction; without internal friction, that of elastic material without
+        lateral strain.
         """
         friction = self.internal_friction
         if 0.0 < friction < math.inf:

@@ -1,4 +1,4 @@
-"""Parameters of a law: each one is declared once, in the class that has it, and everything else derives from that.
+"""Declared parameters: each is declared once, in the class of its law, and everything else derives from the declaration.
 
 A law is a frozen dataclass whose fields are made by :func:`parameter`, :func:`choice` and :func:`switch`. site.yaml, ensembles,
 checks, documentation and tests read the declarations with :func:`parameters_of`.
@@ -24,15 +24,15 @@ class Parameter:
     name : str
         In Python.
     description : str
-        One line: the comment in site.yaml, and the text of the tables.
+        One line, for the comment in site.yaml and for tables.
     valid : Range or None
         Range and unit of a number; None for a choice or a switch.
     choices : type of StrEnum or None
-        The words of a choice.
+        Values of a choice; None for a number or a switch.
     default : object
-        Value where none is given; ``dataclasses.MISSING`` for a parameter that must be given.
+        Default value; ``dataclasses.MISSING`` for a required parameter.
     typical : object
-        Value of examples and tests: the default where there is one.
+        Value for examples and tests; the default if there is one.
     sampled : bool
         Whether an ensemble may sample it.
     """
@@ -47,25 +47,25 @@ class Parameter:
 
     @property
     def key(self) -> str:
-        """Name at the edge (site.yaml, tables of members): angles end in ``_deg``."""
+        """Name in site.yaml and in tables of members; keys of angles end in ``_deg``."""
         return f"{self.name}_deg" if self.is_angle else self.name
 
     @property
     def is_angle(self) -> bool:
-        """Whether it is given in degrees."""
+        """Whether the parameter is an angle in degrees."""
         return self.valid is not None and self.valid.degrees
 
     def si(self, value: Any) -> float:
-        """The value as a number, in SI units and radians; a choice has none."""
+        """The value as a number in SI units and radians; choices have no such value."""
         return math.radians(value) if self.is_angle else float(value)
 
     def checked(self, value: Any) -> Any:
-        """The value in its type.
+        """The value converted to its type.
 
         Raises
         ------
         MaterialError
-            If it is not valid: name, value, range or choices.
+            If it is not valid; states name, value, and range or choices.
         """
         if self.valid:
             checked_within(self.valid, self.name, value, error=MaterialError)
@@ -93,7 +93,7 @@ def parameter(
     sampled: bool = False,
     hint: str = "",
 ) -> Any:
-    """Field of a number.
+    """Field of a dataclass for a number.
 
     Parameters
     ----------
@@ -104,34 +104,34 @@ def parameter(
     unit : str
         SI, or ``deg``; empty for a pure number.
     default : float, optional
-        Without one the parameter must be given.
+        Default value; a parameter without one is required.
     typical : float, optional
-        Value of examples and tests; needed without a default.
+        Value for examples and tests; required if there is no default.
     open_low : bool
         ``low`` itself is not valid.
     degrees : bool
-        An angle in degrees at the edge: its key in site.yaml ends in ``_deg``, what looks like radians is refused.
+        The number is an angle in degrees; its key in site.yaml ends in ``_deg``, and values that look like radians are refused.
     sampled : bool
         Ensembles may sample it.
     hint : str
-        Remedy for a value out of range.
+        Remedy for values outside the range.
     """
     valid = Range(low, high, unit, hint, open_low, degrees)
     return _field(Parameter("", description, valid, None, default, default if typical is None else typical, sampled))
 
 
 def choice(description: str, words: type[StrEnum], default: StrEnum) -> Any:
-    """Field of one of some words."""
+    """Field of a dataclass for one value of an enumeration."""
     return _field(Parameter("", description, None, words, default, default, sampled=False))
 
 
 def switch(description: str, default: bool) -> Any:
-    """Field of a yes or no."""
+    """Field of a dataclass for a truth value."""
     return _field(Parameter("", description, None, None, default, default, sampled=False))
 
 
 def parameters_of(law: type) -> tuple[Parameter, ...]:
-    """The declared parameters of a law, in the order of their declaration, those of its bases first."""
+    """Declared parameters of a class in the order of declaration, those of its bases first."""
     return tuple(
         dataclasses.replace(field.metadata["parameter"], name=field.name)
         for field in dataclasses.fields(law)
@@ -140,7 +140,7 @@ def parameters_of(law: type) -> tuple[Parameter, ...]:
 
 
 def numpydoc(law: type) -> str:
-    """Docstring of a law with the section of its parameters."""
+    """Docstring of a class with a section on its declared parameters."""
     text = (law.__doc__ or "").rstrip()
     lines = [line for p in parameters_of(law) for line in _documented(p)]
     return "\n".join([text, "", "    Parameters", "    ----------", *lines, "    "])

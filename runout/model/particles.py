@@ -1,4 +1,4 @@
-"""Particles as the backends exchange them: arrays in float64, one table of their types."""
+"""Particles in the form that backends exchange: float64 arrays, with one table of types."""
 
 from dataclasses import dataclass, fields
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from runout.errors import CapacityError
 
-INDEX_CELLS = 4 * 2**20 - 16  # that blocks of 4 cells with coordinates of 21 bits, sign included, count from an origin
+INDEX_CELLS = 4 * 2**20 - 16  # cells from the origin that signed block coordinates of 21 bits cover, with blocks of 4 cells
 AXES = ("east-west", "north-south", "height")
 ARRAYS = {  # name: (dtype, trailing shape)
     "node": (np.int32, (3,)),
@@ -31,7 +31,7 @@ class Particles:
     Attributes
     ----------
     node : (n, 3) int32
-        First of the three grid nodes an axis that the particle sees.
+        First of the three nodes per axis in the support of the particle.
     offset : (n, 3) float64
         Offset from that node [cells], 0.5 <= offset < 1.5. Position = (node + offset) * spacing.
     velocity : (n, 3) [m/s]
@@ -47,11 +47,11 @@ class Particles:
     radius : (n,)
         Distance from the ground, along its normal, at which the particle touches [m]: half the spacing of particle heights.
     ground_force : (n, 3)
-        Force of the ground in the last step [N], zero for a particle that did not touch it: contact starts from it.
+        Force of the ground in the last step [N], zero without contact; initial value of the contact solution.
     release : (n,) int32
         Index of the release it belongs to.
     identity : (n,) int64
-        Number that stays with the particle.
+        Permanent number of the particle.
     """
 
     node: np.ndarray
@@ -69,14 +69,14 @@ class Particles:
 
     @classmethod
     def zeros(cls, n: int) -> "Particles":
-        """``n`` particles with every array zero, numbered."""
+        """``n`` numbered particles; all other arrays are zero."""
         arrays = {name: np.zeros((n, *shape), dtype) for name, (dtype, shape) in ARRAYS.items()}
         arrays["identity"] = np.arange(n, dtype=np.int64)
         return cls(**arrays)
 
     @classmethod
     def at(cls, position: np.ndarray, spacing: np.ndarray) -> "Particles":
-        """Particles at local positions (n, 3) [m] on a grid of ``spacing`` (3,) [m]; all else zero."""
+        """Particles at local positions (n, 3) [m] on a grid of ``spacing`` (3,) [m]; other arrays are zero."""
         q = np.asarray(position, np.float64) / np.asarray(spacing, np.float64)
         particles = cls.zeros(len(q))
         first = np.floor(q - 0.5)
@@ -92,7 +92,7 @@ class Particles:
         return (self.node + self.offset) * np.asarray(spacing, np.float64)
 
     def require_index_range(self, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
-        """Nothing, if blocks counted from the node ``origin`` (3,), by default the lowest one, reach all particles.
+        """Raise an error unless block indices from the node ``origin`` (3,), by default the lowest node, cover all particles.
 
         Raises
         ------
@@ -111,12 +111,12 @@ class Particles:
             )
 
     def take(self, index: np.ndarray) -> "Particles":
-        """The particles of an index or mask."""
+        """Particles selected by an index or mask."""
         return Particles(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     @staticmethod
     def concatenate(parts: "list[Particles]") -> "Particles":
-        """All particles of several sets, numbered anew."""
+        """All particles of several sets, renumbered."""
         arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ARRAYS}
         arrays["identity"] = np.arange(len(arrays["mass"]), dtype=np.int64)
         return Particles(**arrays)

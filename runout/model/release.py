@@ -1,4 +1,4 @@
-"""Release: the mass that starts to move, as thickness over the terrain's cells."""
+"""Release: the mass that starts to move, as thickness on the cells of the terrain."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -22,19 +22,19 @@ class Placement(StrEnum):
 
     @classmethod
     def of(cls, value: "Placement | str") -> "Placement":
-        """The placement of that name; ReleaseError lists the names."""
+        """Placement with this name; ReleaseError if there is none."""
         return member_of(cls, value, "placement", ReleaseError)
 
 
 class Edge(StrEnum):
-    """How a mass of which outline and volume are known ends at its outline."""
+    """Thickness of a polygon release at its outline."""
 
-    TAPERED = "tapered"  # it thins out; where it is excavated, above a surface that leads out of the scar
-    VERTICAL = "vertical"  # it has the stated thickness up to its outline
+    TAPERED = "tapered"  # it thins out; if excavated, its sliding surface leads out of the scar
+    VERTICAL = "vertical"  # the stated thickness up to the outline
 
     @classmethod
     def of(cls, value: "Edge | str | None", placement: Placement) -> "Edge":
-        """The edge of that name, or where none is stated that of the placement; ReleaseError lists the names."""
+        """Edge with this name, by default that of the placement; ReleaseError if there is none."""
         if value is None:
             return cls.TAPERED if placement is Placement.EXCAVATED else cls.VERTICAL
         return member_of(cls, value, "edge", ReleaseError)
@@ -68,7 +68,7 @@ class Release:
     body : TaperedMass or None
         Data of a tapered mass, used by :meth:`scaled`.
     deepest : ndarray (rows, columns) or None
-        Largest depth of an excavated mass below the surface [m]; what is thicker stands above it. None: no limit.
+        Largest depth of an excavated mass below the surface [m]; additional thickness stands above the surface. None: no limit.
     """
 
     thickness: np.ndarray
@@ -105,7 +105,7 @@ class Release:
         object.__setattr__(self, "placement", Placement.of(self.placement))
 
     def _require_in_limits(self, thickness: np.ndarray) -> None:
-        """ReleaseError if the thickness [m] or its volume is beyond the limits of either; names the first cell."""
+        """Raise ReleaseError if thickness [m] or volume are outside their limits; names the first cell."""
         most, whole = LIMITS["thickness"], LIMITS["volume"]
         beyond = np.argwhere(thickness > most.high)
         if len(beyond):
@@ -133,8 +133,8 @@ class Release:
     ) -> "Release":
         """Release of the polygons of a GeoPackage, Shapefile or GeoJSON.
 
-        ``thickness`` [m] is a number or the name of an attribute; ``volume`` [m3] fixes it instead, or is checked
-        against it (1 %). ``choices`` are ``edge`` ("tapered" or "vertical"), ``layer``, ``name``, ``material``,
+        ``thickness`` [m] is a number or the name of an attribute; ``volume`` [m3] sets the thickness instead, or is
+        checked against it (1 %). ``choices`` are ``edge`` ("tapered" or "vertical"), ``layer``, ``name``, ``material``,
         ``basal_friction_angle_deg``.
         """
         from runout.release.read import read_vector
@@ -171,10 +171,10 @@ class Release:
         return release_from_array(thickness, terrain, placement=placement, **choices)
 
     def scaled(self, factor: float) -> "Release":
-        """The same outline with ``factor`` times the volume.
+        """Release with the same outline and ``factor`` times the volume.
 
-        The scar never gets deeper than that of the volume as stated: a larger mass is thicker in proportion, and what it has
-        more stands above the ground. A smaller one is thinner, with a tapered edge above a steeper sliding surface.
+        The scar is never deeper than that of the stated volume: a larger mass is thicker in proportion, and its additional
+        thickness stands above the ground. A smaller one is thinner; with a tapered edge, its sliding surface is steeper.
         """
         deepest = self.thickness if self.deepest is None else self.deepest
         if self.body is None:
@@ -184,14 +184,14 @@ class Release:
 
     @property
     def excavation(self) -> np.ndarray:
-        """How deep the mass lies below the surface (rows, columns) [m]; 0 where it lies on the surface."""
+        """Depth of the mass below the surface (rows, columns) [m]; 0 for a mass on the surface."""
         if self.placement is Placement.ON_SURFACE:
             return np.zeros(self.terrain.shape)
         return self.thickness if self.deepest is None else np.minimum(self.thickness, self.deepest)
 
     @property
     def heap(self) -> np.ndarray:
-        """How high the mass stands above the surface (rows, columns) [m]."""
+        """Height of the mass above the surface (rows, columns) [m]."""
         return self.thickness - self.excavation
 
     @property
@@ -201,7 +201,7 @@ class Release:
 
     @property
     def area(self) -> float:
-        """Plan area [m2]: of the outline where there is one, else of the cells with thickness."""
+        """Plan area [m2] of the outline, or without an outline of the cells with thickness."""
         if self.outline is not None:
             return float(self.outline.area)
         return float((self.thickness > 0).sum() * self.terrain.cell_area)

@@ -1,8 +1,7 @@
-"""Releases: reading polygons and thickness rasters, checking their volume, sampling particles.
+"""Releases: reads polygons and thickness rasters, checks their volume, samples particles.
 
-``read`` makes a :class:`runout.model.release.Release`; ``polygons`` and ``crs`` check vector files, ``ground`` checks a
-release against its terrain, ``volume`` against what was stated; ``taper`` shapes a mass that thins out to its
-rim, ``outlets`` finds what is trapped in a scar; ``coverage`` holds the exact areas and the conservative
-regridding; ``arrangement`` says how many particles a cell has by default, ``sample`` fills the release with them, at the heights of
-``stagger``. Only ``read``, ``polygons`` and ``crs`` need GDAL.
+``read`` makes a :class:`runout.model.release.Release` from polygons (:mod:`runout.io.polygons`), a raster (``raster``) or an array.
+``ground`` checks it against its terrain, ``volume`` against the stated volume. ``taper`` shapes a mass that thins out to its
+outline, and ``outlets`` finds mass that is trapped in a scar. ``arrangement`` sets the default number of particles per cell,
+``sample`` fills the release with particles at the heights of ``stagger``, and ``known`` moves them onto ground with elevations.
 """

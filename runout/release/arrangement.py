@@ -1,7 +1,7 @@
-"""Particles of a cell where nobody states them: four above each other, or one where a thick mass stays thick.
+"""Default particles per cell: (2, 2, 4), or (3, 3, 1) for thick masses on level ground.
 
-A flow on a slope thins, and what is thinner than a cell needs several particles above each other. A mass that friction holds on
-level ground keeps much of its thickness, and more particles in plan pay there (docs/decisions/11-particle-arrangement.md).
+A flow on a slope becomes thin, and layers thinner than a cell need several particles above each other. A mass that friction holds
+on level ground stays thick, and more particles in plan are more accurate there (docs/decisions/11-particle-arrangement.md).
 """
 
 import math
@@ -16,27 +16,27 @@ from runout.model.release import Release
 from runout.terrain.fill import filled
 from runout.terrain.prepare import reachable, steepness
 
-LEVEL = (3, 3, 1)  # particles of a cell of a thick mass on level ground
-THICK = 4.5  # cells through a thick mass; in a thinner one (2, 2, 4) is as accurate or more
-HELD = 2.0  # times the slope of the ground above which friction holds a mass
+LEVEL = (3, 3, 1)  # particles per cell for a thick mass on level ground
+THICK = 4.5  # least cells through a thick mass; for thinner ones (2, 2, 4) is at least as accurate
+HELD = 2.0  # ratio of friction to slope above which friction holds a mass
 
 
 def default_particles(
     releases: Sequence[Release], material: Material, angle: float, height: float, zones: FrictionZones | None = None
 ) -> tuple[int, int, int]:
-    """Particles (px, py, pz) of a cell for a run that states none.
+    """Default particles per cell (px, py, pz) of a run.
 
     Parameters
     ----------
     releases : sequence of Release
     material : Material
-        Of the releases that bring none of their own.
+        Material of the releases without one of their own.
     angle : float
-        Basal friction angle of the releases that bring none of their own [rad].
+        Basal friction angle [rad] of the releases without one of their own.
     height : float
-        Of a cell [m].
+        Height of a cell [m].
     zones : FrictionZones, optional
-        Where the ground changes the friction.
+        Zones with another basal friction.
     """
     cells = min((r.volume / r.area for r in releases), default=0.0) / height
     if cells < THICK:
@@ -48,12 +48,12 @@ def default_particles(
 
 
 def particles_for(cells: float, slope: float, friction: float) -> tuple[int, int, int]:
-    """Particles (px, py, pz) of a cell.
+    """Particles per cell (px, py, pz).
 
     Parameters
     ----------
     cells : float
-        Through the mean thickness of the mass [1].
+        Cells through the mean thickness of the mass [1].
     slope : float
         Tangent of the steepest ground that the mass can reach [1].
     friction : float
@@ -63,9 +63,9 @@ def particles_for(cells: float, slope: float, friction: float) -> tuple[int, int
 
 
 def _steepest(releases: Sequence[Release], friction: float) -> float:
-    """Tangent [1] of the steepest ground that releases can reach against ``friction`` [1], the hollow that they leave included.
+    """Tangent [1] of the steepest ground within reach of the releases against ``friction`` [1], including their scars.
 
-    Once the ground below them is too steep for friction to hold them, no other is looked at.
+    If friction cannot hold them on the ground below, no further ground is examined.
     """
     terrain = releases[0].terrain
     thickness = np.sum([r.thickness for r in releases], axis=0)

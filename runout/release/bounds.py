@@ -1,4 +1,4 @@
-"""Where a release lies, before there is a terrain."""
+"""Bounds of a release, before the terrain is read."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +15,19 @@ from runout.io.window import LARGEST_WHOLE, Bounds, bounds_of
 
 @dataclass(frozen=True)
 class Place:
-    """West, south, east and north edge, and the system of these coordinates; None where the file states none."""
+    """West, south, east and north edge, and their coordinate system; None if the file states none."""
 
     edges: Bounds
     crs: Any
 
 
 def polygon_bounds(path: Path, layer: str | None, elevations: Any) -> Place:
-    """Bounds of the polygons of a layer; GeoJSON that cannot be in degrees is in the system of the ``elevations``.
+    """Bounds of the polygons of a layer. GeoJSON outside the range of degrees is taken to be in the system of the ``elevations``.
 
     Raises
     ------
     ReleaseError
-        If the file cannot be read or holds no place.
+        If the file cannot be read or has no bounds.
     """
     frame, driver = read_frame(path, layer, "release")
     edges = np.asarray(frame.total_bounds, float)

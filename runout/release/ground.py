@@ -1,4 +1,4 @@
-"""A release against the ground it lies on: inside the terrain, and on known elevations."""
+"""Checks that a release lies inside the terrain and on known elevations."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ SHOWN = 3  # cells named in a message
 
 
 def require_inside(outline: Any, terrain: Terrain, source: str) -> None:
-    """ReleaseError unless a polygon in map coordinates lies wholly inside the terrain; says how far and where it leaves it."""
+    """Raise ReleaseError unless a polygon in map coordinates lies inside the terrain; states where and how far it leaves it."""
     import shapely
 
     west, south, east, north = terrain.extent
@@ -36,7 +36,7 @@ def _extent(west: float, south: float, east: float, north: float) -> str:
 
 
 def require_elevation(thickness: np.ndarray, terrain: Terrain, source: str) -> None:
-    """ReleaseError if a cell with thickness (rows, columns) has no elevation; names the first of them."""
+    """Raise ReleaseError if cells with thickness (rows, columns) have no elevation; names the first ones."""
     unknown = (thickness > 0) & np.isnan(terrain.elevation)
     if not unknown.any():
         return

@@ -1,17 +1,17 @@
-"""Particles of a release beside ground without elevation: each begins on a cell that has one."""
+"""Moves particles of a release that start over ground without elevation to the nearest cell with elevation."""
 
 import numpy as np
 
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
-WITHIN = 1e-3  # of a cell of the raster: so far inside its edge
+WITHIN = 1e-3  # distance from the edge of a raster cell, as a share of its size
 
 
 def onto_known_ground(particles: Particles, scene: Scene) -> Particles:
-    """The particles, those whose column of the grid reaches beyond the domain moved to the nearest cell of it.
+    """The particles; those whose grid column extends beyond the domain are moved to the nearest cell of the domain.
 
-    Columns of particles do not end where cells of the raster do. Height above the ground is kept.
+    Grid columns and raster cells have different edges. Heights above the ground are kept.
     """
     spacing = np.array(scene.spacing)
     place = particles.position(spacing)
@@ -28,7 +28,7 @@ def onto_known_ground(particles: Particles, scene: Scene) -> Particles:
 
 
 def _nearest(scene: Scene, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Places (n, 2) [m] in the known cells of the raster that are nearest to the cells of some places."""
+    """Positions (n, 2) [m] in the known raster cells nearest to the cells of given positions."""
     from scipy import ndimage
 
     raster = scene.raster

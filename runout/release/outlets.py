@@ -1,4 +1,4 @@
-"""Where a mass leaves its scar: lines that rise inwards from the rim, and the part of the mass that lies below them."""
+"""Outlets of a scar: lines that rise inwards from its rim, and the part of the mass below them."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from runout.model.release import Release
 from runout.terrain.fill import filled
 
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows, columns
-FLATTEST = 1e-9  # slope that stands for a level line: a path of no length counts as none
-LARGEST = 250_000  # cells; a larger window is looked at in blocks of cells
+FLATTEST = 1e-9  # slope that replaces 0, since edges of zero weight are absent from a sparse graph
+LARGEST = 250_000  # cells; larger windows are averaged over blocks
 
 
 def rising_from_rim(
@@ -54,7 +54,7 @@ def rising_from_rim(
 def trapped_share(release: Release, angle: float) -> float:
     """Share [1] of a release that lies below the lines which rise from the rim of its scar at ``angle`` [rad].
 
-    With the basal friction angle: mass that cannot slide out by itself, whatever way it takes. With 0: what lies below the lowest
+    With the basal friction angle: mass that cannot slide out by itself on any path. With 0: mass below the lowest
     outlet.
     """
     thickness, excavation = release.thickness, release.excavation
@@ -88,7 +88,7 @@ def _edges(shape: tuple[int, ...], cell_size: tuple[float, float]) -> tuple[np.n
 
 
 def _blocks(values: np.ndarray, count: int) -> np.ndarray:
-    """Means over blocks of ``count`` by ``count`` cells; what is left over at the end is repeated from the last cell."""
+    """Means over blocks of ``count`` by ``count`` cells; incomplete blocks are filled with the last cells."""
     if count == 1:
         return values
     padded = np.pad(values, [(0, -size % count) for size in values.shape], mode="edge")

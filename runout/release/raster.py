@@ -1,4 +1,4 @@
-"""Thickness rasters as arrays with local edges."""
+"""Reads thickness rasters as arrays with local edges."""
 
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,12 @@ from runout.io.window import LARGEST_WHOLE, Bounds, Part, bounds_of, part_of
 from runout.model.limits import LIMITS
 from runout.model.terrain import Terrain
 
-MARGIN = 8  # cells around the terrain of a huge raster that are read, so that a release which reaches beyond it is noticed
-EDGE_POINTS = 33  # along each side of the terrain: straight edges are curves in another system
+MARGIN = 8  # cells of a huge raster that are read around the terrain, to detect a release that extends beyond it
+EDGE_POINTS = 33  # points along each side of the terrain: straight edges become curves in another system
 
 
 def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[str, ...]]:
-    """Values (nx, ny) from the south-west, 0 where nodata; local edges ``(x, y)`` [m]; what was assumed.
+    """Values (nx, ny) from the south-west, 0 for nodata; local edges ``(x, y)`` [m]; sentences on assumptions.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.n
 
 
 def _needed(path: Path, raster: Any, found: ToTerrain, terrain: Terrain) -> tuple[Part, tuple[str, ...]]:
-    """The part of a raster that is read, and a sentence if it is not all: of a huge one the terrain and some cells around it."""
+    """Part of a raster that is read, and a sentence unless it is all: of huge rasters only the cells on and near the terrain."""
     transform, shape = tuple(raster.transform)[:6], raster.shape
     extent, said = None, ""
     if shape[0] * shape[1] > LARGEST_WHOLE:
@@ -90,7 +90,7 @@ def _values(path: Path, raster: Any, part: Part) -> np.ndarray:
 
 
 def _require_in_limits(path: Path, raster: Any, values: np.ndarray, part: Part) -> None:
-    """ReleaseError if a cell is no possible thickness, of either sign; names the first, which often marks missing values."""
+    """Raise ReleaseError if the absolute value of a cell exceeds the largest thickness; often it marks missing values."""
     valid = LIMITS["thickness"]
     beyond = np.argwhere(np.abs(values) > valid.high)
     if not len(beyond):

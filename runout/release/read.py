@@ -1,4 +1,4 @@
-"""Releases of vector files, thickness rasters and arrays."""
+"""Reads releases from vector files, thickness rasters and arrays."""
 
 import logging
 import math
@@ -25,10 +25,10 @@ LOST_VOLUME = 1e-6  # share of a raster's volume that may fall outside the terra
 
 
 class Sign(StrEnum):
-    """How a raster states the thickness of what fails."""
+    """Sign of thickness in a raster."""
 
     POSITIVE = "positive"
-    NEGATIVE = "negative"  # as a loss of elevation
+    NEGATIVE = "negative"  # thickness is a loss of elevation
 
 
 def read_vector(
@@ -46,13 +46,13 @@ def read_vector(
 ) -> Release:
     """Release of the polygons of a vector file, united.
 
-    Cells cut by the outline carry the share that it covers. Overlapping polygons count once.
+    Cells that the outline cuts have the covered share of the thickness. Overlapping polygons count once.
 
     Parameters
     ----------
     path : path
-        GeoPackage, Shapefile, GeoJSON or what else GDAL reads, in any known coordinate system. GeoJSON that states
-        none is in longitude and latitude by RFC 7946 and is reprojected.
+        GeoPackage, Shapefile, GeoJSON or FlatGeobuf, in any known coordinate system. GeoJSON without a stated
+        system is in longitude and latitude (RFC 7946) and is reprojected.
     thickness : float or str or None
         Mean vertical thickness [m], or the name of the attribute that holds it. None: taken from the volume.
     volume : float or None
@@ -101,9 +101,9 @@ def read_raster(
     material: Material | None = None,
     basal_friction_angle_deg: float | None = None,
 ) -> Release:
-    """Release of a raster of vertical thickness [m]; nodata means that nothing is released there.
+    """Release of a raster of vertical thickness [m]; nodata cells are not released.
 
-    A raster on another grid than the terrain's is resampled by area, so that its volume stays.
+    A raster on another grid than the terrain is resampled by area; its volume is kept.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def read_raster(
     volume : float or None
         Stated volume [m3], checked against the raster's.
     sign : Sign
-        ``"negative"`` for a raster that states what fails as a loss of elevation.
+        ``"negative"`` for a raster that states thickness as a loss of elevation.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def release_from_array(
 def _release(
     cells: np.ndarray, terrain: Terrain, *, source: str, placement: Placement | str, changes: tuple[str, ...], **rest: Any
 ) -> Release:
-    """The release after the last checks; logs what was changed on the way."""
+    """The release after the final checks; logs its changes."""
     release = Release(cells, terrain, source=source, placement=Placement.of(placement), changes=changes, **rest)
     require_elevation(release.thickness, terrain, source)
     for change in changes:
@@ -180,7 +180,7 @@ def _release(
 
 
 def _polygon_thickness(layer: PolygonLayer, thickness: float | str | None, volume: float | None) -> np.ndarray | None:
-    """Thickness (n,) [m] of the polygons; None where the volume decides."""
+    """Thickness (n,) [m] of the polygons; None if it derives from the volume."""
     source = str(layer.source)
     if thickness is None:
         if volume is None:
@@ -202,7 +202,7 @@ def _shaped(
     placement: Placement,
     source: str,
 ) -> tuple[Edge, Any, tuple[str, ...]]:
-    """Edge of a release, the body of a tapered one, and a sentence where it has too many parts for that.
+    """Edge of a release, the body of a tapered one, and a sentence if it has too many parts to be tapered.
 
     ``cells`` (rows, columns) hold the mean thickness [m] with a vertical edge, whose volume is kept.
     """
@@ -250,7 +250,7 @@ def _united(parts: np.ndarray, what: str, terrain: Terrain) -> Any:
 
 
 def _on_cells(parts: np.ndarray, depths: np.ndarray, terrain: Terrain) -> np.ndarray:
-    """Mean thickness (rows, columns) [m] of polygons that do not overlap; one pass for each different thickness."""
+    """Mean thickness (rows, columns) [m] of polygons without overlaps; one pass per distinct thickness."""
     import shapely
 
     edges = _terrain_edges(terrain)
@@ -266,7 +266,7 @@ def _on_cells(parts: np.ndarray, depths: np.ndarray, terrain: Terrain) -> np.nda
 
 
 def _positive(values: np.ndarray, source: str, sign: Sign | str) -> np.ndarray:
-    """Thickness [m], positive whichever way the raster states it."""
+    """Positive thickness [m] of a raster with either sign."""
     values = values * (-1.0 if member_of(Sign, sign, f"{source}: sign", ReleaseError) is Sign.NEGATIVE else 1.0) + 0.0
     if not values.any():
         raise ReleaseError(f"{source}: the release is empty; the raster is 0 or nodata everywhere")
@@ -293,7 +293,7 @@ def _terrain_edges(terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _same_cells(edges: tuple[np.ndarray, np.ndarray], others: tuple[np.ndarray, np.ndarray]) -> bool:
-    """Whether two lattices are one, up to the digits of a header."""
+    """Whether two lattices are equal within the digits of a file header."""
     return all(len(a) == len(b) and np.abs(a - b).max() < SAME_EDGE * (b[1] - b[0]) for a, b in zip(edges, others, strict=True))
 
 

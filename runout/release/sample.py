@@ -17,14 +17,14 @@ from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.release import stagger
 
-CELLS_ACROSS = 4  # a release should be this many grid cells wide; what messages propose
-THINNEST = 1e-6  # columns thinner than this share of a particle layer get no particle; the others carry their volume
+CELLS_ACROSS = 4  # width of a release in grid cells that messages propose
+THINNEST = 1e-6  # columns thinner than this share of a particle layer get no particle; their volume goes to the others
 CLOSE = 1e-9  # share of the volume that regridding may miss by round-off
 
 
 @dataclass(frozen=True)
 class RasterSums:
-    """Columns of particles of one release: indices of the plan lattice and mean thickness [m]."""
+    """Particle columns of one release: indices of the plan lattice and mean thickness [m]."""
 
     index: np.ndarray  # (n, 2), east and north
     size: tuple[float, float]  # [m]
@@ -36,7 +36,7 @@ class RasterSums:
 def column_thickness(release: Release, edges_x: np.ndarray, edges_y: np.ndarray) -> np.ndarray:
     """Mean vertical thickness (nx, ny) [m] over the columns of a local lattice.
 
-    The volume of each terrain cell lies on the part of it inside the outline, or on all of it where there is no outline.
+    The volume of each terrain cell lies on its part inside the outline, or without an outline on the whole cell.
     ``sum(thickness * column area)`` is the release's volume to round-off.
 
     Parameters
@@ -48,7 +48,7 @@ def column_thickness(release: Release, edges_x: np.ndarray, edges_y: np.ndarray)
     Raises
     ------
     ReleaseError
-        If a part of the release lies beside the lattice.
+        If part of the release lies outside the lattice.
     """
     thickness, edges = _occupied(release)
     to_edges = (_padded(np.asarray(edges_x, np.float64), edges[0]), _padded(np.asarray(edges_y, np.float64), edges[1]))
@@ -77,7 +77,7 @@ def _occupied(release: Release) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarra
 
 
 def _padded(edges: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Edges with one more cell on either side, wide enough to hold those of ``around``."""
+    """Edges with one more cell on either side that cover those of ``around``."""
     width = edges[-1] - edges[0]
     return np.concatenate(([min(edges[0], around[0]) - width], edges, [max(edges[-1], around[-1]) + width]))
 
@@ -101,8 +101,8 @@ def sample_particles(
     """Particles at rest that fill the releases from the surface upwards.
 
     The plan is divided into columns of ``dx / px`` by ``dy / py``. A column of mean thickness T holds
-    ``n = max(1, round(T / (dz / pz)))`` particles of equal volume, one in each n-th of it above the surface. How high they lie in
-    that differs from column to column (:mod:`runout.release.stagger`), so that a thin mass has more levels than rows.
+    ``n = max(1, round(T / (dz / pz)))`` particles of equal volume, one in each n-th of it above the surface. Their
+    heights are staggered from column to column (:mod:`runout.release.stagger`), so that a thin mass has more levels than layers.
     The volume and mass of each release are exact to round-off.
 
     Parameters
@@ -110,7 +110,7 @@ def sample_particles(
     releases, materials : list
         One material per release.
     surface : Surface or NodalSurface
-        What the mass lies on, in local coordinates.
+        Surface below the mass, in local coordinates.
     spacing : tuple of float
         Grid spacing (dx, dy, dz) [m].
     particles_per_cell : int or tuple of int
@@ -120,7 +120,7 @@ def sample_particles(
     jitter : float
         Largest horizontal displacement, as a share of the particle spacing, 0 to 0.5.
     press : callable, optional
-        Gives the particles of a release their stress, from their depths (n,) [m] below its surface and its number.
+        Sets the stress of the particles of a release, from their depths (n,) [m] below its surface and its number.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def sample_particles(
 
 
 def particles_per_axis(particles_per_cell: int | tuple[int, int, int]) -> tuple[int, int, int]:
-    """Numbers (px, py, pz) of a full cell: as even as possible, then alike in plan (8 gives 2, 2, 2; 4 gives 2, 2, 1)."""
+    """Particles (px, py, pz) of a full cell: as equal as possible, then equal in plan (8 gives 2, 2, 2; 4 gives 2, 2, 1)."""
     if not isinstance(particles_per_cell, int | np.integer):
         given = tuple(particles_per_cell)
         if len(given) != 3 or not all(isinstance(n, int | np.integer) and n >= 1 for n in given):
@@ -167,7 +167,7 @@ def particles_per_axis(particles_per_cell: int | tuple[int, int, int]) -> tuple[
 
 
 def require_apart(releases: list[Release]) -> None:
-    """ReleaseError if releases lie on different rasters or two of them overlap in plan."""
+    """Raise ReleaseError if releases lie on different rasters or overlap in plan."""
     for a, b in itertools.combinations(releases, 2):
         if (a.terrain.shape, a.terrain.extent) != (b.terrain.shape, b.terrain.extent):
             raise ReleaseError(f"releases {a.name!r} and {b.name!r} are on different terrains; read both with the same one")
@@ -180,7 +180,7 @@ def require_apart(releases: list[Release]) -> None:
 
 
 def _common_area(a: Release, b: Release) -> float:
-    """Plan area [m2] that belongs to both; a release without outline owns all of its cells."""
+    """Plan area [m2] that two releases share; a release without an outline covers all of its cells."""
     if a.outline is not None and b.outline is not None:
         return float(a.outline.intersection(b.outline).area)
     both = (a.thickness > 0) & (b.thickness > 0)
@@ -195,7 +195,7 @@ def _common_area(a: Release, b: Release) -> float:
 
 
 def _require_resolved(release: Release, spacing: tuple[float, float, float]) -> None:
-    """ReleaseError if a release is smaller than one grid cell in plan."""
+    """Raise ReleaseError if a release is smaller than one grid cell in plan."""
     if release.area >= spacing[0] * spacing[1]:
         return
     usable = float(np.sqrt(release.area)) / CELLS_ACROSS
@@ -208,7 +208,7 @@ def _require_resolved(release: Release, spacing: tuple[float, float, float]) -> 
 
 
 def _columns(release: Release, size: tuple[float, float], layer: float) -> RasterSums:
-    """Columns of the plan lattice that hold at least a trace of the release."""
+    """Columns of the plan lattice that hold enough of the release for particles."""
     _, edges = _occupied(release)
     first = [int(np.floor(e[0] / h + ROUND_OFF)) for e, h in zip(edges, size, strict=True)]
     last = [int(np.ceil(e[-1] / h - ROUND_OFF)) for e, h in zip(edges, size, strict=True)]
@@ -254,7 +254,7 @@ def _fill(
 def _plan_positions(
     release: Release, columns: RasterSums, column: np.ndarray, jitter: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Jittered local positions (n, 2) [m]; those of columns that the outline cuts stay inside it."""
+    """Jittered local positions (n, 2) [m]; positions in columns that the outline cuts stay inside it."""
     plan = columns.centre[column]
     moved = plan + rng.uniform(-jitter, jitter, plan.shape) * np.array(columns.size)
     at_rim = np.flatnonzero(columns.cut[column])
@@ -266,7 +266,7 @@ def _plan_positions(
     shapely.prepare(outline)
     outside = at_rim[~shapely.contains_xy(outline, moved[at_rim])]
     moved[outside] = plan[outside]  # the centroid of the covered part
-    beyond = outside[~shapely.contains_xy(outline, plan[outside])]  # unless that lies in a notch or hole
+    beyond = outside[~shapely.contains_xy(outline, plan[outside])]  # fallback if the centroid lies in a notch or hole
     if len(beyond):
         nearest = shapely.shortest_line(outline, shapely.points(plan[beyond]))
         moved[beyond] = shapely.get_coordinates(nearest)[::2]

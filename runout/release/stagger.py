@@ -1,18 +1,18 @@
-"""Heights of particles above each other, staggered from column to column: ordered dither."""
+"""Heights of particles, staggered from column to column by ordered dither."""
 
 import numpy as np
 
-ORDER = np.array([[0, 2], [3, 1]])  # neighbours lie as far apart as can be
+ORDER = np.array([[0, 2], [3, 1]])  # levels of neighbours differ as much as possible
 LEVELS = ORDER.size
-CLOSE = 1e-9  # share of a layer by which round-off may miss
+CLOSE = 1e-9  # round-off as a share of a layer
 
 
 def shares(index: np.ndarray) -> np.ndarray:
-    """Where in its layer a column's particles lie, from 0 at the bottom to 1 [1].
+    """Position of the particles of a column within their layer, from 0 at the bottom to 1 [1].
 
-    Four levels, each once in every two by two columns: these together have four times as many particles above each other as one
-    of them has. The lowest lies half a level above the bottom. The order is that of Bayer (1973, An optimum method for two-level
-    rendition of continuous-tone pictures).
+    There are four levels, each once in every two by two columns. Together these have four times as many heights of particles as
+    one column. The lowest level lies half a level above the bottom. The order is that of Bayer (1973, An optimum method for
+    two-level rendition of continuous-tone pictures).
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def shares(index: np.ndarray) -> np.ndarray:
 
 
 def layered(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which column (n,), height above its bottom [m] and own height [m] of particles that fill columns.
+    """Column (n,), height above its bottom (n,) [m] and layer height (n,) [m] of particles that fill columns.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ def layered(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.
     thickness : ndarray (m,)
         Of the columns [m]; each is divided into equal layers, one at least.
     layer : float
-        About what a layer measures [m]; half of one more makes another layer.
+        Nominal height of a layer [m]; the number of layers is rounded to the nearest.
     """
-    rows = np.maximum(1, np.floor(thickness / layer + 0.5 + CLOSE)).astype(np.int64)  # round-off never tips a half
+    rows = np.maximum(1, np.floor(thickness / layer + 0.5 + CLOSE)).astype(np.int64)  # a half is rounded up in spite of round-off
     column = np.repeat(np.arange(len(rows)), rows)
     row = np.arange(len(column)) - np.repeat(np.cumsum(rows) - rows, rows)
     height = (thickness / rows)[column]
@@ -42,5 +42,5 @@ def layered(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.
 
 
 def half_size(height: np.ndarray) -> np.ndarray:
-    """Half the distance [m] of two levels, of layers of a ``height`` (n,) [m]: the lowest particles touch the ground with it."""
+    """Half the distance [m] of levels for layers of ``height`` (n,) [m]; with this radius the lowest particles touch the ground."""
     return 0.5 * height / LEVELS

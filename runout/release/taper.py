@@ -1,8 +1,8 @@
-"""Releases that thin out to their rim: the sliding surface of a mass of which only outline and volume are known.
+"""Tapered releases: thickness and sliding surface of a mass from its outline and volume.
 
-Each part of the outline gets a bowl-shaped thickness, whose curvature is constant where the stated thickness is, as in the sloping
-local base level (Jaboyedoff et al. 2020, Eng. Geol. 267:105478). Where the mass is excavated, the bowl is cut at a surface
-that falls to the rim as steeply as the volume allows: the mass lies on a plane that leads out of its scar, not in a pit.
+Each part of the outline has a bowl-shaped thickness, with constant curvature for a constant stated thickness, as in the sloping
+local base level (Jaboyedoff et al. 2020, Eng. Geol. 267:105478). An excavated mass is cut at a surface that falls to
+the rim as steeply as the volume allows: the mass lies on a plane that leads out of its scar, not in a pit.
 """
 
 from collections.abc import Iterator
@@ -21,16 +21,16 @@ FINEST, COARSEST = 96, 10  # nodes across a part
 MOST_PARTS = 5000
 NODES = 400_000  # of all parts together
 SHEET = 30_000  # nodes of the lattices that are solved together
-DEEPEST = 2.0  # times the bowl of the volume: how much deeper the mass may lie above the plane
+DEEPEST = 2.0  # largest depth of the bowl above the plane, relative to the bowl of the volume
 SLOPES, FEW_SLOPES = 13, 5  # planes, from level to as steep as the ground; few where many parts have coarse lattices
-THINNEST = 1e-3  # of the mean thickness, everywhere inside the outline
+THINNEST = 1e-3  # least thickness inside the outline, as a share of the mean
 LEAST_CORE = 0.1  # share of a part that lies farther than one node from its outline
-HALVINGS = 50  # of the interval of planes: to round-off
+HALVINGS = 50  # share of the interval of planes, at round-off
 
 
 @dataclass(frozen=True)
 class Part:
-    """One connected part of a tapered release, on a square lattice of its own.
+    """One connected part of a tapered release on its own square lattice.
 
     Attributes
     ----------
@@ -43,9 +43,9 @@ class Part:
     bowl : ndarray (n,)
         Thickness [m] at the nodes.
     planes : ndarray (m, n) or None
-        Thickness [m] above surfaces that fall to the rim, level first; None where the mass lies on the ground.
+        Thickness [m] above surfaces that fall to the rim, level first; None for a mass on the ground.
     cells : scipy sparse array (rows * columns, n)
-        What a node adds to the volume of each cell of the window [m2].
+        Contribution of each node to the volume of each cell of the window, per thickness [m2].
     """
 
     window: tuple[slice, slice]
@@ -63,7 +63,7 @@ class Part:
         return found * (wanted / found.sum())
 
     def _thickness(self, factor: float) -> np.ndarray:
-        """Thickness (n,) [m] at the nodes: the deeper bowl, cut at the plane that leaves the volume."""
+        """Thickness (n,) [m] at the nodes: the deeper bowl, cut at the plane for which the volume is right."""
         bowl = factor * self.bowl
         if self.planes is None:
             return bowl
@@ -71,7 +71,7 @@ class Part:
         wanted, deep = float(bowl @ size), DEEPEST * bowl
         level = np.minimum(deep, self.planes[0])
         held = float(level @ size)
-        if held <= wanted:  # not even a level floor leaves room for it: the rest is dug below the outlet
+        if held <= wanted:  # the volume does not fit above a level floor: the rest is excavated below the outlet
             return level + (deep - level) * (wanted - held) / (DEEPEST * wanted - held)
         low, high = 0.0, len(self.planes) - 1.0
         for _ in range(HALVINGS):
@@ -85,16 +85,16 @@ class Part:
 
 @dataclass(frozen=True)
 class TaperedMass:
-    """A mass that thins out to its rim, and may be made larger or smaller within its outline.
+    """A mass that thins out to its rim and can be scaled within its outline.
 
-    A smaller one lies above a sliding surface of its own; a larger one has the shape of the stated one, thicker in proportion.
+    A smaller mass has its own sliding surface; a larger one has the shape of the stated one, thicker in proportion.
 
     Attributes
     ----------
     parts : tuple of Part
     terrain : Terrain
     factor : float
-        Times the volume of the parts.
+        Volume relative to that of the parts.
     """
 
     parts: tuple[Part, ...]
@@ -102,7 +102,7 @@ class TaperedMass:
     factor: float = 1.0
 
     def scaled(self, factor: float) -> "TaperedMass":
-        """The same outline with ``factor`` times the volume."""
+        """Mass with the same outline and ``factor`` times the volume."""
         return replace(self, factor=self.factor * factor)
 
     def thickness(self) -> np.ndarray:
@@ -114,9 +114,9 @@ class TaperedMass:
 
 
 def tapered(polygons: np.ndarray, depths: np.ndarray, outline: Any, terrain: Terrain, *, excavated: bool) -> TaperedMass:
-    """A mass inside an outline that thins out to it.
+    """Mass that thins out to its outline.
 
-    What is too narrow for a lattice of :data:`FINEST` nodes keeps a vertical edge.
+    Parts too narrow for a lattice of :data:`FINEST` nodes keep a vertical edge.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def tapered(polygons: np.ndarray, depths: np.ndarray, outline: Any, terrain: Ter
 
 @dataclass(frozen=True)
 class _Outlined:
-    """One connected part before it has a shape: its cells as in :class:`Part`, and what is 0 where it keeps a vertical edge."""
+    """One connected part before it is shaped: cells as in :class:`Part`; lattice and stated thickness if it is tapered."""
 
     window: tuple[slice, slice]
     covered: np.ndarray
@@ -176,7 +176,7 @@ def _with_vertical_edge(one: _Outlined) -> Part:
 
 
 def _groups(outlined: list[_Outlined]) -> Iterator[list[_Outlined]]:
-    """Parts whose lattices fit together into :data:`SHEET` nodes: a group takes hardly longer than one part of so many nodes."""
+    """Groups of parts whose lattices fit into one sheet of :data:`SHEET` nodes, which is solved about as fast as one such part."""
     group: list[_Outlined] = []
     for one in outlined:
         rows, columns = zip(*(other.depth.shape for other in (*group, one)), strict=True)
@@ -189,7 +189,7 @@ def _groups(outlined: list[_Outlined]) -> Iterator[list[_Outlined]]:
 
 
 def _shaped(group: list[_Outlined], terrain: Terrain, ground: np.ndarray | None, count: int) -> Iterator[Part]:
-    """The parts of a group; their lattices lie one below the other in a sheet, apart by the nodes around each."""
+    """Parts of a group. Their lattices are stacked in one sheet and separated by the nodes around each."""
     lattices = [one.lattice for one in group if one.lattice is not None]
     inside = _stacked([lattice.inside for lattice in lattices])
     ends = np.cumsum([int(lattice.inside.sum()) for lattice in lattices])[:-1]
@@ -204,14 +204,14 @@ def _shaped(group: list[_Outlined], terrain: Terrain, ground: np.ndarray | None,
 
 
 def _stacked(arrays: list[np.ndarray]) -> np.ndarray:
-    """Arrays (rows, columns) one below the other, their last column repeated up to the width of the widest."""
+    """Arrays (rows, columns) stacked by rows; last columns are repeated up to the width of the widest."""
     widest = max(array.shape[1] for array in arrays)
     return np.concatenate([np.pad(array, ((0, 0), (0, widest - array.shape[1])), mode="edge") for array in arrays])
 
 
 @dataclass(frozen=True)
 class _Lattice:
-    """Square lattice over a polygon, with a node more on each side; rows from the north."""
+    """Square lattice over a polygon with one more node on each side; rows from the north."""
 
     x: np.ndarray  # (nx,) easting [m]
     y: np.ndarray  # (ny,) northing [m]
@@ -220,7 +220,7 @@ class _Lattice:
 
     @classmethod
     def over(cls, piece: Any, terrain: Terrain, finest: int) -> "_Lattice":
-        """Lattice with two nodes in a cell of the terrain, and between ten and ``finest`` across."""
+        """Lattice with two nodes per cell of the terrain, but at least ten and at most ``finest`` nodes across the polygon."""
         import shapely
 
         west, south, east, north = piece.bounds
@@ -232,7 +232,7 @@ class _Lattice:
         return cls(x, y, size, shapely.contains_xy(piece, *np.meshgrid(x, y)))
 
     def resolves(self, piece: Any) -> bool:
-        """Whether enough of a polygon lies farther than one node from its outline."""
+        """Whether a large enough share of a polygon lies more than one node from its outline."""
         core = piece.simplify(0.5 * self.size).buffer(-self.size)
         return bool(self.inside.any() and core.area > LEAST_CORE * piece.area)
 
@@ -276,8 +276,8 @@ def _bowl(inside: np.ndarray, source: np.ndarray) -> np.ndarray:
 
 
 def _planes(ground: list[np.ndarray], lattices: list[_Lattice], inside: np.ndarray, count: int) -> np.ndarray:
-    """Thickness (m, n) [m] above ``count`` surfaces that fall to the rim of each lattice, as steep as 0 to all of its ground."""
-    rises = []  # of the steepest ground of each lattice from node to node [m]
+    """Thickness (m, n) [m] above ``count`` surfaces that fall to the rim of each lattice, from level to as steep as its ground."""
+    rises = []  # largest drop of the ground between nodes of each lattice [m]
     for z, lattice in zip(ground, lattices, strict=True):
         south, east = np.gradient(z, lattice.size)
         rises.append(max(float(np.hypot(south, east)[lattice.inside].max()), 1e-3) * lattice.size)
@@ -287,7 +287,7 @@ def _planes(ground: list[np.ndarray], lattices: list[_Lattice], inside: np.ndarr
 
 
 def _at(values: np.ndarray, terrain: Terrain, easting: np.ndarray, northing: np.ndarray) -> np.ndarray:
-    """Values (rows, columns) of cells at map coordinates, bilinear; beyond the terrain those of its rim."""
+    """Bilinear values of cells (rows, columns) at map coordinates; beyond the terrain, those of its rim."""
     from scipy import ndimage
 
     dx, dy = terrain.cell_size

@@ -1,16 +1,16 @@
-"""Thickness and volume of a release against what is stated."""
+"""Compares thickness and volume of a release with the stated volume."""
 
 import numpy as np
 
 from runout.errors import ReleaseError
 from runout.model.limits import checked
 
-TOLERANCE = 0.01  # a computed volume may differ from the stated one by this share
-PRINTED = 1e-6  # a smaller difference is the rounding of a printed volume and not reported
+TOLERANCE = 0.01  # largest relative difference of computed and stated volume
+PRINTED = 1e-6  # smaller differences are rounding of a printed volume and not reported
 
 
 def matched(thickness: np.ndarray, cell_area: float, volume: float | None, source: str) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Thickness whose volume is the stated one, and a sentence if it had to be scaled for that.
+    """Thickness scaled to the stated volume, and a sentence if the scaling is noticeable.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How far the maps of a site would still move on finer grids: three grids, shifted against the terrain, and what follows."""
+"""Numerical error of the maps of a site, from three grids that are also shifted against the terrain."""
 
 import logging
 import math
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("runout.convergence")
 FILE = "convergence.json"
-RATIO = math.sqrt(2.0)  # between cells of neighbouring grids; a member costs a quarter on the next coarser one
+RATIO = math.sqrt(2.0)  # ratio of cell sizes of neighbouring grids; the next coarser one has a quarter of the cost
 TITLES = {
     "f99": ("front of 99 % of the mass", "m"),
     "centre_of_mass_runout": ("run-out of the centre of mass", "m"),
     "peak_speed": ("peak speed (99th percentile of the cells)", "m/s"),
 }
-SHIFTS = 5  # of the grid against the terrain, on every grid but the finest
+SHIFTS = 5  # shifts of the grid against the terrain, for all grids but the finest
 
 
 @dataclass(frozen=True)
 class Run:
-    """What one run gave: quantities by name, and maps (rows, columns) on the DEM's cells."""
+    """Result of one run: quantities by name, and maps (rows, columns) on the cells of the DEM."""
 
     quantities: dict[str, float]
     thickness: np.ndarray
@@ -57,11 +57,11 @@ def study(
     ----------
     site : Site
     shifts : int
-        Runs on each coarser grid, at least 2.
+        Number of runs on each coarser grid, at least 2.
     ratio : float
-        Between the cells of neighbouring grids, more than 1.
+        Ratio of cell sizes of neighbouring grids, more than 1.
     simulate : callable, optional
-        Takes the place of :func:`runout.simulate`.
+        Replaces :func:`runout.simulate`.
     progress : callable, optional
         Called with the finished fraction of the work, 0 to 1.
 
@@ -157,7 +157,7 @@ def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[f
 def _summary(
     runs: Mapping[int, Sequence[Run]], spacing: np.ndarray, ratio: float, site: "Site", cell: tuple[float, float]
 ) -> dict[str, Any]:
-    """What :func:`study` returns."""
+    """Return value of :func:`study`."""
     names = runs[0][0].quantities
     values = {name: [[run.quantities[name] for run in runs[level]] for level in (2, 1, 0)] for name in names}
     block = max(1, math.ceil(ratio**2 * float(spacing[:2].max()) / min(cell) - 1e-9))
@@ -195,7 +195,7 @@ def _titled(name: str) -> dict[str, str]:
 
 
 def command(site_path: Path, out: Path | None, device: str | None = None, shifts: int | None = None) -> int:
-    """What ``runout verify SITE --convergence`` does: run, print, and write convergence.json and .md to the results."""
+    """Command ``runout verify SITE --convergence``: runs the study, prints it, and writes convergence.json and .md."""
     from runout.errors import ExitCode
     from runout.io.atomic import write_json, write_text
     from runout.studies.convergence_page import as_lines, as_markdown

@@ -1,4 +1,4 @@
-"""The study of convergence of a site, as lines and as a page."""
+"""Convergence study of a site as terminal lines and as a page."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -22,7 +22,7 @@ def _verdict(found: Mapping[str, Any]) -> str:
 
 
 def as_lines(content: Mapping[str, Any]) -> Iterator[str]:
-    """What an analyst reads on the terminal: the error bar of each quantity."""
+    """Lines for the terminal: the error bar of each quantity."""
     finest = content["levels"][-1]
     yield f"{content['site']}: numerical error of the median scenario with cells of {finest['cell_size'][0]:g} m"
     for found in content["quantities"].values():

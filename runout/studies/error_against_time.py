@@ -1,4 +1,4 @@
-"""Error against time: problems with a known answer on finer and finer grids, with one choice of the run changed at a time.
+"""Error against time: problems with a known answer on successively finer grids; one setting is changed at a time.
 
 Each run is repeated in turns with the others and its shortest processor time on one thread counts; particle-steps tell the
 work without the noise of a machine.
@@ -29,13 +29,13 @@ from runout.studies.work_precision import machine, versions
 LOGGER = logging.getLogger("runout.work_precision")
 SCHEMA = 1
 FILE = "work_precision.json"
-PRESETS_COARSER = 4.0  # cells of the presets in the small study over theirs
-COARSE = 2  # grids of a slow variation; one in the small study
+PRESETS_COARSER = 4.0  # cell size of presets in the small study, relative to the presets
+COARSE = 2  # number of grids of a slow variation; one in the small study
 
 
 @dataclass
 class Point:
-    """One variation of one problem on one grid, as often as it was run."""
+    """All runs of one variation of one problem on one grid."""
 
     problem: Problem
     variation: Variation
@@ -44,7 +44,7 @@ class Point:
     repeats: int
 
     def run(self) -> None:
-        """Once more, if it still counts."""
+        """Run once more, unless the run is too long to be repeated."""
         if len(self.outcomes) < self.repeats and not (self.outcomes and self.outcomes[0].seconds > REPEATED_BELOW):
             self.outcomes.append(self.problem.measure(self.grid, self.variation))
 
@@ -62,12 +62,12 @@ def measured(
     progress: Callable[[float], None] = lambda done: None,
     grids: int | None = None,
 ) -> dict[str, Any]:
-    """Every problem with each of its variations on its grids, and what follows.
+    """Measurements of every problem with each of its variations on its grids, with orders and rankings.
 
     Parameters
     ----------
     names : sequence of str
-        Out of :data:`PROBLEMS` in any capitals; all when empty.
+        Names from :data:`PROBLEMS`, upper or lower case; all if empty.
     full : bool
         More grids.
     repeats : int
@@ -105,7 +105,7 @@ def measured(
 
 
 def command(out: Path | None, full: bool = False) -> None:
-    """What ``runout bench --error`` does: measure, print the table, and write page, tables, figure and JSON to ``out``."""
+    """Command ``runout bench --error``: measures, prints the table, and writes page, tables, figure and JSON to ``out``."""
     with log.progress("bench") as bar:
         content = measured(full=full, repeats=2 if full else 1, progress=bar)
     log.output().print(rows(content), markup=False)
@@ -126,7 +126,7 @@ def _named(name: str) -> Problem:
 
 
 def _sized(problem: Problem, full: bool) -> Problem:
-    """The problem with the reference that belongs to its size."""
+    """The problem with the reference for its size."""
     small_terrain = problem.site and not full
     return replace(problem, measure=on_terrain(FINEST_SMALL, problem.site)) if small_terrain else problem
 
@@ -190,7 +190,7 @@ def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
-    """Work and time of every variation over those of the defaults at the errors that they reach; geometric means."""
+    """Work and time of every variation relative to the defaults at equal error; geometric means."""
     base, found = curves[BASE.name], {}
     for name, curve in curves.items():
         ratios: dict[str, list[float]] = {}

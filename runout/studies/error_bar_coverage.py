@@ -1,7 +1,7 @@
-"""How often the error bar of a study of convergence holds the value of a grid twice as fine.
+"""Coverage of error bars: how often the bar of a convergence study contains the value of a grid twice as fine.
 
-A ladder of grids nests: a case takes three neighbouring rungs for its bar and the rung two below its finest as the truth, so
-that a run serves several cases. Run as ``python -m runout.studies.error_bar_coverage DIR``; :data:`PLANS` says what it takes.
+Grids form a sequence. A case uses three neighbouring grids for its bar and the second grid after them as the truth, so that a
+run serves several cases. Run as ``python -m runout.studies.error_bar_coverage DIR``; :data:`PLANS` lists sites and grids.
 """
 
 import json
@@ -20,23 +20,23 @@ from runout.studies.convergence import RATIO, SHIFTS, run_once
 from runout.studies.grid_index import GridIndex
 
 FILE = "error_bars.json"
-FINER = 2  # rungs from the finest grid of a case to its truth: cells half as large
+FINER = 2  # grids from the finest of a case to its truth, whose cells are half as large
 FRICTIONS = (11.0, 13.0, 15.0, 17.0, 19.0)  # [deg]
-CASES = 3  # of neighbouring grids in a ladder
+CASES = 3  # ratio of cell sizes of neighbouring grids
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A ladder of grids at one site.
+    """A sequence of grids at one site.
 
     Attributes
     ----------
     site : str
         Folder below ``sites``.
     coarsest : float
-        Largest cells [m]; each rung is finer by the ratio of the study.
+        Largest cell size [m]; each further grid is finer by the ratio of the study.
     end_time : float
-        Of every run [s].
+        End time of every run [s].
     """
 
     site: str

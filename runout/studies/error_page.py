@@ -70,7 +70,7 @@ order between 0.5 and 3 is seen. Other sites have other errors; `runout verify S
 {table}
 
 """
-SLIGHTEST = 0.1  # order below which none is seen
+SLIGHTEST = 0.1  # orders below this are not stated
 RUNS = (
     *("problem", "choice", "cell [m]", "particles", "steps", "blocks", "wall [s]", "processor [s]", "setup [s]", "memory [MB]"),
     *("quantity of interest", "error", "DoE = -log10(error x processor time)", "on the front by particle-steps"),
@@ -113,7 +113,7 @@ def rows(content: Mapping[str, Any]) -> str:
 
 
 def _ratio(found: Mapping[str, Any] | None) -> str:
-    """Cost in time over that of the defaults; nothing where the choice was not run."""
+    """Time relative to the defaults; empty if the choice was not run."""
     return "" if found is None else f"{found['seconds']:.2g}" if "seconds" in found else "-"
 
 

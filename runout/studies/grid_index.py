@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 SAFETY = 1.25  # for three grids
-LOWEST_ORDER, HIGHEST_ORDER = 0.5, 2.0  # of what is trusted: outside, the three grids are not on the way to a limit
+LOWEST_ORDER, HIGHEST_ORDER = 0.5, 2.0  # range of trusted orders; outside, the three grids do not converge
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a run saves by skipping what its scene does not need, and what that changes: each switch on and off, in turn."""
+"""Time saved by each kind of skipped work, and its effect on the results: runs with each switch on and off, in turn."""
 
 import math
 import os
@@ -31,17 +31,17 @@ SITE = Path(__file__).parents[2] / "sites" / "jacksboro"
 FILE = "skip.json"
 MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
 REPEATS, CHECKPOINTED = 2, 400_000
-FLOWING = (15.0, 60.0, False)  # basal friction angle [deg], end time [s], stop rule: a flow that is fast all the time
-RESTING = (25.0, 180.0, True)  # and one that comes to rest before the end
+FLOWING = (15.0, 60.0, False)  # basal friction angle [deg], end time [s], stop rule: a flow that stays fast
+RESTING = (25.0, 180.0, True)  # a flow that comes to rest before the end
 Made = tuple[Scene, Particles, RunControl]
 
 
 @dataclass(frozen=True)
 class Switch:
-    """Something that is skipped, in one of the scenes of the study.
+    """One kind of skipped work, in one scene of the study.
 
-    ``off`` is the course of a run that does not skip it, ``on`` what the scene of one that does is given; ``exact`` says that
-    no bit may change.
+    ``off`` holds the settings of a run without it, ``on`` the additional settings of the scene with it. ``exact`` states that no
+    bit may change.
     """
 
     name: str
@@ -150,7 +150,7 @@ def measure(scenes: Mapping[str, Made], repeats: int = REPEATS, threads: int | N
 
 
 def checkpoint_cost(particles: int = CHECKPOINTED) -> dict[str, Any]:
-    """What a checkpoint of the benchmark's layer takes: bytes a particle, and its time over that of a step, here on one thread."""
+    """Cost of a checkpoint of the benchmark layer: bytes per particle, and time relative to a step on one thread."""
     scene, p = Layer(particles).build()
     engine = get_backend("scan", threads=1)
     engine.load(scene, p)

@@ -1,4 +1,4 @@
-"""Stability stress test: push every choice of a run to its end and see that nothing breaks, as a table and a page."""
+"""Stability stress test: runs extreme values of every setting and checks invariants; writes a table and a page."""
 
 import logging
 import time
@@ -61,7 +61,7 @@ def stress(out: Path | None = None, full: bool = False, backend: str = "scan", d
 
 
 def command(out: Path | None, full: bool, backend: str, device: str = "cpu") -> ExitCode:
-    """What ``runout stress`` does; fails if a trial has failed."""
+    """Command ``runout stress``; the exit code is 1 if a trial fails."""
     return ExitCode.FAILURE if any(t.verdict == "failed" for t in stress(out, full, backend, device)) else ExitCode.OK
 
 
@@ -73,7 +73,7 @@ def as_json(trials: Sequence[Trial], seconds: float) -> dict[str, Any]:
 
 
 def as_line(trial: Trial) -> str:
-    """What the terminal says of a trial."""
+    """Line for the terminal on a trial."""
     why = f": {trial.reason}" if trial.reason else ""
     return f"{trial.verdict}: {trial.name} ({changes(_changed(trial))}), {trial.particles} particles, {trial.steps} steps{why}"
 

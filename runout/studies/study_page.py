@@ -14,7 +14,7 @@ TABLES = "tables"  # folder of the CSV files, beside the page
 
 @dataclass(frozen=True)
 class StudyPage:
-    """What a study shows.
+    """Content of the page of a study.
 
     Attributes
     ----------

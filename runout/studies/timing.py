@@ -1,4 +1,4 @@
-"""Times cases of the benchmark side by side: repetitions take turns, so that a busy moment of the machine hits all of them."""
+"""Times cases of the benchmark. Repetitions of the cases alternate, so that other load on the machine affects all cases alike."""
 
 import math
 import time
@@ -14,10 +14,10 @@ from runout.observers import Ledger, PeakMaps
 from runout.simulation import CROSSING
 from runout.studies.sloping_layer import Layer
 
-STEP_SHARE = 0.475 / CFL  # of the stable step at the start: the Courant number of all records, with room for a flow that speeds up
+STEP_SHARE = 0.475 / CFL  # share of the stable step at the start, for a flow that accelerates; all records use it
 UNTIMED_STEPS = 3
-WORK_OF_A_RUN = 400_000  # particle-steps between two looks at the clock
-NODE_BYTES = 64  # that a node may take, by the aim of the design
+WORK_OF_A_RUN = 400_000  # particle-steps between two readings of the clock
+NODE_BYTES = 64  # target for bytes per node
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Run:
 
 @dataclass
 class TimedRun:
-    """A case under way: steps of one length, and an observation as often as a simulation makes one."""
+    """A running case: steps of one length, with observations as often as in a simulation."""
 
     case: Case
     engine: Any = field(init=False)
@@ -72,7 +72,7 @@ class TimedRun:
         self.observe()
 
     def advance(self, steps: int) -> None:
-        """Some steps, in one go where the backend can; the stable step, asked for as in a simulation, waits for a GPU."""
+        """Make some steps, in one call if the backend can. The stable step is queried as in a simulation, which waits for a GPU."""
         if hasattr(self.engine, "steps"):
             self.engine.steps(self.dt, steps)
             self.engine.stable_step()
@@ -102,7 +102,7 @@ class TimedRun:
         self.now += self.steps * self.dt
 
     def measured(self) -> dict[str, Any]:
-        """What the repetitions gave, ready for JSON; see docs/benchmarks for the keys."""
+        """Measurements of the repetitions, ready for JSON; docs/benchmarks explains the keys."""
         plain = [r for r in self.runs if not r.rebuilt] or self.runs
         middle = float(np.median([r.step for r in plain]))
         rebuilding = sum(r.steps * max(r.step - middle, 0.0) for r in self.runs if r.rebuilt) / sum(r.steps for r in self.runs)
@@ -127,18 +127,18 @@ class TimedRun:
 
 
 def clock_of(case: Case) -> Callable[[], float]:
-    """Processor time where one thread works, so that other work on the machine hardly counts; wall time elsewhere."""
+    """Clock: processor time for one thread, so that other load on the machine hardly counts; else wall time."""
     return time.process_time if case.threads == 1 and case.device == "cpu" else time.perf_counter
 
 
 def _runs(steps: int, n: int) -> list[int]:
-    """Lengths of short runs that make up ``steps``: the shorter, the likelier that nothing disturbs one of them."""
+    """Lengths of short runs that add up to ``steps``; short runs are less likely to be disturbed."""
     length = min(max(WORK_OF_A_RUN // n, 1), steps)
     return [min(length, steps - done) for done in range(0, steps, length)]
 
 
 def take_turns(timed_runs: Sequence[Any], repetitions: int, tick: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
-    """What ``measured`` of each course says after ``repetitions`` rounds, each in the reverse order of the one before."""
+    """Measurements of each case after ``repetitions`` rounds; each round reverses the order of the previous one."""
     for round_number in range(repetitions):
         for timed in timed_runs[:: 1 if round_number % 2 == 0 else -1]:
             timed.repeat()

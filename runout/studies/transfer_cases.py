@@ -1,4 +1,4 @@
-"""Small scenes that tell transfers apart; each takes the choices of a scene, such as ``{"transfer": "apic"}``."""
+"""Small scenes in which transfers differ. Each function takes settings of a scene, such as ``{"transfer": "apic"}``."""
 
 import math
 from collections.abc import Mapping
@@ -41,9 +41,9 @@ def block(corner: tuple[float, float, float], cells: tuple[float, float, float],
 
 
 def shear_viscosity(cells: int, dt: float, way: Choices, since: int = 60, steps: int = 60) -> float:
-    """Viscosity [m2/s] by which transfers alone damp a shear wave of ``cells`` cells in steps of ``dt`` [s].
+    """Numerical viscosity [m2/s] of the transfers for a shear wave of ``cells`` cells with time step ``dt`` [s].
 
-    What aflip keeps settles within 1 / (1 - ratio) steps; only what comes after step ``since`` counts.
+    The velocities that aflip keeps settle within 1 / (1 - ratio) steps; only steps after ``since`` are used.
     """
     p, k, left = block((10.0, 10.0, -1.5 * cells), (1.0, 1.0, 3.0 * cells), 1000.0), 2 * np.pi / cells, []
     z = p.position(np.ones(3))[:, 2]
@@ -128,7 +128,7 @@ def footing(way: Choices, speed: float) -> float:
 
 
 def thrown(way: Choices, speed: float, steps: int = 280) -> float:
-    """Height of a layer of sand, 4 cells and periodic in plan, over that before; thrown up at ``speed`` [m/s], and landed."""
+    """Relative height after landing of a layer of sand, 4 cells thick and periodic in plan, thrown up at ``speed`` [m/s]."""
     p = block((20.0, 20.0, 0.0), (4.0, 4.0, 4.0), SAND.density)
     z, heights = p.position(np.ones(3))[:, 2], []
     p.strain[:, 2] = np.expm1(-2 * SAND.density * GRAVITY * (4 - z) / (SAND.lame_lambda + 2 * SAND.shear_modulus))
@@ -144,7 +144,7 @@ def thrown(way: Choices, speed: float, steps: int = 280) -> float:
 
 
 def parted(way: Choices, gap: float, steps: int = 60) -> float:
-    """Part of their speed that two blocks of sand lose that part from ``gap`` cells between their particles on."""
+    """Share of speed that two separating blocks of sand lose, from a distance of ``gap`` cells between their particles."""
     west, east = (block((x, 30.0, 0.0), (3.0, 3.0, 3.0), SAND.density) for x in (30.0, 32.5 + gap))
     west.velocity[:, 0], east.velocity[:, 0] = -0.5, 0.5
     engine = get_backend("scan", threads=1)

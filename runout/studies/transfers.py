@@ -1,4 +1,4 @@
-"""What each transfer, and F-bar, costs and gains: damping, pressure, locking, what comes apart; one page of the documentation."""
+"""Cost and accuracy of each transfer and of F-bar: damping, pressure, locking, separation. Writes a page."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -31,13 +31,13 @@ ROUNDS, STEPS = 7, 5  # of the timed layers
 
 
 def damping(way: Mapping[str, Any], full: bool) -> dict[str, float]:
-    """U6: part of the amplitude of a bar of 16 cells that is left after ten periods at two sizes of the step."""
+    """U6: remaining share of the amplitude of a bar of 16 cells after ten periods, for two time steps."""
     short = 0.05 if full else 0.2
     return {"amplitude left, CFL 0.5": vibration(16, 0.5, transfer=way)[1], f"CFL {short:g}": vibration(16, short, transfer=way)[1]}
 
 
 def viscosity(way: Mapping[str, Any], full: bool) -> dict[str, float]:
-    """Viscosity of shear over 16 cells, over the h^2/dt (h/wave length)^2 of the formula; what the formula gives."""
+    """Numerical viscosity for shear over 16 cells, relative to h^2/dt (h/wave length)^2; and the value of the formula."""
     keeps = replace(cases.weightless(), **way).keeps
     unit = numerical_viscosity(1.0, 16.0, 0.1, 0.0) / 0.95
     return {
@@ -58,17 +58,17 @@ def footing(way: Mapping[str, Any], full: bool) -> dict[str, float]:
 
 
 def thrown(way: Mapping[str, Any], full: bool) -> dict[str, float]:
-    """Height of a thrown layer after its landing over that before, gained volume 10 % and 35 %."""
+    """Relative height of a thrown layer after landing, for a volume gain of 10 % and 35 %."""
     return {f"landed, thrown at {v:g} m/s": cases.thrown(way, v) for v in (3.0, 6.0)}
 
 
 def parted(way: Mapping[str, Any], full: bool) -> dict[str, float]:
-    """Part of their speed that two blocks of sand lose when they part from so many cells on."""
+    """Share of speed that two separating blocks of sand lose, for several initial distances [cells]."""
     return {f"lost from {gap:g} h": cases.parted(way, gap) for gap in (0.5, 1.5, 2.5, 3.0)}
 
 
 def rods(way: Mapping[str, Any], full: bool) -> dict[str, float]:
-    """RMS error of the final surface of the rods of Bui et al. 2008 (F5) [mm]; nothing where the data are not at hand."""
+    """RMS error of the final surface of the rods of Bui et al. 2008 (F5) [mm]; empty without the data."""
     experiment = measured_surface()
     if experiment is None:
         return {}
@@ -85,7 +85,7 @@ STUDIES: tuple[Study, ...] = (damping, viscosity, column, rods, footing, thrown,
 
 
 def costs(particles: int, depth: int, precision: str = "float32") -> dict[str, float]:
-    """Processor time of a step on one thread over that of the packed transfer, the best of rounds that took turns."""
+    """Processor time of a step on one thread relative to the packed transfer; best of alternating rounds."""
     engines, best = {}, dict.fromkeys(WAYS, np.inf)
     for name, way in WAYS.items():
         scene, p = Layer(particles, depth=depth, precision=precision).build()
@@ -103,7 +103,7 @@ def costs(particles: int, depth: int, precision: str = "float32") -> dict[str, f
 
 
 def measure(full: bool = False, particles: int = 100_000) -> dict[str, Any]:
-    """All numbers: a row of findings a way, and its cost in a deep and in a thin layer."""
+    """All measurements: one row per transfer, with its cost in a deep and in a thin layer."""
     deep, thin = costs(particles, 8), costs(particles, 2)
     rows = {}
     for name, way in WAYS.items():
@@ -164,7 +164,7 @@ def page(found: Mapping[str, Any]) -> StudyPage:
 
 
 def _number(value: float) -> str:
-    """A number with four digits; what only rounding leaves is 0."""
+    """A number with four digits; round-off becomes 0."""
     return f"{value:.4g}" if abs(value) > 1e-12 else "0"
 
 

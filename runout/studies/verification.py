@@ -50,15 +50,15 @@ CASES: dict[str, Case] = {
 
 
 def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) -> list[Finding]:
-    """What the cases measure, in their order.
+    """Run cases of verification; returns their findings, in order.
 
-    With ``out`` the page is written anew after each case. A run that was broken off goes on there after its last whole case, if
-    the code is still the same; a run that had ended is measured again.
+    With ``out``, the page is rewritten after each case. An interrupted run continues after its last complete case if the code is
+    the same. A complete run is measured again.
 
     Parameters
     ----------
     cases : sequence of str
-        Names out of :data:`CASES` in any capitals; all when empty.
+        Names from :data:`CASES`, upper or lower case; all if empty.
     full : bool
         At the sizes of the documentation (about an hour) instead of those of CI (about two minutes).
     out : Path or None
@@ -90,7 +90,7 @@ def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) 
 
 
 def _unfinished(record: Path, code: Mapping[str, Any]) -> dict[str, Finding]:
-    """Findings by name of a run of the same code that was broken off; none where there is no such run."""
+    """Findings by name of an interrupted run of the same code; empty if there is none."""
     if not record.is_file():
         return {}
     content = json.loads(record.read_text(encoding="utf-8"))
@@ -131,7 +131,7 @@ def run_plane(
 def command(
     cases: Sequence[str], full: bool, out: Path | None, json_file: Sequence[Path] | None, plane: Mapping[str, Any]
 ) -> ExitCode:
-    """What ``runout verify`` does: run the cases, or the sliding box on one ``plane``, and write or print what was found.
+    """Command ``runout verify``: runs the cases, or the sliding box on one ``plane``, and writes or prints the findings.
 
     ``json_file`` holds no path to print JSON on standard output, one to write it there; None for neither.
 

@@ -1,6 +1,6 @@
-"""What a step costs: particle-steps per second and bytes per particle against size, threads, precision, depth and sparsity.
+"""Cost of a step: particle-steps per second and bytes per particle against size, threads, precision, depth and sparsity.
 
-Every comparison is made of cases that took turns in one run, and is a ratio; docs/benchmarks says what the JSON holds.
+Every comparison is a ratio of cases that alternated in one run; docs/benchmarks explains the JSON.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ SPARSITIES = (1.0, 3.0, 10.0, 100.0, 400.0)
 AGAINST = 400_000, 1_000_000
 NEEDED = 900  # bytes a particle while a scene is loaded, twice for cases that take turns
 REAL_NUMBERS = 24  # of the state: position 3, velocity 3, affine 9, strain 6, history, mass, volume
-NODE_SUMS = 27 * (4 + 3)  # multiply-adds that quadratic splines cannot do without: mass and momentum out, velocity back
+NODE_SUMS = 27 * (4 + 3)  # least multiply-adds of quadratic splines: mass and momentum to the grid, velocity back
 
 Study = dict[str, list[dict[str, Any]]]
 
@@ -58,7 +58,7 @@ class Choices:
 
     @property
     def usable_threads(self) -> tuple[int, ...]:
-        """The numbers of threads that this machine has cores for; a GPU is one."""
+        """Numbers of threads for which this machine has cores; 1 for a GPU."""
         if self.device != "cpu":
             return (1,)
         cores = available_cores()
@@ -66,7 +66,7 @@ class Choices:
 
 
 def run(choices: Choices, json_file: Path | None = None, figure: Path | None = None) -> dict[str, Any]:
-    """Measure, write the JSON and the figure where they are asked for, and return what the JSON holds.
+    """Measure, write JSON and figure if requested, and return the content of the JSON.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def measured(choices: Choices) -> dict[str, Any]:
 
 
 def planned(choices: Choices) -> list[tuple[str, list[Case]]]:
-    """Study and the cases of it that take turns; large sizes stand alone."""
+    """Each study with its alternating cases; large sizes run alone."""
 
     def case(particles: int = choices.size, threads: int = choices.usable_threads[0], **layer: Any) -> Case:
         return Case(Layer(particles, **{"precision": choices.precision[0], **layer}), threads, device=choices.device)

@@ -1,4 +1,4 @@
-"""Table and figure of a benchmark, from what its JSON holds."""
+"""Table and figure of a benchmark from its JSON."""
 
 from pathlib import Path
 from typing import Any
@@ -133,5 +133,5 @@ def _fewest(content: dict[str, Any]) -> int:
 
 
 def _count(particles: int) -> str:
-    """Number of particles as people say it: 10 k, 0.4 M."""
+    """Number of particles as text: 10 k, 0.4 M."""
     return f"{particles / 1e6:.2g} M" if particles >= 200_000 else f"{particles / 1e3:.3g} k"

@@ -1,1 +1,1 @@
-"""Problems with a known answer, solved with one choice changed at a time: what accuracy costs."""
+"""Problems with a known answer for the study of error against time."""

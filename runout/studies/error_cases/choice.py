@@ -1,4 +1,4 @@
-"""What can be chosen in a run, one change at a time, and a backend whose steps are timed."""
+"""Variations of the settings of a run, one at a time, and a backend whose steps are timed."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ CHUNK = 10  # steps of one length
 NODES = "nodes"  # the reference backend with the usual contact
 PLAN, _, UPWARDS = particles_per_axis(PARTICLES_PER_CELL)  # of a cell, by default
 REPEATED_BELOW = 2.0  # [s] of processor time; longer runs are made once
-BOUNDLESS = 10**6  # [cells] of a direction that does not repeat
+BOUNDLESS = 10**6  # [cells] in a direction without periodicity
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,12 @@ def selectable(variation: Variation) -> bool:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one run gave.
+    """Result of one run.
 
     Attributes
     ----------
     error : float
-        Relative; what it is of says the problem.
+        Relative error of the quantity that the problem states.
     value : float
         Quantity of interest, nan where there is none.
     particles, steps, particle_steps, blocks : int
@@ -135,7 +135,7 @@ def engine_of(variation: Variation, options: Mapping[str, Any] = MappingProxyTyp
 
 
 class March:
-    """A backend on one thread that takes the steps of one run and keeps their time."""
+    """A backend on one thread that makes and times the steps of one run."""
 
     def __init__(self, scene: Scene, particles: Particles, variation: Variation, period: tuple[int, int, int] | None = None):
         self.variation, self.began = variation, time.perf_counter()
@@ -158,7 +158,7 @@ class March:
         self.now += dt
 
     def until(self, end: float, look: Callable[[], None] = lambda: None) -> None:
-        """Steps of nearly the largest length up to the time ``end`` [s]; ``look`` is called after every :data:`CHUNK` of them."""
+        """Step with nearly the largest time step until ``end`` [s]; ``look`` is called after every :data:`CHUNK` steps."""
         done = 0
         dt = 0.0
         while self.now < end * (1 - 1e-12):
@@ -174,7 +174,7 @@ class March:
         return self.engine.particles().position(np.array(self.scene.spacing))  # type: ignore[no-any-return]
 
     def outcome(self, error: float, value: float = float("nan")) -> Outcome:
-        """The run as it ended."""
+        """Result of the run."""
         counters, memory = self.engine.counters, memory_of(self.engine, self.n)
         blocks = memory["active_nodes"] // 64
         work = (counters.steps, counters.particle_steps, int(blocks))

@@ -1,4 +1,4 @@
-"""What errors over cell size and over time say: order, floor, and which choices nothing beats."""
+"""Curves of error against cell size and time: order, floor and Pareto front."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-SAME = 1e-3  # relative difference of errors that no choice makes, but rounding
-HIDDEN = 0.3  # a floor below this share of the smallest error cannot be told from none
+SAME = 1e-3  # relative difference of errors that is rounding
+HIDDEN = 0.3  # floors below this share of the smallest error count as none
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def fitted(cells: Sequence[float], errors: Sequence[float]) -> Fit | None:
 
 
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[bool]:
-    """Which points are on the Pareto front: no other is both at most as dear and at most as wrong, and better in one."""
+    """Points on the Pareto front: no other point has lower cost and error, or equals one and improves the other."""
     c, e = np.asarray(costs, float), np.asarray(errors, float)
     return [not bool(((c <= a) & (e <= b) & ((c < a) | (e < b))).any()) for a, b in zip(c, e, strict=True)]
 

@@ -1,4 +1,4 @@
-"""What each preset of accuracy gives on real terrain: distances from a finer run, and the error that this has left."""
+"""Errors of each preset of accuracy on real terrain: distance from a finer run plus the remaining error of that run."""
 
 import logging
 import os
@@ -39,7 +39,7 @@ def measured_presets(coarser: float = 1.0) -> list[dict[str, Any]]:
 
 
 def at_hand(site: str) -> bool:
-    """Whether the rasters of a site are; a warning if not."""
+    """Whether the rasters of a site are available; logs a warning if not."""
     if site != FINE_SITE or (Path(os.environ.get(DATA_FOLDER) or os.devnull) / RASTERS).is_dir():
         return True
     LOGGER.warning("%s is left out: %s names no folder with its rasters", site, DATA_FOLDER)

@@ -1,4 +1,4 @@
-"""The problems of error against time: U7, U9, T1, T5, F3, F5 and a flow on real terrain, each on grids finer and finer."""
+"""The problems of error against time: U7, U9, T1, T5, F3, F5 and a flow on real terrain, each on successively finer grids."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from runout.studies.error_cases import flows, solids
 from runout.studies.error_cases.choice import VARIATIONS, Outcome, Variation, selectable
 
 Measure = Callable[[Any, Variation], Outcome]
-FINEST, FINEST_SMALL = ("high", 0.5), ("screening", 1.5)  # preset that is the reference on real terrain, and how much coarser
+FINEST, FINEST_SMALL = ("high", 0.5), ("screening", 1.5)  # reference on real terrain: preset, factor of its cells
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Problem:
     Attributes
     ----------
     name, title, error : str
-        ``error``: what the error is of, and its norm.
+        ``error``: quantity and norm of the error.
     length : float
-        Reference length [m] that ``grids`` divide, or 0 where they state the size of a cell [m] itself.
+        Reference length [m], divided by the numbers of the grids; 0 if they are cell sizes [m].
     small, full : tuple
         Grids, the coarsest first: cells along the length, or sizes of cells [m].
     measure : callable
@@ -45,7 +45,7 @@ class Problem:
         return self.length / grid if self.length else grid
 
     def variations(self) -> list[Variation]:
-        """What is measured on this problem by this version of runout."""
+        """Variations that this version of runout measures on this problem."""
         return [v for v in VARIATIONS if selectable(v) and (not v.only_on or self.name in v.only_on)]
 
 

@@ -1,1 +1,1 @@
-"""Cases of the stability stress test: what is run, what must hold, what was tried."""
+"""Cases of the stability stress test: layouts, invariants and trials."""

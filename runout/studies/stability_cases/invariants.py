@@ -1,4 +1,4 @@
-"""What must hold at every moment of a run, whatever its choices."""
+"""Invariants of a run that must hold at every observation, for all settings."""
 
 from dataclasses import dataclass, field
 
@@ -45,7 +45,7 @@ class Watch:
     moving: float = 0.0  # and to the velocities that led there [J]
 
     def look(self, engine: Backend) -> bool:
-        """Take in the present state; False as soon as it is not finite."""
+        """Update the invariants with the present state; False if it is not finite."""
         p, row = engine.particles(), engine.ledger()
         for name in FIELDS:
             if not np.isfinite(getattr(p, name)).all():
@@ -57,7 +57,7 @@ class Watch:
         return True
 
     def finish(self, engine: Backend) -> None:
-        """Judge what only the end can tell."""
+        """Evaluate the invariants of the final state."""
         weight = self.first.mass * STANDARD_GRAVITY * self.layout.h
         rounding = 2e-8 * self.steps * weight if self.scene.precision == "float32" else 0.0
         self.worst["energy"] = max(self.rise - rounding, 0.0) / max(self.drop, self.first.kinetic_energy, 1e-3 * weight)
@@ -72,7 +72,7 @@ class Watch:
 
     @property
     def broken(self) -> list[str]:
-        """The invariants that did not hold, with what was measured."""
+        """Violated invariants with their measured values."""
         found = [f"{self.not_finite} is not finite"] if self.not_finite else []
         return found + [f"{name} {self.worst[name]:.3g}" for name, limit in LIMITS.items() if not self.worst[name] <= limit]
 

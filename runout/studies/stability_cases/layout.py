@@ -1,4 +1,4 @@
-"""One stress case: a mass on a small terrain, every choice of the run a number that can be pushed to its end."""
+"""One case of the stress test: a mass on a small terrain, with every setting of the run as a number."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ class Layout:
         return Terrain.from_array(self.h * elevation, self.h, origin=self.origin)
 
     def built(self) -> tuple[Scene, Particles]:
-        """Scene and particles; raises what refuses the choices."""
+        """Scene and particles; raises the error that refuses the settings."""
         terrain, thickness = self.ground(), np.zeros((CELLS, CELLS))
         start = CELLS - 3 - WIDTH if self.terrain == "edge" else FIRST
         middle = (CELLS - WIDTH) // 2
@@ -87,7 +87,7 @@ class Layout:
         )  # fmt: skip
         if self.keep is not None:
             p = p.take(np.arange(self.keep) * (len(p) // self.keep))
-            p.strain[:] = 0.0  # nothing lies upon them any more
+            p.strain[:] = 0.0  # no mass remains above them
         slope = np.radians(self.slope)
         p.velocity[:] = self.speed * np.array([np.cos(slope), 0.0, -np.sin(slope)])
         return scene, p

@@ -1,4 +1,4 @@
-"""What is tried: each choice alone from end to end, all of them at once by Latin hypercube, and the pinned set of CI."""
+"""Trials: each setting alone over its range, all settings together by Latin hypercube, and a fixed set for CI."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,7 +13,7 @@ from runout.studies.stability_cases.trial import LARGEST
 
 SAMPLES, SEED = 200, 20
 PASSAGE: dict[str, Any] = {"passes": True, "basal": 10.0, "steps": 1500}
-SMALLEST_ANGLE = LARGEST_RADIANS + 0.03  # [deg]; below it is taken for radians
+SMALLEST_ANGLE = LARGEST_RADIANS + 0.03  # [deg]; smaller angles look like radians
 AXES: dict[str, tuple[dict[str, Any], ...]] = {
     "Courant number": tuple({"cfl": c} for c in (0.1, 0.2, 0.4, 0.5, 0.6, 0.61, 0.8, 1.0, 1.5)),
     "Young's modulus": tuple({"youngs_modulus": e} for e in (1e4, 1e5, 1e6, 1e7, 1e8, 1e9)),
@@ -79,20 +79,20 @@ PINNED: tuple[dict[str, Any], ...] = (
 
 
 def one_at_a_time() -> Iterator[tuple[str, Layout]]:
-    """Each choice from end to end, all others as they are."""
+    """Each setting over its range, all others at their defaults."""
     for axis, choices in AXES.items():
         for choice in choices:
             yield axis, Layout(**choice)
 
 
 def pinned(precision: str = "float32") -> Iterator[tuple[str, Layout]]:
-    """The set of CI."""
+    """The fixed set for CI."""
     for choice in PINNED:
         yield named(choice), Layout(**{"precision": precision, **choice})
 
 
 def sampled(count: int = SAMPLES) -> Iterator[tuple[str, Layout]]:
-    """All choices at once, by Latin hypercube with a fixed seed."""
+    """All settings together, by Latin hypercube with a fixed seed."""
     points = qmc.LatinHypercube(14, rng=np.random.default_rng(SEED)).random(count)
     for k, u in enumerate(points):
         yield f"sample {k}", _from_unit(u)

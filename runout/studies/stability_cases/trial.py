@@ -1,4 +1,4 @@
-"""One trial: run a layout, and say whether it survived, was refused in advance, or failed."""
+"""One trial: runs a layout and reports whether it survived, was refused in advance, or failed."""
 
 import time
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ LARGEST = 5_000  # particles
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of one layout: ``verdict`` is "survived", "refused" or "failed", ``reason`` says why not survived."""
+    """Outcome of one layout: ``verdict`` is "survived", "refused" or "failed"; ``reason`` explains the last two."""
 
     name: str
     layout: Layout

@@ -1,1 +1,1 @@
-"""Cases of verification, one subject a file: the set-up, what it is compared with, and the bounds that it must keep."""
+"""Cases of verification, one subject per file: set-up, reference solution, and bounds."""

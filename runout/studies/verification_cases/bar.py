@@ -32,7 +32,7 @@ def bar(cells: int, offset: float) -> tuple[Particles, np.ndarray]:
 def vibration(
     cells: int, cfl: float = CFL, offset: float = 0.0, periods: int = 10, transfer: Mapping[str, Any] | None = None
 ) -> tuple[float, float]:
-    """Relative error of the period over ten periods, and the part of the first amplitude that is left.
+    """Relative error of the period over ten periods, and the remaining share of the initial amplitude.
 
     ``offset`` [cells] is where the free end lies between two nodes, ``transfer`` the choices of the scene besides the usual ones.
     """

@@ -1,4 +1,4 @@
-"""What a case of verification measures: bounds on numbers and orders of convergence."""
+"""Findings of a case of verification: numbers with bounds, and orders of convergence."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
