@@ -94,13 +94,13 @@ def energy_unit(largest: float) -> tuple[float, str]:
     return 1.0, "J"
 
 
-def parameter_figure(members: "pd.DataFrame", parameter: str, figure_name: str = "runout_distance") -> Any:
+def parameter_figure(members: "pd.DataFrame", parameter: str) -> Any:
     """Figure of the runout distance of the valid members against a sampled parameter."""
     figure, axes = _panel(3.0)
-    column = FIGURES[figure_name]
-    axes.scatter(members[parameter], members[figure_name], s=34, color="#1f6f8b", edgecolor="white", linewidth=0.7, zorder=3)
+    column, distance = FIGURES["runout_distance"], members["runout_distance"]
+    axes.scatter(members[parameter], distance, s=34, color="#1f6f8b", edgecolor="white", linewidth=0.7, zorder=3)
     axes.set_ylabel(f"{column.heading.lower()} [{column.units}]")
-    axes.set_ylim(0, 1.12 * max(float(members[figure_name].max()), 1e-9))
+    axes.set_ylim(0, 1.12 * max(float(distance.max()), 1e-9))
     tidy(axes, parameter_label(parameter))
     return figure
 

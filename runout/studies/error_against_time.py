@@ -60,7 +60,6 @@ def measured(
     full: bool = False,
     repeats: int = 2,
     progress: Callable[[float], None] = lambda done: None,
-    grids: int | None = None,
 ) -> dict[str, Any]:
     """Measurements of every problem with each of its variations on its grids, with orders and rankings.
 
@@ -74,8 +73,6 @@ def measured(
         Runs of each point, of which the shortest counts.
     progress : callable
         Called with the finished fraction of the points.
-    grids : int, optional
-        So many of the coarsest grids only.
 
     Raises
     ------
@@ -90,7 +87,7 @@ def measured(
     done, code = [], versions()
     for k, problem in enumerate(chosen):
         started = time.perf_counter()
-        done.append(_solved(_sized(problem, full), full, repeats, grids, _part(progress, k, len(chosen))))
+        done.append(_solved(_sized(problem, full), full, repeats, _part(progress, k, len(chosen))))
         LOGGER.info("%s: %.0f s", problem.name, time.perf_counter() - started)
     return {
         "schema": SCHEMA,
@@ -131,9 +128,9 @@ def _sized(problem: Problem, full: bool) -> Problem:
     return replace(problem, measure=on_terrain(FINEST_SMALL, problem.site)) if small_terrain else problem
 
 
-def _solved(problem: Problem, full: bool, repeats: int, grids: int | None, progress: Callable[[float], None]) -> dict[str, Any]:
+def _solved(problem: Problem, full: bool, repeats: int, progress: Callable[[float], None]) -> dict[str, Any]:
     """All points of a problem in turns, forwards and backwards, and what its curves say."""
-    sizes = (problem.full if full else problem.small)[:grids]
+    sizes = problem.full if full else problem.small
     points = [
         Point(problem, v, grid, [], repeats)
         for v in problem.variations()

@@ -22,7 +22,7 @@ from runout.studies.grid_index import GridIndex
 FILE = "error_bars.json"
 FINER = 2  # grids from the finest of a case to its truth, whose cells are half as large
 FRICTIONS = (11.0, 13.0, 15.0, 17.0, 19.0)  # [deg]
-CASES = 3  # ratio of cell sizes of neighbouring grids
+CASES = 3  # cases in a sequence of grids
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,14 @@ def ladder(run: Callable[[float, float, int], Mapping[str, float]], coarsest: fl
     return [[dict(run(coarsest / RATIO**level, k / n, k)) for k in range(n)] for level, n in enumerate(counts)]
 
 
-def cases_of(found: Sequence[Sequence[Mapping[str, float]]], ratio: float = RATIO) -> list[dict[str, Any]]:
+def cases_of(found: Sequence[Sequence[Mapping[str, float]]]) -> list[dict[str, Any]]:
     """Bar, truth and whether the bar holds it, for each quantity of each case of a ladder."""
     cases = []
     for first in range(len(found) - 2 - FINER):
         coarse, middle, fine = found[first : first + 3]
         truth = found[first + 2 + FINER][0]
         for name, value in truth.items():
-            index = GridIndex.of([[run[name] for run in coarse], [run[name] for run in middle], [fine[0][name]]], ratio)
+            index = GridIndex.of([[run[name] for run in coarse], [run[name] for run in middle], [fine[0][name]]], RATIO)
             holds = bool(abs(value - index.fine) <= index.error)
             cases.append({"rung": first, "quantity": name, "truth": value, "holds": holds, **index.as_dict()})
     return cases

@@ -74,9 +74,9 @@ class Outcome:
     observations: int
 
 
-def follow(scene: Scene, particles: Particles, control: RunControl, threads: int | None = None) -> Outcome:
+def follow(scene: Scene, particles: Particles, control: RunControl) -> Outcome:
     """Outcome of a run on the scan backend, without its setup."""
-    run = Run(get_backend("scan", threads=threads), scene, control, None, None)
+    run = Run(get_backend("scan"), scene, control, None, None)
     run.start(particles)
     started, wall = time.process_time(), time.perf_counter()
     run.go()
@@ -84,14 +84,12 @@ def follow(scene: Scene, particles: Particles, control: RunControl, threads: int
     return Outcome(run.peaks.maps(), seconds, run.observing / wall, run.engine.counters.steps, len(run.ledger.time))
 
 
-def compared(
-    scene: Scene, particles: Particles, control: RunControl, switch: Switch, repeats: int, threads: int | None
-) -> dict[str, Any]:
+def compared(scene: Scene, particles: Particles, control: RunControl, switch: Switch, repeats: int) -> dict[str, Any]:
     """One row: runs with and without a switch in turn; times are the shortest of each, as ratios."""
     ways = (replace(scene, **switch.on), control), (scene, replace(control, **switch.off))
     pairs = []
     for _ in range(repeats):
-        pairs.append([follow(its_scene, particles, its_course, threads) for its_scene, its_course in ways])
+        pairs.append([follow(its_scene, particles, its_course) for its_scene, its_course in ways])
     on, off = pairs[0]
     best = [min(pair[k].seconds for pair in pairs) for k in (0, 1)]
     watching = [min(pair[k].observing for pair in pairs) for k in (0, 1)]
@@ -133,11 +131,11 @@ def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
     return *build_scene(terrain, releases, soil, 22.0, cell_size), RunControl(end_time, False)
 
 
-def measure(scenes: Mapping[str, Made], repeats: int = REPEATS, threads: int | None = None) -> dict[str, Any]:
+def measure(scenes: Mapping[str, Made], repeats: int = REPEATS) -> dict[str, Any]:
     """All rows, with what they were measured on; the scenes by the names that the switches call them."""
     scene, particles, control = scenes["flowing"]
-    follow(scene, particles, replace(control, end_time=1e-3 * control.end_time), threads)  # compile
-    rows = [compared(*scenes[switch.scene], switch, repeats, threads) for switch in SWITCHES]
+    follow(scene, particles, replace(control, end_time=1e-3 * control.end_time))  # compile
+    rows = [compared(*scenes[switch.scene], switch, repeats) for switch in SWITCHES]
     machine = {
         "processor": platform.processor() or platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
@@ -257,7 +255,7 @@ def _figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
     return as_png(canvas)
 
 
-def study(out: Path, *, repeats: int = REPEATS, threads: int | None = None, checkpointed: int = CHECKPOINTED) -> str:
+def study(out: Path, *, repeats: int = REPEATS, checkpointed: int = CHECKPOINTED) -> str:
     """Write ``skip.md``, its table and figure, and ``skip.json`` to the folder ``out``; returns the page.
 
     Parameters
@@ -265,14 +263,13 @@ def study(out: Path, *, repeats: int = REPEATS, threads: int | None = None, chec
     out : Path
     repeats : int
         Runs with and without each switch.
-    threads : int, optional
     checkpointed : int
         Particles of the layer whose checkpoint is measured.
     """
     resting = jacksboro(*RESTING)
     creeping = (*resting[:2], replace(resting[2], stop=False))
     scenes = {"flowing": jacksboro(*FLOWING), "resting": resting, "creeping": creeping, "bed": fall_on_a_bed()}
-    found = measure(scenes, repeats, threads) | {"checkpoint": checkpoint_cost(checkpointed)}
+    found = measure(scenes, repeats) | {"checkpoint": checkpoint_cost(checkpointed)}
     write_json(found, out / FILE)
     made = page(found)
     made.write(out)

@@ -67,8 +67,8 @@ def download(name: str, what: str) -> str:
     return f"{{download}}`{what} <{TABLES}/{name}>`"
 
 
-def as_png(figure: Any, dpi: int = 100) -> bytes:
+def as_png(figure: Any) -> bytes:
     """PNG of a figure of matplotlib."""
     picture = BytesIO()
-    figure.savefig(picture, format="png", dpi=dpi)
+    figure.savefig(picture, format="png", dpi=100)
     return picture.getvalue()

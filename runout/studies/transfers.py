@@ -84,11 +84,11 @@ Study = Callable[[Mapping[str, Any], bool], dict[str, float]]
 STUDIES: tuple[Study, ...] = (damping, viscosity, column, rods, footing, thrown, parted)
 
 
-def costs(particles: int, depth: int, precision: str = "float32") -> dict[str, float]:
+def costs(particles: int, depth: int) -> dict[str, float]:
     """Processor time of a step on one thread relative to the packed transfer; best of alternating rounds."""
     engines, best = {}, dict.fromkeys(WAYS, np.inf)
     for name, way in WAYS.items():
-        scene, p = Layer(particles, depth=depth, precision=precision).build()
+        scene, p = Layer(particles, depth=depth).build()
         engines[name] = get_backend("scan", threads=1)
         engines[name].load(replace(scene, **way), p)
     dt = 0.95 * min(engine.stable_step() for engine in engines.values())

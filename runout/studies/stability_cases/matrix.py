@@ -85,10 +85,10 @@ def one_at_a_time() -> Iterator[tuple[str, Layout]]:
             yield axis, Layout(**choice)
 
 
-def pinned(precision: str = "float32") -> Iterator[tuple[str, Layout]]:
+def pinned() -> Iterator[tuple[str, Layout]]:
     """The fixed set for CI."""
     for choice in PINNED:
-        yield named(choice), Layout(**{"precision": precision, **choice})
+        yield named(choice), Layout(**choice)
 
 
 def sampled(count: int = SAMPLES) -> Iterator[tuple[str, Layout]]:
