@@ -39,7 +39,9 @@ NOT_KNOWN = {  # attributes of ACDD that no study of runout has, or only its pub
 def stated(tmp_path_factory: pytest.TempPathFactory) -> Products:
     """Products of a site that says who made the study."""
     site, results = make_site(tmp_path_factory.mktemp("stated"))
-    site = replace(site, settings=SimpleNamespace(**vars(site.settings) | {"metadata": STATED}))
+    site = replace(
+        site, settings=SimpleNamespace(**vars(site.settings) | {"metadata": STATED, "ensemble": SimpleNamespace(seed=0)})
+    )
     return Products(site, results, write_products(site, results, make_table(), None))
 
 
@@ -81,6 +83,12 @@ def test_who_and_what_for_are_in_the_files_and_the_record(stated: Products) -> N
     with rasterio.open(stated.results / "maps" / "peak_speed.tif") as raster:
         assert (raster.tags()["creator_name"], raster.tags()["license"]) == ("A. Name", "CC-BY-4.0")
     assert json.loads((stated.results / "run.json").read_text())["metadata"] == STATED.model_dump()
+
+
+def test_the_seed_of_the_ensemble_is_stated_whatever_it_is(stated: Products, products: Products) -> None:
+    for study, seed in ((stated, 0), (products, 7)):
+        with netCDF4.Dataset(study.results / "hazard.nc") as file:
+            assert file.seed == seed
 
 
 def test_a_local_system_has_no_geographic_extent(local_products: Products) -> None:

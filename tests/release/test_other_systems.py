@@ -6,6 +6,7 @@ import pytest
 import shapely
 
 from runout.errors import ReleaseError
+from runout.io import polygon_reproject
 from runout.io.layer_crs import crs_name, to_terrain
 from runout.model.release import Release
 from runout.model.terrain import Terrain
@@ -112,6 +113,13 @@ def test_a_raster_in_another_system_keeps_its_volume_and_its_place(tmp_path, ter
     assert release.thickness.max() == pytest.approx(values.max(), rel=0.05)
     assert "transformed from" in release.changes[0]
     assert "m3 are kept" in release.changes[1]
+
+
+@pytest.mark.parametrize(("raster", "points"), [(5.0, 16), (2.0, 40), (40.0, 8)])
+def test_points_of_a_cell_resolve_the_raster_along_its_longer_side(raster, points):
+    along, across = np.meshgrid(np.arange(7) * raster, np.arange(5) * raster, indexing="ij")
+    ground = Terrain(np.zeros((4, 5)), (10.0, 40.0), 0.0, 0.0)
+    assert polygon_reproject._points(np.stack([along, across], axis=-1), ground) == points
 
 
 def test_a_fine_raster_on_coarse_ground_loses_nothing(write_raster, terrain):

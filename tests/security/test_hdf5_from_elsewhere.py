@@ -27,6 +27,14 @@ def test_numbers_in_another_file_are_refused(tmp_path, name):
             Terrain.from_raster(stated)
 
 
+@pytest.mark.parametrize("length", range(0, 20, 3))
+def test_a_file_that_ends_within_its_superblock_is_left_to_the_library(tmp_path, length):
+    (tmp_path / "dem.nc").write_bytes((hdf5.SIGNATURE + bytes(20))[:length])
+    hdf5.require_own_storage(tmp_path / "dem.nc", DemError)
+    with pytest.raises(DemError, match=r"dem\.nc: (is empty|cannot be read as NetCDF)"):
+        Terrain.from_raster(tmp_path / "dem.nc")
+
+
 def test_the_library_would_have_read_them(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "secret.bin").write_bytes(np.arange(20.0).tobytes())
