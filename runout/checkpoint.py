@@ -101,7 +101,7 @@ def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Ba
         raise ConfigError(f"checkpoint_every is {every:g} s; it must be 0 or more")
     if isinstance(engine, ResumableBackend):
         return Checkpoint(Path(path), key, every)
-    text = "%s: %s keeps no checkpoints; a run that is broken off starts from time zero (scan, hash and reference keep them)"
+    text = "%s: %s writes no checkpoints; an interrupted run starts from time zero (scan, hash and reference write them)"
     LOGGER.warning(text, path, type(engine).__name__)
     return None
 

@@ -32,11 +32,9 @@ class Session:
 Injected = Annotated[Session, Parameter(parse=False)]
 SiteArgument = Annotated[Path, Parameter(help="Folder of the site, or its site.yaml.")]
 Workers = Annotated[int | None, Parameter(name="--workers", help="Members that run at once [default: one per core].")]
-RetryFailed = Annotated[
-    bool, Parameter(name="--retry-failed", negative="", help="Run also those members again that are expected to fail again.")
-]
+RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
 Device = Annotated[str | None, Parameter(help="cpu, cuda:0, or auto: a GPU if there is one [default: what site.yaml says].")]
-Force = Annotated[bool, Parameter(name="--force", negative="", help="Do it even when nothing has changed.")]
+Force = Annotated[bool, Parameter(name="--force", negative="", help="Run even if nothing has changed.")]
 
 app = App(
     name="runout",
@@ -122,7 +120,7 @@ def simulate(
     site: SiteArgument,
     *,
     member: Annotated[int, Parameter(help="Number of the member, as in `runout status`.")] = 0,
-    snapshots: Annotated[int, Parameter(help="How many states to keep, evenly spaced in time.")] = 20,
+    snapshots: Annotated[int, Parameter(help="Number of snapshots, evenly spaced in time.")] = 20,
     device: Device = None,
     session: Injected,
 ) -> int:
@@ -141,7 +139,7 @@ def bench(
     full: Annotated[
         bool, Parameter(negative="", help="Up to 1e7 particles (hours); with --error finer grids (half an hour).")
     ] = False,
-    json: Annotated[Path | None, Parameter(help="Write everything that was measured to this file.")] = None,
+    json: Annotated[Path | None, Parameter(help="Write all measurements to this file.")] = None,
     figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf).")] = None,
     against: Annotated[Path | None, Parameter(help="Prototype script to measure side by side.")] = None,
     device: Annotated[str, Parameter(help="cpu, or cuda:0.")] = "cpu",
@@ -163,10 +161,10 @@ def bench(
 
 
 def verify(
-    *cases: Annotated[str, Parameter(help="Names such as U6 or sliding-box; all when none is given.")],
+    *cases: Annotated[str, Parameter(help="Names such as U6 or sliding-box [default: all].")],
     full: Annotated[
         bool,
-        Parameter(negative="", help="At the sizes of the documentation; takes about an hour; a run that is broken off goes on."),
+        Parameter(negative="", help="At the sizes of the documentation; takes about an hour; an interrupted run continues."),
     ] = False,
     json: Annotated[
         list[Path] | None,

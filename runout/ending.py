@@ -7,7 +7,7 @@ import _signal as signal  # built-in module; ``signal`` would import ``enum``
 import os
 import sys
 
-MESSAGE = "interrupted; what is finished is kept, the same command goes on from there"
+MESSAGE = "interrupted; finished work is kept, the same command continues"
 CURSOR = b"\r\x1b[2K\x1b[?25h"  # clears the line of a progress bar and shows the cursor
 NAMES = ("runout", "runout.exe", "runout-script.py")
 AT_END: list = []  # functions that are called before the end

@@ -285,7 +285,7 @@ class Run:
         frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
         self.snapshots = list(zip(*frames, strict=True))
         self.pending = self.pending[len(self.snapshots) :]
-        LOGGER.info("goes on from a checkpoint at %.4g s of %.4g s", self.time, self.control.end_time)
+        LOGGER.info("continues from a checkpoint at %.4g s of %.4g s", self.time, self.control.end_time)
 
     def _state(self, seconds: float) -> State:
         """State for :meth:`start` to continue from, after ``seconds`` [s] of wall time in this process."""

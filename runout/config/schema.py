@@ -139,7 +139,7 @@ def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
     """Conflicts of device and sleep_speed with the backend."""
     device, backend = given.get("device", "cpu"), given.get("backend", "scan")
     if given.get("sleep_speed", 0.0) and backend != "scan":
-        yield "sleep_speed", f"{given['sleep_speed']} with backend {backend}, which has none of it", "set it to 0, or backend: scan"
+        yield "sleep_speed", f"{given['sleep_speed']} with backend {backend}, which lacks it", "set it to 0, or backend: scan"
     if device != "cpu" and backend != "hash":
         yield "device", f"{device} with backend {backend}, which runs on the CPU only", "set device: cpu, or backend: hash"
 
@@ -149,7 +149,7 @@ def accuracy_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
     if "accuracy" not in given and "cell_size" not in given:
         yield "", "neither cell_size nor accuracy is given", "add cell_size: [m], or accuracy: standard"
     elif "accuracy" in given and given.keys() >= set(CHOICES):
-        yield "accuracy", f"{' and '.join(CHOICES)} are both given, so that it sets nothing", "remove it, or one of them"
+        yield "accuracy", f"{' and '.join(CHOICES)} are both given, so accuracy has no effect", "remove it, or one of them"
 
 
 def _raise_first(conflicts: Iterator[Conflict]) -> None:

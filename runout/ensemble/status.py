@@ -82,7 +82,7 @@ def member_state(member: Member, results: Path, written: Written) -> tuple[State
         return State.FAILED, failure.reason
     kept = stored_time(member.checkpoint_file(results))
     if kept is not None:
-        return State.LEFT, f"broken off or running, kept at {kept:.4g} s; a run goes on from there"
+        return State.LEFT, f"interrupted or running, checkpoint at {kept:.4g} s; a run continues from there"
     return State.LEFT, _why_left(found, failure)
 
 

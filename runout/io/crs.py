@@ -139,7 +139,7 @@ def scale_error(crs: Any, x: float, y: float) -> float:
         factors = Proj(crs).get_factors(longitude, latitude)
     except ProjError as error:
         raise DemError(
-            f"the coordinate system {crs.name} cannot be computed with ({error}); write for example EPSG:32632"
+            f"the coordinate system {crs.name} cannot be used in computations ({error}); write for example EPSG:32632"
         ) from error
     return max(abs(factors.tissot_semimajor - 1.0), abs(factors.tissot_semiminor - 1.0))
 

@@ -35,7 +35,7 @@ def require_own_storage(path: Path, error: type[InputError]) -> None:
     what = _elsewhere(path, status.st_size, status.st_mtime_ns, status.st_ino)
     if what:
         raise error(
-            f"{path}: holds {what}: numbers that lie in another file, which is not read; where you trust it, write all into one "
+            f"{path}: holds {what}: numbers that lie in another file, which is not read; if you trust it, write all into one "
             f"file, for example `h5repack -l CONTI {path} elevation.nc` or `ncks -4 {path} elevation.nc`"
         )
 

@@ -135,7 +135,7 @@ def _between(path: Path, stated: Any, wanted: Any, terrain: Terrain, command: st
     both = f"{path} is in {crs_name(stated)}, the terrain {terrain.source} in {crs_name(wanted)}"
     if not named and not same_ellipsoid(stated, wanted):
         raise ReleaseError(
-            f"{both}; one of them names no datum, and the ellipsoids differ, so that places are not known to some 100 m: "
+            f"{both}; one of them names no datum, and the ellipsoids differ, so positions are uncertain by about 100 m; "
             f"write the right system into the file, for example {command} -a_srs EPSG:CODE"
         )
     try:

@@ -137,7 +137,7 @@ def _inside(path: Path, root: Path, name: str, relative: bool, error: type[Input
 
 
 def _as_tiff(path: Path) -> str:
-    return f"write it as GeoTIFF where you trust it: `gdal_translate {path} elevation.tif`"
+    return f"if you trust it, write it as GeoTIFF: `gdal_translate {path} elevation.tif`"
 
 
 def require_json_inside(path: Path, error: type[InputError]) -> None:

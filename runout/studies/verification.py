@@ -78,7 +78,7 @@ def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) 
     for case in asked:
         if case.name in done:
             findings.append(done[case.name])
-            LOGGER.info("%s is kept from the run that was broken off", case.name)
+            LOGGER.info("%s: finding of the interrupted run is used", case.name)
             continue
         started = time.perf_counter()
         results = tuple(case.measure(full))

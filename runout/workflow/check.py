@@ -196,7 +196,7 @@ def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
     if strain > LARGEST_STRAIN:
         stiff = material.youngs_modulus * strain / LARGEST_STRAIN
         yield (
-            f"release {release.name}: its weight strains it by {100 * strain:.1f} %; above 1 % the stiffness shows in the runout, "
+            f"release {release.name}: its weight strains it by {100 * strain:.1f} %; above 1 % the stiffness affects the run-out; "
             f"youngs_modulus >= {stiff:.2g} Pa avoids it"
         )
 
@@ -245,8 +245,8 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
     sides = [side for side, rim in rims.items() if rim.any()]
     if sides:
         found.warnings.append(
-            f"{terrain.source}: the mass may leave the DEM in the {' and '.join(sides)} (energy line); what leaves is booked as "
-            "escaped mass, a larger DEM avoids it"
+            f"{terrain.source}: the mass may leave the DEM in the {' and '.join(sides)} (energy line); mass that leaves is "
+            "booked as escaped mass; a larger DEM avoids it"
         )
 
 

@@ -107,5 +107,5 @@ def _slow_waves(softest: "Material", releases: "Sequence[Release]", angle: float
         yield (
             f"pressure waves of {softest.wave_speed:.3g} m/s are only {times:.2g} times as fast as the flow may become, "
             f"{speed:.3g} m/s (energy line from the centre of the release, least friction); below {WAVES_OVER_FLOW:g} times "
-            f"the stiffness may show in the run-out, youngs_modulus >= {stiff:.2g} Pa avoids it"
+            f"the stiffness may affect the run-out; youngs_modulus >= {stiff:.2g} Pa avoids it"
         )

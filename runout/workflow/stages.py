@@ -56,7 +56,7 @@ class StageRecord:
         if entry is None:
             return "not done yet"
         if entry.key is None:
-            return "it was broken off"
+            return "it was interrupted"
         if entry.key != key:
             return "inputs, configuration or version changed"
         faults = (f"{name} {fault}" for name, file in entry.files.items() if (fault := file.fault(self.results / name)))

@@ -196,4 +196,4 @@ def test_a_backend_without_checkpoints_says_so_and_runs(tmp_path, caplog, monkey
     with caplog.at_level(logging.WARNING):
         result = ramp_run(cell_size=5.0, end_time=0.1, checkpoint=tmp_path / "run.npz", checkpoint_every=0.0)
     assert result.stop_reason == "end time"
-    assert "WithoutCheckpoints keeps no checkpoints" in caplog.text
+    assert "WithoutCheckpoints writes no checkpoints" in caplog.text

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-LINE = "error: interrupted; what is finished is kept, the same command goes on from there\n"
+LINE = "error: interrupted; finished work is kept, the same command continues\n"
 START = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in the background of a shell
 MOMENTS = {
     "libraries are loaded": """

@@ -115,7 +115,7 @@ def test_a_run_takes_its_cells_from_accuracy_alone(site_folder):
     [
         ("accuracy: best", "accuracy"),
         ("cfl: 0.3", "neither cell_size nor accuracy is given"),
-        ("cell_size: 10\n  accuracy: high\n  cfl: 0.4", "are both given, so that it sets nothing"),
+        ("cell_size: 10\n  accuracy: high\n  cfl: 0.4", "are both given, so accuracy has no effect"),
     ],
 )
 def test_a_site_with_conflicts_is_refused(edited, new, said):

@@ -119,5 +119,7 @@ def test_bounds_of_a_thickness_raster_are_those_of_its_cells_that_hold_some(writ
     values[1:3, 2:7] = -2.0
     place = thickness_bounds(write_raster(values), "state an extent")
     assert place.edges == pytest.approx((500_010.0, 4_000_015.0, 500_035.0, 4_000_025.0))
+    unknown = np.where(values == 0.0, -9999.0, values)
+    assert thickness_bounds(write_raster(unknown, nodata=-9999.0), "state an extent").edges == pytest.approx(place.edges)
     with pytest.raises(ReleaseError, match="the release is empty"):
         thickness_bounds(write_raster(np.zeros((3, 4))), "state an extent")

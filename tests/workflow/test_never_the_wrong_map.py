@@ -237,7 +237,7 @@ def test_an_input_that_changes_during_a_stage_is_refused(site, monkeypatch):
     monkeypatch.setitem(hazard_map.MAKERS, "terrain", meanwhile)
     with pytest.raises(InputError, match=r"thickness\.tif: this input was changed during the run"):
         hazard_map.run(site, stages=("terrain",), force=True)
-    assert Study.open(site).record.why_stale("terrain", "any") == "it was broken off"
+    assert Study.open(site).record.why_stale("terrain", "any") == "it was interrupted"
 
 
 def test_two_processes_do_not_make_the_same_stage_and_may_make_others(site):
