@@ -1,4 +1,4 @@
-"""One table of every variable that runout writes: name -> unit, long name, CF standard name, type, valid range.
+"""Table of all variables that runout writes: name -> unit, long name, CF standard name, type, valid range.
 
 Files are described from this table alone. A standard name is given only where the CF table has one; there is none for
 debris, deposit, impact pressure or arrival, and none is borrowed from floods.
@@ -7,13 +7,13 @@ debris, deposit, impact pressure or arrival, and none is borrowed from floods.
 from dataclasses import dataclass, replace
 
 FILL = -9999.0
-PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> unit for people, and how many of the first make one of it
+PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> printed unit and divisor
 FILL_BY_DTYPE = {"float32": FILL, "float64": None, "int16": -9999, "int32": -9999, "int64": None, "uint8": 255, "str": None}
 
 
 @dataclass(frozen=True)
 class Variable:
-    """What a file says about a variable.
+    """Description of a variable in a file.
 
     Parameters
     ----------
@@ -48,12 +48,12 @@ class Variable:
 
     @property
     def fill(self) -> float | int | None:
-        """Value that marks a missing one; None where none may be missing."""
+        """Value that marks missing data; None if data cannot be missing."""
         return FILL_BY_DTYPE[self.dtype]
 
     @property
     def printed(self) -> tuple[str, float]:
-        """Unit in which people read the variable, and the divisor from :attr:`units` to it."""
+        """Printed unit, and the divisor from :attr:`units` to it."""
         return PRINTED.get(self.units, (self.units, 1.0))
 
     def attributes(self) -> dict[str, str]:

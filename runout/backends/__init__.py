@@ -1,1 +1,1 @@
-"""Backends decide where nodes live; see :mod:`runout.backends.protocol`."""
+"""Backends store nodes and particles and run the loops; see :mod:`runout.backends.protocol`."""

@@ -1,4 +1,4 @@
-"""Footprints of particles on a raster finer than the grid: sums on a lattice of half grid cells, spread, brought to the raster.
+"""Footprints of particles on rasters finer than the grid: sums on a lattice of half grid cells, smoothed, mapped to the raster.
 
 A backend adds each particle, a box of one grid cell, to the lattice. Where particles have moved apart, their mass is smoothed
 over more cells of the lattice (:func:`runout.physics.numerical_scales.footprint_area`), mass, momentum and volume alike: over so
@@ -26,12 +26,12 @@ HALVES = 2  # cells of the lattice in a cell of the grid, along each axis
 
 @dataclass(frozen=True)
 class Footprint:
-    """Footprints that a number of particles share.
+    """Footprints of a size such that a number of particles share each place.
 
     Attributes
     ----------
     sharing : float
-        Particles over each place.
+        Number of particles that share each place.
     widths : tuple of int
         Squares [cells of the lattice] over which a box of one grid cell may be smoothed, ascending.
     """
@@ -45,8 +45,8 @@ class Footprint:
         return np.array([1.0, *(smoothed_area(width / HALVES) for width in self.widths)])
 
 
-EXTENT = Footprint(4.0, (3, 5))  # says where the flow is
-DEPTH = Footprint(16.0, (3, 5, 9))  # says how much of it
+EXTENT = Footprint(4.0, (3, 5))  # extent of the flow
+DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 
 
@@ -70,19 +70,19 @@ class Lattice:
 
     @classmethod
     def around(cls, scene: Scene, low: np.ndarray, high: np.ndarray) -> "Lattice":
-        """The window over which particles spread whose boxes lie between the nodes ``low`` and ``high`` (2,) of the grid."""
+        """Window of the footprints of particles whose boxes lie between the nodes ``low`` and ``high`` (2,) of the grid."""
         first, last = HALVES * np.asarray(low, int) - REACH, HALVES * np.asarray(high, int) + REACH
         (east, north), (columns, rows) = first.tolist(), (last - first).tolist()
         return cls((east, north), (columns, rows), (scene.spacing[0] / HALVES, scene.spacing[1] / HALVES))
 
 
 def apply_to(scene: Scene) -> bool:
-    """Whether cells of the raster are smaller than those of the grid; else a particle's box of one cell is fine enough."""
+    """Whether footprints are needed: cells of the raster are smaller than those of the grid."""
     return any(cell < h * (1 - 1e-9) for cell, h in zip(scene.raster.cell_size, scene.spacing[:2], strict=True))
 
 
 def mean_volume(scene: Scene, particles: Particles) -> float:
-    """Mean volume of a particle at rest [m3]; 0 without any."""
+    """Mean stress-free volume of the particles [m3]; 0 without particles."""
     density = np.array([m.density for m in scene.materials])[particles.release]
     return float(np.mean(particles.mass / density)) if len(particles) else 0.0
 
@@ -126,7 +126,7 @@ def on_whole(found: RasterSums, raster: Raster) -> RasterSums:
 
 
 def columns_of(scene: Scene, particles: Particles, particle_volume: float) -> RasterSums:
-    """Columns over all cells of the raster, in plain NumPy: what the reference backend gives."""
+    """Columns over all cells of the raster in plain NumPy, for the reference backend."""
     raster = scene.raster
     if not apply_to(scene):
         sums = _box_sums(scene, particles, Lattice((0, 0), (raster.columns, raster.rows), raster.cell_size))

@@ -1,4 +1,4 @@
-"""What every backend offers; :func:`get_backend` is the only place that imports one."""
+"""Interface of all backends; only :func:`get_backend` imports them."""
 
 import ctypes
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ BACKENDS = ("scan", "hash", "reference")
 
 @dataclass
 class LedgerRow:
-    """Sums over all particles at one time; what has been lost or dissipated is counted from the start."""
+    """Sums over all particles at one time; losses and dissipation are totals since the start."""
 
     mass: float  # [kg] on the domain
     escaped_mass: float  # [kg] left over the edge of the domain
@@ -37,24 +37,24 @@ class LedgerRow:
 
 @dataclass
 class RasterSums:
-    """What stands over each cell of the raster, or of a window of it (rows, columns): sums over its column of particles."""
+    """Sums over the particles above each cell of the raster or of a window of it (rows, columns)."""
 
     volume: np.ndarray  # [m3]
     mass: np.ndarray  # [kg]
     momentum: np.ndarray  # (rows, columns, 3) [kg m/s]
-    row: int = 0  # of the raster, where the window begins
+    row: int = 0  # first row and column of the window
     column: int = 0
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Rows and columns of the raster that are covered; beside them there is nothing."""
+        """Rows and columns of the window; there are no particles outside."""
         rows, columns = self.mass.shape
         return slice(self.row, self.row + rows), slice(self.column, self.column + columns)
 
 
 @dataclass
 class Counters:
-    """Work done since ``load``; what CI gates instead of seconds."""
+    """Work since ``load``; CI checks these counters instead of times."""
 
     steps: int = 0
     particle_steps: int = 0
@@ -63,12 +63,12 @@ class Counters:
 
 
 class Backend(Protocol):
-    """A backend addresses: it decides where nodes live and in which order loops run; it holds no formula."""
+    """A backend stores nodes and particles and orders the loops. It contains no formula."""
 
     counters: Counters
 
     def load(self, scene: Scene, particles: Particles) -> None:
-        """Take over a scene and its particles."""
+        """Load a scene and its particles."""
 
     def stable_step(self) -> float:
         """Largest admissible time step [s] from the acoustic and the particle limit."""
@@ -77,7 +77,7 @@ class Backend(Protocol):
         """One explicit step of ``dt`` [s]."""
 
     def particles(self) -> Particles:
-        """The particles as they are, in the order of their identity."""
+        """Present particles, ordered by identity."""
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
@@ -88,7 +88,7 @@ class Backend(Protocol):
 
 @runtime_checkable
 class BatchBackend(Protocol):
-    """A backend that takes several steps without a word with the host; pays where a launch costs as much as a step."""
+    """A backend that makes several steps without the host. This saves time if a launch costs as much as a step."""
 
     def steps(self, dt: float, count: int) -> None:
         """``count`` explicit steps of ``dt`` [s]."""
@@ -96,7 +96,7 @@ class BatchBackend(Protocol):
 
 @runtime_checkable
 class WindowBackend(Protocol):
-    """A backend that knows where on the raster its mass is, so that observers need not look at the rest."""
+    """A backend that knows the part of the raster with mass, so that observers skip the rest."""
 
     def flow_columns(self) -> RasterSums:
         """The sums of :meth:`Backend.columns`, bit by bit, over a window of the raster that holds all mass."""
@@ -104,17 +104,17 @@ class WindowBackend(Protocol):
 
 @runtime_checkable
 class ResumableBackend(Protocol):
-    """A backend whose state can be kept, so that a run goes on bit by bit as if it had not been broken off."""
+    """A backend whose state can be saved, so that an interrupted run continues to the same bits."""
 
     def checkpoint(self) -> State:
-        """The state between two steps by name; arrays may be those of the backend: write them before the next step."""
+        """State between two steps by name. Arrays may belong to the backend: write them before the next step."""
 
     def restore(self, scene: Scene, state: State) -> None:
-        """Take over a scene in the state that :meth:`checkpoint` gave for the same scene, whatever the threads."""
+        """Load a scene in the state that :meth:`checkpoint` returned for it; the number of threads may differ."""
 
 
 class SceneBatch(Protocol):
-    """Scenes that are stepped together on one device, each with its own time step and end; s is the number of a scene."""
+    """Scenes that share the launches of one device, each with its own time step and end; s is the number of a scene."""
 
     def stable_step(self, s: int, /) -> float:
         """Largest admissible time step [s]."""
@@ -123,10 +123,10 @@ class SceneBatch(Protocol):
         """``count[s]`` steps of ``dt[s]`` [s]."""
 
     def leave(self, scenes: Sequence[int]) -> None:
-        """These scenes have come to their end."""
+        """Remove these scenes from the batch; they have ended."""
 
     def failure(self, s: int, /) -> str:
-        """Why a scene has left before its end; empty if it has not."""
+        """Reason why a scene ended early; empty if it did not."""
 
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""
@@ -141,22 +141,22 @@ class SceneBatch(Protocol):
         """As :meth:`WindowBackend.flow_columns`."""
 
     def look_at(self, scenes: Sequence[int]) -> None:
-        """These scenes will be asked for their columns before the next step: all of them wait for the device together."""
+        """Announce that the columns of these scenes will be read before the next step, so that the device is waited for once."""
 
 
 def get_batch(scenes: Sequence[tuple[Scene, Particles]], device: str) -> SceneBatch:
-    """Scenes that hash steps together on a device.
+    """Batch of scenes on a device, with the backend hash.
 
     Raises
     ------
     ConfigError, CapacityError
-        If scenes differ in what they must share; if they need more memory than there is.
+        If scenes differ in settings that they must share, or need more memory than the device has.
     """
     return import_module("runout.backends.hash.batch").Batch(scenes, device)  # type: ignore[no-any-return]
 
 
 def free_memory(device: str) -> float:
-    """Memory [byte] that is free on a CUDA device."""
+    """Free memory [byte] of a CUDA device."""
     return import_module("runout.backends.hash.backend").free_memory(device)  # type: ignore[no-any-return]
 
 
@@ -212,12 +212,12 @@ def bytes_on_device(particles: int, blocks: int, precision: str, transfer: str =
 
 
 def find_device(wanted: str) -> str:
-    """The device of that name: "cpu", "cuda:N", or for "auto" the first CUDA device, else "cpu".
+    """Device with this name: "cpu", "cuda:N", or for "auto" the first CUDA device, else "cpu".
 
     Raises
     ------
     DeviceError
-        If it is not there; names what is there.
+        If it does not exist; the message lists the devices of the machine.
     """
     if wanted == "cpu":
         return wanted
@@ -231,14 +231,14 @@ def find_device(wanted: str) -> str:
 
 
 def devices_of(device: str) -> tuple[str, ...]:
-    """The GPUs that members of an ensemble may share: all of them for "cuda", the named one, none for "cpu"."""
+    """GPUs for the members of an ensemble: all for "cuda", the named one for "cuda:N", none for "cpu"."""
     if not device.startswith("cuda"):
         return ()
     return _cuda_devices() if device == "cuda" else (find_device(device),)
 
 
 def _cuda_devices() -> tuple[str, ...]:
-    """Names of the CUDA devices that warp finds; it is not asked, and does not warn, where there is no driver."""
+    """Names of the CUDA devices that warp finds. Without a driver warp is not imported, since it would warn."""
     if not any(_loads(library) for library in ("libcuda.so.1", "libcuda.so", "nvcuda.dll")):
         return ()
     return import_module("runout.backends.hash.backend").cuda_devices()  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""What the processor can do at best: copy bandwidth and rate of multiply-adds, in numba like the kernels to compare."""
+"""Limits of the processor: copy bandwidth and rate of multiply-adds, measured with numba, as the kernels are compiled."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Attributes of an object as plain arrays, and back: what a checkpoint holds of a backend and of a run."""
+"""Converts attributes of an object to plain arrays and back, for checkpoints of a backend and a run."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -10,9 +10,9 @@ KEPT = (np.ndarray, np.generic, bool, int, float)
 
 
 def arrays_of(owner: object, omit: Collection[str] = (), prefix: str = "") -> State:
-    """Every array and number among the attributes of an object by name, numbers as arrays without dimension.
+    """All arrays and numbers among the attributes of an object, by name; numbers become arrays without dimension.
 
-    What is neither (a scene, kernels, lists) is not kept. Arrays are not copied: write them before the object goes on.
+    Other attributes (a scene, kernels, lists) are left out. Arrays are not copied: write them before the object changes.
 
     Parameters
     ----------
@@ -32,13 +32,13 @@ def part(state: Mapping[str, np.ndarray], prefix: str) -> State:
 
 
 def plain(value: np.ndarray) -> Any:
-    """An array as it is, or the number of Python or NumPy that an array without dimension was made of."""
+    """The array, or for an array without dimension its number."""
     if value.ndim:
         return value
     return value.item() if value.dtype in (np.float64, np.int64, np.bool_) else value[()]
 
 
 def put_arrays(owner: object, state: Mapping[str, np.ndarray], prefix: str = "") -> None:
-    """Set the attributes of an object to what :func:`arrays_of` gave."""
+    """Set the attributes of an object from the result of :func:`arrays_of`."""
     for name, value in part(state, prefix).items():
         setattr(owner, name, plain(value))

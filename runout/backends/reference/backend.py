@@ -1,6 +1,6 @@
 """Reference backend: one dense grid around all particles, NumPy in float64.
 
-Slow and obvious; the others are tested against it. Quadratic B-splines, APIC with the stress packed into the affine matrix (Hu
+Slow and simple; the others are tested against it. Quadratic B-splines, APIC with the stress packed into the affine matrix (Hu
 et al. 2018, ACM TOG 37:150, eq. 16 to 29) or by gradients of weights, symplectic Euler, one ground impulse per contact particle.
 """
 
@@ -34,7 +34,7 @@ def compiled_loops(law: Law) -> SimpleNamespace:
 
 
 def create(threads: int | None = None) -> "ReferenceBackend":
-    """A reference backend; it runs on one thread, whatever ``threads`` says."""
+    """A reference backend; it runs on one thread, ``threads`` has no effect."""
     return ReferenceBackend()
 
 
@@ -47,7 +47,7 @@ class ReferenceBackend:
         self.watch: Any = lambda *_: None  # called with stencils, nodal mass and velocity before contact; may be set
 
     def load(self, scene: Scene, particles: Particles) -> None:
-        """Take over a scene and its particles; sums and counters start anew."""
+        """Load a scene and its particles; sums and counters start at zero."""
         if scene.sleep_speed:
             raise ConfigError("sleep_speed works on scan, not on reference; set backend to scan, or leave it out")
         particles.require_index_range(scene.spacing)
@@ -92,7 +92,7 @@ class ReferenceBackend:
         self._p.velocity += change
 
     def particles(self) -> Particles:
-        """The particles as they are, in the order of their identity."""
+        """Present particles, ordered by identity."""
         return self._p.take(np.arange(len(self._p)))
 
     def checkpoint(self) -> State:
@@ -100,7 +100,7 @@ class ReferenceBackend:
         return arrays_of(self, ("table",), "own.") | arrays_of(self._p, (), "p.") | arrays_of(self.counters, (), "done.")
 
     def restore(self, scene: Scene, state: State) -> None:
-        """Go on from a state of the same scene."""
+        """Continue from a state of the same scene."""
         self.load(scene, Particles(**part(state, "p.")))
         put_arrays(self, state, "own.")
         put_arrays(self.counters, state, "done.")
@@ -186,7 +186,7 @@ class ReferenceBackend:
         p.node = (p.node + shift).astype(p.node.dtype)
 
     def _let_escape(self) -> None:
-        """Remove what has left the domain and book its mass and energy."""
+        """Remove particles that have left the domain and book their mass and energy."""
         inside = self.scene.holds(*self._p.position(self.spacing).T[:2])
         if inside.all():
             return
