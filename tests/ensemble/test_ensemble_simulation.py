@@ -137,7 +137,7 @@ def test_a_member_that_was_broken_off_goes_on_from_its_checkpoint(tmp_path):
         run_ensemble(site, results, workers=1, simulate=interrupted)
     status = member_status(site, results).loc[first.number]
     assert status["state"] == "left"
-    assert "kept at 0.9" in status["reason"]
+    assert "checkpoint at 0.9" in status["reason"]
     assert "a run continues from there" in status["reason"]
     seen = []
     run_ensemble(site, results, workers=1, progress=seen.append)

@@ -32,6 +32,13 @@ def test_window_holds_all_that_the_mass_may_reach(degrees, most):
     assert crest_window._cells(found) < most
 
 
+def test_reach_on_level_ground_is_the_same_on_every_side():
+    box = (30, 33), (40, 42)
+    found = crest_window._reached(np.zeros((80, 90)), (1.0, 1.0), box, 4.5, np.radians(45.0))
+    margins = {abs(a - b) for ends, own in zip(found, box, strict=True) for a, b in zip(ends, own, strict=True)}
+    assert margins == {5}  # cells that 4.5 m above the ground reach at 45 degrees
+
+
 @pytest.mark.parametrize(("h", "angle"), [(3.0, 0.0), (10.0, 0.0), (30.0, 0.0), (3.0, 0.25), (70.0, 0.0)])
 def test_a_raster_of_nine_million_cells_takes_a_bounded_table(h, angle):
     """Cells of 30 m; under it are up to 9e8 nodes of 3 m."""
