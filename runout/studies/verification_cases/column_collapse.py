@@ -23,7 +23,7 @@ from runout.studies.verification_cases.flow import Frame
 
 RODS = DruckerPrager(density=2650.0, youngs_modulus=0.84e6, poisson_ratio=0.3, friction_angle=19.8)
 LENGTH, HEIGHT = 0.2, 0.1  # [m] of the rods
-NO_SLIP = 10.0  # friction coefficient of a floor that holds what it touches
+NO_SLIP = 10.0  # friction coefficient of a floor to which grains stick
 AT_REST = RODS.poisson_ratio / (1 - RODS.poisson_ratio)
 SURFACE = "bui2008_final_surface.csv"
 SCATTER = 0.25  # of experiments on run-out
@@ -114,7 +114,7 @@ def planar(aspect: float, cells: int, material: DruckerPrager | None = None, sam
 
 @dataclass(frozen=True)
 class Deposit:
-    """What a round column came to.
+    """Deposit of a round column.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class Deposit:
 
 
 def deposit(p: Particles, x: np.ndarray, density: float) -> Deposit:
-    """The deposit of particles at places ``x`` (n, 3) [m] about the axis and above the floor."""
+    """Deposit of particles at positions ``x`` (n, 3) [m] relative to axis and floor."""
     away, volume = np.hypot(x[:, 0], x[:, 1]), p.mass / density
     height = float(volume[away < WALLED / 4].sum() / (np.pi * (WALLED / 4) ** 2))
     core = (away < WALLED / 2) & (x[:, 2] < height / 2)

@@ -15,7 +15,7 @@ from runout.studies.verification_cases.bodies import lattice, loaded, particles_
 from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.finding import Bound, Case, Result
 
-LENGTH, WIDTH, HEIGHT = 0.4, 0.2, 0.2  # of the block [m]
+LENGTH, WIDTH, HEIGHT = 0.4, 0.2, 0.2  # size of the block [m]
 BLOCK = Elastic(density=1000.0, youngs_modulus=2e6, poisson_ratio=0.3)
 BOWL_RADIUS, RELEASE_ANGLE = 4.0, np.radians(40.0)
 RAMP_LENGTH, RAMP_ANGLE, ARC_RADIUS = 10.0, np.radians(30.0), 5.0

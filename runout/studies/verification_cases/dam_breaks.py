@@ -19,7 +19,7 @@ STIFFNESS = 100.0  # bulk modulus over the weight of the depth
 DENSITY = 1000.0  # [kg/m3]
 DEPTH = 1.0  # [m]
 WIDE = 64.0  # [m] of the domain
-BUDGET = 0.01  # share of the drop of potential energy that may stay unexplained
+BUDGET = 0.01  # largest share of the drop of potential energy without explanation
 SLOPE, BED = 22.0, 21.0  # [deg] of Mangeney's case
 
 
@@ -79,7 +79,7 @@ def relative(found: np.ndarray, exact: np.ndarray, power: int = 1) -> float:
 
 
 def budget(frame: Frame, name: str) -> list[Result]:
-    """The energy budget of a run (F10): what stays unexplained, and what the transfers lost."""
+    """Energy budget of a run (F10): unexplained share, and loss of the transfers."""
     e = frame.energies
     return [
         Bound(f"energy not accounted for, over the drop of potential energy, {name}", e.residual, BUDGET, -BUDGET),

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SLACK = 0.2  # by which an observed order may stay below the declared one
+SLACK = 0.2  # largest shortfall of an observed order against the declared one
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A number that must lie between ``low`` and ``high``; its unit belongs to the words of ``quantity``."""
+    """A number that must lie between ``low`` and ``high``; ``quantity`` states its unit."""
 
     quantity: str
     value: float
@@ -19,18 +19,18 @@ class Bound:
 
     @property
     def holds(self) -> bool:
-        """Whether the number is within its bounds; not a number is not."""
+        """Whether the number is within its bounds; False for NaN."""
         return bool(self.low <= self.value <= self.high)
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Errors on finer and finer grids.
+    """Errors on successively finer grids.
 
     Parameters
     ----------
     quantity : str
-        What the errors are of, and their norm.
+        Quantity and norm of the errors.
     cells : tuple of float
         Resolutions: cells along the reference length, or steps.
     errors : tuple of float
@@ -71,7 +71,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a case found, and how long it took [s]."""
+    """Findings of a case, and its duration [s]."""
 
     case: Case
     results: tuple[Result, ...]

@@ -1,4 +1,4 @@
-"""Runs of a flow that note thickness and energy: in plane strain on a periodic grid, or in space.
+"""Runs of a flow with records of thickness and energy, in plane strain on a periodic grid or in three dimensions.
 
 Plane strain takes a slice of :data:`ACROSS` cells with one particle a cell across, whose grid repeats. A wall that reflects is the
 mirror image of the body.
@@ -19,14 +19,14 @@ from runout.studies.verification_cases.bodies import filled
 from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.transfer_loss import TransferLoss
 
-ACROSS = 4  # cells of a slice: the shortest period
+ACROSS = 4  # cells across a slice: the shortest period of the grid
 CHUNK = 10  # steps of one length
 BASE = 40.35  # [cells] of a level floor above the origin
 
 
 @dataclass(frozen=True)
 class Energies:
-    """What became of the potential energy since the start, as shares of its drop [1].
+    """Energy budget since the start, as shares of the drop of potential energy [1].
 
     ``kinetic`` and ``elastic`` gained, ``basal`` and ``internal`` dissipated, ``transfer``: kinetic energy that the transfers
     between particles and grid lost. ``basal`` is the ground's work on the nodes, of which ``unbooked`` is missing in the ledger.
@@ -42,7 +42,7 @@ class Energies:
 
     @property
     def residual(self) -> float:
-        """What is not accounted for."""
+        """Share that is not accounted for."""
         return 1 - self.kinetic - self.elastic - self.basal - self.internal - self.transfer
 
 
@@ -151,7 +151,7 @@ def run(
             engine.step(dt)
             now, done = now + dt, done + 1
         p = engine.particles()
-        shadow.look(p, now, 0.95 * engine.stable_step())  # the last step may be as short as rounding
+        shadow.look(p, now, 0.95 * engine.stable_step())  # the last step may be of the order of rounding
         columns, cell = engine.columns(), scene.raster.cell_size
         energies = _energies(start, engine.ledger(), shadow.lost)
         frames.append(Frame(now, shadow.layer(p), columns.volume / (cell[0] * min(cell[1], ACROSS * cell[0])), energies))
@@ -159,17 +159,17 @@ def run(
 
 
 class _Shadow:
-    """What transfers and ground take that no ledger books: from single steps of the reference backend."""
+    """Losses at transfers and ground that the ledger does not contain, from single steps of the reference backend."""
 
     def __init__(self, scene: Scene, along: int, alike: bool):
         self.scene = scene
         self.sliced = scene.raster.rows == 1
-        self.layers = ACROSS if self.sliced and alike else 1  # of which one is looked at
+        self.layers = ACROSS if self.sliced and alike else 1  # identical layers, of which one is used
         self.losses = TransferLoss((along, ACROSS // self.layers * self.sliced, 0))
         self.taken, self.time, self.lost, self.rates = 0, 0.0, np.zeros(2), np.zeros(2)
 
     def layer(self, p: Particles) -> Particles:
-        """One of the layers of a slice; all particles in space."""
+        """One layer of a slice; all particles in three dimensions."""
         return p.take(np.flatnonzero(p.identity < len(p) // ACROSS)) if self.sliced else p
 
     def look(self, p: Particles, now: float, dt: float) -> None:

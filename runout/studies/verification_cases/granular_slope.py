@@ -1,4 +1,4 @@
-"""T7: steady flow of grains with mu(I) down an endless slope, from Bagnold's profile."""
+"""T7: steady flow of grains with mu(I) down an infinite slope, started from Bagnold's profile."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""T2, T3, T4: where a box starts to slide, which way friction acts, and how far above the ground it rests."""
+"""T2, T3, T4: angle at which a box starts to slide, direction of friction, and gap above the ground at rest."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the verification found, as a page of the documentation, as a figure and as lines on the terminal."""
+"""Findings of the verification as a page, a figure and lines for the terminal."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -78,7 +78,7 @@ def _summary(finding: Finding) -> tuple[str, ...]:
 
 
 def _share(r: Bound) -> float | None:
-    """Distance of a number from the middle of its range or from zero, over that of its bound; None where there is no such bound."""
+    """Distance of a number from the middle of its range or from zero, relative to that of its bound; None without a bound."""
     if math.isfinite(r.low) and math.isfinite(r.high):
         return abs(2 * r.value - r.low - r.high) / (r.high - r.low)
     if math.isfinite(r.high):
@@ -93,13 +93,13 @@ def _results(findings: Sequence[Finding]) -> str:
 
 
 def _cases(findings: Sequence[Finding]) -> str:
-    """What each case is, as CSV."""
+    """Description of each case, as CSV."""
     rows = [(f.case.name, f.case.title, f.case.setup, f.case.remark, f"{f.seconds:.1f}") for f in findings]
     return as_csv(("case", "title", "set-up", "remark", "seconds"), rows)
 
 
 def as_lines(finding: Finding) -> list[str]:
-    """What the terminal says of a case."""
+    """Lines for the terminal on a case."""
     head = f"{finding.case.name} {finding.case.title}: {'holds' if finding.holds else 'DOES NOT HOLD'} ({finding.seconds:.1f} s)"
     return [head, *(f"  {'' if r.holds else 'NOT: '}{r.quantity}: {_measured(r)}; {_required(r)}" for r in finding.results)]
 

@@ -1,4 +1,4 @@
-"""What the verification found, as JSON and back."""
+"""Converts findings of the verification to JSON and back."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,17 +9,17 @@ from runout.studies.verification_cases.finding import Bound, Case, Convergence, 
 
 
 def as_json(findings: Sequence[Finding], full: bool) -> dict[str, Any]:
-    """Everything measured, ready for a JSON file; infinite bounds are None."""
+    """All findings, ready for a JSON file; infinite bounds are None."""
     return {"version": __version__, "full": full, "holds": all(f.holds for f in findings), "cases": [_case(f) for f in findings]}
 
 
 def kept(record: Mapping[str, Any], case: Case) -> Finding:
-    """The finding of a case from what :func:`as_json` made of it."""
+    """Finding of a case from the result of :func:`as_json`."""
     return Finding(case, tuple(_kept_result(r) for r in record["results"]), record["seconds"])
 
 
 def recorded(content: Mapping[str, Any]) -> list[Finding]:
-    """All findings of a record, with names and texts as they were recorded."""
+    """All findings of a record, with the recorded names and texts."""
     return [kept(c, Case(c["name"], c["title"], c["setup"], lambda full: [], c["remark"])) for c in content["cases"]]
 
 

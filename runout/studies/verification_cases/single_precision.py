@@ -1,4 +1,4 @@
-"""What float32 costs: the same runs in both precisions, against closed forms where there are some."""
+"""Errors of float32: equal runs in both precisions, compared with closed forms if there are any."""
 
 from collections.abc import Iterator
 from dataclasses import replace
