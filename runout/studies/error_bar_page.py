@@ -28,8 +28,8 @@ of a grid twice as fine.
 Bars and differences are medians, relative to the value of the finest grid of a case. The bars are wide because most
 grids of the study are too coarse to show an order; the bar then assumes an order of 0.5.
 
-The study takes a ladder of seven grids, each finer by the square root of two, with basal friction angles of
-{frictions} deg, for 60 s. A case takes three neighbouring grids for the bar, and the grid twice as fine for the
+The study uses a sequence of seven grids, each finer by the square root of two, with basal friction angles of
+{frictions} deg, for 60 s. A case uses three neighbouring grids for the bar, and the grid twice as fine for the
 true value. Cells of the finest grid of a case: {cells}.
 
 ## Full table

@@ -15,7 +15,7 @@ from runout.studies.study_page import StudyPage, as_csv, as_png, download, markd
 COLUMNS = 2  # of the figure
 OPENING = """# Error against time
 
-Problems with a known answer are run on finer and finer grids. Each curve changes one choice from the defaults of
+Problems with a known answer run on successively finer grids. Each curve changes one choice from the defaults of
 `runout.simulate`: {base}.
 
 ![Error against processor time, one panel for each problem](work_precision.png)
@@ -27,9 +27,9 @@ other choices.*
 
 ## Cost at equal error
 
-Processor time over that of the defaults, at the errors that the defaults reach; geometric mean over the grids, with
-power laws between grids. Less than 1 is cheaper than the defaults. A dash: the choice is never as accurate as the
-coarsest grid of the defaults, or always more accurate than their finest.
+Processor time relative to the defaults at equal error: geometric mean over the grids of the defaults, with power laws
+between grids. Values below 1 are cheaper than the defaults. A dash: the errors of the choice and of the defaults do not
+overlap.
 
 {ranking}
 
@@ -54,8 +54,8 @@ the nodes below the surface, on the reference backend; compare it with *referenc
 It writes this page, its tables, its figure and the record `work_precision.json`. `python -m
 runout.studies.documentation` makes the same files again from the record in `tests/benchmarks/records/`.
 
-Time is processor time of the steps on one thread, the shortest of {repeats} runs that took turns (one run beyond
-{repeated:g} s), on a machine with other work. Particle-steps in the tables are the work without the noise of a
+Time is processor time of the steps on one thread, the shortest of {repeats} alternating runs (one run beyond
+{repeated:g} s), on a machine with other load. Particle-steps in the tables measure the work independently of the
 machine.
 
 Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
@@ -63,9 +63,10 @@ Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, Python {
 """
 PRESETS = """## Presets of accuracy
 
-Two sites, 60 s, with `accuracy=...` alone. The error is the distance from `high` with half its cells, plus what
-that has left by the order that these two and `standard` show (safety factor 1.25), or by the last distance where no
-order between 0.5 and 3 is seen. Other sites have other errors; `runout verify SITE --convergence` measures them.
+Two sites, 60 s, with `accuracy=...` alone. The error is the distance from a reference, `high` with half its cell
+size, plus the estimated error of the reference. The estimate uses the order of convergence of `standard`, `high` and
+reference (safety factor 1.25), or the last distance if this order is not between 0.5 and 3. Errors differ between
+sites; `runout verify SITE --convergence` measures them.
 
 {table}
 

@@ -169,15 +169,15 @@ def checkpoint_cost(particles: int = CHECKPOINTED) -> dict[str, Any]:
 
 
 HEADS = ("switch", "on / off", "time", "share of observers on, off", "same bits", "largest change of a map")
-OPENING = """# What a run skips
+OPENING = """# Skipped work
 
-Time that a run saves by skipping what its scene does not need, and how much the maps change.
+Time that a run saves by skipping work that its scene does not need, and the change of the maps.
 
 ![Time with each switch over the time without it](skip.png)
 
 {table}
 
-- *Time*: processor time with the switch over that without it, the shortest of {repeats} runs that took turns,
+- *Time*: processor time with the switch over that without it, the shortest of {repeats} alternating runs,
   without setup.
 - *Share of observers*: of the wall time.
 - *Largest change of a map*: relative L1, of {maps}. {changes} has the change of each map.

@@ -115,15 +115,15 @@ def measure(full: bool = False, particles: int = 100_000) -> dict[str, Any]:
 REMARKS = """- *Amplitude left*: a bar of 16 cells after ten periods (U6).
 - *Viscosity*: decay of a shear wave, in units of h²/Δt (h/λ)².
 - *Checkerboard*: RMS difference of the pressure from its linear fit over the 20 nearest particles, over its mean,
-  in a collapsing column of sand of 6 x 6 x 8 cells. *Front*: the width of the column then.
+  in a collapsing column of sand of 6 x 6 x 8 cells. *Front*: the width of the column at that time.
 - *Surface of rods*: aluminium rods of 100 mm height that collapse (F5), surface at the end against the experiment
   of Bui et al. 2008.
 - *Footing*: a rigid rough strip, six cells wide, pressed into weightless clay (friction angle 0, Poisson's ratio
-  0.49), over (2 + π) c and the width that the grid gives it, half a cell more on each side. More than 1 is locking.
-- *Landed*: height of a periodic layer of four cells of sand that was thrown up, came apart by a tenth (3 m/s) or a
-  third (6 m/s) of its volume and landed. 1 is the density of before.
-- *Lost*: share of their speed that two blocks of sand lose when they part at 1 m/s, by the distance of their
-  particles at the start. From three cells on, they share no node and lose nothing.
+  0.49), relative to (2 + π) c and its width on the grid, half a cell more on each side. Values above 1 mean locking.
+- *Landed*: final over initial height of a periodic layer of sand, four cells thick, that was thrown up. In flight its volume
+  grew by a tenth (3 m/s) or a third (6 m/s). 1 means the initial density.
+- *Lost*: share of speed that two blocks of sand lose while they separate at 1 m/s, for several initial distances of their
+  particles. From three cells on, they share no node and lose nothing.
 """
 OPENING = """# Transfers and F-bar
 

@@ -12,8 +12,8 @@ VERDICTS = {"survived": "#33658a", "refused": "#f6ae2d", "failed": "#c1121f"}
 TOGETHER = "all together (Latin hypercube)"
 OPENING = """# Stability
 
-A mass of sand on a small terrain, with every choice of a run pushed to its extremes: first each choice alone, then
-all choices at once in {samples} runs of a Latin hypercube.
+A mass of sand on a small terrain, with extreme values of every setting of a run: first each setting alone, then all
+settings together in {samples} runs of a Latin hypercube.
 
 **{survived} survived, {refused} were refused, {failed} failed.**
 
@@ -27,8 +27,8 @@ all choices at once in {samples} runs of a Latin hypercube.
 
 {worst}
 
-Every number of the state must be finite too. *Rest* and *passage* are measured in the runs that must come to rest, or leave a
-plane above a cliff.
+All numbers of the state must be finite as well. *Rest* is measured in runs that must come to rest, *passage* in runs that
+must leave a plane above a cliff.
 
 ## Verdicts by axis
 
@@ -50,14 +50,14 @@ Record: runout {version}, commit {commit}, backend {backend} on {device}.
 """
 MEANINGS = {
     "mass": "relative error of mass, escaped mass included",
-    "momentum": "momentum less that of gravity and of the impulses of the ground, over its tolerance",
+    "momentum": "momentum without the impulses of gravity and ground, over its tolerance",
     "energy": "rise of the sum of all energies over the drop of potential energy",
     "speed": "speed of the fastest particle over sqrt(v0² + 2 g dz) + 2 sqrt(g H) + 5 %",
-    "mean speed": "speed of the centre of mass over that of its fall and of the strain at the start",
+    "mean speed": "speed of the centre of mass over that of its fall and of the release of the initial strain",
     "penetration": "depth of the middle of a layer of particles below the ground of raster and nodes [cells]",
     "penetration at narrow edges": "the same where walls and pits are narrower than two cells [cells]",
     "sinking": "depth of a particle below the height at which it touches the ground [cells]",
-    "rest": "creep of what must rest, over 1 mm/s",
+    "rest": "creep of masses that must rest, over 1 mm/s",
     "passage": "share of the mass that stays behind the edge of a cliff",
 }
 
