@@ -33,7 +33,7 @@ def ramp_run():
 
 
 def row(made, name):
-    return skip.compared(*made, BY_NAME[name], 1, None)
+    return skip.compared(*made, BY_NAME[name], 1)
 
 
 def test_observing_only_the_flow_changes_no_bit_of_any_map(ramp_run):
@@ -100,7 +100,7 @@ def test_cadence_and_stop_rule_change_maps_little_and_save_work(ramp_run):
 
 def test_what_sleeps_saves_work_where_a_bed_rests_and_changes_little():
     scene, particles, control = skip.fall_on_a_bed(cell_size=4.0, end_time=12.0)
-    found = skip.compared(scene, particles, control, BY_NAME["sleep 0.2, bed"], 1, None)
+    found = skip.compared(scene, particles, control, BY_NAME["sleep 0.2, bed"], 1)
     assert found["steps"][0] == found["steps"][1]
     assert 0.0 < found["difference"]["deposit_thickness"] < 0.02
     assert found["difference"]["max_speed"] < 0.02
