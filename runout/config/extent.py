@@ -1,15 +1,17 @@
 """The part of a huge elevation raster that a site needs: the area within reach of its masses, from the energy line."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout import __version__
 from runout.config.fetch import locate
 from runout.errors import DemError
 from runout.io.opening import BYTES_PER_CELL
+from runout.io.provenance import checksum
 from runout.io.window import LARGEST_WHOLE, Bounds, part_of
 
 if TYPE_CHECKING:
@@ -41,6 +43,20 @@ class DerivedExtent:
 
     edges: Bounds
     sentence: str
+
+
+def known_extent(site: "Site") -> DerivedExtent | None:
+    """:func:`needed_extent`, or what an earlier run found for the same site with the same inputs."""
+    if site.known.path is None:
+        return needed_extent(site)
+    stated = site.settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget"})
+    key = checksum([__version__, stated, site.checksums()])
+    noted = site.known.value("extent", key)
+    if noted is None:
+        found = needed_extent(site)
+        site.known.note("extent", key, asdict(found) if found else {})
+        return found
+    return DerivedExtent(tuple(noted["edges"]), noted["sentence"]) if noted else None
 
 
 def needed_extent(site: "Site") -> DerivedExtent | None:

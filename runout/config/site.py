@@ -1,19 +1,21 @@
 """A site: its folder, its settings, and the terrain, releases and zones that they define."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from runout.accuracy import CHOICES, CellSize, choices
 from runout.config.fetch import locate
 from runout.config.material import sampled_ranges
 from runout.config.read import load, site_file
 from runout.config.schema import ReleaseSettings, SiteSettings
-from runout.errors import ConfigError, Problem
+from runout.errors import ConfigError, InputError
+from runout.io.fingerprint import Unchanged
+from runout.io.known_files import KnownFiles
 from runout.io.side_files import files_of
 from runout.model.laws import LAWS
 
@@ -24,8 +26,7 @@ if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.model.terrain import Terrain
 
-FINEST_RESOLUTION = 0.75  # smallest useful terrain.resolution, as a share of the raster's cell
-FEWEST_AVERAGED = 3  # cells along a side
+T = TypeVar("T")
 ROW_EXTRAS = ("weight", "seed")  # columns of the table of members besides the parameters
 
 
@@ -50,12 +51,19 @@ class Site:
         Short name.
     settings : SiteSettings
         The checked content of site.yaml, defaults filled in; angles in degrees.
+    known : KnownFiles
+        What an earlier run found out about the input files.
+
+    Terrain and releases are read once, and again when one of their files has changed. They travel with the site to other
+    processes.
     """
 
     folder: Path
     file: Path
     name: str
     settings: SiteSettings
+    known: KnownFiles = field(default_factory=KnownFiles, compare=False, repr=False)
+    _kept: dict[str, tuple[Unchanged, Any]] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def terrain(self) -> "Terrain":
         """The elevation raster, read and prepared, with the obstacles on it.
@@ -65,6 +73,18 @@ class Site:
         DemError
             If it cannot be used.
         """
+        stated = self.settings.terrain
+        sources = [stated.dem, *(obstacle.polygons for obstacle in stated.obstacles or [])]
+        return self._read_once("terrain", lambda: self._files(sources), self._read_terrain)
+
+    def _read_once(self, name: str, files: Callable[[], Iterable[Path]], read: Callable[[], T]) -> T:
+        """What ``read`` returned when it was first called, unless one of its files was written since."""
+        kept = self._kept.get(name)
+        if kept is None or not kept[0].holds():
+            kept = self._kept[name] = (Unchanged(files()), read())
+        return kept[1]  # type: ignore[no-any-return]
+
+    def _read_terrain(self) -> "Terrain":
         stated = self.settings.terrain
         if stated.extent is None and self.derived_extent is not None:
             terrain = self.read_elevations(self.derived_extent.edges)
@@ -83,19 +103,20 @@ class Site:
         DemError
             If they cannot be used.
         """
+        from runout.config.averaging import averaged
         from runout.terrain.read import read_terrain
 
         stated = self.settings.terrain
         edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
         terrain = read_terrain(locate(stated.dem, self.folder), stated.crs, edges)
-        return self._averaged(terrain, stated.resolution) if stated.resolution else terrain
+        return averaged(terrain, stated.resolution, self.file.name) if stated.resolution else terrain
 
     @cached_property
     def derived_extent(self) -> "DerivedExtent | None":
         """Extent that is read of a huge elevation raster if site.yaml states none; None for other rasters."""
-        from runout.config.extent import needed_extent
+        from runout.config.extent import known_extent
 
-        return needed_extent(self) if self.settings.terrain.extent is None else None
+        return known_extent(self) if self.settings.terrain.extent is None else None
 
     def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
         """The friction zones on the terrain; None if site.yaml states none.
@@ -155,6 +176,9 @@ class Site:
         InputError
             If an input cannot be used.
         """
+        return self._read_once("data", self.inputs, self._read_data)
+
+    def _read_data(self) -> SiteData:
         terrain = self.terrain()
         return SiteData(terrain, tuple(self.releases(terrain)), self.friction_zones(terrain))
 
@@ -244,7 +268,27 @@ class Site:
             stated += [source for source in (release.polygons, release.raster) if source is not None]
         stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
         stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
-        return [path for source in stated for path in _files(locate(source, self.folder))]
+        return self._files(stated)
+
+    def _files(self, sources: Iterable[Any]) -> list[Path]:
+        """The files behind sources of site.yaml."""
+        return [path for source in sources for path in _files(locate(source, self.folder))]
+
+    def checksums(self) -> list[str]:
+        """Checksums of the contents of :meth:`inputs`.
+
+        Raises
+        ------
+        InputError, StorageError
+            If an input cannot be read.
+        """
+        return [self._checksum(path) for path in self.inputs()]
+
+    def _checksum(self, path: Path) -> str:
+        try:
+            return self.known.sha256(path)
+        except OSError as cause:
+            raise InputError(f"{path}: the input cannot be read ({cause.strerror}); put it there or mend site.yaml") from cause
 
     def resolved(self) -> dict[str, Any]:
         """Complete configuration with defaults as plain dicts, lists, numbers and text; angles in degrees.
@@ -322,29 +366,6 @@ class Site:
             return read_vector(path, terrain, thickness=stated.thickness, edge=stated.edge, layer=stated.layer, **common)
         assert stated.raster is not None  # the settings hold one of the two
         return read_raster(locate(stated.raster, self.folder), terrain, sign=stated.sign or "positive", **common)
-
-    def _averaged(self, terrain: "Terrain", resolution: float) -> "Terrain":
-        """Terrain averaged over blocks of whole cells; a block with an unknown cell is unknown."""
-        import numpy as np
-
-        own = terrain.cell_size
-        if resolution < FINEST_RESOLUTION * min(own):
-            message = f"{resolution:g} m is finer than the raster's own cells of {own[0]:g} m x {own[1]:g} m"
-            raise ConfigError([Problem(self.file.name, None, "terrain.resolution", message, "remove it, or use a finer raster")])
-        if resolution > min(terrain.size) / FEWEST_AVERAGED:
-            size = f"{terrain.size[0]:g} m x {terrain.size[1]:g} m"
-            message = f"{resolution:g} m leaves fewer than {FEWEST_AVERAGED} cells along a side of a raster of {size}"
-            raise ConfigError([Problem(self.file.name, None, "terrain.resolution", message, "write a smaller size, or remove it")])
-        east, north = (max(1, round(resolution / size)) for size in own)
-        rows, columns = terrain.shape[0] // north, terrain.shape[1] // east
-        kept = terrain.elevation[terrain.shape[0] - rows * north :, : columns * east]  # blocks start at the south-west corner
-        mean = kept.reshape(rows, north, columns, east).mean(axis=(1, 3))
-        change = (
-            f"averaged over blocks of {east} x {north} cells to {own[0] * east:g} m x {own[1] * north:g} m (terrain.resolution)"
-        )
-        unknown = int(np.isnan(mean).sum())
-        change += f"; {unknown} of {mean.size} blocks hold an unknown cell and are unknown" if unknown else ""
-        return replace(terrain, elevation=mean, cell_size=(own[0] * east, own[1] * north), changes=(*terrain.changes, change))
 
 
 def read_site(path: Path | str) -> Site:

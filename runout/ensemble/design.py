@@ -1,11 +1,15 @@
 """Table of members: scrambled Sobol points, mapped by the inverse distribution of every sampled parameter."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runout.errors import ConfigError
+from runout.io.atomic import read_json, write_json
+from runout.io.provenance import checksum
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -13,38 +17,76 @@ if TYPE_CHECKING:
 SOBOL_BITS = 30  # points are multiples of 2**-30
 
 
-def member_table(ensemble: Any) -> "pd.DataFrame":
-    """Members of an ensemble, one per row.
+@dataclass(frozen=True)
+class Design:
+    """Sampled parameters and seeds of all members.
 
     Member ``i`` depends only on the seed, the parameters and ``i``: a larger ensemble contains the members of a smaller one.
 
-    Parameters
+    Attributes
     ----------
-    ensemble : EnsembleSettings
-        ``members`` (number), ``seed`` and ``parameters`` (name to distribution) as in ``site.yaml``.
+    values : dict of str to list of float
+        Values (members,) of each sampled parameter, in the unit of ``site.yaml``. Without parameters the members differ in their
+        seed only.
+    seeds : list of int
+        Seeds (members,) of the particle sampling, 0 to 2**31 - 1.
+    """
+
+    values: dict[str, list[float]]
+    seeds: list[int]
+
+    @classmethod
+    def of(cls, ensemble: Any) -> "Design":
+        """The design that ``members`` (number), ``seed`` and ``parameters`` (name to distribution) of ``site.yaml`` make.
+
+        Raises
+        ------
+        ConfigError
+            If there is no member, or a distribution is not known or empty.
+        """
+        count, parameters = ensemble.members, dict(ensemble.parameters or {})
+        if count < 1:
+            raise ConfigError(f"ensemble.members is {count}; at least 1 is needed")
+        names = sorted(parameters)  # independent of the order in the file
+        points = sobol_points(count, len(names), ensemble.seed)
+        sampled = {name: quantiles(parameters[name], points[:, i], name).tolist() for i, name in enumerate(names)}
+        return cls({name: sampled[name] for name in parameters}, [member_seed(ensemble.seed, i) for i in range(count)])
+
+    @classmethod
+    def stored(cls, path: Path, key: str) -> "Design | None":
+        """The design in a file that :meth:`store` wrote under the same key; None if there is none, or it is damaged."""
+        found = read_json(path)
+        content: dict[str, Any] = {name: found.get(name) for name in ("values", "seeds")}
+        if found.get("key") != key or found.get("checksum") != checksum(content):
+            return None
+        return cls(**content)
+
+    def store(self, path: Path, key: str) -> None:
+        """Write the design to a file, under the key of what it was made from: loading scipy takes longer than reading it."""
+        write_json({"key": key, "checksum": checksum(asdict(self)), **asdict(self)}, path)
+
+
+def member_table(ensemble: Any) -> "pd.DataFrame":
+    """Members of an ensemble, one a row.
 
     Returns
     -------
     pandas.DataFrame
         Indexed by ``member`` from 0: one column per parameter in the unit of ``site.yaml``, ``weight`` [1] (they sum
-        to 1) and ``seed`` of the particle sampling. Without parameters the members differ in their seed only.
+        to 1) and ``seed`` of the particle sampling.
 
     Raises
     ------
     ConfigError
-        If the number of members is below 1, or a distribution is unknown or empty.
+        See :meth:`Design.of`.
     """
     import pandas as pd
 
-    count, parameters = ensemble.members, dict(ensemble.parameters or {})
-    if count < 1:
-        raise ConfigError(f"ensemble.members is {count}; at least 1 is needed")
-    names = sorted(parameters)  # independent of the order in the file
-    points = sobol_points(count, len(names), ensemble.seed)
-    sampled = {name: quantiles(parameters[name], points[:, i], name) for i, name in enumerate(names)}
-    table = pd.DataFrame({name: sampled[name] for name in parameters}, index=pd.RangeIndex(count, name="member"))
+    design = Design.of(ensemble)
+    count = len(design.seeds)
+    table = pd.DataFrame(design.values, index=pd.RangeIndex(count, name="member"))
     table["weight"] = 1.0 / count
-    table["seed"] = [member_seed(ensemble.seed, i) for i in range(count)]
+    table["seed"] = design.seeds
     return table
 
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
@@ -10,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout import __version__
-from runout.ensemble.design import member_table
-from runout.errors import InputError, RunoutError
+from runout.ensemble.design import Design
+from runout.errors import RunoutError
 from runout.io.atomic import whole_file
-from runout.io.provenance import checksum, sha256
+from runout.io.provenance import checksum
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -72,42 +71,58 @@ def member_file(results: Path, number: int) -> Path:
     return members_folder(results) / f"{number:04d}.nc"
 
 
+def design_file(results: Path) -> Path:
+    """Where the sampled parameters of the members go."""
+    return Path(results) / "design.json"
+
+
 def failure_file(results: Path, number: int) -> Path:
     """Where the reason goes when a member fails."""
     return members_folder(results) / f"{number:04d}.failed.json"
 
 
-def plan_members(site: "Site") -> list[Member]:
+def plan_members(site: "Site", results: Path | None = None) -> list[Member]:
     """All members of a site with their keys.
+
+    Parameters
+    ----------
+    site : Site
+    results : Path, optional
+        Results folder, in which the sampled parameters may be stored (see :func:`store_design`).
 
     Raises
     ------
     InputError
         If an input file cannot be read.
     """
-    table = member_table(site.settings.ensemble)
-    names = [c for c in table.columns if c not in ("weight", "seed")]
-    common = _common_key(site)
-    samples = [{name: float(value) for name, value in row.items()} for row in table[names].to_dict("records")]
-    seeds = [int(s) for s in table["seed"]]
+    stored = Design.stored(design_file(results), _design_key(site)) if results else None
+    design = stored or Design.of(site.settings.ensemble)
+    common, names = _common_key(site), list(design.values)
+    samples = [dict(zip(names, map(float, row), strict=True)) for row in zip(*design.values.values(), strict=True)]
+    samples = samples or [{} for _ in design.seeds]
     return [
         Member(i, p, s, checksum({"site": common, "parameters": p, "seed": s}))
-        for i, p, s in zip(range(len(table)), samples, seeds, strict=True)
+        for i, (p, s) in enumerate(zip(samples, design.seeds, strict=True))
     ]
+
+
+def store_design(site: "Site", results: Path) -> None:
+    """Store the sampled parameters of a site in its results folder, unless they are there."""
+    path, key = design_file(results), _design_key(site)
+    if Design.stored(path, key) is None:
+        Design.of(site.settings.ensemble).store(path, key)
+
+
+def _design_key(site: "Site") -> str:
+    ensemble = site.settings.ensemble
+    stated = {name: vars(distribution) for name, distribution in (ensemble.parameters or {}).items()}
+    return checksum([__version__, ensemble.members, ensemble.seed, list(stated.items())])
 
 
 def _common_key(site: "Site") -> str:
     """Checksum of what all members share: input contents, configuration, version of the solver."""
     configuration = {k: v for k, v in site.computed().items() if k not in NOT_IN_KEY}
-    inputs = [_contents(path) for path in site.inputs()]
-    return checksum({"inputs": inputs, "configuration": configuration, "version": __version__})
-
-
-def _contents(path: Path) -> str:
-    try:
-        return sha256(path)
-    except OSError as cause:
-        raise InputError(f"{path}: the input cannot be read ({cause.strerror}); put it there or mend site.yaml") from cause
+    return checksum({"inputs": site.checksums(), "configuration": configuration, "version": __version__})
 
 
 def stored_key(path: Path) -> str | None:
@@ -187,6 +202,8 @@ def simulate_together(
     site: "Site", members: tuple[Member, ...], results: Path, *, progress: Callable[[int, float], None], device: str | None = None
 ) -> dict[int, BaseException]:
     """Simulate members in the launches of one device; write each one's file as soon as it ends, and return errors by number."""
+    from concurrent.futures import Future, ThreadPoolExecutor
+
     from runout.batch import simulate_batch
 
     todo = [m for m in members if stored_key(m.file(results)) != m.key]

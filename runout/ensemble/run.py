@@ -129,7 +129,7 @@ def run_ensemble(
     """
     results = Path(results)
     inputs = Unchanged(site.inputs())
-    members, folder = plan_members(site), members_folder(results)
+    members, folder = plan_members(site, results), members_folder(results)
     with exclusive(folder):
         remove_stale(folder)
         tally = _Tally(members, results, retry_failed, progress, inputs)

@@ -5,15 +5,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runout.checkpoint import stored_time
 from runout.ensemble.member import Member, members_folder, plan_members
 from runout.ensemble.written import Found, Written
 from runout.errors import InputError, StabilityError
 from runout.io.atomic import read_json, write_json
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from runout.config.site import Site
 
 # permanent failures; others may be due to memory, disk, device or a bug that has been fixed
@@ -80,9 +77,12 @@ def member_state(member: Member, results: Path, written: Written) -> tuple[State
     failure = Failure.read(member.failure_file(results))
     if failure and failure.key == member.key:
         return State.FAILED, failure.reason
-    kept = stored_time(member.checkpoint_file(results))
-    if kept is not None:
-        return State.LEFT, f"interrupted or running, checkpoint at {kept:.4g} s; a run continues from there"
+    if member.checkpoint_file(results).exists():
+        from runout.checkpoint import stored_time
+
+        kept = stored_time(member.checkpoint_file(results))
+        if kept is not None:
+            return State.LEFT, f"broken off or running, kept at {kept:.4g} s; a run goes on from there"
     return State.LEFT, _why_left(found, failure)
 
 
@@ -92,14 +92,28 @@ def _why_left(found: Found, failure: Failure | None) -> str:
     return "inputs, settings or parameters changed since it was run" if found.key or failure else "not run yet"
 
 
-def member_status(site: "Site", results: Path) -> "pd.DataFrame":
-    """Table of all members: their parameters, ``state`` (done, failed, left) and ``reason``; indexed by ``member``."""
-    import pandas as pd
+@dataclass(frozen=True)
+class Standing:
+    """State of a member.
 
-    members, written = plan_members(site), Written(results)
+    Attributes
+    ----------
+    member : Member
+    state : State
+    reason : str
+        Empty when it is done.
+    """
+
+    member: Member
+    state: State
+    reason: str
+
+
+def standings(site: "Site", results: Path) -> list[Standing]:
+    """State of every member of a site, in the order of their numbers."""
+    written = Written(results)
     begun = members_folder(results).is_dir()  # avoids a search for files of each member
-    states = [member_state(m, results, written) if begun else (State.LEFT, "not run yet") for m in members]
-    table = pd.DataFrame([m.parameters for m in members], index=pd.Index([m.number for m in members], name="member"))
-    table["state"] = [str(state) for state, _ in states]
-    table["reason"] = [reason for _, reason in states]
-    return table
+    return [
+        Standing(member, *(member_state(member, results, written) if begun else (State.LEFT, "not run yet")))
+        for member in plan_members(site, results)
+    ]

@@ -103,6 +103,10 @@ class Unchanged:
     def __init__(self, paths: Iterable[Path]):
         self.seen = {path: _glance(path) for path in paths}
 
+    def holds(self) -> bool:
+        """Whether none of them was written since."""
+        return all(_glance(path) == before for path, before in self.seen.items())
+
     def require(self) -> None:
         """Raise InputError if one of the files has changed."""
         for path, before in self.seen.items():

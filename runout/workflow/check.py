@@ -41,18 +41,19 @@ class Findings:
         self.problems += map(str, listed) if listed else [str(error)]
 
 
-def inspect(site_path: Path) -> Findings:
-    """Problems and warnings of the configuration, the DEM and the releases of a site."""
+def inspect(checked: "Path | Site") -> Findings:
+    """Problems and warnings of the configuration, the DEM and the releases of a site, or of a site folder or site.yaml."""
     from runout.config.read import files_outside
     from runout.config.site import read_site
 
     found = Findings()
     readable: Site | None
     try:
-        found.site = readable = read_site(site_path)
+        found.site = readable = read_site(checked) if isinstance(checked, Path) else checked
     except ConfigError as error:
         found.note(error)
-        readable = _readable_part(site_path, [problem.key for problem in error.problems])
+        assert isinstance(checked, Path)  # the settings of a site have been checked
+        readable = _readable_part(checked, [problem.key for problem in error.problems])
     if readable is None:
         return found
     try:
@@ -250,8 +251,8 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
         )
 
 
-def require_sound(site_path: Path) -> None:
+def require_sound(site: "Path | Site") -> None:
     """Raise ConfigError with all problems of a site, if there are any."""
-    problems = inspect(site_path).problems
+    problems = inspect(site).problems
     if problems:
         raise ConfigError("\n".join(problems))

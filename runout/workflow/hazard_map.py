@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from runout.io.part import remove_stale
 from runout.lifetime import end_workers
 from runout.workflow.stages import Stage
 from runout.workflow.study import PLAN, STAGES, Study
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
 
 LOGGER = logging.getLogger("runout.hazard_map")
 
@@ -93,6 +97,7 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
         done.append(stage.name)
     if not done:
         LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
+    study.keep()
     return _outcome(study, stages, tuple(done))
 
 
@@ -100,14 +105,14 @@ def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
     """Raise ConfigError with all problems that `runout check` lists, if the run is to simulate any member."""
     if "ensemble" not in [stage.name for stage in stages] or not any(study.why_stale(stage) for stage in PLAN[:3]):
         return
-    _inspected(study.site.file)
+    _inspected(study.site)
 
 
-def _inspected(site_path: Path) -> None:
+def _inspected(site: "Site | Path") -> None:
     from runout.workflow.check import require_sound
 
     with log.muted():
-        require_sound(site_path)
+        require_sound(site)
 
 
 def _make(study: Study, stage: Stage) -> None:
@@ -123,7 +128,7 @@ def _outcome(study: Study, stages: Sequence[Stage], done: tuple[str, ...]) -> Ou
     concerns_members = any(stage.name not in ("terrain", "release") for stage in stages)
     failed = study.failed if concerns_members else {}
     for member, reason in failed.items():
-        LOGGER.warning("member %d of %d failed: %s", member, len(study.status), reason)
+        LOGGER.warning("member %d of %d failed: %s", member, len(study.standings), reason)
     return Outcome(done, tuple(stage.name for stage in stages if stage.name not in done), failed)
 
 
@@ -139,7 +144,7 @@ def make_release(study: Study) -> Iterable[Path]:
     """Write the thickness of all releases together to ``release.nc``."""
     from runout.io import netcdf
 
-    releases = study.site.releases(study.terrain)
+    releases = study.site.data().releases
     for release in releases:
         LOGGER.info("release %s: %.4g m3 on %.4g m2, %s", release.name, release.volume, release.area, release.placement)
     thickness = study.terrain.where_known(np.sum([release.thickness for release in releases], axis=0))

@@ -54,7 +54,7 @@ def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | 
     from runout.workflow.status import print_stages
     from runout.workflow.study import Study
 
-    study = Study.open(site.file, out, device=device)
+    study = Study.of(site if device is None else site.on_device(device), out)
     grid = site.member_arguments(data=data)
     for release in data.releases:
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}"

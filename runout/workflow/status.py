@@ -1,8 +1,10 @@
 """Prints the state of a site: its members with reasons of failure, and its stages."""
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.ensemble.status import State
 from runout.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -10,7 +12,7 @@ if TYPE_CHECKING:
 
     from runout.workflow.study import Study
 
-MARKS = {"done": "[green]done[/]", "failed": "[red]failed[/]", "left": "left"}
+MARKS = {State.DONE: "[green]done[/]", State.FAILED: "[red]failed[/]", State.LEFT: "left"}
 MOST_ROWS = 60  # largest number of members that are listed
 
 
@@ -20,8 +22,8 @@ def print_status(site_path: Path, out: Path | None = None) -> int:
     from runout.workflow.study import Study
 
     study, console = Study.open(site_path, out), log.output()
-    counts = study.status["state"].value_counts()
-    console.print(f"[bold]{study.site.name}[/]: " + ", ".join(f"{counts.get(state, 0)} members {state}" for state in MARKS))
+    counts = Counter(standing.state for standing in study.standings)
+    console.print(f"[bold]{study.site.name}[/]: " + ", ".join(f"{counts[state]} members {state}" for state in MARKS))
     _print_members(console, study)
     print_stages(console, study)
     return ExitCode.PARTIAL_ENSEMBLE if study.failed else ExitCode.OK
@@ -31,15 +33,17 @@ def _print_members(console: "Console", study: "Study") -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    shown = study.status if len(study.status) <= MOST_ROWS else study.status[study.status["state"] == "failed"]
-    parameters = [name for name in shown.columns if name not in ("state", "reason")]
+    shown = study.standings
+    if len(shown) > MOST_ROWS:
+        shown = [standing for standing in shown if standing.state == "failed"]
+    parameters = list(study.standings[0].member.parameters)
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("member", *parameters, "state"):
         table.add_column(name, justify="left" if name == "state" else "right", no_wrap=True)
     table.add_column("reason", overflow="fold")
-    for row in shown.itertuples():
-        values = [f"{value:.4g}" for value in row[1 : 1 + len(parameters)]]
-        table.add_row(str(row.Index), *values, MARKS[row.state], escape(row.reason))
+    for standing in shown:
+        values = [f"{value:.4g}" for value in standing.member.parameters.values()]
+        table.add_row(str(standing.member.number), *values, MARKS[standing.state], escape(standing.reason))
     console.print(table)
 
 

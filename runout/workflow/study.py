@@ -1,12 +1,14 @@
 """One site with its results folder: state of members and stages."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.errors import PartialEnsembleError, StorageError
 from runout.io.fingerprint import Unchanged
+from runout.io.known_files import KnownFiles
+from runout.io.provenance import checksum
 from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
 
 if TYPE_CHECKING:
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
     from runout.ensemble.run import EnsembleReport
+    from runout.ensemble.status import Standing
     from runout.ensemble.written import Written
     from runout.model.terrain import Terrain
 
@@ -55,9 +58,13 @@ class Study:
         from runout.config.site import read_site
 
         site = read_site(Path(site_path))
-        if device is not None:
-            site = site.on_device(device)
-        return cls(site, Path(out) if out else site.folder / "results", workers, retry_failed)
+        return cls.of(site if device is None else site.on_device(device), out, workers, retry_failed)
+
+    @classmethod
+    def of(cls, site: "Site", out: Path | None = None, workers: int | None = None, retry_failed: bool = False) -> "Study":
+        """The study of a site; its results go to ``out``, or to ``results`` of the site."""
+        results = Path(out) if out else site.folder / "results"
+        return cls(replace(site, known=KnownFiles(results / "inputs.json")), results, workers, retry_failed)
 
     @cached_property
     def record(self) -> StageRecord:
@@ -68,7 +75,8 @@ class Study:
     def inputs(self) -> str:
         """Checksum of all input files at the first access."""
         self._watched = Unchanged(self.site.inputs())
-        return digest_files(self._watched.seen)
+        names = (path.name for path in self._watched.seen)
+        return checksum([list(zip(names, self.site.checksums(), strict=True))])
 
     def require_inputs(self) -> None:
         """Raise InputError if an input has changed since the first access to :attr:`inputs`."""
@@ -88,15 +96,15 @@ class Study:
         return member_table(self.site.settings.ensemble)
 
     @cached_property
-    def status(self) -> "pd.DataFrame":
+    def standings(self) -> "list[Standing]":
         """State and reason of every member at the first access; :meth:`refresh` updates it."""
-        from runout.ensemble.status import member_status
+        from runout.ensemble.status import standings
 
-        return member_status(self.site, self.results)
+        return standings(self.site, self.results)
 
     def refresh(self) -> None:
         """Read the state of the members again."""
-        for name in ("status", "written"):
+        for name in ("standings", "written"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -108,36 +116,35 @@ class Study:
 
     def member_files(self, state: str) -> list[Path]:
         """Files of the members of a state."""
-        from runout.ensemble.member import member_file
-
-        return [member_file(self.results, member) for member in self.status.index[self.status["state"] == state]]
+        return [standing.member.file(self.results) for standing in self.standings if standing.state == state]
 
     @property
     def failed(self) -> dict[int, str]:
         """Members that failed, with the reason."""
-        return self.status.loc[self.status["state"] == "failed", "reason"].to_dict()
+        return {standing.member.number: standing.reason for standing in self.standings if standing.state == "failed"}
 
     @property
     def left(self) -> list[int]:
         """Members to simulate: not run yet, changed, or failed for a temporary reason."""
-        from runout.ensemble.member import plan_members
+        return [standing.member.number for standing in self.standings if self._is_left(standing)]
+
+    def _is_left(self, standing: "Standing") -> bool:
         from runout.ensemble.status import Failure
 
-        numbers = self.failed
-        failed = [member for member in plan_members(self.site) if member.number in numbers] if numbers else []
-        failures = {member.number: Failure.read(member.failure_file(self.results)) for member in failed}
-        again = [number for number, failure in failures.items() if self.retry_failed or not (failure and failure.lasting)]
-        return sorted([*self.status.index[self.status["state"] == "left"], *again])
+        if standing.state != "failed" or self.retry_failed:
+            return standing.state != "done"
+        failure = Failure.read(standing.member.failure_file(self.results))
+        return not (failure and failure.lasting)
 
     @property
     def ensemble_report(self) -> "EnsembleReport":
         """Report of an ensemble with nothing to simulate; raises PartialEnsembleError if no member is done."""
         from runout.ensemble.run import EnsembleReport
 
-        done = tuple(self.status.index[self.status["state"] == "done"])
+        done = tuple(standing.member.number for standing in self.standings if standing.state == "done")
         if not done:
             first = next(iter(self.failed.items()), None)
-            unfinished = f"no member is done ({self.status['reason'].iloc[0]})"
+            unfinished = f"no member is done ({self.standings[0].reason})"
             why = f"all {len(self.failed)} members failed; member {first[0]}: {first[1]}" if first else unfinished
             remedy = "mend the cause" if first else f"run `runout ensemble {self.site.folder}` first"
             raise PartialEnsembleError(f"{self.results / 'members'}: {why}; {remedy}")
@@ -149,6 +156,13 @@ class Study:
         if reason:
             raise StorageError(f"{self.results / 'hazard.nc'}: {reason}; run `runout hazard {self.site.folder}` first")
 
+    def keep(self) -> None:
+        """Keep for the next run what this one found out about inputs and members."""
+        from runout.ensemble.member import store_design
+
+        store_design(self.site, self.results)
+        self.site.known.save()
+
     def key(self, stage: Stage) -> str:
         """Key of a stage for the present state of the site and its members."""
         return stage_key(stage, self.site.computed(), self.inputs, self._start(stage.name))
@@ -157,7 +171,8 @@ class Study:
         """State that a stage depends on besides inputs and configuration: the members, and the files of the report."""
         if stage not in ("hazard", "report"):
             return None
-        members = [self.status["state"].to_dict(), [self.written.checksum(file) for file in self.member_files("done")]]
+        states = {standing.member.number: standing.state for standing in self.standings}
+        members = [states, [self.written.checksum(file) for file in self.member_files("done")]]
         if stage == "hazard":
             return members
         error = self.results / "convergence.json"
@@ -169,6 +184,6 @@ class Study:
             return self.record.why_stale(stage.name, self.key(stage))
         left = len(self.left)
         if left:
-            return f"{left} of {len(self.status)} members to simulate"
+            return f"{left} of {len(self.standings)} members to simulate"
         unknown = sum(not self.written.has(file) for file in self.member_files("done"))
-        return f"{unknown} of {len(self.status)} members to enter into the record" if unknown else None
+        return f"{unknown} of {len(self.standings)} members to enter into the record" if unknown else None

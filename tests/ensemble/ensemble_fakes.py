@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.errors import DiskFullError, MaterialError, StorageError
+from runout.errors import DiskFullError, InputError, MaterialError, StorageError
+from runout.io.provenance import sha256
 
 # ensemble members sample each of these values exactly once (see test_ensemble_design)
 EIGHT = SimpleNamespace(distribution="discrete", values=[float(v) for v in range(8)], frequencies=[0.125] * 8)
@@ -40,6 +41,12 @@ class FakeSite:
 
     def inputs(self):
         return [self.folder / "dem.txt"]
+
+    def checksums(self):
+        try:
+            return [sha256(path) for path in self.inputs()]
+        except OSError as error:
+            raise InputError(str(error)) from error
 
     def resolved(self):
         return {

@@ -14,9 +14,9 @@ from ensemble_fakes import calls, simulate, simulate_on, simulate_step_by_step, 
 from netCDF4 import Dataset
 
 from runout.ensemble import machine, workers
-from runout.ensemble.member import Member, plan_members, stored_key
+from runout.ensemble.member import Member, design_file, plan_members, store_design, stored_key
 from runout.ensemble.run import dealt, run_ensemble
-from runout.ensemble.status import member_status
+from runout.ensemble.status import standings
 from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 
@@ -78,7 +78,7 @@ def test_fewer_members_keep_the_files_of_the_others_but_do_not_count_them(tmp_pa
     run(site(tmp_path, members=8))
     fewer = site(tmp_path, members=4)
     assert run(fewer).skipped == (0, 1, 2, 3)
-    assert member_status(fewer, tmp_path / "results")["state"].tolist() == ["done"] * 4
+    assert [standing.state for standing in standings(fewer, tmp_path / "results")] == ["done"] * 4
     assert len(files(fewer)) == 8
 
 
@@ -101,7 +101,7 @@ def test_change_that_matters_to_all_reruns_all(tmp_path, monkeypatch, change):
     if change == "version":
         monkeypatch.setattr("runout.ensemble.member.__version__", "99.0")
     place = site(tmp_path, members=2, **{"setting": {"cell_size": 10.0}, "seed": {"seed": 2}}.get(change, {}))
-    assert member_status(place, tmp_path / "results")["reason"].str.contains("changed").all()
+    assert all("changed" in standing.reason for standing in standings(place, tmp_path / "results"))
     assert run(place).done == (0, 1)
 
 
@@ -230,19 +230,33 @@ def test_workers_tell_how_far_their_members_are(tmp_path, two_cores):
 
 def test_status_lists_members_done_failed_and_left(tmp_path):
     run(site(tmp_path, members=4, faults={float(v): "material" for v in range(4)}))
-    status = member_status(site(tmp_path, members=8), tmp_path / "results")
-    assert status["state"].tolist()[4:] == ["left"] * 4
-    assert status["reason"].tolist()[4:] == ["not run yet"] * 4
-    first = status.iloc[:4]
-    assert (first["state"] == "failed").tolist() == (first[ANGLE] < 4).tolist()
-    assert (first["state"] == "done").sum() == (first[ANGLE] >= 4).sum()
-    assert first.loc[first["state"] == "failed", "reason"].str.startswith("density is -3").all()
+    found = standings(site(tmp_path, members=8), tmp_path / "results")
+    assert [(standing.state, standing.reason) for standing in found[4:]] == [("left", "not run yet")] * 4
+    for standing in found[:4]:
+        bad = standing.member.parameters[ANGLE] < 4
+        assert standing.state == ("failed" if bad else "done")
+        assert standing.reason.startswith("density is -3") == bad
+
+
+def test_sampled_parameters_are_read_from_the_results_and_made_anew_when_the_ensemble_or_the_file_changed(tmp_path, monkeypatch):
+    place, results = site(tmp_path, members=4), tmp_path / "results"
+    run(place)
+    plan = plan_members(place)
+    store_design(place, results)
+    with monkeypatch.context() as patched:
+        patched.setattr("runout.ensemble.design.sobol_points", None)  # not called
+        assert plan_members(place, results) == plan
+    for other in (site(tmp_path, members=8), site(tmp_path, members=4, seed=2)):
+        assert plan_members(other, results) == plan_members(other) != plan
+    file = design_file(results)
+    file.write_text(file.read_text().replace(str(plan[0].seed), str(plan[0].seed + 1)))
+    assert plan_members(place, results) == plan
 
 
 def test_missing_input_is_refused_by_name(tmp_path):
     place = site(tmp_path)
     (tmp_path / "dem.txt").unlink()
-    with pytest.raises(InputError, match=r"dem\.txt: the input cannot be read"):
+    with pytest.raises(InputError, match=r"dem\.txt"):
         run(place)
 
 

@@ -13,7 +13,7 @@ from runout.config.site import SiteData
 from runout.ensemble import machine
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import run_ensemble
-from runout.ensemble.status import member_status
+from runout.ensemble.status import standings
 from runout.materials.drucker_prager import DruckerPrager
 from runout.model.release import Release
 from runout.model.terrain import Terrain
@@ -40,6 +40,9 @@ class SlopeSite:
         return SimpleNamespace(ensemble=ensemble, simulation=SimpleNamespace(device="cpu", backend=self.backend))
 
     def inputs(self):
+        return []
+
+    def checksums(self):
         return []
 
     def resolved(self):
@@ -135,10 +138,10 @@ def test_a_member_that_was_broken_off_goes_on_from_its_checkpoint(tmp_path):
     first = next(m for m in plan_members(site) if m.parameters["density"] > 0)
     with pytest.raises(KeyboardInterrupt):
         run_ensemble(site, results, workers=1, simulate=interrupted)
-    status = member_status(site, results).loc[first.number]
-    assert status["state"] == "left"
-    assert "checkpoint at 0.9" in status["reason"]
-    assert "a run continues from there" in status["reason"]
+    standing = standings(site, results)[first.number]
+    assert standing.state == "left"
+    assert "kept at 0.9" in standing.reason
+    assert "a run goes on from there" in standing.reason
     seen = []
     run_ensemble(site, results, workers=1, progress=seen.append)
     assert min(p.fraction for p in seen[1:]) > 0.5 / 4  # it did not start anew

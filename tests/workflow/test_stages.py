@@ -3,11 +3,11 @@
 import json
 from types import SimpleNamespace
 
-import pandas as pd
 import pytest
 
 from runout import cli
 from runout.errors import ExitCode, PartialEnsembleError, StorageError
+from runout.io.provenance import sha256
 from runout.workflow import hazard_map
 from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
 from runout.workflow.study import PLAN, STAGES, Study
@@ -84,11 +84,21 @@ class FakeSite:
     def inputs(self):
         return [self.folder / "dem.asc"]
 
+    def checksums(self):
+        return [sha256(path) for path in self.inputs()]
+
     def resolved(self):
         return self.sections
 
     def computed(self):
         return self.resolved()
+
+
+def standing(study, number, state):
+    """State of a fake member of a study."""
+    return SimpleNamespace(
+        member=SimpleNamespace(number=number, file=lambda results: results / f"{number}.nc"), state=state, reason="because"
+    )
 
 
 @pytest.fixture
@@ -110,9 +120,9 @@ def study(tmp_path, monkeypatch):
         return maker
 
     monkeypatch.setattr(hazard_map, "MAKERS", {name: make(name) for name in STAGES})
-    status = property(lambda _: pd.DataFrame({"state": study.states, "reason": dict.fromkeys(study.states, "because")}))
     left = property(lambda _: [member for member, state in study.states.items() if state == "left"])
-    monkeypatch.setattr(Study, "status", status)
+    monkeypatch.setattr(Study, "standings", property(lambda _: [standing(study, *each) for each in study.states.items()]))
+    monkeypatch.setattr(Study, "keep", lambda _: None)
     monkeypatch.setattr(Study, "left", left)
     monkeypatch.setattr(Study, "open", lambda *_, **__: study)
     monkeypatch.setattr(hazard_map, "_require_sound", lambda *_: None)

@@ -1,0 +1,64 @@
+"""The inputs of a site are read once a run, and again only when a file has changed."""
+
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from ramp_site import write_raster, write_site
+
+from runout.config.site import read_site
+from runout.terrain import read
+from runout.workflow import hazard_map
+from runout.workflow.study import Study
+
+
+@pytest.fixture
+def readings(monkeypatch):
+    """Rasters that were read as terrain, one entry each time."""
+    found, real = [], read.read_terrain
+
+    def counted(source, *arguments, **choices):
+        found.append(source)
+        return real(source, *arguments, **choices)
+
+    monkeypatch.setattr(read, "read_terrain", counted)
+    return found
+
+
+def test_a_whole_run_reads_the_elevations_once(tmp_path, readings):
+    hazard_map.run(write_site(tmp_path / "ramp"), workers=1)
+    assert len(readings) == 1
+
+
+def test_another_process_gets_what_this_one_has_read(tmp_path, readings):
+    site = read_site(write_site(tmp_path / "ramp"))
+    data = site.data()
+    copy = pickle.loads(pickle.dumps(site))
+    assert np.array_equal(copy.data().terrain.elevation, data.terrain.elevation)
+    assert copy.data().releases[0].volume == data.releases[0].volume
+    assert len(readings) == 1
+
+
+def test_changed_elevations_are_read_again(tmp_path, readings):
+    folder = write_site(tmp_path / "ramp")
+    site = read_site(folder)
+    before = site.data().terrain.elevation.copy()
+    write_raster(folder / "inputs" / "dem.tif", before[::-1] + 1.0)
+    assert np.array_equal(site.data().terrain.elevation, before + 1.0)
+    assert len(readings) == 2
+
+
+def test_nothing_to_do_loads_no_library_that_it_does_not_need(finished_site):
+    folder, _ = finished_site
+    Study.open(folder).keep()
+    code = (
+        "import sys; from runout.cli import main; sys.argv = ['runout', 'run', sys.argv[1]]\n"
+        "try: main()\n"
+        "except SystemExit as ended: assert not ended.code\n"
+        "print(*(n for n in ('scipy', 'pandas', 'xarray', 'matplotlib', 'geopandas', 'numba', 'warp') if n in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True)
+    assert "nothing to do" in done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == ""
