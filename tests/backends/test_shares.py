@@ -23,7 +23,7 @@ def wedge():
 def loaded():
     engine = ScanBackend()
     engine.load(*wedge())
-    return engine.index
+    return engine.index.blocks
 
 
 @pytest.mark.parametrize("threads", [2, 4])
@@ -88,26 +88,26 @@ def test_a_step_that_lacks_arenas_makes_them_and_changes_no_bit(room):
         engine.load(*wedge())
         for _ in range(5):
             if short:
-                a = engine.arenas
-                a.free = np.zeros((1, room), np.int32)
-                a.arenas = a.arenas[: room + 1].copy()
-                a.arenas[-1] = 0.0
+                arenas = engine.workspace.arenas
+                values = arenas.values[: room + 1].copy()
+                values[-1] = 0.0
+                engine.workspace.arenas = arenas._replace(values=values, free=np.zeros((1, room), np.int32))
             engine.step(engine.stable_step())
         q = engine.particles()
         found.append((q.node.tobytes(), q.offset.tobytes(), q.velocity.tobytes(), q.strain.tobytes()))
-        assert not engine.arenas.arenas[-1].any()
+        assert not engine.workspace.arenas.values[-1].any()
     assert found[0] == found[1]
 
 
 def test_summing_late_changes_no_bit(monkeypatch):
     found, whole = [], Schedule.of
     for at_once in (True, False):
-        monkeypatch.setattr(Schedule, "of", lambda index, threads, _, at_once=at_once: whole(index, threads, at_once))
+        monkeypatch.setattr(Schedule, "of", lambda blocks, threads, _, at_once=at_once: whole(blocks, threads, at_once))
         engine = ScanBackend(threads=1)
         engine.load(*wedge())
         for _ in range(40):
             engine.step(engine.stable_step())
-        assert engine.schedule.waits != at_once
+        assert engine.workspace.schedule.waits != at_once
         q = engine.particles()
         found.append((q.node.tobytes(), q.offset.tobytes(), q.velocity.tobytes(), q.strain.tobytes()))
     assert found[0] == found[1]

@@ -49,7 +49,7 @@ def test_a_bed_at_rest_falls_asleep_and_stays_where_it_is():
     a_scene, p = bed()
     engine = run(a_scene, p, 160)
     row = engine.ledger()
-    assert engine.sleepers == row.active_blocks
+    assert engine.totals.sleepers == row.active_blocks
     assert row.kinetic_energy < 1e-20
     np.testing.assert_allclose(row.momentum, 0.0, atol=1e-9)
     before = engine.particles()
@@ -78,7 +78,7 @@ def test_a_fall_wakes_what_it_hits_and_what_lies_far_sleeps_on():
     a_scene, p = hit_bed()
     engine = run(a_scene, p, 110)
     lump = p.position(CELLS)[:, 2] > 6.0
-    asleep_before = engine.sleepers
+    asleep_before = engine.totals.sleepers
     assert 0 < asleep_before < engine.ledger().active_blocks
     assert engine.particles().position(CELLS)[lump, 2].min() > 5.0  # it still falls
     run(a_scene, None, 120, engine)
@@ -86,7 +86,7 @@ def test_a_fall_wakes_what_it_hits_and_what_lies_far_sleeps_on():
     x = p.position(CELLS)[:, 0]
     bed_below = (p.position(CELLS)[:, 2] < 4.5) & (np.abs(x - 15.0) < 3.0)
     assert moved[bed_below].max() > 0.2
-    assert 0 < engine.sleepers < asleep_before
+    assert 0 < engine.totals.sleepers < asleep_before
     far = x > 45.0
     assert moved[far].max() < 0.02
 
@@ -106,13 +106,13 @@ def test_what_moves_is_moved_as_if_nothing_slept():
 def test_sleepers_go_on_from_a_checkpoint_with_the_same_bits(precision):
     a_scene, p = hit_bed(precision=precision)
     engine = run(a_scene, p, 130)
-    assert engine.sleepers > 0
+    assert engine.totals.sleepers > 0
     other = ScanBackend()
     other.restore(a_scene, {name: np.array(values) for name, values in engine.checkpoint().items()})
     rows = [run(a_scene, None, 40, e).ledger() for e in (engine, other)]
     np.testing.assert_array_equal(engine.particles().position(CELLS), other.particles().position(CELLS))
     assert rows[0].basal_dissipation == rows[1].basal_dissipation
-    assert engine.sleepers == other.sleepers
+    assert engine.totals.sleepers == other.totals.sleepers
     np.testing.assert_array_equal(rows[0].basal_impulse, rows[1].basal_impulse)
 
 

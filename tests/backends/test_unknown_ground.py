@@ -91,7 +91,7 @@ def test_blocks_beside_unknown_ground_may_sleep_and_lose_nothing():
     unknown[10:12, 5:7] = True
     engine = rested(replace(s, unknown=unknown), p, 400)
     row = engine.ledger()
-    assert engine.sleepers > 0
+    assert engine.totals.sleepers > 0
     assert row.escaped_mass >= 2 * 2 * 2 * 2.5 * 2 * SAND.density
     assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-12)
     x, y, _ = engine.particles().position(np.array(UNIT)).T

@@ -52,7 +52,7 @@ class Timed:
     def step(self) -> None:
         """A step, after the kernels that a scene without ground would call."""
         e = self.timed.engine
-        grid.fill(e)
+        grid.fill(e.k, e.store, e.index.blocks, e.workspace, e.tables)
         started = time.process_time()
         self.timed.advance(1)
         self.seconds["step"].append(time.process_time() - started)

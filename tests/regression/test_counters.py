@@ -137,4 +137,4 @@ def test_slots_stay_few_while_a_layer_moves_into_its_next_blocks_at_once():
     for _ in range(160):
         engine.step(0.9 * engine.stable_step())
     assert engine.counters.rebuilds >= 2
-    assert engine.store.slots < 1.35 * engine.n
+    assert engine.store.slots < 1.35 * engine.store.n

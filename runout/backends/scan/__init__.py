@@ -1,12 +1,21 @@
-"""The CPU backend: a sparse grid of 4 x 4 x 4 blocks found by marks and a prefix scan, compiled by numba.
+"""The CPU backend: a sparse grid of 4 x 4 x 4 blocks, found by marks and a prefix scan, and kernels compiled by numba.
 
-``index`` finds the blocks, ``stencil`` holds the quadratic stencil in lanes, ``particles_to_grid`` moves mass and momentum to the
-grid, ``schedule`` tells when a node has all that it needs and ``grid`` calls these kernels, ``ground``, ``contact_detection`` and
-``contact_solution`` apply the terrain, ``grid_to_particles`` brings velocities back and follows law and position, ``sort`` keeps
-the particles by block and cell, ``observe`` sums for observers, ``backend`` puts them in order. What only some scenes need lies
-apart: ``zones`` of friction; ``forces``, ``gradients`` and ``gradient_transfer`` of transfers besides the packed one; ``sleep``
-and ``rest`` of blocks at rest. ``precompile`` compiles, ``waiting`` tells threads how long to keep their cores.
+The phases of a step, one module each, have the same names in the backend ``hash``: ``index``, ``particles_to_grid``,
+``contact_detection``, ``contact_solution``, ``grid``, ``grid_to_particles``, ``sort``, ``observe``, ``state``. Each head comment
+draws the arrays of its phase.
 
-Every sum is taken in an order that does not depend on the number of threads: a block adds its particles to an arena, and
-each node gathers from the up to eight arenas that overlap it as soon as they are there; then other blocks take them.
+    backend       calls the phases              groups       arrays that kernels take together
+    workspace     arrays by block               schedule     which thread sums which nodes, and when
+    constants     of run and time step          totals       sums over the run
+    kernels       compiled functions            precompile   compiles them in a separate process
+    workers       threads and buffers           waiting      how long threads wait
+    stencil       weights and rows of nodes     ground       coefficients of the surface by block
+    domain        edge of the scene             raster_sums  maps for observers
+    checkpoint    state as plain arrays         forecast     memory before a run
+
+For some scenes only: ``zones`` (friction zones), ``forces``, ``gradients`` and ``gradient_transfer`` (transfers apic and aflip,
+F-bar), ``sleep`` and ``rest`` (blocks at rest).
+
+Each sum has an order that does not depend on the number of threads: a block adds its particles to an arena, and each node adds
+the up to eight arenas that overlap it.
 """

@@ -1,93 +1,82 @@
-"""State of the scan backend as plain arrays, and back, so that a run goes on bit by bit as if it had not been broken off.
+"""State of the scan backend as plain arrays, and back, so that a run continues bit by bit as if it had not been interrupted.
 
-Every sum of a step follows the order of blocks, cells and slots, so that they are kept as they are; what a step writes
-before it reads it, or what follows from the scene, is left out. An attribute that is not named here is kept.
+    totals., counters., seconds.    numbers of the run          blocks.       the index
+    store., particles.              particles, without padding  sleep.        which blocks sleep, where blocks may
+    packed_dt, corner, ...          single numbers
+
+Every sum of a step follows the order of blocks, cells and slots, so that these are kept as they are. Arrays that a step writes
+before it reads them, and what follows from the scene, are left out.
 """
 
-from dataclasses import fields
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
-from runout.backends.scan import sleep
-from runout.backends.scan.domain import Domain
-from runout.backends.scan.index import Index
-from runout.backends.scan.state import PADDING, Store
+from runout.backends.protocol import Counters
+from runout.backends.scan.constants import Tables
+from runout.backends.scan.groups import Blocks, Particles, Sleep
+from runout.backends.scan.state import BY_SLOT, PADDING, Store, _one_for_all, empty_slots
+from runout.backends.scan.totals import Totals
 from runout.backends.state import State, arrays_of, part, plain, put_arrays
-from runout.model.particles import Particles
+from runout.model.particles import Particles as ModelParticles
 from runout.model.scene import Scene
 
-if TYPE_CHECKING:
-    from runout.backends.scan.backend import ScanBackend
-
-OF_THE_SCENE = ("allowed", "threads", "dense", "spacing", "h", "mats", "friction", "density", "gravity", "dv")
-WITHIN_A_STEP = (
-    *("number", "arenas", "grid", "tiles", "planes", "bounds", "rim", "touching", "candidates", "place"),
-    *("reached", "pressed", "shares", "sharer", "shared", "inverse", "lent", "free"),
-    *(
-        "leaving",
-        "arrivals",
-        "before",
-        "shifted",
-        "changed",
-        "motion",
-        "ground",
-        "sums",
-        "total",
-        "nothing",
-        "falling",
-        "moving",
-        "giving",
-    ),
-)
-SCRATCH = ("contacts", "measured", "felt", "given", "listed")  # of a step
+SCRATCH = ("listed",)  # of a step
+SLEEP = ("asleep", "calm")  # the others follow from these
 
 
-def save(engine: "ScanBackend") -> State:
-    """The state between two steps; the arrays are those of the backend and change with its next step."""
-    slots, end = engine.store.slots, engine.end + PADDING
-    state = arrays_of(engine, OF_THE_SCENE, "own.")
-    state |= arrays_of(engine.index, prefix="index.")
-    if engine.scene.sleep_speed:
-        state |= arrays_of(engine.arenas, WITHIN_A_STEP, "arenas.")
-    state |= arrays_of(engine.counters, prefix="counters.")
-    state |= {f"seconds.{stage}": np.asarray(value) for stage, value in engine.counters.seconds.items()}
-    state["slots"] = np.asarray(slots)
-    for name, values in arrays_of(engine.store, SCRATCH, "store.").items():
-        state[name] = values[:end] if len(values) == slots + PADDING else values
-    return state
+class Saved(NamedTuple):
+    """The parts of a backend that a checkpoint restores; the arrays by block follow from them."""
+
+    tables: Tables
+    store: Store
+    blocks: Blocks
+    travelled: float
+    totals: Totals
+    counters: Counters
 
 
-def restore_state(engine: "ScanBackend", scene: Scene, state: State) -> None:
-    """Bring the backend to a state of the same scene that :func:`taken` gave."""
-    from runout.backends.scan.backend import PARTICLES_PER_THREAD
+def save(parts: Saved, sleep: Sleep | None) -> State:
+    """The state between two steps; its arrays are those of the backend and change with its next step."""
+    tables, store, blocks, travelled, totals, counters = parts
+    state = arrays_of(totals, prefix="totals.") | arrays_of(counters, prefix="counters.") | arrays_of(store, prefix="store.")
+    state |= {f"seconds.{stage}": np.asarray(value) for stage, value in counters.seconds.items()}
+    state |= arrays_of(SimpleNamespace(**blocks._asdict()), prefix="blocks.")
+    particles = arrays_of(SimpleNamespace(**store.particles._asdict()), (*SCRATCH, "radius"), "particles.")
+    end = store.end + PADDING
+    state |= {name: values[:end] if name.split(".")[1] in BY_SLOT else values for name, values in particles.items()}
+    numbers = {"packed_dt": tables.packed_dt, "particle_volume": tables.particle_volume, "corner": tables.constants.corner}
+    state |= {name: np.asarray(value) for name, value in {**numbers, "slots": store.slots, "travelled": travelled}.items()}
+    return state | (arrays_of(SimpleNamespace(**sleep._asdict()), ("falling", "moving", "giving"), "sleep.") if sleep else {})
 
-    engine.load(scene, Particles.zeros(0))
-    engine._change_step(float(state["own.packed_dt"]))  # while there is no particle: the records hold that step already
-    put_arrays(engine, state, "own.")
-    engine.domain = Domain.of(scene, engine.corner)
-    put_arrays(engine.counters, state, "counters.")
-    engine.counters.seconds = {stage: float(value) for stage, value in part(state, "seconds.").items()}
-    engine.index = Index(**{name: plain(value) for name, value in part(state, "index.").items()})
-    engine.store = _store(scene, state)
-    engine.threads = max(1, min(engine.allowed, len(engine.store.label) // PARTICLES_PER_THREAD))
-    engine._allocate_blocks()
-    if scene.sleep_speed:
-        put_arrays(engine.arenas, state, "arenas.")
-        sleep.share_work(engine)
+
+def restored(scene: Scene, state: State) -> Saved:
+    """The parts that :func:`save` kept, of the same scene; no time step is set yet."""
+    tables = Tables.of(scene, ModelParticles.zeros(0), np.array(state["corner"]))
+    tables.particle_volume = float(state["particle_volume"])
+    totals, counters = Totals(0.0), Counters()
+    put_arrays(totals, state, "totals.")
+    put_arrays(counters, state, "counters.")
+    counters.seconds = {stage: float(value) for stage, value in part(state, "seconds.").items()}
+    blocks = Blocks(**{name: plain(value) for name, value in part(state, "blocks.").items()})
+    return Saved(tables, _store(scene, state), blocks, float(state["travelled"]), totals, counters)
+
+
+def restore_sleep(sleep: Sleep, state: State) -> None:
+    """Set which blocks sleep."""
+    for name in SLEEP:
+        getattr(sleep, name)[:] = state[f"sleep.{name}"]
 
 
 def _store(scene: Scene, state: State) -> Store:
-    """Slots with room as before; what belongs to a slot is copied, what belongs to a particle taken over."""
-    slots = int(state["slots"])
-    store = Store.of(slots, np.zeros(0, np.int64), Particles.zeros(0), scene)
-    saved = part(state, "store.")
-    for field in fields(store):
-        if field.name in SCRATCH:
-            continue
-        capacity, values = getattr(store, field.name), saved[field.name]
-        if len(capacity) == slots + PADDING:
-            capacity[: len(values)] = values
-        else:
-            setattr(store, field.name, values)
-    return store
+    """Storage with as many slots as before; arrays by slot are copied, arrays by particle are used as they are."""
+    slots, saved = int(state["slots"]), part(state, "particles.")
+    numbers = {name: plain(value) for name, value in part(state, "store.").items()}
+    particles: Particles = empty_slots(slots, scene)._replace(
+        force=saved["force"], label=saved["label"], radius=_one_for_all(numbers["radius"])
+    )
+    for name in BY_SLOT:
+        if name not in SCRATCH:
+            getattr(particles, name)[: len(saved[name])] = saved[name]
+    return Store(particles, **numbers)

@@ -1,13 +1,17 @@
-"""Contact with the ground: finding the particles that touch it, and their weights at the nodes. See :mod:`runout.physics.contact`.
+"""Phase "contact detection": the particles that touch the ground, and their weights at the nodes (:mod:`runout.physics.contact`).
 
-Only particles under a bound of the ground's surface are measured: the candidates, which are listed while arenas are filled. Those
-that touch get a row of contacts each. The rows of a *strip* of owners lie one after the other, whichever block they belong to, so
-that vectors are full, in the region of the thread that found them; those of block b start at ``place[b]``. Row r has
+A particle below a bound of the surface of the ground is a candidate; candidates are listed while arenas are filled. They are
+measured in tiles of 64, and those that touch get a row each. The rows of a strip of 16 owners follow each other without gaps, in
+the part of the arrays that belongs to the thread; the rows of block b start at ``place[b]``.
 
-    contacts[r]                     cell in the block | fx | fy | fz
-    measured[r // 16, :, r % 16]    unit normal (3), gap [m], friction, velocity before the step (3) [m/s]
-    felt[r]                         compliance [1/kg] and velocity [m/s] that the grid would give, then 0 and the impulse's change
-    given[r]                        0 and the impulse [N s] that the nodes hold from the start, then work [J] and impulse [N s]
+    rows[r]                         cell in the block | fx | fy | fz
+    measured[r // 16, :, r % 16]    nx | ny | nz | gap [m] | friction | vx | vy | vz [m/s], before the step
+    felt[r]                         compliance [1/kg] | velocity [m/s] that the grid gives; later 0 | change of the impulse
+    given[r]                        0 | impulse [N s] that the nodes hold from the start; later work [J] | impulse [N s]
+
+    thread 0: strip 0 | strip 2 | ...  free rows  |  thread 1: strip 5 | ...  free rows  |
+
+    shares[sharer[b]]               6 x 6 x 6 nodes of block b, one number each: sum of the weights of its contacts
 """
 
 import numpy as np
@@ -51,7 +55,7 @@ from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
 TILE = 64
-ASIDE = 16  # first row of a tile of candidates behind their records
+ASIDE = 16  # first row of a tile of candidates after those of the records
 FLOOR, RADIUS, OWN_FRICTION = 19, 23, 24
 TOUCHES, FX, FY, FZ = 0, 4, 8, 12
 NORMAL, GAP, FRICTION, BEFORE = 0, 3, 4, 5  # rows of what is measured
@@ -65,10 +69,10 @@ _, store_16_rows = row_vectors(16, TILE)
 three_ones = constant([1.0, 1.0, 1.0, 0.0])
 
 
-def _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n):
-    """Slots and blocks of the next ``n`` candidates from number ``k`` of block ``b`` on; returns what comes next.
+def _list_candidates(slots, owners, rec, listed, first, candidates, b, k, n):
+    """List slots and owners of ``n`` candidates from candidate ``k`` of block ``b`` on; returns block and number of the next one.
 
-    The last one fills the last vector. Their records are asked for.
+    The last candidate fills the last vector. The records are prefetched.
     """
     for q in range(n):
         while k == candidates[b]:
@@ -77,15 +81,17 @@ def _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n):
         p = np.int64(listed[first[b] + k])
         k += 1
         slots[q] = p
-        blocks[q] = b
+        owners[q] = b
         prefetch(rec, 16 * p)
     for q in range(n, (n + 15) & ~15):
         slots[q] = slots[n - 1]
     return b, k
 
 
-def _take_candidates(aside, slots, blocks, cell, particle_index, radius, label, tiles, friction, force, n):
-    """What the records of candidates do not hold: ground in their columns of cells, level, size and friction."""
+def _take_candidates(aside, slots, owners, particles, tiles, friction, n):
+    """Collect what the records of candidates do not hold: coefficients of the ground, level of the cell, radius and friction."""
+    cell, particle_index, force = particles.cell, particles.particle_index, particles.force
+    radius, label = particles.radius, particles.label
     for q in range(n):
         prefetch(force, 4 * np.int64(particle_index[slots[q]]))
     if len(radius) > 1:
@@ -94,7 +100,7 @@ def _take_candidates(aside, slots, blocks, cell, particle_index, radius, label, 
     for q in range(n):
         p = slots[q]
         c = np.int64(cell[p])
-        o = 36 * np.int64(blocks[q]) + (c >> 4) * 6 + ((c >> 2) & 3)
+        o = 36 * np.int64(owners[q]) + (c >> 4) * 6 + ((c >> 2) & 3)
         r = 16 * q
         store(aside, r, load4(tiles, o))
         store(aside, r + 4, load4(tiles, o + 6))
@@ -105,7 +111,7 @@ def _take_candidates(aside, slots, blocks, cell, particle_index, radius, label, 
 
 
 def _load_candidates(t, rec, aside, slots, groups):
-    """Records of listed particles, and what they do not hold, as columns of a tile."""
+    """Transpose the records of listed particles, and what is ``aside``, into the columns of a tile."""
     for g in range(groups):
         store_16_rows(t, 16 * g, load_listed(rec, slots, 16 * g))
         store_16_rows(t, ASIDE * TILE + 16 * g, load_beside(aside, 256 * g))
@@ -131,7 +137,7 @@ def _momentum(t, q):
 
 
 def _measure(t, n, east, north, dz, dt, band):
-    """Whether each column of a tile touches, in row TOUCHES, and what is MEASURED."""
+    """Fill the rows of a tile with the measurements of each column; row TOUCHES is 1 where the particle touches the ground."""
     for q in range(n):
         z = t[FLOOR, q] + t[12, q]
         nx, ny, nz, gap = _ground(_coefficients(t, q), t[4, q], t[8, q], z, t[RADIUS, q], east, north, dz)
@@ -152,27 +158,28 @@ def _measure(t, n, east, north, dz, dt, band):
 
 
 def _take_force(given, row, force, w, last, dt):
-    """Impulse from which a contact starts: by the force of the step with the stamp ``last``, none if it did not touch then."""
+    """Set the impulse from which a contact starts: by the force of the step with the stamp ``last``, 0 if it did not touch then."""
     lasting = dt if force[w, 0] == last else real(0.0)
     given[row, 0] = real(0.0)
     for k in range(1, 4):
         given[row, k] = lasting * force[w, k]
 
 
-def _keep_touching(
-    t, n, slots, blocks, cell, particle_index, force, last, dt, listed, first, contacts, measured, given, row, touching
-):
-    """Rows from ``row`` on for those of ``n`` candidates that touch; returns what comes next.
+def _keep_touching(t, n, slots, owners, particles, first, contacts, last, dt, row):
+    """Write rows from ``row`` on for the candidates, of ``n``, that touch; returns the row after the last.
 
-    Each writes its row, and the next one writes over it unless it touches: no processor could guess which do.
+    Each candidate writes its row, and the next one overwrites it unless the candidate touches. This has no branch, which
+    processors could not predict.
     """
+    cell, particle_index, listed, force = particles.cell, particles.particle_index, particles.listed, particles.force
+    rows, measured, given, touching = contacts.rows, contacts.measured, contacts.given, contacts.touching
     for q in range(n):
         p = slots[q]
-        b = np.int64(blocks[q])
-        contacts[row, 0] = real(cell[p])
-        contacts[row, 1] = t[FX, q]
-        contacts[row, 2] = t[FY, q]
-        contacts[row, 3] = t[FZ, q]
+        b = np.int64(owners[q])
+        rows[row, 0] = real(cell[p])
+        rows[row, 1] = t[FX, q]
+        rows[row, 2] = t[FY, q]
+        rows[row, 3] = t[FZ, q]
         for k, m in enumerate(MEASURED):
             measured[row >> 4, k, row & 15] = t[m, q]
         _take_force(given, row, force, np.int64(particle_index[p]), last, dt)
@@ -184,7 +191,7 @@ def _keep_touching(
 
 
 def _call_up(tiles, planes, cell, b, f, held):
-    """Ask for what the contacts of a block need besides its records, while its arena is filled."""
+    """Prefetch what the contacts of a block need besides its records, while its arena is filled."""
     for o in range(0, 36, 16):
         prefetch(tiles, 36 * b + o)
     for o in range(0, 48, 16):
@@ -193,31 +200,32 @@ def _call_up(tiles, planes, cell, b, f, held):
         prefetch(cell, p)
 
 
-def _expect(contacts, measured, given, shares, row, rows, share, blocks):
-    """Ask for the memory that the rows of a strip and the shares of its blocks will be written to."""
-    for r in range(row, row + rows, 16):
+def _expect(contacts, row, total, share, owners):
+    """Prefetch the memory to which ``total`` rows of a strip from ``row`` on, and the shares of its owners, will be written."""
+    for r in range(row, row + total, 16):
         for o in range(0, 64, 16):
-            prefetch(contacts, 4 * r + o)
-            prefetch(given, 4 * r + o)
+            prefetch(contacts.rows, 4 * r + o)
+            prefetch(contacts.given, 4 * r + o)
         for o in range(0, 128, 16):
-            prefetch(measured, 8 * r + o)
-    for o in range(SHARES * share, SHARES * (share + blocks), 16):
-        prefetch(shares, o)
+            prefetch(contacts.measured, 8 * r + o)
+    for o in range(SHARES * share, SHARES * (share + owners), 16):
+        prefetch(contacts.shares, o)
 
 
-def _share_block(shares, base, contacts, given, begins, arenas, a, ready, row, n):
-    """Fill an arena with one number a node with the weights of the contacts of a block; returns the parts that they reach.
+def _share_block(contacts, base, begins, arenas, a, ready, row, n):
+    """Sum the weights of the ``n`` contacts of a block at its nodes, in the share from ``base`` on; returns the parts they reach.
 
-    If the contact ``begins`` here, the impulses ``given`` are added to the momentum in the arena at place ``a``. The weights of the
-    first contact are ``ready``, and at the end those of the row behind the last.
+    If contacts ``begin`` here, the impulses ``given`` are added to the momentum in the arena at place ``a``. The weights of the
+    first contact are ``ready``; at the end, those of the row after the last.
     """
+    shares, rows, given = contacts.shares, contacts.rows, contacts.given
     for o in range(base, base + SHARES - 8, 16):
         store(shares, o, zeros(shares))
     octants = 0
     for r in range(np.uint64(row), np.uint64(row + n)):
-        _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
+        _weigh_four(rows, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
         w = _place_of(r)
-        c = np.int64(contacts[r, 0])
+        c = np.int64(rows[r, 0])
         octants |= 1 << _octant(c)
         o = base + (c >> 4) * PLANE_OF_SHARES + ((c >> 2) & 3) * ROW_OF_SHARES + (c & 3)
         z = load4(ready, w + np.uint64(12)) * three_ones(ready)
@@ -231,135 +239,130 @@ def _share_block(shares, base, contacts, given, begins, arenas, a, ready, row, n
     return _parts_of(octants)
 
 
-def _measure_strip(
-    rec, particle_index, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed, candidates, contacts,
-    measured, given, touching, low, total, row,
-):  # fmt: skip
-    """Rows from ``row`` on of those of the ``total`` candidates of the blocks from ``low`` on that touch."""
+def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low, total, row):
+    """Write the contact rows, from ``row`` on, of the candidates that touch: of ``total`` in the owners from ``low`` on."""
+    rec, listed, h = particles.rec, particles.listed, constants.h
     t = local_tile(rec)
     aside = local_aside(rec)
     slots = local_list(listed)
-    blocks = local_list(listed)
+    owners = local_list(listed)
     b = low
     k = 0
     for done in range(0, total, TILE):
         n = min(TILE, total - done)
         groups = (n + 15) >> 4
-        b, k = _list_candidates(slots, blocks, rec, listed, first, candidates, b, k, n)
-        _take_candidates(aside, slots, blocks, cell, particle_index, radius, label, tiles, friction, force, n)
+        b, k = _list_candidates(slots, owners, rec, listed, first, contacts.candidates, b, k, n)
+        _take_candidates(aside, slots, owners, particles, tiles, constants.friction, n)
         _load_candidates(t, rec, aside, slots, groups)
-        _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, band)
-        row = _keep_touching(
-            t, n, slots, blocks, cell, particle_index, force, last, dt, listed, first, contacts, measured, given, row, touching
-        )
+        _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, search.band)
+        row = _keep_touching(t, n, slots, owners, particles, first, contacts, search.last, dt, row)
 
 
-def _fill_strip(
-    rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, capacity, free, cursors, thread,
-    reached, listed, candidates, touching, pressed, low, end, nown,
-):  # fmt: skip
-    """Fill the arenas of the owners ``low`` to ``end``; returns how many candidates there are, and in how many blocks."""
+def _fill_strip(particles, blocks, giving, arenas, contacts, ground, reach, h, thread, low, end, nown):
+    """Fill the arenas of the owners ``low`` to ``end``; returns the number of candidates, and of the owners that have any."""
+    rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
+    reached, number, bounds, planes = arenas.reached, arenas.number, ground.bounds, ground.planes
+    candidates = contacts.candidates
     total = 0
-    blocks = 0
+    owners = 0
     for b in range(low, end):
-        candidates[b] = touching[b] = 0
-        reached[b] = pressed[b] = 0
+        candidates[b] = contacts.touching[b] = 0
+        reached[b] = contacts.pressed[b] = 0
         if giving[b] > 0:
             cut = reach / (bounds[b, 1] * h[2])
             near = real(0.5) - bounds[b, 0] <= cut
             if near:
-                _call_up(tiles, planes, cell, b, first[b], giving[b])
+                _call_up(ground.tiles, planes, particles.cell, b, first[b], giving[b])
             reached[b] = _reached_parts(starts, b)
-            number[b] = _take_arena(cursors, thread, capacity, free)
+            number[b] = _take_arena(arenas.cursors, thread, arenas.free)
             _expect_next(rec, order, starts, first, giving, bounds, b, nown)
             a = ARENA * np.int64(number[b])
-            candidates[b] = _fill_arena(rec, order, starts, first, b, reached[b], arenas, a, near, planes, cut, listed)
-            total += candidates[b]
-            blocks += candidates[b] > 0
-    return total, blocks
+            n = _fill_arena(rec, order, starts, first, b, reached[b], arenas.values, a, near, planes, cut, particles.listed)
+            candidates[b] = n
+            total += n
+            owners += n > 0
+    return total, owners
 
 
-def _keep_room(cursors, thread, total, blocks, rows, places):
-    """First row and share of a strip, and whether there is room for all that may touch."""
+def _rows_of_thread(contacts, threads):
+    """Rows of contacts that each thread has."""
+    return (len(contacts.felt) // threads) & ~15
+
+
+def _shares_of_thread(contacts, threads):
+    """Places for shares that each thread has."""
+    return max(len(contacts.shares) - 1, 0) // threads
+
+
+def _keep_room(cursors, thread, total, owners, rows, places):
+    """First row and share of a strip, and whether the thread has room for all that may touch."""
     row = cursors[thread, ROWS]
     share = cursors[thread, SHARED]
     cursors[thread, ROWS] += (total + 15) & ~15
-    cursors[thread, SHARED] += blocks
+    cursors[thread, SHARED] += owners
     fits = cursors[thread, ROWS] <= rows and cursors[thread, SHARED] <= places
     return row + thread * rows, share + thread * places, fits
 
 
-def _share_strip(contacts, given, begins, number, arenas, shares, row, share, low, end, touching, place, sharer, pressed):
-    """Weights of the contacts of a strip at the nodes, and their impulses; returns what comes behind the last row and share."""
-    ready = local_weights(contacts)
-    _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
+def _share_strip(contacts, begins, arenas, row, share, low, end):
+    """Sum the weights of the contacts of a strip at the nodes, and add their impulses; returns the next free row and share."""
+    rows, touching = contacts.rows, contacts.touching
+    ready = local_weights(rows)
+    _weigh_four(rows, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
     for b in range(low, end):
-        place[b] = row
+        contacts.place[b] = row
         if touching[b] > 0:
-            sharer[b] = share
-            a = ARENA * np.int64(number[b])
-            pressed[b] = _share_block(shares, SHARES * share, contacts, given, begins, arenas, a, ready, row, touching[b])
+            contacts.sharer[b] = share
+            a = ARENA * np.int64(arenas.number[b])
+            contacts.pressed[b] = _share_block(contacts, SHARES * share, begins, arenas.values, a, ready, row, touching[b])
             row += touching[b]
             share += 1
     return row, share
 
 
-def particles_to_nodes_over_ground(
-    rec, particle_index, radius, label, cell, order, starts, first, giving, nown, cuts, due, nodes, over, owners, tiles, planes,
-    bounds, friction, force, last, begins, reach, dt, h, band, number, arenas, capacity, free, cursors, reached, listed,
-    candidates, touching, pressed, contacts, measured, given, rows, shares, places, place, sharer, down, grid, shared, inverse, dv,
-):  # fmt: skip
-    """Fill the arenas, find the particles that touch the ground while a strip is in cache, and sum the nodes that are due.
+def particles_to_nodes_over_ground(particles, blocks, schedule, giving, arenas, contacts, ground, grid, constants, search, dt):
+    """Fill the arenas, find the particles that touch the ground, and sum the nodes that are due.
 
-    ``reach`` [m] is the distance from the ground beyond which no centre of a particle can touch; ``radius`` has one number where
-    all are the same; ``force`` (n, 4) holds forces of the ground behind the stamps of their steps. If the contact ``begins`` here,
-    the impulses by the forces of the ``last`` step go to the nodes with the momentum; else :func:`begin_contacts` adds them later.
-
-    Gives the numbers (nown,) of particles that are ``touching``, which are ``listed`` then, the sums of their weights over the
-    nodes of each block, its ``shares``, and the parts of these that are ``pressed``. Each thread has ``capacity`` for arenas,
-    ``rows`` of contacts and ``places`` for shares, and counts in ``cursors`` (threads, 8) those that it needs, and what touches;
-    where one needs more, the result is worth nothing. Returns what a thread needs of each, and the number of those that touch.
-    With no owners, ``nown`` = 0, nodes are summed alone.
+    Each strip of owners is searched for contacts while it is in the cache. Fills the ``contacts`` but for the velocities that
+    the grid gives. Returns the numbers of arenas, rows and shares that a thread needs, and the number of particles that touch;
+    if a thread has less of one of these, the result is invalid.
     """
+    cursors = arenas.cursors
+    rows = _rows_of_thread(contacts, len(cursors))
+    places = _shares_of_thread(contacts, len(cursors))
     _start(cursors)
-    for thread in prange(len(cuts) - 1):
-        for s in range(_strip_of(cuts[thread]), _strip_of(cuts[thread + 1])):
+    for thread in prange(len(schedule.cuts) - 1):
+        for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
             low = STRIP * s
-            end = min(low + STRIP, nown)
-            total, blocks = _fill_strip(
-                rec, cell, order, starts, first, giving, tiles, planes, bounds, reach, h, number, arenas, capacity, free, cursors,
-                thread, reached, listed, candidates, touching, pressed, low, end, nown,
-            )  # fmt: skip
-            row, share, fits = _keep_room(cursors, thread, total, blocks, rows, places)
+            end = min(low + STRIP, schedule.nown)
+            total, owners = _fill_strip(
+                particles, blocks, giving, arenas, contacts, ground, search.reach, constants.h, thread, low, end, schedule.nown
+            )
+            row, share, fits = _keep_room(cursors, thread, total, owners, rows, places)
             if total > 0 and fits:
-                _expect(contacts, measured, given, shares, row, total, share, blocks)
-                _measure_strip(
-                    rec, particle_index, radius, label, cell, first, tiles, friction, force, last, dt, h, band, listed,
-                    candidates, contacts, measured, given, touching, low, total, row,
-                )  # fmt: skip
-                behind, after = _share_strip(
-                    contacts, given, begins, number, arenas, shares, row, share, low, end, touching, place, sharer, pressed
-                )
-                cursors[thread, TOUCH] += behind - row
-                cursors[thread, ROWS] = ((behind + 15) & ~15) - thread * rows
-                cursors[thread, SHARED] = after - thread * places
-            for k in range(due[s], due[s + 1]):
-                n = np.int64(nodes[k])
-                _update_block_over_ground(arenas, number, reached, shares, sharer, pressed, down, n, grid, shared, inverse, dv)
-            _leave_arenas(cursors, thread, free, s, over, owners, giving, number)
+                _expect(contacts, row, total, share, owners)
+                _measure_strip(particles, blocks.first, contacts, ground.tiles, constants, search, dt, low, total, row)
+                next_row, next_share = _share_strip(contacts, search.begins, arenas, row, share, low, end)
+                cursors[thread, TOUCH] += next_row - row
+                cursors[thread, ROWS] = ((next_row + 15) & ~15) - thread * rows
+                cursors[thread, SHARED] = next_share - thread * places
+            for k in range(schedule.due[s], schedule.due[s + 1]):
+                _update_block_over_ground(arenas, contacts, grid, blocks.down, np.int64(schedule.nodes[k]), constants.dv)
+            _leave_arenas(schedule, arenas, thread, s, giving, arenas.number)
     total = 0
     for t in range(len(cursors)):
         total += cursors[t, TOUCH]
     return _most_of(cursors, TAKEN), _most_of(cursors, ROWS), _most_of(cursors, SHARED), total
 
 
-def begin_contacts(contacts, given, place, touching, nown, number, arenas):
+def begin_contacts(contacts, nown, number, arenas):
     """Add the impulses from which contacts start to the momentum in the arenas of their blocks."""
+    rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
     for b in prange(nown):
         if touching[b] > 0:
             row = np.uint64(place[b])
-            ready = local_weights(contacts)
+            ready = local_weights(rows)
             for r in range(row, row + np.uint64(touching[b])):
-                _weigh_four(contacts, r * np.uint64(4), ready, np.uint64(0))
-                a = ARENA * np.int64(number[b]) + _first_node(np.int64(contacts[r, 0]))
+                _weigh_four(rows, r * np.uint64(4), ready, np.uint64(0))
+                a = ARENA * np.int64(number[b]) + _first_node(np.int64(rows[r, 0]))
                 _add_weighted(arenas, a, ready, np.uint64(0), load4(given, r * np.uint64(4)))

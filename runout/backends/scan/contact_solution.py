@@ -1,7 +1,13 @@
-"""Impulses of the ground on the particles that touch it, and by their weights on the nodes: see :mod:`runout.physics.contact`.
+"""Phase "contact solution": the impulses of the ground on particles, and through them on nodes (:mod:`runout.physics.contact`).
 
-The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`. The nodes hold the impulses ``given`` from the
-start; they get the differences from these.
+The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`. The nodes already hold the impulses ``given``;
+they get the differences from these.
+
+    grid.nodes --gather--> felt[r]     compliance | velocity
+    felt, measured, given --impulse--> felt[r]     0 | change of the impulse        given[r]    work | impulse
+    felt --scatter--> arenas.values[lent[b]]    0 | change of the impulse  --sum, times inverse mass--> grid.nodes
+
+Contacts are solved in tiles of 16 rows: column q of a tile is row 16 g + q, so that one vector holds one number of 16 contacts.
 """
 
 import numpy as np
@@ -54,16 +60,16 @@ def _weighted_mean(ready, w, rows):
     return first_group(s) + second_group(s)
 
 
-def _meet_grid(contacts, ready, felt, nodes, row, n):
+def _meet_grid(rows, ready, felt, nodes, row, n):
     """Compliance and velocity that the grid would give to each contact of a block; ``ready`` are the weights of the first."""
     for r in range(np.uint64(row), np.uint64(row + n)):
-        _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
-        rows = _load_rows(nodes, _first_node(np.int64(contacts[r, 0])))
-        store(felt, r * np.uint64(4), _weighted_mean(ready, _place_of(r), rows))
+        _weigh_four(rows, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
+        around = _load_rows(nodes, _first_node(np.int64(rows[r, 0])))
+        store(felt, r * np.uint64(4), _weighted_mean(ready, _place_of(r), around))
 
 
 def _push(t, begun, measured, g, dt):
-    """Of 16 contacts the change of their impulses in place of what they feel, and work and impulse in place of those ``begun``."""
+    """Replace what 16 contacts feel by the changes of their impulses, and the impulses ``begun`` by work and impulse."""
     for q in range(np.uint64(16)):
         compliance = t[0, q]
         u = vec(t[1, q], t[2, q], t[3, q])
@@ -81,95 +87,97 @@ def _push(t, begun, measured, g, dt):
         begun[3, q] = push[2]
 
 
-def _keep_forces(given, row, n, listed, f, particle_index, force, stamp, dt):
+def _keep_forces(given, row, n, particles, f, stamp, dt):
     """Note the forces of the ground on the ``n`` contacts of a block, which are listed from place ``f`` on."""
+    force = particles.force
     for q in range(n):
-        w = np.int64(particle_index[listed[f + q]])
+        w = np.int64(particles.particle_index[particles.listed[f + q]])
         force[w, 0] = stamp
         for k in range(1, 4):
             force[w, k] = given[row + q, k] / dt
 
 
-def _spread_block(contacts, ready, felt, given, row, n, arenas, a, parts, ground, b):
-    """Fill the arena at place ``a`` with the changes of its contacts' impulses, and sum up work and impulse.
+def _spread_block(contacts, ready, arenas, a, b):
+    """Fill the arena at place ``a`` with the changes of the impulses of block ``b``, and sum work and impulse.
 
-    ``ready`` are the weights of the first.
+    ``ready`` are the weights of its first contact.
     """
-    _clear(arenas, a, parts)
-    total = four_zeros(ground)
-    for r in range(np.uint64(row), np.uint64(row + n)):
-        _weigh_four(contacts, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
+    rows, felt, given, work = contacts.rows, contacts.felt, contacts.given, contacts.work
+    row = contacts.place[b]
+    _clear(arenas, a, contacts.pressed[b])
+    total = four_zeros(work)
+    for r in range(np.uint64(row), np.uint64(row + contacts.touching[b])):
+        _weigh_four(rows, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
         total = total + in_double(load4(given, r * np.uint64(4)))
-        _add_weighted(arenas, a + _first_node(np.int64(contacts[r, 0])), ready, _place_of(r), load4(felt, r * np.uint64(4)))
-    store(ground, 4 * b, total)
+        _add_weighted(arenas, a + _first_node(np.int64(rows[r, 0])), ready, _place_of(r), load4(felt, r * np.uint64(4)))
+    store(work, 4 * b, total)
 
 
-def _total_ground(ground, touching, asleep, nown, total):
-    """Sums of the rows of the blocks with contacts, those that sleep left out."""
+def _total_ground(work, touching, asleep, nown, total):
+    """Sums of the rows of the blocks that have contacts and do not sleep."""
     for k in range(4):
         total[k] = 0.0
     for b in range(nown):
         if touching[b] > 0 and not asleep[b]:
             for k in range(4):
-                total[k] += ground[b, k]
+                total[k] += work[b, k]
 
 
-def _solve_strip(contacts, measured, felt, given, place, touching, pressed, grid, up, dt, low, end, total):
-    """Work and impulse of the ``total`` contacts of the owners ``low`` to ``end``, in ``given``; in ``felt`` its change."""
-    nodes = local_nodes(contacts)
+def _solve_strip(contacts, grid, up, dt, low, end, count):
+    """Work and impulse of the ``count`` contacts of the owners ``low`` to ``end``, in ``given``; in ``felt`` their changes."""
+    rows, felt, given, touching, pressed = contacts.rows, contacts.felt, contacts.given, contacts.touching, contacts.pressed
+    nodes = local_nodes(rows)
     _clear(nodes, 0, EVERY)
-    row = place[low]
-    ready = local_weights(contacts)
-    _weigh_four(contacts, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
+    row = contacts.place[low]
+    ready = local_weights(rows)
+    _weigh_four(rows, np.uint64(4 * row), ready, _place_of(np.uint64(row)))
     for b in range(low, end):
         if touching[b] > 0:
             later = _next_filled(touching, b, end)
             if later < end:
                 _expect_nodes(grid, up, later, pressed[later])
             _load_nodes(nodes, grid, up, b, pressed[b])
-            _meet_grid(contacts, ready, felt, nodes, place[b], touching[b])
-    t = local_columns(contacts)
-    begun = local_columns(contacts)
-    for g in range(row >> 4, (row + total + 15) >> 4):
+            _meet_grid(rows, ready, felt, nodes, contacts.place[b], touching[b])
+    t = local_columns(rows)
+    begun = local_columns(rows)
+    for g in range(row >> 4, (row + count + 15) >> 4):
         store_4_rows(t, 0, load_felt(felt, 64 * g))
         store_4_rows(begun, 0, load_felt(given, 64 * g))
-        _push(t, begun, measured, g, dt)
+        _push(t, begun, contacts.measured, g, dt)
         store_felt(felt, 64 * g, load_4_rows(t, 0))
         store_felt(given, 64 * g, load_4_rows(begun, 0))
 
 
-def solve_contacts(
-    contacts, measured, felt, given, place, touching, pressed, listed, first, particle_index, force, stamp, nown, cuts, due,
-    nodes, over, owners, grid, up, down, dt, lent, arenas, capacity, free, cursors, shared, inverse, asleep, ground, sums,
-):  # fmt: skip
-    """One impulse per contact; its change is spread to an arena of the block, and by it to the nodes that are due.
+def solve_contacts(particles, blocks, schedule, arenas, contacts, grid, asleep, dt, stamp, total):
+    """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
-    The contacts of block b are ``listed`` from place ``first[b]`` on; ``force`` (n, 4) gets the ``stamp`` of this step and the
-    force of the ground on each. ``lent`` are the numbers of the arenas, ``ground`` (nown, 4) the contacts' work [J] and sum [N s];
-    ``sums`` are over all blocks but those that are ``asleep``. Who reads the velocity of a node reaches it too, so that nobody does
-    once it is due. With no owners, ``nown`` = 0, nodes are pushed alone.
+    ``particles.force`` gets the ``stamp`` of this step and the force of the ground, ``contacts.work`` the work and the impulse of
+    each block, ``total`` their sums over the blocks that are not ``asleep``. A node that is due is read by no later strip, since
+    each block that reads it also adds to it.
     """
+    rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
+    cursors, lent = arenas.cursors, arenas.lent
     _start(cursors)
-    for thread in prange(len(cuts) - 1):
-        for s in range(_strip_of(cuts[thread]), _strip_of(cuts[thread + 1])):
+    for thread in prange(len(schedule.cuts) - 1):
+        for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
             low = STRIP * s
-            end = min(low + STRIP, nown)
-            total = 0
+            end = min(low + STRIP, schedule.nown)
+            count = 0
             for b in range(low, end):
-                total += touching[b]
-            if total > 0:
-                _solve_strip(contacts, measured, felt, given, place, touching, pressed, grid, up, dt, low, end, total)
-                ready = local_weights(contacts)
-                _weigh_four(contacts, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
+                count += touching[b]
+            if count > 0:
+                _solve_strip(contacts, grid.nodes, blocks.up, dt, low, end, count)
+                ready = local_weights(rows)
+                _weigh_four(rows, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
                 for b in range(low, end):
                     if touching[b] > 0:
-                        lent[b] = _take_arena(cursors, thread, capacity, free)
+                        lent[b] = _take_arena(cursors, thread, arenas.free)
                         a = ARENA * np.int64(lent[b])
-                        _spread_block(contacts, ready, felt, given, place[b], touching[b], arenas, a, pressed[b], ground, b)
-                        _keep_forces(given, place[b], touching[b], listed, first[b], particle_index, force, stamp, dt)
-            for k in range(due[s], due[s + 1]):
-                n = np.int64(nodes[k])
-                if shared[n]:
-                    _push_block(arenas, lent, pressed, down, n, grid, inverse)
-            _leave_arenas(cursors, thread, free, s, over, owners, touching, lent)
-    _total_ground(ground, touching, asleep, nown, sums)
+                        _spread_block(contacts, ready, arenas.values, a, b)
+                        _keep_forces(given, place[b], touching[b], particles, blocks.first[b], stamp, dt)
+            for k in range(schedule.due[s], schedule.due[s + 1]):
+                n = np.int64(schedule.nodes[k])
+                if grid.shared[n]:
+                    _push_block(arenas.values, lent, contacts.pressed, blocks.down, n, grid.nodes, grid.inverse)
+            _leave_arenas(schedule, arenas, thread, s, touching, lent)
+    _total_ground(contacts.work, touching, asleep, blocks.nown, total)

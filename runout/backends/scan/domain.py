@@ -1,61 +1,44 @@
-"""The domain of a scene: its raster without the cells that have no elevation; what leaves it is booked as escaped.
+"""The domain of a scene: its raster without the cells that have no elevation. Mass that leaves it is booked as escaped.
 
-Only blocks at the edge of the domain look where their particles are.
+Only particles of blocks near the edge of the domain are tested.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from runout.backends.scan.groups import Domain
 from runout.model.scene import Scene
 
-BEFORE, BEHIND = 2, 8  # cells west and south of a block's first cell, and east and north, that its particles may come to
+BEFORE, BEHIND = 2, 8  # cells west and south of the first cell of a block, and east and north, that its particles may reach
 
 
-@dataclass(frozen=True)
-class Domain:
-    """Where particles may be.
-
-    Attributes
-    ----------
-    limits : ndarray (6,)
-        West, east, south and north edge, and the size of the raster's cells east and north [cells of the grid].
-    unknown : ndarray (columns, rows) of bool
-        Cells of the raster without elevation; (1, 1) where all have one.
-    sums : ndarray (columns + 1, rows + 1)
-        Number of unknown cells west and south of each corner.
-    """
-
-    limits: np.ndarray
-    unknown: np.ndarray
-    sums: np.ndarray
-
-    @classmethod
-    def of(cls, scene: Scene, corner: np.ndarray) -> "Domain":
-        """The domain of a scene, counted from the node ``corner`` (3,)."""
-        raster, spacing = scene.raster, np.array(scene.spacing[:2])
-        cell = np.array(raster.cell_size) / spacing
-        size = np.array([raster.columns, raster.rows]) * np.array(raster.cell_size) / spacing
-        limits = np.stack([-corner[:2], size - corner[:2]], axis=1).ravel()
-        unknown = np.zeros((1, 1), np.bool_) if scene.unknown is None else np.ascontiguousarray(scene.unknown)
-        sums = np.pad(np.cumsum(np.cumsum(unknown, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
-        return cls(np.concatenate([limits, cell]).astype(np.float64), unknown, sums)
-
-    def at_edge(self, bxyz: np.ndarray) -> np.ndarray:
-        """Whether particles of blocks (n, 3) may leave the domain before the index is made anew."""
-        first = 4 * bxyz[:, :2]
-        beside = (first - BEFORE < self.limits[:4:2]) | (first + BEHIND > self.limits[1:4:2])
-        low, high = (
-            np.clip(np.floor((first + by - self.limits[:4:2]) / self.limits[4:]).astype(np.int64), 0, np.array(self.unknown.shape))
-            for by in (-BEFORE, BEHIND + self.limits[4:])
-        )
-        (i, j), (k, m), s = low.T, high.T, self.sums
-        return beside[:, 0] | beside[:, 1] | (s[k, m] - s[i, m] - s[k, j] + s[i, j] > 0)  # type: ignore[no-any-return]
+def domain_of(scene: Scene, corner: np.ndarray) -> Domain:
+    """The domain of a scene, counted from the node ``corner`` (3,)."""
+    raster, spacing = scene.raster, np.array(scene.spacing[:2])
+    cell = np.array(raster.cell_size) / spacing
+    size = np.array([raster.columns, raster.rows]) * np.array(raster.cell_size) / spacing
+    limits = np.stack([-corner[:2], size - corner[:2]], axis=1).ravel()
+    unknown = np.zeros((1, 1), np.bool_) if scene.unknown is None else np.ascontiguousarray(scene.unknown)
+    sums = np.pad(np.cumsum(np.cumsum(unknown, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
+    return Domain(np.concatenate([limits, cell]).astype(np.float64), unknown, sums)
 
 
-def _lies_in_domain(bxyz, b, c, rec, slot, limits, unknown):
+def blocks_at_edge(domain: Domain, bxyz: np.ndarray) -> np.ndarray:
+    """Whether particles of blocks (n, 3) may leave the domain before the index is rebuilt."""
+    first, limits = 4 * bxyz[:, :2], domain.limits
+    beside = (first - BEFORE < limits[:4:2]) | (first + BEHIND > limits[1:4:2])
+    low, high = (
+        np.clip(np.floor((first + by - limits[:4:2]) / limits[4:]).astype(np.int64), 0, np.array(domain.unknown.shape))
+        for by in (-BEFORE, BEHIND + limits[4:])
+    )
+    (i, j), (k, m), s = low.T, high.T, domain.sums
+    return beside[:, 0] | beside[:, 1] | (s[k, m] - s[i, m] - s[k, j] + s[i, j] > 0)  # type: ignore[no-any-return]
+
+
+def _lies_in_domain(bxyz, b, c, rec, slot, domain):
     """Whether a particle whose cell has the coordinates ``c`` relative to a block lies in the domain."""
+    limits, unknown = domain.limits, domain.unknown
     x = 4 * bxyz[b, 0] + c[0] + np.float64(rec[slot, 4])
     y = 4 * bxyz[b, 1] + c[1] + np.float64(rec[slot, 8])
     if not (x >= limits[0] and x <= limits[1] and y >= limits[2] and y <= limits[3]):

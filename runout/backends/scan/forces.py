@@ -1,9 +1,9 @@
 """Internal forces by the gradients of the weights, added to the arenas that hold mass and momentum (transfers apic and aflip).
 
-The records of such a scene hold no stress. Each block computes the stresses of its particles anew and spreads them while they are
-in cache, from a buffer of its thread with a row for each particle, in the order of the cells:
+The records of these transfers hold no stress. Each block computes the stresses of its particles in a buffer of its thread, with one
+row for each particle in the order of the cells, and adds them to its arena:
 
-    [ - | fx, column 0 | fy, column 1 | fz, column 2 ]   with columns -dt/h_j V0 tau_j of the impulse
+    buffers.rec[thread, t]    [ - | fx, column 0 | fy, column 1 | fz, column 2 ]   with columns -dt/h_j V0 tau_j of the impulse
 """
 
 import numpy as np
@@ -39,13 +39,14 @@ def _z_slopes(f):
     return z_slope_scale(d) * (d - z_centre(d))
 
 
-def _take_tile(t, rec, state, particle_index, label, order, start, groups, mats):
-    """Records and states of listed particles as columns of a tile, and their moduli; behind the last, of any others."""
+def _take_tile(t, particles, start, groups, mats):
+    """Records, states and moduli of listed particles as columns of a tile; the columns after the last hold any others."""
+    order = particles.order
     for g in range(groups):
-        store_16_rows(t, 16 * g, load_listed_records(rec, order, start + 16 * g))
-        store_8_rows(t, 16 * TILE + 16 * g, load_listed_states(state, order, start + 16 * g))
+        store_16_rows(t, 16 * g, load_listed_records(particles.rec, order, start + 16 * g))
+        store_8_rows(t, 16 * TILE + 16 * g, load_listed_states(particles.state, order, start + 16 * g))
     for q in range(16 * groups):
-        mat = mats[label[particle_index[order[start + q]], 0]]
+        mat = mats[particles.label[particles.particle_index[order[start + q]], 0]]
         t[LAMBDA, q] = mat.lame_lambda
         t[SHEAR, q] = mat.shear_modulus
 
@@ -96,21 +97,22 @@ def _scatter_slopes(rec, r, rows):
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
 
 
-def add_forces(rec, state, particle_index, label, order, starts, first, nown, mats, s, number, arenas, buffers):
+def add_forces(particles, blocks, mats, s, arenas, buffer):
     """Add the impulses of the internal forces to the arenas; ``s`` = dt / h [s/m] by axis.
 
-    ``buffers`` have a row for each particle of the fullest block, for each thread.
+    ``buffer`` (threads, rows, 16) has a row for each particle of the fullest block.
     """
-    for b in prange(nown):
+    rec, starts, first, values, number = particles.rec, blocks.starts, blocks.first, arenas.values, arenas.number
+    for b in prange(blocks.nown):
         held = starts[b, 64]
         if held == 0:
             continue
-        forces = buffers[get_thread_id()]
+        forces = buffer[get_thread_id()]
         t = local_tile(rec)
         for k in range(0, held, TILE):
             count = min(TILE, held - k)
             groups = (count + 15) >> 4
-            _take_tile(t, rec, state, particle_index, label, order, first[b] + k, groups, mats)
+            _take_tile(t, particles, first[b] + k, groups, mats)
             _replace_by_forces(t, s, count)
             for g in range(groups):
                 store_records(forces, 16 * (k + 16 * g), load_16_rows(t, 16 * g))
@@ -121,4 +123,4 @@ def add_forces(rec, state, particle_index, label, order, starts, first, nown, ma
             rows = _nothing(rec)
             for q in range(np.uint64(starts[b, c]), np.uint64(starts[b, c + 1])):
                 rows = _scatter_slopes(flat, q * np.uint64(16), rows)
-            _add_rows(arenas, ARENA * np.int64(number[b]) + _first_node(c), rows)
+            _add_rows(values, ARENA * np.int64(number[b]) + _first_node(c), rows)

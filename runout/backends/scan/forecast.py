@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runout.backends.scan.arenas import Arenas
-from runout.backends.scan.domain import Domain
+from runout.backends.scan.domain import domain_of
 from runout.backends.scan.gradient_transfer import bytes_of_gradient_transfer
 from runout.backends.scan.index import Index
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.sort import _spacious
-from runout.backends.scan.state import Store, capacity
+from runout.backends.scan.state import Store, bytes_of, capacity, empty_slots
+from runout.backends.scan.workspace import Workspace
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
@@ -39,8 +39,8 @@ def bytes_needed(
     )
     full = particles // max(held, 1)
     slots = capacity(held * _spacious(full))
-    of_slot = _slope(lambda n: _store(n, 0, scene))
-    of_particle = _slope(lambda n: _store(0, n, scene))
+    of_slot = _slope(lambda n: sum(bytes_of(empty_slots(n, scene)).values()))
+    of_particle = _slope(lambda n: _labels(n, scene))
     of_owner = _slope(lambda n: _blocks(0, n, n, scene))
     of_held = _slope(lambda n: _blocks(n, SAMPLE, SAMPLE, scene))
     of_node = _slope(lambda n: _blocks(0, SAMPLE, SAMPLE + n, scene)) if nodes else 0.0
@@ -53,22 +53,18 @@ def _slope(size: Callable[[int], int]) -> float:
     return (size(SAMPLE) - size(0)) / SAMPLE
 
 
-def _store(slots: int, particles: int, scene: Scene) -> int:
-    nowhere = np.zeros(0, np.int64)
-    store = Store.of(slots, nowhere, Particles.zeros(0), scene)
-    labels = Store.of(particles, np.arange(particles), Particles.zeros(particles), scene)
-    without = Store.of(particles, nowhere, Particles.zeros(0), scene)
-    return sum(store.memory().values()) + sum(labels.memory().values()) - sum(without.memory().values())
+def _labels(particles: int, scene: Scene) -> int:
+    """Bytes of what belongs to a particle and not to a slot."""
+    store = Store.of(particles, particles, np.arange(particles), Particles.zeros(particles), scene)
+    return sum(store.memory().values()) - sum(bytes_of(empty_slots(particles, scene)).values())
 
 
 def _blocks(held: int, owners: int, nodes: int, scene: Scene) -> int:
     """Bytes of the index and of what belongs to its blocks."""
-    index = Index.room_for(owners, nodes)
-    index.bxyz[:] = 0
-    index.held[:held] = 1
-    index.up[:] = index.down[:] = 0
-    schedule = Schedule.of(index, 1, at_once=False)
-    own = sum(values.nbytes for values in (*vars(index).values(), *vars(schedule).values()) if isinstance(values, np.ndarray))
-    return own + sum(
-        Arenas.of(index, schedule, scene.dtype, Domain.of(scene, np.zeros(3)), scene.sleep_speed > 0).memory().values()
-    )
+    blocks = Index.of_size(owners, nodes).blocks
+    blocks.bxyz[:] = 0
+    blocks.held[:held] = 1
+    blocks.up[:] = blocks.down[:] = 0
+    schedule, domain = Schedule.of(blocks, 1, at_once=False), domain_of(scene, np.zeros(3))
+    workspace = Workspace.of(blocks, schedule, scene.dtype, domain, scene.sleep_speed > 0)
+    return sum(workspace.memory(blocks).values())

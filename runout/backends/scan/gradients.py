@@ -1,11 +1,12 @@
-"""Velocity gradients of all particles before the law sees them: what gradients of weights, F-bar and aflip need.
+"""Velocity gradients of all particles, computed before the law: for gradients of the weights, F-bar and aflip.
 
-A particle has a row of 16 numbers in ``rates``, in the order of the cells from the first slot of its block on:
+A particle has a row of 16 numbers in ``rates`` and in ``slips``, in the order of the cells from the first slot of its block on:
 
-    [ mean dilatation, - | fx, sums for d/dx | fy, for d/dy | fz, for d/dz ]
+    rates[t]    [ mean dilatation, - | fx, sums for d/dx | fy, for d/dy | fz, for d/dz ]
+    slips[t]    [ -, velocity        | -, moments in x   | -, in y      | -, in z      ]
 
-with sums [m/s per cell] of nodal velocities over slopes of the weights, or over what takes their place in the packed form. A row
-of ``slips`` holds what the grid has not seen, velocity and columns of first moments, in the same places.
+The sums [m/s per cell] are nodal velocities times slopes of the weights, or times their counterparts in the packed transfer. Slips
+are what the grid has not seen of a particle.
 """
 
 import numpy as np
@@ -92,16 +93,17 @@ def _velocity(rec, p):
     return vec(momentum[0] * m, momentum[1] * m, momentum[2] * m)
 
 
-def take_gradients(rec, order, starts, first, nown, grid, up, spline, rates):
-    """Rows of all particles from the nodal velocities; ``spline``: by slopes of the weights, else as in the packed form."""
-    for b in prange(nown):
+def take_gradients(particles, blocks, grid, spline, rates):
+    """Rows of all particles from the nodal velocities; ``spline``: by slopes of the weights, else as in the packed transfer."""
+    rec, order, starts = particles.rec, particles.order, blocks.starts
+    for b in prange(blocks.nown):
         if starts[b, 64] == 0:
             continue
         flat = rec.reshape(-1)
         out = rates.reshape(-1)
         nodes = local_nodes(rec)
-        _load_nodes(nodes, grid, up, b, EVERY)
-        f = np.uint64(first[b])
+        _load_nodes(nodes, grid, blocks.up, b, EVERY)
+        f = np.uint64(blocks.first[b])
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:
                 continue
@@ -111,15 +113,16 @@ def take_gradients(rec, order, starts, first, nown, grid, up, spline, rates):
                 store(out, (f + t) * np.uint64(16), _gradient_row(flat, p * np.uint64(16), spline, rows))
 
 
-def spread_dilatation(rates, state, order, starts, first, nown, cells, number, arenas):
+def spread_dilatation(rates, particles, blocks, cells, arenas):
     """Fill the arenas with volume and volume times dilatation, in place of what the nodes have taken already."""
-    for b in prange(nown):
+    state, order, starts, values = particles.state, particles.order, blocks.starts, arenas.values
+    for b in prange(blocks.nown):
         if starts[b, 64] == 0:
             continue
-        a = ARENA * np.int64(number[b])
+        a = ARENA * np.int64(arenas.number[b])
         flat = rates.reshape(-1)
-        _clear(arenas, a, EVERY)
-        f = np.uint64(first[b])
+        _clear(values, a, EVERY)
+        f = np.uint64(blocks.first[b])
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:
                 continue
@@ -131,34 +134,36 @@ def spread_dilatation(rates, state, order, starts, first, nown, cells, number, a
                 rates[t, 2] = real(0.0)
                 rates[t, 3] = real(0.0)
                 rows = _spread(flat, t * np.uint64(16), rows)
-            _add_rows(arenas, a + _first_node(c), rows)
+            _add_rows(values, a + _first_node(c), rows)
 
 
-def average_dilatation(arenas, number, reached, down, nall, grid):
+def average_dilatation(arenas, down, nall, grid):
     """Put the mean dilatation of each node in the place of its mass, which nothing reads any more in this step."""
+    values = arenas.values
     for b in prange(nall):
         place = local_places(down)
-        if not _find_arenas(place, arenas, number, reached, down, b):
+        if not _find_arenas(place, values, arenas.number, arenas.reached, down, b):
             continue
         for i in range(4):
             for j in range(4):
                 o = b * 256 + (i * 4 + j) * 16
-                s = _sum_row(arenas, place, i, j, 0, 1)
+                s = _sum_row(values, place, i, j, 0, 1)
                 volume = masses(s)
                 filled = volume > zeros(s)
                 mean = select(filled, seconds(s) / select(filled, volume, ones(s)), zeros(s))
                 store(grid, o, heads_and_tails(mean, load16(grid, o)))
 
 
-def take_dilatation(rates, starts, first, nown, grid, up):
+def take_dilatation(rates, blocks, grid):
     """Mean over the nodes of what :func:`average_dilatation` has put there, as the first number of each row."""
-    for b in prange(nown):
+    starts = blocks.starts
+    for b in prange(blocks.nown):
         if starts[b, 64] == 0:
             continue
         flat = rates.reshape(-1)
         nodes = local_nodes(rates)
-        _load_nodes(nodes, grid, up, b, EVERY)
-        f = np.uint64(first[b])
+        _load_nodes(nodes, grid, blocks.up, b, EVERY)
+        f = np.uint64(blocks.first[b])
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:
                 continue
@@ -168,15 +173,16 @@ def take_dilatation(rates, starts, first, nown, grid, up):
                 store(flat, r, _mean(flat, r, rows))
 
 
-def take_slips(rec, order, starts, first, nown, given, up, slips):
+def take_slips(particles, blocks, given, slips):
     """What the grid has not seen of each particle: its velocity and moments less those of the ``given`` nodal velocities."""
-    for b in prange(nown):
+    rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
+    for b in prange(blocks.nown):
         if starts[b, 64] == 0:
             continue
         flat = rec.reshape(-1)
         nodes = local_nodes(rec)
         seen = local_weights(rec)
-        _load_nodes(nodes, given, up, b, EVERY)
+        _load_nodes(nodes, given, blocks.up, b, EVERY)
         f = first[b]
         for c in range(64):
             if starts[b, c] == starts[b, c + 1]:

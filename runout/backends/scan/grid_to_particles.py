@@ -1,10 +1,17 @@
-"""Grid to particles: velocities, then law, position and next record over tiles of 32 particles while a block is in cache.
+"""Phase "grid to particles": new velocities, law, motion and next record of all particles, block by block.
 
-The law is plain scalar source. LLVM vectorises it over a tile because the index is unsigned (a signed one brings numba's
-test for negative indices into the loop), the functions are inlined, and tiles lie on the stack.
+    grid.nodes --gather, by cell--> buffers.rec[thread]     m | v | fx | moments | fy | moments | fz | moments
+                                    buffers.state[thread]   B - I (6) | history | volume
+    buffers --transposed, 32 particles--> tile t[row, column]: a row for each number, a column for each particle
+       rows  0 .. 15  record            24  code of the move           28  refused move
+            16 .. 23  state             25  speed squared              29  large strain
+            31 .. 46  rates             26  largest move [cells]       30  whether the column holds a particle
+            47 .. 62  slips             27  dissipated energy
+    tile --law, motion, next record, transposed back--> particles.rec, particles.state, from the first slot of the block on
 
-Where a scene is GENERAL, velocity gradients have been taken before (:mod:`runout.backends.scan.gradients`), and particles may keep
-a part of their own velocity; what such a scene does not use is multiplied by zero.
+The law is plain scalar source. LLVM vectorises it over the columns of a tile because the index is unsigned (a signed index needs
+numba's test for negative values in the loop), all functions are inlined, and tiles lie on the stack. Where GRADIENT_TRANSFER is
+set, velocity gradients have been computed before (:mod:`runout.backends.scan.gradients`); what is not used is multiplied by zero.
 """
 
 import numpy as np
@@ -56,7 +63,7 @@ HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
 # rows of a tile after the 16 numbers of the record and the 8 of the state
 CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
-RATE, SLIP = 31, 47  # first of the 16 rows that hold the particles' rates, and their slips, where a scene is general
+RATE, SLIP = 31, 47  # first of the 16 rows of rates, and of slips, where GRADIENT_TRANSFER is set
 ONE_MATERIAL = True
 GRADIENT_TRANSFER = False
 local_tile = local_array((SLIP + 16, TILE))
@@ -69,7 +76,7 @@ halves = constant([0.5] * 16)
 
 
 def _about_particles(r):
-    """A gathered record with first moments about the particle in place of those about the first node; of numbers or lanes."""
+    """A gathered record whose first moments about the first node are replaced by those about the particle; numbers or lanes."""
     v = (r[1], r[2], r[3])
     x = moment_about(vec(r[5], r[6], r[7]), r[4], v)
     y = moment_about(vec(r[9], r[10], r[11]), r[8], v)
@@ -85,7 +92,7 @@ def _load_tile(t, rec, state, p, groups):
 
 
 def _load_rates(t, rates, slips, p, groups):
-    """Transpose what a general scene knows of its particles beside their records."""
+    """Transpose the gradients and slips of the other transfers."""
     for g in range(groups):
         store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (p + 16 * g)))
         store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (p + 16 * g)))
@@ -120,7 +127,7 @@ def _gradient(t, p, s, cells, averaged):
 
 
 def _keep(t, p, keeps):
-    """Give a column that part of its slip that it keeps, velocity and first moments, after it has moved with the grid."""
+    """Add the part of the slip that a column keeps to its velocity and first moments, after it has moved with the grid."""
     t[1, p], t[2, p], t[3, p] = kept_velocity(_rows(t, p, 1), _rows(t, p, SLIP + 1), keeps)
     t[5, p], t[6, p], t[7, p] = kept_velocity(_rows(t, p, 5), _rows(t, p, SLIP + 5), keeps)
     t[9, p], t[10, p], t[11, p] = kept_velocity(_rows(t, p, 9), _rows(t, p, SLIP + 9), keeps)
@@ -149,7 +156,7 @@ def _pack(t, p, tau, s):
 
 
 def _move(t, p, cells):
-    """Advance a column by its velocity; ``cells`` = dt / h [s/m]. Notes move code, longest move and whether it is refused."""
+    """Advance a column by its velocity; ``cells`` = dt / h [s/m]. Returns longest move, whether it is refused, and move code."""
     x = cells[0] * t[1, p]
     y = cells[1] * t[2, p]
     z = cells[2] * t[3, p]
@@ -173,7 +180,7 @@ def _move(t, p, cells):
 
 
 def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
-    """Write the state of a column, move it and pack its next record; a slot without particle counts for nothing."""
+    """Write the state of a column, move it and pack its next record; a column without a particle adds 0 to all sums."""
     nothing = real(0.0)
     far, refused, code = _move(t, p, cells)
     if GRADIENT_TRANSFER:
@@ -195,7 +202,7 @@ def _finish(t, p, alive, B, history, lost, tau, s, cells, keeps):
 
 
 def _follow_tile(t, particle_index, label, first, count, mats, s, cells, averaged, keeps):
-    """Law, motion and next record of a tile, for small strain; the others are marked LARGE."""
+    """Law, motion and next record of a tile, for small strain; columns with large strain are marked LARGE."""
     mat = mats[0]
     for p in range((count + np.uint64(15)) & ~np.uint64(15)):
         alive = p < count
@@ -219,8 +226,9 @@ def _follow_large(t, rec, state, p, slot, mat, s, cells, averaged, keeps):
     _finish(t, p, True, B, history, lost, kirchhoff_stress(log, mat), s, cells, keeps)
 
 
-def _follow_all_large(t, rec, state, slot, particle_index, label, first, groups, mats, s, cells, averaged, keeps):
-    """The robust law for the columns that are marked LARGE."""
+def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, cells, averaged, keeps):
+    """Apply the law for any strain to the columns that are marked LARGE."""
+    particle_index, label = particles.particle_index, particles.label
     for g in range(groups):
         bits = lane_bits(load16(t, LARGE * TILE + 16 * g) > halves(t))
         while bits != np.uint64(0):
@@ -230,27 +238,29 @@ def _follow_all_large(t, rec, state, slot, particle_index, label, first, groups,
             _follow_large(t, rec, state, column, slot + column, mat, s, cells, averaged, keeps)
 
 
-def _destination(rec, cell, slot, code, b, bxyz, rim, domain, unknown):
-    """Where a particle goes: neighbour 0 to 26, more if that is out of the domain, and its cell there."""
+def _destination(rec, cell, slot, code, b, bxyz, at_rim, domain):
+    """Where a particle goes: neighbour 0 to 26, OUTSIDE more if that is out of the domain, and its cell there."""
     c = np.int64(cell[slot])
     x = (c >> 4) + code // 9 - 1
     y = ((c >> 2) & 3) + (code // 3) % 3 - 1
     z = (c & 3) + code % 3 - 1
     q = ((x >> 2) + 1) * 9 + ((y >> 2) + 1) * 3 + (z >> 2) + 1
-    if rim[b] and not _lies_in_domain(bxyz, b, (x, y), rec, slot, domain, unknown):
+    if at_rim and not _lies_in_domain(bxyz, b, (x, y), rec, slot, domain):
         q += OUTSIDE
     return q, ((x & 3) << 4) | ((y & 3) << 2) | (z & 3)
 
 
-def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, unknown, movers, last, leaving, shifted, changed):
-    """New cells of the particles of a group of lanes; those that change theirs are listed.
+def _note_moves(t, particles, blocks, b, p, g, at_rim, domain, last, counts):
+    """Set the new cells of the particles of a group of lanes, and list those that change theirs.
 
-    An entry of ``movers`` is slot - first << 12 | neighbour << 6 | cell for those that leave the block, from ``first`` on,
-    and slot - first << 12 | old cell << 6 | cell for the others, from ``last`` down. Bit q of ``changed`` tells of a move to
-    destination q.
+    An entry of the list is slot - first << 12 | neighbour << 6 | cell for a particle that leaves the block, from ``first`` on,
+    and slot - first << 12 | old cell << 6 | cell for the others, from ``last`` down. ``counts`` are those that leave, those that
+    change their cell, and bits: bit q is set if a particle moves to destination q. Returns the new counts.
     """
+    rec, cell, listed, first = particles.rec, particles.cell, particles.listed, blocks.first[b]
+    leaving, shifted, changed = counts
     bits = lane_bits(load16(t, CODE * TILE + 16 * g) != stays(t))
-    if rim[b]:
+    if at_rim:
         bits = np.uint64(0xFFFF)
     bits = bits & lane_bits(load16(t, ALIVE * TILE + 16 * g) > halves(t))
     while bits != np.uint64(0):
@@ -258,26 +268,25 @@ def _note_moves(t, rec, cell, first, p, g, b, bxyz, rim, domain, unknown, movers
         bits = bits & (bits - np.uint64(1))
         column = np.int64(lane) + 16 * g
         slot = p + column
-        q, to = _destination(rec, cell, slot, np.int64(t[CODE, column]), b, bxyz, rim, domain, unknown)
+        q, to = _destination(rec, cell, slot, np.int64(t[CODE, column]), b, blocks.bxyz, at_rim, domain)
         c = np.int64(cell[slot])
         if q != HERE:
             changed = changed | (np.int64(1) << q)
             cell[slot] = LEFT + c
-            movers[first + leaving] = ((slot - first) << 12) | (q << 6) | to
+            listed[first + leaving] = ((slot - first) << 12) | (q << 6) | to
             leaving += 1
         elif to != c:
             changed = changed | (np.int64(1) << HERE)
             cell[slot] = to
-            movers[last - shifted] = ((slot - first) << 12) | (c << 6) | to
+            listed[last - shifted] = ((slot - first) << 12) | (c << 6) | to
             shifted += 1
     return leaving, shifted, changed
 
 
-def _gather_block(rec, state, particle_index, cell, order, held, f, nodes, rec2, state2, who2, cell2):
-    """Records with velocities and first moments, states, labels and cells of all particles of a block, by cell, in a buffer.
-
-    Each row of nodes is read where it is used, which costs nothing, so that one loop takes all particles.
-    """
+def _gather_block(particles, held, f, nodes, rec2, state2, labels, cell2):
+    """Copy the particles of a block into a buffer, sorted by cell; the records hold velocities and first moments there."""
+    rec, state, order = particles.rec, particles.state, particles.order
+    particle_index, cell = particles.particle_index, particles.cell
     ready = local_weights(rec)
     _weigh(rec, np.uint64(order[f]) * np.uint64(16), ready, _place_of(np.uint64(0)))
     for t in range(np.uint64(held)):
@@ -290,16 +299,16 @@ def _gather_block(rec, state, particle_index, cell, order, held, f, nodes, rec2,
         rows = _load_rows(nodes, _first_node(np.uint64(c)))
         store(rec2, t * np.uint64(16), _gather(rec, p * np.uint64(16), ready, _place_of(t), rows))
         store(state2, t * np.uint64(8), load8(state, p * np.uint64(8)))
-        who2[t] = particle_index[p]
+        labels[t] = particle_index[p]
         cell2[t] = c
         order[f + t] = f + t
     for t in range(np.uint64(held)):
-        particle_index[f + t] = who2[t]
+        particle_index[f + t] = labels[t]
         cell[f + t] = cell2[t]
 
 
 def _expect_list(order, particle_index, first, moving, b, end):
-    """Ask for the list and the labels of the next block before ``end`` that moves."""
+    """Prefetch the list and the labels of the next block before ``end`` that moves."""
     later = _next_filled(moving, b, end)
     if later < end:
         for t in range(0, moving[later] + 15, 16):
@@ -307,15 +316,16 @@ def _expect_list(order, particle_index, first, moving, b, end):
             prefetch(particle_index, first[later] + t)
 
 
-def _expect_next(rec, state, order, first, moving, b, nown, grid, up):
-    """Ask for the nodes and first particles of the next block that moves: the loop over its own asks only for later ones."""
-    later = _next_filled(moving, b, nown)
-    if later == nown:
+def _expect_next(rec, state, order, blocks, moving, b, nodes):
+    """Prefetch the nodes and the first particles of the next block that moves; its own loop prefetches the later ones."""
+    later = _next_filled(moving, b, blocks.nown)
+    if later == blocks.nown:
         return
+    first = blocks.first
     for t in range(first[later], first[later] + min(moving[later], AHEAD)):
         prefetch(rec, 16 * np.int64(order[t]))
         prefetch(state, 8 * np.int64(order[t]))
-    _expect_nodes(grid, up, later, EVERY)
+    _expect_nodes(nodes, blocks.up, later, EVERY)
 
 
 def _total_motion(motion, changed, nown):
@@ -337,57 +347,52 @@ def _total_motion(motion, changed, nown):
     return speed, move, lost, refused, moved
 
 
-def grid_to_particles(
-    rec, state, cell, particle_index, label, order, starts, first, moving, reached, nown, cuts, grid, up, bxyz, rim, domain,
-    unknown, mats, s, cells, rates, averaged, slips, keeps, rec2, state2, who2, cell2, movers, leaving, shifted, changed, sums,
-):  # fmt: skip
-    """One step of all particles; a block's particles come to lie in the order of the cells that they start from.
+def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, moves, domain, step, gradients, buffers):
+    """One step of all particles; afterwards the particles of a block lie in the order of the cells in which they started.
 
-    ``rec2``, ``state2``, ``who2`` and ``cell2`` have room for one block for each thread. ``sums`` (nown, 4): largest speed squared,
-    longest move [cells], dissipated energy [J], refused moves. Where the scene is GENERAL, gradients and mean dilatations are
-    those of ``rates``, ``averaged`` is 1 with F-bar and 0 without, ``keeps`` the part of the ``slips`` that stays with a particle,
-    and ``s`` is zero where records hold no stress.
+    ``nodes`` (nall, 256) hold the new velocities. Fills ``moves`` and lists in ``particles.listed`` the particles that change
+    their cell. ``gradients`` are used where GRADIENT_TRANSFER is set. Returns what :func:`_total_motion` sums.
     """
+    rec, state, particle_index, label = particles.rec, particles.state, particles.particle_index, particles.label
+    mats, s, cells, averaged, keeps = step.mats, step.slopes, step.cells, gradients.averaged, gradients.keeps
+    leaving, shifted, changed, motion = moves.leaving, moves.shifted, moves.changed, moves.motion
     for thread in prange(len(cuts) - 1):
-        records, states, labels, of_cell = rec2[thread], state2[thread], who2[thread], cell2[thread]
-        nodes = local_nodes(rec)
+        records, states = buffers.rec[thread], buffers.state[thread]
+        labels, of_cell = buffers.particle_index[thread], buffers.cell[thread]
+        around = local_nodes(rec)
         t = local_tile(rec)
         for b in range(np.uint64(cuts[thread]), np.uint64(cuts[thread + 1])):
             leaving[b] = shifted[b] = changed[b] = 0
             for k in range(4):
-                sums[b, k] = 0.0
+                motion[b, k] = 0.0
             held = moving[b]
             if held == 0:
                 continue
-            _load_nodes(nodes, grid, up, b, reached[b])
-            f = first[b]
-            _expect_list(order, particle_index, first, moving, b, nown)
-            _gather_block(rec, state, particle_index, cell, order, held, np.uint64(f), nodes, records, states, labels, of_cell)
-            _expect_next(rec, state, order, first, moving, b, nown, grid, up)
+            _load_nodes(around, nodes, blocks.up, b, reached[b])
+            f = blocks.first[b]
+            _expect_list(particles.order, particle_index, blocks.first, moving, b, blocks.nown)
+            _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)
+            _expect_next(rec, state, particles.order, blocks, moving, b, nodes)
             speed = move = lost = refused = zeros(rec)
-            left = stirred = new = np.int64(0)
+            counts = np.int64(0), np.int64(0), np.int64(0)
             for k in range(0, held, TILE):
                 count = min(TILE, held - k)
                 groups = (count + 15) >> 4
                 _load_tile(t, records, states, k, groups)
                 if GRADIENT_TRANSFER:
-                    _load_rates(t, rates, slips, f + k, groups)
+                    _load_rates(t, gradients.rates, gradients.slips, f + k, groups)
                 _follow_tile(t, particle_index, label, np.uint64(f + k), np.uint64(count), mats, s, cells, averaged, keeps)
-                _follow_all_large(t, records, states, k, particle_index, label, f + k, groups, mats, s, cells, averaged, keeps)
+                _follow_all_large(t, records, states, k, particles, f + k, groups, mats, s, cells, averaged, keeps)
                 _store_tile(t, rec, state, f + k, groups)
                 for g in range(groups):
                     speed = largest(speed, load16(t, SPEED * TILE + 16 * g))
                     move = largest(move, load16(t, MOVE * TILE + 16 * g))
                     lost = lost + load16(t, LOST * TILE + 16 * g)
                     refused = refused + load16(t, REFUSED * TILE + 16 * g)
-                    left, stirred, new = _note_moves(
-                        t, rec, cell, f, f + k, g, b, bxyz, rim, domain, unknown, movers, f + held - 1, left, stirred, new
-                    )
-            leaving[b] = left
-            shifted[b] = stirred
-            changed[b] = new
-            sums[b, 0] = lane_largest(speed)
-            sums[b, 1] = lane_largest(move)
-            sums[b, 2] = lane_sum(lost)
-            sums[b, 3] = lane_sum(refused)
-    return _total_motion(sums, changed, nown)
+                    counts = _note_moves(t, particles, blocks, b, f + k, g, moves.rim[b], domain, f + held - 1, counts)
+            leaving[b], shifted[b], changed[b] = counts
+            motion[b, 0] = lane_largest(speed)
+            motion[b, 1] = lane_largest(move)
+            motion[b, 2] = lane_sum(lost)
+            motion[b, 3] = lane_sum(refused)
+    return _total_motion(motion, changed, blocks.nown)

@@ -1,4 +1,11 @@
-"""The ground under each block: surface coefficients on its nodes, cut once when the index is made."""
+"""The ground under each block: spline coefficients on its nodes, computed once when the index is made.
+
+The surface is the same spline on the nodes for all backends.
+
+    tiles[b]     6 x 6 nodes of block b, south to north within west to east:  coefficient above the lowest node [cells]
+    planes[b]    4 x 4 columns of cells, in the same order:                   value | slope east | slope north, of a plane above
+    bounds[b]    highest point of these planes | least vertical component of the normal
+"""
 
 import numpy as np
 from numba import prange
@@ -112,15 +119,17 @@ def _cut_tile(elevation, floor, h, tile, plane, bound):
     bound[1] = _least_normal_z(tile, h)
 
 
-def cut_tiles(coefficients, ox, oy, sx, sy, change, first, bxyz, around, nown, corner, h, tiles, planes, bounds):
-    """Surface coefficients (nown, 36) on the nodes of each block, relative to its lowest node [cells].
+def cut_tiles(coefficients, origin, size, change, first, blocks, corner, h, ground):
+    """Compute the ``ground`` of all blocks: coefficients on the nodes of each block, and bounds.
 
-    The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. ``change`` [m] is
-    added to the nodes from ``first`` on. ``corner`` is the node at which blocks are counted from. ``planes`` (nown, 16, 3) bound
-    the surface in each column of cells from above; ``bounds`` (nown, 2) are the highest of them and the least vertical component
-    of the normal. Blocks one above the other take the same elevations.
+    The surface, a spline with ``coefficients`` on a lattice with ``origin`` (2,) and cells of ``size`` (2,) [m], is sampled at the
+    nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells. ``change`` [m] is added to the nodes from ``first``
+    on. Blocks are counted from the node ``corner``. Blocks one above the other take the same elevations.
     """
-    for b in prange(nown):
+    tiles, planes, bounds, bxyz, around = ground.tiles, ground.planes, ground.bounds, blocks.bxyz, blocks.around
+    ox, oy = origin
+    sx, sy = size
+    for b in prange(blocks.nown):
         if _joined(around, bxyz, b, BELOW) >= 0:
             continue
         elevation = local_elevations(h)

@@ -1,7 +1,15 @@
-"""Sparse index in two levels: superblocks of 8 x 8 x 8 blocks in a box, marks and a prefix scan over the blocks in those in use.
+"""Phase "index": finds the blocks near particles, numbers them and links them to their neighbours.
 
-An *owner* block may hold particles; a *node* block holds nodes that particles of owners reach. Owners come first. Only the
-table of superblocks grows with the extent of the scene: 4 bytes for 32 x 32 x 32 cells.
+An *owner* block may hold particles; a *node* block holds nodes that particles of owners reach. Owners are node blocks too.
+
+    table[i, j, k]    box of superblocks around the flow; -1, or the number s of a superblock in use    4 bytes a superblock
+    mask[s, p]        the 8 x 8 x 8 blocks of superblock s, z fastest: 0, OWNER or NODES                 1 byte a block
+    number[s, p]      number b of the block, -1 where it is not in use                                   4 bytes a block
+
+    blocks    | 0 ... owners ... nown - 1 | nown ... other node blocks ... nall - 1 |    in each part by superblock, then by place
+    arrays of blocks: bxyz[b], up[b, 8], down[b, 8], around[b, 27], starts[b, 65], held[b], first[b], capacity[b]
+
+Marks and a prefix scan over the superblocks in use give the numbers. Only ``table`` grows with the extent of the scene.
 """
 
 from dataclasses import dataclass
@@ -10,6 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 from numba import prange
 
+from runout.backends.scan.groups import Blocks
 from runout.errors import CapacityError, ConfigError
 from runout.physics.blocks import block_of
 
@@ -24,46 +33,25 @@ AROUND = np.array([(q // 9 - 1, (q // 3) % 3 - 1, q % 3 - 1) for q in range(27)]
 
 @dataclass
 class Index:
-    """Blocks, their neighbours and the slots of their particles.
+    """The blocks in use, and how far particles have moved since they were found.
 
     Attributes
     ----------
-    nown, nall : int
-        Owner blocks; all node blocks, owners first.
-    bxyz : (nall, 3) int32
-        Coordinates of the blocks.
-    up : (nown, 8) int32
-        Node blocks at the block itself and one step up in each axis.
-    down : (nall, 8) int32
-        Owners at the block itself and one step down, -1 where there is none.
-    around : (nown, 27) int32
-        Owners among the neighbours, -1 where there is none.
-    starts : (nown, 65) int32
-        First particle of each cell in the order of the block.
-    held, first, capacity : (nown,) int64
-        Particles; first slot; slots.
+    blocks : Blocks
+        See :class:`runout.backends.scan.groups.Blocks`.
     travelled : float
         Largest distance [cells] that a particle may have moved since the index was made.
     """
 
-    nown: int
-    nall: int
-    bxyz: np.ndarray
-    up: np.ndarray
-    down: np.ndarray
-    around: np.ndarray
-    starts: np.ndarray
-    held: np.ndarray
-    first: np.ndarray
-    capacity: np.ndarray
+    blocks: Blocks
     travelled: float = 0.0
 
     @classmethod
-    def room_for(cls, nown: int, nall: int) -> "Index":
+    def of_size(cls, nown: int, nall: int) -> "Index":
         """An index without content."""
         bxyz, up, down, around = (np.empty((n, w), np.int32) for n, w in ((nall, 3), (nown, 8), (nall, 8), (nown, 27)))
         held, first, capacity = (np.zeros(nown, np.int64) for _ in range(3))
-        return cls(nown, nall, bxyz, up, down, around, np.zeros((nown, 65), np.int32), held, first, capacity)
+        return cls(Blocks(nown, nall, bxyz, up, down, around, np.zeros((nown, 65), np.int32), held, first, capacity))
 
     @classmethod
     def of_nodes(cls, node: np.ndarray) -> "tuple[np.ndarray, Index]":
@@ -72,14 +60,15 @@ class Index:
         cell = ((node & 3) << np.array([4, 2, 0])).sum(1)
         order = np.lexsort((cell, block[:, 2], block[:, 1], block[:, 0]))
         if not len(node):
-            return order, cls.room_for(0, 0)
+            return order, cls.of_size(0, 0)
         bxyz, which = np.unique(block[order], axis=0, return_inverse=True)
-        index = cls.room_for(len(bxyz), len(bxyz))
-        index.bxyz[:] = bxyz
+        index = cls.of_size(len(bxyz), len(bxyz))
+        b = index.blocks
+        b.bxyz[:] = bxyz
         count = np.bincount(which.ravel() * 64 + cell[order], minlength=64 * len(bxyz)).reshape(-1, 64)
-        np.cumsum(count, axis=1, out=index.starts[:, 1:])
-        index.held[:] = index.starts[:, 64]
-        index.first[:] = np.cumsum(index.held) - index.held
+        np.cumsum(count, axis=1, out=b.starts[:, 1:])
+        b.held[:] = b.starts[:, 64]
+        b.first[:] = np.cumsum(b.held) - b.held
         return order, index
 
     def rebuilt(self, k: SimpleNamespace, margin: int, dense: bool = False) -> "tuple[Index, np.ndarray]":
@@ -87,30 +76,31 @@ class Index:
 
         ``dense`` takes every block in the box around them. The particles have no slots yet.
         """
-        occupied = np.flatnonzero(self.held)
+        old = self.blocks
+        occupied = np.flatnonzero(old.held)
         if not len(occupied):
-            return Index.room_for(0, 0), np.zeros(self.nown, np.int32)
-        low, high = self.bxyz[occupied].min(0).astype(np.int64) - 1, self.bxyz[occupied].max(0).astype(np.int64) + 1
+            return Index.of_size(0, 0), np.zeros(old.nown, np.int32)
+        low, high = old.bxyz[occupied].min(0).astype(np.int64) - 1, old.bxyz[occupied].max(0).astype(np.int64) + 1
         corner = low >> 3
         table = _table(((high + 1) >> 3) - corner + 1)
-        k.mark_superblocks(self.bxyz, self.held, self.nown, corner, table, dense)
+        k.mark_superblocks(old, corner, table, dense)
         used = np.flatnonzero(table)
         table[...] = -1
         table.ravel()[used] = np.arange(len(used), dtype=np.int32)
         places = np.stack(np.unravel_index(used, table.shape), axis=1) + corner
-        mask, slot = np.zeros((len(used), PAGE), np.uint8), np.empty((len(used), PAGE), np.int32)
+        mask, number = np.zeros((len(used), PAGE), np.uint8), np.empty((len(used), PAGE), np.int32)
         if dense:
             k.mark_box(low, high, places, mask)
         else:
-            k.mark_owners(self.bxyz, self.starts, self.nown, corner, table, margin, mask)
+            k.mark_owners(old, corner, table, margin, mask)
         k.mark_nodes(places, corner, table, mask)
         counts = np.stack([np.count_nonzero(mask == kind, axis=1) for kind in (OWNER, NODES)], axis=1)
         before = np.cumsum(counts, axis=0) - counts
-        new = Index.room_for(int(counts[:, 0].sum()), int(counts.sum()))
-        k.number_blocks(places, mask, before, new.nown, slot, new.bxyz)
-        numbers = np.zeros(self.nown, np.int32)
-        k.find_numbers(self.bxyz, self.held, self.nown, corner, table, slot, numbers)
-        k.link_blocks(corner, table, slot, new.bxyz, new.nown, new.nall, new.up, new.down, new.around)
+        new = Index.of_size(int(counts[:, 0].sum()), int(counts.sum()))
+        k.number_blocks(places, mask, before, number, new.blocks)
+        numbers = np.zeros(old.nown, np.int32)
+        k.find_numbers(old, corner, table, number, numbers)
+        k.link_blocks(corner, table, number, new.blocks)
         return new, numbers
 
     def join_ends(self, period: tuple[int, int, int]) -> None:
@@ -123,22 +113,22 @@ class Index:
         ConfigError
             If a period is no multiple of a block, or shorter than the mass.
         """
-        blocks = np.array(period) // 4
+        b, blocks = self.blocks, np.array(period) // 4
         if (4 * blocks != period).any():
             raise ConfigError(f"period is {period}; it must be a multiple of 4 cells along each axis")
-        xyz, nown, repeats = self.bxyz.astype(np.int64), self.nown, blocks > 0
+        xyz, nown, repeats = b.bxyz.astype(np.int64), b.nown, blocks > 0
         inside = np.asarray(((xyz >= 0) & (xyz < blocks) | ~repeats).all(axis=1))
-        if (self.held[~inside[:nown]] > 0).any():
+        if (b.held[~inside[:nown]] > 0).any():
             raise ConfigError(f"the particles reach beyond the period of {period} cells")
         low = xyz.min(axis=0) - 1
         table = np.full(xyz.max(axis=0) + 2 - low, -1, np.int32)
-        table[tuple((xyz - low).T)] = np.arange(self.nall)
-        for links, steps in ((self.up, UP), (self.down, -UP), (self.around, AROUND)):
+        table[tuple((xyz - low).T)] = np.arange(b.nall)
+        for links, steps in ((b.up, UP), (b.down, -UP), (b.around, AROUND)):
             here = np.flatnonzero(inside[: len(links)])
             target = xyz[here, None, :] + steps
             target[..., repeats] %= blocks[repeats]
             links[here] = table[tuple(np.moveaxis(target - low, -1, 0))]
-        for links in (self.down, self.around):
+        for links in (b.down, b.around):
             links[links >= nown] = -1
             links[~inside[: len(links)]] = -1  # an image gives and takes nothing
 
@@ -152,9 +142,10 @@ def _table(shape: np.ndarray) -> np.ndarray:
     return np.zeros(shape, np.int32)
 
 
-def mark_superblocks(bxyz, held, nown, corner, table, dense):
+def mark_superblocks(blocks, corner, table, dense):
     """Mark the superblocks of all blocks with particles and of their neighbours up to two blocks on."""
-    for b in range(nown):
+    bxyz, held = blocks.bxyz, blocks.held
+    for b in range(blocks.nown):
         if held[b] == 0:
             continue
         for i in range(((bxyz[b, 0] - 1) >> 3) - corner[0], ((bxyz[b, 0] + 2) >> 3) - corner[0] + 1):
@@ -197,9 +188,10 @@ def _entered(cell, margin, neighbours, distance):
     return entered
 
 
-def mark_owners(bxyz, starts, nown, corner, table, margin, mask):
+def mark_owners(blocks, corner, table, margin, mask):
     """Mark every block that a particle may enter while it moves up to ``margin`` cells, at most 4."""
-    for b in prange(nown):
+    bxyz, starts = blocks.bxyz, blocks.starts
+    for b in prange(blocks.nown):
         entered = 0
         for i in range(4):
             x = _entered(i, margin, IN_PLANE, 9)
@@ -217,13 +209,16 @@ def mark_owners(bxyz, starts, nown, corner, table, margin, mask):
                 mask[_page_of(corner, table, i, j, k), _place(i, j, k)] = OWNER
 
 
+def _block_of_place(places, s, p):
+    """Coordinates of place ``p`` of superblock ``s``."""
+    return places[s, 0] * 8 + (p >> 6), places[s, 1] * 8 + ((p >> 3) & 7), places[s, 2] * 8 + (p & 7)
+
+
 def mark_box(low, high, places, mask):
     """Mark every block of a box."""
     for s in prange(len(places)):
         for p in range(PAGE):
-            i = places[s, 0] * 8 + (p >> 6)
-            j = places[s, 1] * 8 + ((p >> 3) & 7)
-            k = places[s, 2] * 8 + (p & 7)
+            i, j, k = _block_of_place(places, s, p)
             inside = i >= low[0] and j >= low[1] and k >= low[2] and i <= high[0] and j <= high[1] and k <= high[2]
             mask[s, p] = OWNER if inside else 0
 
@@ -240,56 +235,55 @@ def mark_nodes(places, corner, table, mask):
     """Mark the blocks that hold further nodes of an owner: one step up in each axis."""
     for s in prange(len(places)):
         for p in range(PAGE):
-            i = places[s, 0] * 8 + (p >> 6)
-            j = places[s, 1] * 8 + ((p >> 3) & 7)
-            k = places[s, 2] * 8 + (p & 7)
+            i, j, k = _block_of_place(places, s, p)
             if mask[s, p] == 0 and _beside_owner(corner, table, mask, i, j, k):
                 mask[s, p] = NODES
 
 
-def number_blocks(places, mask, before, nown, slot, bxyz):
+def number_blocks(places, mask, before, number, blocks):
     """Number the marked blocks from the sums ``before`` each superblock and note their coordinates; -1 elsewhere."""
+    bxyz = blocks.bxyz
     for s in prange(len(places)):
         owner = before[s, 0]
-        other = nown + before[s, 1]
+        other = blocks.nown + before[s, 1]
         for p in range(PAGE):
-            number = -1
+            b = -1
             if mask[s, p] == OWNER:
-                number = owner
+                b = owner
                 owner += 1
             elif mask[s, p] == NODES:
-                number = other
+                b = other
                 other += 1
-            slot[s, p] = number
-            if number >= 0:
-                bxyz[number, 0] = places[s, 0] * 8 + (p >> 6)
-                bxyz[number, 1] = places[s, 1] * 8 + ((p >> 3) & 7)
-                bxyz[number, 2] = places[s, 2] * 8 + (p & 7)
+            number[s, p] = b
+            if b >= 0:
+                bxyz[b, 0], bxyz[b, 1], bxyz[b, 2] = _block_of_place(places, s, p)
 
 
-def _number(corner, table, slot, i, j, k):
-    return _at(slot, corner, table, i, j, k, np.int32(-1))
+def _number(corner, table, number, i, j, k):
+    return _at(number, corner, table, i, j, k, np.int32(-1))
 
 
-def link_blocks(corner, table, slot, bxyz, nown, nall, up, down, around):
-    """Neighbours by number: ``up`` (nown, 8) node blocks, ``down`` (nall, 8) and ``around`` (nown, 27) owners or -1."""
-    for b in prange(nall):
+def link_blocks(corner, table, number, blocks):
+    """Set the neighbours of all blocks by number: ``up``, ``down`` and ``around``."""
+    nown, bxyz, up, down, around = blocks.nown, blocks.bxyz, blocks.up, blocks.down, blocks.around
+    for b in prange(blocks.nall):
         i = bxyz[b, 0]
         j = bxyz[b, 1]
         k = bxyz[b, 2]
         for q in range(8):
-            s = _number(corner, table, slot, i - (q >> 2), j - ((q >> 1) & 1), k - (q & 1))
+            s = _number(corner, table, number, i - (q >> 2), j - ((q >> 1) & 1), k - (q & 1))
             down[b, q] = s if s < nown else -1
             if b < nown:
-                up[b, q] = _number(corner, table, slot, i + (q >> 2), j + ((q >> 1) & 1), k + (q & 1))
+                up[b, q] = _number(corner, table, number, i + (q >> 2), j + ((q >> 1) & 1), k + (q & 1))
         if b < nown:
             for q in range(27):
-                s = _number(corner, table, slot, i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1)
+                s = _number(corner, table, number, i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1)
                 around[b, q] = s if s < nown else -1
 
 
-def find_numbers(bxyz, held, nown, corner, table, slot, numbers):
+def find_numbers(old, corner, table, number, numbers):
     """New numbers of the old blocks that hold particles."""
-    for b in prange(nown):
+    bxyz, held = old.bxyz, old.held
+    for b in prange(old.nown):
         if held[b] > 0:
-            numbers[b] = _number(corner, table, slot, bxyz[b, 0], bxyz[b, 1], bxyz[b, 2])
+            numbers[b] = _number(corner, table, number, bxyz[b, 0], bxyz[b, 1], bxyz[b, 2])

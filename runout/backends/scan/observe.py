@@ -1,4 +1,11 @@
-"""What observers see: energies, and particles as the backends exchange them."""
+"""Phase "observe": sums of mass, momentum and energy, and particles as the backends exchange them.
+
+Particles are summed in tiles of 32.
+
+    tile t[row, column]    rows 0 .. 15 record | 16 .. 23 state, later log strain | 24, 25 moduli | 26 large strain; 32 particles
+    tile x[row, column]    rows 0 .. 6 the sums of one particle in float64 | 7 .. 9 first node of its cell
+    sums[b]                mass | momentum (3) | kinetic, potential, elastic energy, of block b
+"""
 
 from collections import namedtuple
 
@@ -6,8 +13,8 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import lane_sum, listed_record_vectors, load16, local_array, prefetch, row_vectors
-from runout.backends.scan.arenas import SUMS
 from runout.backends.scan.grid_to_particles import OUTSIDE
+from runout.backends.scan.workspace import SUMS
 from runout.physics.elastic import energy_density, is_small, kirchhoff_stress, log_strain, log_strain_scaled, log_strain_series
 from runout.physics.moments import gradient_column, kinetic_energy, moment_slope, momentum_at, potential_energy, stress_columns
 from runout.physics.tensors import contracted, real, sym, vec
@@ -43,10 +50,12 @@ def _add_stress(rec, p, tau, volume, slopes):
             rec[p, 5 + 4 * j + i] += push[3 * j + i]
 
 
-def change_step(rec, state, particle_index, label, order, first, held, nown, mats, ddt, h):
+def change_step(particles, blocks, mats, ddt, h):
     """Repack the records for a time step longer by ``ddt`` [s]."""
+    rec, state, order, particle_index = particles.rec, particles.state, particles.order, particles.particle_index
+    first, held, label = blocks.first, blocks.held, particles.label
     slopes = moment_slope(ddt, h[0]), moment_slope(ddt, h[1]), moment_slope(ddt, h[2])
-    for b in prange(nown):
+    for b in prange(blocks.nown):
         for k in range(first[b], first[b] + held[b]):
             p = order[k]
             tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[particle_index[p], 0]])
@@ -62,15 +71,17 @@ def _take_record(t, q, rec, state, p):
 
 
 def _take_place(t, x, q, mat, node):
-    """What the record does not hold: moduli, and the first node of the cell."""
+    """Write what the record does not hold: moduli, and the first node of the cell."""
     t[LAMBDA, q] = mat.lame_lambda
     t[SHEAR, q] = mat.shear_modulus
     for j in range(3):
         x[NODE + j, q] = node[j]
 
 
-def _take_tile(t, x, rec, state, particle_index, label, cell, order, first, n, mats, node):
+def _take_tile(t, x, particles, first, n, mats, node):
     """The ``n`` particles of a list from place ``first`` on as columns; ``node`` is the first of their block."""
+    rec, state, order, cell = particles.rec, particles.state, particles.order, particles.cell
+    particle_index, label = particles.particle_index, particles.label
     for g in range(0, TILE, 16):
         store_16_rows(t, g, load_listed_records(rec, order, first + g))
         store_8_rows(t, 16 * TILE + g, load_listed_states(state, order, first + g))
@@ -168,53 +179,69 @@ def _node_of(bxyz, b, c, corner):
     return x, y, z
 
 
-def sum_blocks(rec, state, particle_index, label, cell, order, first, held, nown, bxyz, corner, mats, dt, h, gravity, sums):
-    """Sums (nown, 7) over the particles of each block."""
-    for b in prange(nown):
-        for k in range(SUMS):
-            sums[b, k] = 0.0
-        if held[b] == 0:
-            continue
-        t = local_tile(rec)
-        x = local_sums(sums)
-        node = _node_of(bxyz, b, 0, corner)
-        for k in range(0, held[b], TILE):
-            n = min(TILE, held[b] - k)
-            _take_tile(t, x, rec, state, particle_index, label, cell, order, first[b] + k, n, mats, node)
-            _account_tile(t, x, n, dt, h, gravity, sums, b)
+def _clear_sums(sums, b):
+    """Set row ``b`` to zero."""
+    for k in range(SUMS):
+        sums[b, k] = 0.0
 
 
-def sum_escaped(rec, state, particle_index, label, movers, leaving, first, nown, bxyz, corner, mats, dt, h, gravity, sums):
-    """The same over the particles that leave the domain in this step."""
-    for b in prange(nown):
-        for k in range(SUMS):
-            sums[b, k] = 0.0
-        if leaving[b] == 0:
-            continue
-        t = local_tile(rec)
-        x = local_sums(sums)
-        for m in range(leaving[b]):
-            entry = movers[first[b] + m]
-            q = ((entry >> 6) & 63) - OUTSIDE
-            if q >= 0:
-                i, j, k = _node_of(bxyz, b, entry & 63, corner)
-                node = (i + 4 * (q // 9 - 1), j + 4 * ((q // 3) % 3 - 1), k + 4 * (q % 3 - 1))
-                p = first[b] + (entry >> 12)
-                _take_record(t, 0, rec, state, p)
-                _take_place(t, x, 0, mats[label[particle_index[p], 0]], node)
-                _account_tile(t, x, 1, dt, h, gravity, sums, b)
+def _sum_block(particles, blocks, b, n, constants, mats, dt, sums):
+    """Sums over the first ``n`` particles of the list of a block."""
+    t = local_tile(particles.rec)
+    x = local_sums(sums)
+    node = _node_of(blocks.bxyz, b, 0, constants.corner)
+    for k in range(0, n, TILE):
+        count = min(TILE, n - k)
+        _take_tile(t, x, particles, blocks.first[b] + k, count, mats, node)
+        _account_tile(t, x, count, dt, constants.spacing, constants.gravity, sums, b)
 
 
-def unpack(rec, state, particle_index, label, order, starts, first, nown, bxyz, corner, mats, dt, h, place, node, affine):
-    """First node (n, 3), velocity gradient (n, 3, 3) and slot (n,) of the particles; ``place`` is each block's first row."""
-    for b in prange(nown):
+def _sum_leaving(particles, blocks, b, n, constants, mats, dt, sums):
+    """Sums over those of the ``n`` particles that leave a block that leave the domain too."""
+    t = local_tile(particles.rec)
+    x = local_sums(sums)
+    first = blocks.first[b]
+    for m in range(n):
+        entry = particles.listed[first + m]
+        q = ((entry >> 6) & 63) - OUTSIDE
+        if q >= 0:
+            i, j, k = _node_of(blocks.bxyz, b, entry & 63, constants.corner)
+            node = (i + 4 * (q // 9 - 1), j + 4 * ((q // 3) % 3 - 1), k + 4 * (q % 3 - 1))
+            p = first + (entry >> 12)
+            _take_record(t, 0, particles.rec, particles.state, p)
+            _take_place(t, x, 0, mats[particles.label[particles.particle_index[p], 0]], node)
+            _account_tile(t, x, 1, dt, constants.spacing, constants.gravity, sums, b)
+
+
+def sum_blocks(particles, blocks, held, constants, mats, dt, sums):
+    """Sums (nown, 7) over the ``held`` (nown,) particles of each block."""
+    for b in prange(blocks.nown):
+        _clear_sums(sums, b)
+        if held[b] > 0:
+            _sum_block(particles, blocks, b, held[b], constants, mats, dt, sums)
+
+
+def sum_escaped(particles, blocks, leaving, constants, mats, dt, sums):
+    """Sums (nown, 7) over the particles of each block that leave the domain in this step."""
+    for b in prange(blocks.nown):
+        _clear_sums(sums, b)
+        if leaving[b] > 0:
+            _sum_leaving(particles, blocks, b, leaving[b], constants, mats, dt, sums)
+
+
+def unpack(particles, blocks, constants, mats, dt, place, node, affine):
+    """First node (n, 3) and velocity gradient (n, 3, 3) of the particles; ``place`` is the first row of each block."""
+    rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
+    label, particle_index = particles.label, particles.particle_index
+    h, bxyz, corner = constants.spacing, blocks.bxyz, constants.corner
+    for b in prange(blocks.nown):
         column = local_tile(rec)
         for c in range(64):
             for t in range(starts[b, c], starts[b, c + 1]):
                 p = order[first[b] + t]
                 d = place[b] + t
                 node[d, 0], node[d, 1], node[d, 2] = _node_of(bxyz, b, c, corner)
-                _take_record(column, 0, rec, state, p)
+                _take_record(column, 0, rec, particles.state, p)
                 tau = kirchhoff_stress(log_strain(_strain(column, 0)), mats[label[particle_index[p], 0]])
                 columns = _affine(column, 0, tau, dt, h)
                 m = np.float64(column[0, 0])

@@ -1,11 +1,23 @@
-"""Particles to grid: every block fills an arena, and every node sums the arenas that overlap it in a fixed order.
+"""Phase "particles to grid": mass and momentum of the particles are added to the nodes.
 
-It does so as soon as these are full, while they are in the second cache; then other blocks take them. So there are but a few, and
-what they hold does not pass through memory (:mod:`runout.backends.scan.schedule`).
+Each block adds its particles to an arena. Each node then sums the up to eight arenas that overlap it, in a fixed order. A node is
+summed as soon as its arenas are complete and still in the cache; after that other blocks use these arenas
+(:mod:`runout.backends.scan.schedule`).
 
-An arena has eight *parts*, q = 0 to 7: the nodes of the block itself and of its neighbours one step up in the axes whose bit is set
-in q (x 4, y 2, z 1). What no particle reaches is neither summed nor written: ``reached`` has bit q of a block set if its particles
-reach part q. Nodes that are not written keep finite numbers, whose weight is zero.
+    arenas.values[number[b]]     6 x 6 x 6 nodes that the particles of block b reach
+
+       x = 0 .. 5                one plane of nodes   144 numbers
+         y = 0 .. 5              one row of nodes      24 numbers
+           z = 0 .. 5            one node               4 numbers  m | px py pz
+
+       parts of an arena         q = 0: nodes 0 to 3 in x, y and z: those of block b itself
+       along one axis            bit of the axis set (x 4, y 2, z 1): nodes 4 and 5: those of the next block up
+       0 1 2 3 | 4 5
+
+    grid.nodes[n]                4 x 4 x 4 nodes of node block n, z fastest, 4 numbers each:  m | vx vy vz
+
+Bit q of ``reached[b]`` is set if the particles of block b reach part q. Parts that no particle reaches are neither summed nor
+written; nodes there keep finite numbers, and their weight is zero.
 """
 
 import numpy as np
@@ -38,10 +50,10 @@ from runout.physics.moments import velocity_after
 from runout.physics.tensors import real
 
 LOWER = EVERY & ~UPPER
-LEAST_MASS = 1e-37  # [kg] of a node that moves: one over less is no number in float32, and its weight to any particle is as small
-ROW_OF_SHARES, PLANE_OF_SHARES = 6, 36  # numbers of a row of six nodes, and of six rows, where a node has one
+LEAST_MASS = 1e-37  # [kg] of a node that moves: the inverse of less overflows in float32; its weight to particles is as small
+ROW_OF_SHARES, PLANE_OF_SHARES = 6, 36  # numbers in a row of six nodes, and in six rows, where a node has one number
 SHARES = 232  # six planes and padding
-ROWS, SHARED, TOUCH, TAKEN, FREE = range(5)  # what a thread counts: rows, shares, contacts, arenas and those free again
+ROWS, SHARED, TOUCH, TAKEN, FREE = range(5)  # cursors of a thread: rows, shares, contacts, arenas, arenas free again
 masses = permutation(in_groups((0, 4, 8, 12)))
 heads = permutation((0, 4, 8, 12))
 least_masses, four_least_masses = constant([LEAST_MASS] * 16), constant([LEAST_MASS] * 4)
@@ -77,7 +89,7 @@ def _highest_rise(east, north):
 
 
 def _expect_next(rec, order, starts, first, giving, bounds, b, end):
-    """Ask for the cells and the first particles of the next block before ``end`` that gives to nodes."""
+    """Prefetch the cells and the first particles of the next block before ``end`` that gives to nodes."""
     later = _next_filled(giving, b, end)
     if later < end:
         prefetch(bounds, 2 * later)
@@ -93,8 +105,8 @@ def _expect_next(rec, order, starts, first, giving, bounds, b, end):
 def _fill_arena(rec, order, starts, first, b, parts, arenas, a, near, planes, cut, listed):
     """Add the particles of a block to the arena at place ``a``, of which they reach some ``parts``; returns how many it lists.
 
-    Where the ground is ``near``, these may touch it: they are less than ``cut`` cells above the bound of the ground in their column
-    of cells (:func:`ground.cut_tiles`). Where no particle of a cell is, none is tested.
+    Where the ground is ``near``, candidates for contact are listed: particles less than ``cut`` cells above the bound of the ground
+    in their column of cells (:func:`ground.cut_tiles`). A cell that lies higher as a whole is not tested.
     """
     _clear(arenas, a, parts)
     f = first[b]
@@ -125,10 +137,10 @@ def _fill_arena(rec, order, starts, first, b, parts, arenas, a, near, planes, cu
 
 
 def _find_arenas(place, arenas, number, reached, down, block):
-    """Where the up to eight arenas begin that reach a node block; which do, as bits.
+    """Set the places of the up to eight arenas that reach a node block; returns which do, as bits.
 
-    For the others stands the last arena, which is empty: where most are there, to add it takes less than to ask. No branch depends
-    on which are: no processor could guess it.
+    The others get the place of the last arena, which is empty. Where most are filled, adding it costs less than a branch, which
+    processors could not predict.
     """
     found = np.int64(0)
     last = np.int64(len(arenas) - 1)
@@ -150,7 +162,7 @@ def _row_of_arena(arenas, a, upper, x, y):
 
 
 def _row_of_shares(shares, a, upper, x, y):
-    """The same of an arena with one number a node."""
+    """The same row of an arena with one number a node."""
     row = a + x * PLANE_OF_SHARES + y * ROW_OF_SHARES
     if upper:
         return lower_two(load4(shares, row + 4))
@@ -169,7 +181,7 @@ def _sum_row(arenas, place, i, j, first, step):
 
 
 def _sum_all(arenas, place, there, i, j):
-    """Sum of all arenas that are ``there``, as bits, over four nodes: none from below, none beside, or some of both."""
+    """Sum over four nodes of all arenas that are ``there``, as bits; faster where all are of one half along z."""
     if there & UPPER == 0:
         return _sum_row(arenas, place, i, j, 0, 2)
     if there & LOWER == 0:
@@ -177,27 +189,14 @@ def _sum_all(arenas, place, there, i, j):
     return _sum_row(arenas, place, i, j, 0, 1)
 
 
-def _sum_shares(shares, place, i, j):
-    """The same of the contacts' weights, one number a node; of the eight most are not there, and are asked for."""
-    s = four_zeros(shares)
-    empty = shares.shape[1] * (len(shares) - 1)
+def _sum_filled(values, place, i, j, s, row_of):
+    """Sum over four nodes of those of the eight arenas that are filled, from ``s`` on; ``row_of`` reads a row of an arena."""
+    empty = values.shape[1] * (len(values) - 1)
     for q in range(8):
         x = i + (q & 4)
         y = j + ((q & 2) << 1)
         if place[q] != empty and x < 6 and y < 6:
-            s = s + _row_of_shares(shares, place[q], q & 1, x, y)
-    return s
-
-
-def _sum_pushes(arenas, place, i, j):
-    """Sum of the impulses over four nodes, of those blocks that have any."""
-    s = zeros(arenas)
-    empty = arenas.shape[1] * (len(arenas) - 1)
-    for q in range(8):
-        x = i + (q & 4)
-        y = j + ((q & 2) << 1)
-        if place[q] != empty and x < 6 and y < 6:
-            s = s + _row_of_arena(arenas, place[q], q & 1, x, y)
+            s = s + row_of(values, place[q], q & 1, x, y)
     return s
 
 
@@ -226,32 +225,33 @@ def _update_block(arenas, number, reached, down, b, grid, dv):
                 store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
-def _update_block_over_ground(arenas, number, reached, shares, sharer, pressed, down, b, grid, shared, inverse, dv):
-    """The same; where the stencil of a contact reaches, the sum of the contacts' weights over the mass in the place of the mass.
+def _update_block_over_ground(arenas, contacts, grid, down, b, dv):
+    """The same; where contacts reach, their compliance takes the place of the mass: sum of their weights over mass [1/kg].
 
-    ``shares`` are arenas with these weights, ``pressed`` their parts that are reached; ``shared`` tells whether any does, and
-    ``inverse`` (nall, 64) keeps one over the mass [1/kg] there.
+    ``contacts.shares`` are arenas with these weights, ``grid.shared`` notes whether any contact reaches the block, and
+    ``grid.inverse`` keeps the inverse mass [1/kg] of its nodes.
     """
+    values, shares, shared = arenas.values, contacts.shares, grid.shared
     shared[b] = False
     place = local_places(down)
-    there = _find_arenas(place, arenas, number, reached, down, b)
+    there = _find_arenas(place, values, arenas.number, arenas.reached, down, b)
     if there == 0:
         return
     sharing = local_places(down)
-    shared[b] = _find_arenas(sharing, shares, sharer, pressed, down, b) != 0
+    shared[b] = _find_arenas(sharing, shares, contacts.sharer, contacts.pressed, down, b) != 0
     for i in range(4):
         for j in range(4):
-            s = _sum_all(arenas, place, there, i, j)
+            s = _sum_all(values, place, there, i, j)
             one_over = _inverse(s)
             v = _node_velocities(s, one_over, dv)
             if shared[b]:
-                w = _sum_shares(shares, sharing, i, j)
+                w = _sum_filled(shares, sharing, i, j, four_zeros(shares), _row_of_shares)
                 felt = w > four_zeros(w)
                 compliance = w * one_over
                 kept = select(felt, compliance / select(felt, w, four_ones(w)), four_zeros(w))
-                store(inverse, b * 64 + (i * 4 + j) * 4, kept)
+                store(grid.inverse, b * 64 + (i * 4 + j) * 4, kept)
                 s = in_all_four(compliance)
-            store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
+            store(grid.nodes, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
 def _push_block(arenas, number, pressed, down, b, grid, inverse):
@@ -261,25 +261,26 @@ def _push_block(arenas, number, pressed, down, b, grid, inverse):
     for i in range(4):
         for j in range(4):
             o = b * 256 + (i * 4 + j) * 16
-            push = _sum_pushes(arenas, place, i, j)
+            push = _sum_filled(arenas, place, i, j, zeros(arenas), _row_of_arena)
             one_over = load4(inverse, b * 64 + (i * 4 + j) * 4)
             store(grid, o, velocity_after(load16(grid, o), push, in_all_four(one_over)))
 
 
 def _strip_of(owner):
-    """The first strip that begins at an owner or behind it."""
+    """The first strip that begins at or after an owner."""
     return (owner + STRIP - 1) // STRIP
 
 
 def _start(cursors):
-    """No thread has taken anything yet."""
+    """Set all counters of the threads to zero."""
     for t in range(len(cursors)):
         for k in range(cursors.shape[1]):
             cursors[t, k] = 0
 
 
-def _take_arena(cursors, thread, capacity, free):
-    """Number of an arena for the ``thread``: the one that became free last, which is in cache, or a new one of its ``capacity``."""
+def _take_arena(cursors, thread, free):
+    """Number of an arena for the ``thread``: the one that became free last, which is in the cache, or a new one of the thread."""
+    capacity = free.shape[1]
     n = cursors[thread, FREE]
     if n > 0:
         cursors[thread, FREE] = n - 1
@@ -289,14 +290,16 @@ def _take_arena(cursors, thread, capacity, free):
     return np.int32(thread * capacity + min(n, capacity - 1))
 
 
-def _leave_arenas(cursors, thread, free, s, over, owners, held, number):
-    """Note the arenas that are free behind strip ``s``, of those owners that ``held`` something."""
-    n = cursors[thread, FREE]
-    for k in range(over[s], over[s + 1]):
-        if held[owners[k]] > 0 and n < free.shape[1]:
-            free[thread, n] = number[owners[k]]
+def _leave_arenas(schedule, arenas, thread, s, held, number):
+    """Add the arenas that are free after strip ``s`` to the list of the thread: ``number`` of the owners with ``held`` > 0."""
+    free = arenas.free
+    n = arenas.cursors[thread, FREE]
+    for k in range(schedule.over[s], schedule.over[s + 1]):
+        owner = schedule.owners[k]
+        if held[owner] > 0 and n < free.shape[1]:
+            free[thread, n] = number[owner]
             n += 1
-    cursors[thread, FREE] = n
+    arenas.cursors[thread, FREE] = n
 
 
 def _most_of(cursors, what):
@@ -307,27 +310,26 @@ def _most_of(cursors, what):
     return most
 
 
-def particles_to_nodes(
-    rec, order, starts, first, giving, nown, cuts, due, nodes, over, owners, number, arenas, capacity, free, cursors, reached, down,
-    grid, dv,
-):  # fmt: skip
-    """Each block whose particles give to nodes adds them to an arena; nodes are summed that are due (:class:`schedule.Schedule`).
+def particles_to_nodes(particles, blocks, schedule, giving, arenas, nodes, dv):
+    """Fill an arena for each block with particles that give to nodes, and sum the nodes that are due.
 
-    ``reached`` are the parts of it that they reach. Each thread has ``capacity`` for arenas; returns how many one needs. Where
-    that is more, the result is worth nothing. With no owners, ``nown`` = 0, nodes are summed alone.
+    ``nodes`` (nall, 256) get mass and velocity. Returns the number of arenas that a thread needs; if it has fewer, the result is
+    invalid.
     """
+    rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
+    values, number, reached, cursors = arenas.values, arenas.number, arenas.reached, arenas.cursors
     _start(cursors)
-    for thread in prange(len(cuts) - 1):
-        for s in range(_strip_of(cuts[thread]), _strip_of(cuts[thread + 1])):
-            for b in range(STRIP * s, min(STRIP * s + STRIP, nown)):
+    for thread in prange(len(schedule.cuts) - 1):
+        for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
+            for b in range(STRIP * s, min(STRIP * s + STRIP, schedule.nown)):
                 reached[b] = 0
                 if giving[b] > 0:
                     reached[b] = _reached_parts(starts, b)
-                    number[b] = _take_arena(cursors, thread, capacity, free)
+                    number[b] = _take_arena(cursors, thread, arenas.free)
                     a = ARENA * np.int64(number[b])
-                    _expect_next(rec, order, starts, first, giving, rec, b, nown)
-                    _fill_arena(rec, order, starts, first, b, reached[b], arenas, a, False, rec, real(0.0), order)
-            for k in range(due[s], due[s + 1]):
-                _update_block(arenas, number, reached, down, np.int64(nodes[k]), grid, dv)
-            _leave_arenas(cursors, thread, free, s, over, owners, giving, number)
+                    _expect_next(rec, order, starts, first, giving, rec, b, schedule.nown)
+                    _fill_arena(rec, order, starts, first, b, reached[b], values, a, False, rec, real(0.0), order)
+            for k in range(schedule.due[s], schedule.due[s + 1]):
+                _update_block(values, number, reached, blocks.down, np.int64(schedule.nodes[k]), nodes, dv)
+            _leave_arenas(schedule, arenas, thread, s, giving, number)
     return _most_of(cursors, TAKEN)

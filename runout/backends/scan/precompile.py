@@ -1,8 +1,8 @@
-"""Compiles the kernels of a scene in a process of their own, so that every run executes the code of the cache.
+"""Compiles the kernels of a scene in a separate process, so that every run executes the code of the cache.
 
-Numba optimises the body of a parallel loop once by itself and once more as a part of its kernel. The first stays in the process
-that compiled, the second goes to the cache; they round differently where products and sums are fused. A process that compiled would
-not repeat the bits of one that found the cache (docs/decisions/01-packaging-and-compilation.md).
+Numba optimises the body of a parallel loop twice: alone, and as a part of its kernel. The process that compiles executes the first,
+the cache holds the second; they round differently where products and sums are fused. A process that compiles would therefore not
+repeat the bits of a process that loads from the cache (docs/decisions/01-packaging-and-compilation.md).
 """
 
 import base64
@@ -67,7 +67,7 @@ def variant(scene: Scene) -> str:
 
 
 def _stamp(source: ModuleType) -> str:
-    """What numba looks at before it takes a kernel from its cache: the place of the source, its time and its size."""
+    """What numba compares before it loads a kernel from its cache: path, time and size of the source."""
     path = inspect.getfile(source)
     status = os.stat(path)
     return f"{path} {status.st_mtime_ns} {status.st_size}"
@@ -92,7 +92,7 @@ def _warm_up_elsewhere(materials: tuple[Material, ...], precision: str, kind: st
 
 
 def _ended(process: "subprocess.Popen[str]") -> str:
-    """What a process said of its errors, when it has ended; it ends if this one is interrupted."""
+    """The error output of a process, after it has ended; it is killed if this process is interrupted."""
     with process:
         try:
             return process.communicate()[1]

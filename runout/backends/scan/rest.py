@@ -1,4 +1,4 @@
-"""Kernels of blocks that sleep: which may, which wake, and how particles come to rest. See :mod:`runout.backends.scan.sleep`."""
+"""Kernels of blocks that sleep: which may sleep, which wake, and how particles come to rest (:mod:`runout.backends.scan.sleep`)."""
 
 from numba import prange
 
@@ -11,9 +11,10 @@ CALM_STEPS = 50  # that a block and its neighbours stay slow before it falls asl
 AWAKE = 13  # the block itself among its neighbours
 
 
-def count_calm(nown, held, motion, arrivals, slow2, asleep, calm):
-    """Count the steps in a row in which no particle of a block was fast and none entered; who is entered wakes."""
-    for b in prange(nown):
+def count_calm(blocks, moves, sleep, slow2):
+    """Count the steps in a row in which no particle of a block was fast and none entered; a block that a particle enters wakes."""
+    held, motion, arrivals, asleep, calm = blocks.held, moves.motion, moves.arrivals, sleep.asleep, sleep.calm
+    for b in prange(blocks.nown):
         if held[b] == 0 or arrivals[b] > 0:
             asleep[b] = False
             calm[b] = 0
@@ -21,12 +22,14 @@ def count_calm(nown, held, motion, arrivals, slow2, asleep, calm):
             calm[b] = calm[b] + 1 if motion[b, 0] < slow2 else 0
 
 
-def choose_sleepers(nown, around, held, motion, changed, fast2, asleep, calm, falling):
-    """In ``falling`` the particles of a block that falls asleep, -1 for one that a fast neighbour wakes, else 0.
+def choose_sleepers(blocks, moves, sleep, fast2):
+    """Set ``falling``: the particles of a block that falls asleep, -1 for a block that a fast neighbour wakes, else 0.
 
     A block falls asleep only in a step in which none of its particles changes its cell: they lie in the order of their cells then.
     """
-    for b in prange(nown):
+    held, around, motion, changed = blocks.held, blocks.around, moves.motion, moves.changed
+    asleep, calm, falling = sleep.asleep, sleep.calm, sleep.falling
+    for b in prange(blocks.nown):
         falling[b] = 0
         if held[b] == 0:
             continue
@@ -44,8 +47,9 @@ def choose_sleepers(nown, around, held, motion, changed, fast2, asleep, calm, fa
             falling[b] = held[b]
 
 
-def change_sleepers(nown, falling, asleep, calm):
+def change_sleepers(nown, sleep):
     """Let blocks fall asleep or wake, as was chosen; returns how many sleep."""
+    asleep, calm, falling = sleep.asleep, sleep.calm, sleep.falling
     n = 0
     for b in range(nown):
         if falling[b] < 0:
@@ -57,9 +61,10 @@ def change_sleepers(nown, falling, asleep, calm):
     return n
 
 
-def share_work(nown, around, held, asleep, moving, giving):
-    """Particles that move, those of blocks awake; and those that give to nodes, of their neighbours too."""
-    for b in prange(nown):
+def share_work(blocks, sleep):
+    """Set the particles that move, those of blocks awake, and those that give to nodes: of their neighbours too."""
+    held, around, asleep, moving, giving = blocks.held, blocks.around, sleep.asleep, sleep.moving, sleep.giving
+    for b in prange(blocks.nown):
         moving[b] = 0 if asleep[b] else held[b]
         giving[b] = moving[b]
         if asleep[b]:
@@ -69,10 +74,12 @@ def share_work(nown, around, held, asleep, moving, giving):
                     giving[b] = held[b]
 
 
-def put_to_rest(rec, state, particle_index, label, order, first, falling, nown, mats, dt, h):
+def put_to_rest(particles, blocks, falling, mats, dt, h):
     """Take the velocity of the particles that fall asleep: their records hold the stress alone."""
+    rec, state, order, particle_index = particles.rec, particles.state, particles.order, particles.particle_index
+    first, label = blocks.first, particles.label
     slopes = moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2])
-    for b in prange(nown):
+    for b in prange(blocks.nown):
         for k in range(first[b], first[b] + max(falling[b], 0)):
             p = order[k]
             tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[particle_index[p], 0]])

@@ -1,15 +1,21 @@
-"""Which thread takes which blocks, and when arenas are summed: as soon as nothing is missing, while they are in the second cache.
+"""Which thread takes which blocks, and when nodes are summed: as soon as their arenas are complete, while these are in the cache.
 
-A thread goes through one stretch of owners, strip by strip. A block of nodes is *due* behind the last strip that reaches it if the
-same thread takes all that do; those on the border between two stretches wait until all threads are done. An arena is *free* for
-another owner once all nodes are summed that it reaches.
+    owners    0 ...          cuts[1] ...         cuts[2] ...                 one range of owners for each thread,
+              | strip | strip | strip | strip | strip | ...                  in strips of 16 owners
+
+    due       node blocks nodes[due[s] : due[s + 1]] are summed after strip s
+    over      the arenas of owners[over[s] : over[s + 1]] are free after strip s
+
+A node block is due after the last strip that reaches it if one thread takes all strips that do. Node blocks on the border between
+two ranges wait until all threads are done: they are summed in a second, late pass. An arena is free for another owner once all
+nodes that it reaches are summed.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from runout.backends.scan.index import Index
+from runout.backends.scan.groups import Blocks, Pass
 
 STRIP = 16  # owners, one after the other
 BLOCK = 60  # particles that take as long as a block with particles takes beside them
@@ -24,12 +30,13 @@ class Schedule:
     cuts : (threads + 1,) int64
         First owner of each thread.
     due, nodes : (strips + 1,) int64, (nall,) int32
-        Blocks of nodes in the order in which they are summed, and where those begin that are due behind each strip; the last, those
-        that wait for other threads.
+        Node blocks in the order in which they are summed, and where those begin that are due after each strip; the last ones wait
+        for other threads.
     over, owners : (strips + 1,) int64, (nown,) int32
-        The same of the owners whose arenas are free behind each strip; the last, behind none.
+        Owners in the order in which their arenas become free, and where those begin that are free after each strip; the arenas of
+        the last ones never become free in the pass.
     late_cuts, late_due, late_over : (threads + 1,) int64
-        The same where those that wait are summed, a strip without owners for each thread.
+        The same for the late pass: one strip without owners for each thread.
     """
 
     cuts: np.ndarray
@@ -42,16 +49,16 @@ class Schedule:
     late_over: np.ndarray
 
     @classmethod
-    def of(cls, index: Index, threads: int, at_once: bool = True) -> "Schedule":
-        """Stretches with as much to do for each thread; no node is due before all threads are done if not ``at_once``."""
-        cuts = _stretches(index, threads)
-        last = np.maximum(index.down.max(axis=1, initial=0), 0) // STRIP
-        first = np.where(index.down < 0, last[:, None], index.down // STRIP).min(axis=1, initial=len(last))
-        strips = -(-index.nown // STRIP)
+    def of(cls, blocks: Blocks, threads: int, at_once: bool = True) -> "Schedule":
+        """Ranges with the same work for each thread; if not ``at_once``, no node is due before all threads are done."""
+        cuts = _stretches(blocks, threads)
+        last = np.maximum(blocks.down.max(axis=1, initial=0), 0) // STRIP
+        first = np.where(blocks.down < 0, last[:, None], blocks.down // STRIP).min(axis=1, initial=len(last))
+        strips = -(-blocks.nown // STRIP)
         thread = np.searchsorted(cuts, STRIP * np.arange(strips), side="right")
         behind = np.where(at_once & (thread[first] == thread[last]), last, strips) if strips else last
         nodes = np.lexsort((last, behind)).astype(np.int32)
-        freed = behind[index.up].max(axis=1, initial=0)
+        freed = behind[blocks.up].max(axis=1, initial=0)
         owners = np.argsort(freed, kind="stable").astype(np.int32)
         each = np.arange(strips + 1)
         due, over, parts = np.searchsorted(behind[nodes], each), np.searchsorted(freed[owners], each), np.arange(threads + 1)
@@ -59,18 +66,18 @@ class Schedule:
         return cls(cuts, due, nodes, over, owners, STRIP * parts, late, np.zeros(threads + 1, np.int64))
 
     @property
-    def early(self) -> tuple[np.ndarray, ...]:
-        """What a kernel takes that goes through all owners."""
-        return self.cuts, self.due, self.nodes, self.over, self.owners
+    def early(self) -> Pass:
+        """The pass over all owners."""
+        return Pass(len(self.owners), self.cuts, self.due, self.nodes, self.over, self.owners)
 
     @property
-    def late(self) -> tuple[np.ndarray, ...]:
-        """What it takes, with no owners, when all threads are done."""
-        return self.late_cuts, self.late_due, self.nodes, self.late_over, self.owners
+    def late(self) -> Pass:
+        """The pass without owners that sums the nodes that wait, when all threads are done."""
+        return Pass(0, self.late_cuts, self.late_due, self.nodes, self.late_over, self.owners)
 
     @property
     def waits(self) -> bool:
-        """Whether any nodes wait for that."""
+        """Whether any nodes wait for the late pass."""
         return bool(self.due[-1] < len(self.nodes))
 
     def most_arenas(self, held: np.ndarray) -> int:
@@ -87,12 +94,12 @@ class Schedule:
         return most
 
 
-def _stretches(index: Index, threads: int) -> np.ndarray:
-    """First owner of each thread's stretch, of whole strips, so that each gets its share of the work."""
-    work = np.cumsum(np.where(index.held > 0, BLOCK + index.held, 1))
+def _stretches(blocks: Blocks, threads: int) -> np.ndarray:
+    """First owner of the range of each thread, in whole strips, so that each has the same work."""
+    work = np.cumsum(np.where(blocks.held > 0, BLOCK + blocks.held, 1))
     if not len(work):
         return np.zeros(threads + 1, np.int64)
     cuts = np.searchsorted(work, work[-1] * np.arange(threads + 1) / threads)
     cuts = (cuts + STRIP // 2) // STRIP * STRIP
-    cuts[-1] = index.nown
-    return np.minimum(cuts, index.nown)
+    cuts[-1] = blocks.nown
+    return np.minimum(cuts, blocks.nown)

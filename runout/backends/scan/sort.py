@@ -1,43 +1,53 @@
-"""Order of the particles: slots of the blocks, lists by cell, exchange between blocks, rare moves to fresh slots.
+"""Phase "sort": slots of the blocks, lists by cell, exchange of particles between blocks.
 
-A block owns the slots first to first + capacity; ``order`` names the occupied ones by cell. Each step brings the particles of a
-block into the order of its list (:mod:`runout.backends.scan.grid_to_particles`); here those that change their cell or block are
-listed anew. Blocks whose particles stay in their cells cost nothing.
+    slots        | block 4: held | free |   hole   | block 0: held | free | block 9: ... |  reserve  |
+                 ^ first[4]              capacity[4] slots in all
+
+    order        slots of the particles of a block by cell:   cell 0   | cell 1 | ... | cell 63
+                                                   first + starts[b, 0]  ...            first + starts[b, 64]
+
+    listed       | slot, neighbour, cell of those that leave ->        <- slot, old cell, cell of those that shift |
+                 ^ first[b]                                                                first[b] + held[b] - 1 ^
+
+Particles that change their cell or block are listed anew; the others already lie in the order of the list. A block that overflows
+moves to a hole or to the end of the slots. Blocks without changes cost nothing.
 """
 
 import numpy as np
 from numba import prange
 
 from runout.backends.lanes import load8, load16, local_array, prefetch, store
-from runout.backends.scan.arenas import _total_held
 from runout.backends.scan.grid_to_particles import HERE, LEFT, OUTSIDE
+from runout.backends.scan.workspace import _total_held
 
 CELLS = 64
-CALLED = 8  # blocks that memory is asked for ahead, where little is to be done in each
-LONGEST = 1023  # list of a block that is made anew from what changed, not by a sort
+CALLED = 8  # blocks whose memory is prefetched, where there is little to do in each
+LONGEST = 1023  # particles of a block whose list is updated from its changes; longer lists are sorted
 local_counts = local_array((CELLS + 1,))  # of cells and of those that leave
 local_places = local_array((3, CELLS))
 local_steps = local_array((LONGEST + 1,))
 
 
 def _spacious(n):
-    """Slots for ``n`` particles now and some that will come: a multiple of 16."""
+    """Slots for ``n`` particles and some that will come: a multiple of 16."""
     return (n + (n >> 5) + 19) & ~15
 
 
-def _count_arrivals(around, first, nown, movers, leaving, held, capacity, before, arrivals):
-    """Number of particles that enter each block; returns how many fresh slots the blocks that overflow will need.
+def _count_arrivals(listed, blocks, moves):
+    """Count the particles that enter each block; returns the number of fresh slots that overflowing blocks will need.
 
     One thread counts: few particles leave their blocks, fewer than blocks have neighbours.
     """
+    nown, first, around, held, capacity = blocks.nown, blocks.first, blocks.around, blocks.held, blocks.capacity
+    before, arrivals, leaving = moves.before, moves.arrivals, moves.leaving
     for b in range(nown):
         before[b] = first[b]
         arrivals[b] = 0
     for b in range(nown):
         if b + CALLED < nown:
-            prefetch(movers, first[b + CALLED])
+            prefetch(listed, first[b + CALLED])
         for t in range(first[b], first[b] + leaving[b]):
-            q = (movers[t] >> 6) & 63
+            q = (listed[t] >> 6) & 63
             if q < OUTSIDE and around[b, q] >= 0:
                 arrivals[around[b, q]] += 1
     needed = 0
@@ -48,7 +58,7 @@ def _count_arrivals(around, first, nown, movers, leaving, held, capacity, before
 
 
 def _fill_hole(holes, n, needed):
-    """First slot of the smallest of ``n`` holes that is large enough, and its size; -1 if there is none. Takes it off the list."""
+    """Take the smallest hole, of ``n``, that is large enough off the list; returns first slot and size, or -1 and 0."""
     best = -1
     for k in range(n):
         if holes[k, 1] >= needed and (best < 0 or holes[k, 1] < holes[best, 1]):
@@ -66,7 +76,7 @@ def _fill_hole(holes, n, needed):
 
 
 def _leave_hole(holes, n, start, size):
-    """Put slots on the list, if it has room; returns its new length."""
+    """Add slots to the list of holes, if it has room; returns its new length."""
     if size > 0 and n < len(holes):
         holes[n, 0] = start
         holes[n, 1] = size
@@ -75,7 +85,7 @@ def _leave_hole(holes, n, start, size):
 
 
 def _drop_filled(holes, n):
-    """Close up the list; returns its new length."""
+    """Remove the filled holes from the list; returns its new length."""
     kept = 0
     for k in range(n):
         if holes[k, 1] > 0:
@@ -85,11 +95,12 @@ def _drop_filled(holes, n):
     return kept
 
 
-def _make_room(nown, held, arrivals, first, capacity, end, holes, n):
-    """Fresh slots for the blocks that overflow: in one of ``n`` holes, else from ``end`` on; returns the new end and ``n``.
+def _make_room(blocks, arrivals, end, holes, n):
+    """Give fresh slots to blocks that overflow: in one of ``n`` holes, else from ``end`` on; returns the new ``end`` and ``n``.
 
-    What they leave becomes a hole for later steps: neighbours read there in this one.
+    The slots that a block leaves become a hole for later steps, because neighbours still read them in this step.
     """
+    nown, held, first, capacity = blocks.nown, blocks.held, blocks.first, blocks.capacity
     for b in range(nown):
         if held[b] + arrivals[b] == 0 and capacity[b] > 0:
             n = _leave_hole(holes, n, first[b], capacity[b])
@@ -109,79 +120,74 @@ def _make_room(nown, held, arrivals, first, capacity, end, holes, n):
     return end, _drop_filled(holes, n)
 
 
-def make_way(around, first, nown, movers, leaving, held, capacity, before, arrivals, end, slots, holes, n):
+def make_way(listed, blocks, moves, end, slots, holes, n):
     """Count arrivals and find room for them, unless ``slots`` are too few; returns the fresh slots needed, ``end`` and ``n``."""
-    needed = _count_arrivals(around, first, nown, movers, leaving, held, capacity, before, arrivals)
+    needed = _count_arrivals(listed, blocks, moves)
     if end + needed <= slots:
-        end, n = _make_room(nown, held, arrivals, first, capacity, end, holes, n)
+        end, n = _make_room(blocks, moves.arrivals, end, holes, n)
     return needed, end, n
 
 
-def _copy_slot(rec, state, particle_index, cell, p, d, c):
-    """Copy a particle to another slot, into cell ``c``."""
+def _copy_slot(particles, p, d, c):
+    """Copy a particle from slot ``p`` to slot ``d``, into cell ``c``."""
+    rec, state, particle_index = particles.rec, particles.state, particles.particle_index
     store(rec, 16 * d, load16(rec, 16 * p))
     store(state, 8 * d, load8(state, 8 * p))
     particle_index[d] = particle_index[p]
-    cell[d] = c
+    particles.cell[d] = c
 
 
-def _relocate(rec, state, particle_index, cell, old, new, n):
-    """Copy what stays in a block to fresh slots; returns their number."""
+def _relocate(particles, old, new, n):
+    """Copy the particles that stay in a block to fresh slots; returns their number."""
+    cell = particles.cell
     kept = 0
     for p in range(old, old + n):
         if cell[p] < LEFT:
-            _copy_slot(rec, state, particle_index, cell, p, new + kept, cell[p])
+            _copy_slot(particles, p, new + kept, cell[p])
             kept += 1
     return kept
 
 
-def _expect(rec, state, particle_index, cell, around, before, movers, leaving, changed, b, end):
-    """Ask for the memory of what a block will receive."""
+def _expect_slot(particles, p):
+    """Prefetch the memory of a slot."""
+    prefetch(particles.rec, 16 * p)
+    prefetch(particles.state, 8 * p)
+    prefetch(particles.particle_index, p)
+
+
+def _receive(particles, around, moves, b, end, copies):
+    """Copy the arrivals of a block to the slots from ``end`` on, or only prefetch both; returns the slot after the last one."""
     for q in range(27):
         s = around[b, q]
-        if q == HERE or s < 0 or (changed[s] >> (26 - q)) & 1 == 0:
+        if q == HERE or s < 0 or (moves.changed[s] >> (26 - q)) & 1 == 0:
             continue
-        for t in range(leaving[s]):
-            entry = movers[before[s] + t]
+        before = moves.before[s]
+        for t in range(moves.leaving[s]):
+            entry = particles.listed[before + t]
             if (entry >> 6) & 63 == 26 - q:
-                p = before[s] + (entry >> 12)
-                prefetch(rec, 16 * p)
-                prefetch(state, 8 * p)
-                prefetch(particle_index, p)
-                prefetch(rec, 16 * end)
-                prefetch(state, 8 * end)
-                prefetch(particle_index, end)
-                prefetch(cell, end)
-                end += 1
-
-
-def _expect_lists(order, starts, movers, first, held, b):
-    """Ask for the lists of a block."""
-    for c in range(0, CELLS + 1, 16):
-        prefetch(starts, (CELLS + 1) * b + c)
-    f = first[b]
-    for t in range(f, f + held[b], 16):
-        prefetch(order, t)
-    prefetch(movers, f)
-    prefetch(movers, f + held[b] - 1)
-
-
-def _receive(rec, state, particle_index, cell, around, before, movers, leaving, changed, b, end):
-    """Copy the arrivals of a block to the slots from ``end`` on: the neighbours still read those that were left."""
-    for q in range(27):
-        s = around[b, q]
-        if q == HERE or s < 0 or (changed[s] >> (26 - q)) & 1 == 0:
-            continue
-        for t in range(leaving[s]):
-            entry = movers[before[s] + t]
-            if (entry >> 6) & 63 == 26 - q:
-                _copy_slot(rec, state, particle_index, cell, before[s] + (entry >> 12), end, entry & 63)
+                if copies:
+                    _copy_slot(particles, before + (entry >> 12), end, entry & 63)
+                else:
+                    _expect_slot(particles, before + (entry >> 12))
+                    _expect_slot(particles, end)
+                    prefetch(particles.cell, end)
                 end += 1
     return end
 
 
+def _expect_lists(particles, blocks, b):
+    """Prefetch the lists of a block."""
+    for c in range(0, CELLS + 1, 16):
+        prefetch(blocks.starts, (CELLS + 1) * b + c)
+    f = blocks.first[b]
+    for t in range(f, f + blocks.held[b], 16):
+        prefetch(particles.order, t)
+    prefetch(particles.listed, f)
+    prefetch(particles.listed, f + blocks.held[b] - 1)
+
+
 def _list_by_cell(cell, order, starts, b, first, end):
-    """Sort the occupied slots of a block by cell; returns their number. What leaves comes last and is forgotten."""
+    """Sort the occupied slots of a block by cell; returns their number. Particles that leave come last and are not counted."""
     place = local_counts(starts)
     for c in range(CELLS + 1):
         place[c] = 0
@@ -200,9 +206,10 @@ def _list_by_cell(cell, order, starts, b, first, end):
     return starts[b, CELLS]
 
 
-def _note_changes(steps, place, cell, starts, b, first, end, movers, leaving, shifted):
-    """How far the list goes on behind each slot of a block, ``steps``; and in three rows of ``place``, by cell, what it gains,
-    0, and less those that come from higher slots than what stays there.
+def _note_changes(steps, place, cell, starts, b, first, end, listed, leaving, shifted):
+    """Count how a list changes: ``steps`` is the number of entries between one slot of the block and the next in the new list.
+
+    Rows of ``place``, by cell: particles gained; 0; minus the number of newcomers from higher slots than those that stay.
     """
     held = starts[b, CELLS]
     for c in range(CELLS):
@@ -213,11 +220,11 @@ def _note_changes(steps, place, cell, starts, b, first, end, movers, leaving, sh
     for t in range(np.uint64(held)):
         steps[t + np.uint64(1)] = 1
     for t in range(leaving):
-        slot = movers[first + t] >> 12
+        slot = listed[first + t] >> 12
         steps[slot + 1] -= 1
         place[0, cell[first + slot] - LEFT] -= 1
     for t in range(shifted):
-        entry = movers[first + held - 1 - t]
+        entry = listed[first + held - 1 - t]
         old = (entry >> 6) & 63
         c = entry & 63
         from_above = np.int64(old > c)
@@ -232,10 +239,10 @@ def _note_changes(steps, place, cell, starts, b, first, end, movers, leaving, sh
         place[2, cell[p]] -= 1
 
 
-def _list_newcomers(place, cell, order, starts, b, first, held, end, movers, shifted):
-    """Write those that are new in their cells to where the list has left room for them, by slot."""
+def _list_newcomers(place, cell, order, starts, b, first, held, end, listed, shifted):
+    """Write the newcomers of each cell to the entries that the list has left for them, by slot."""
     for t in range(shifted):
-        entry = movers[first + held - 1 - t]
+        entry = listed[first + held - 1 - t]
         c = entry & 63
         from_above = np.int64((entry >> 6) & 63 > c)
         order[first + starts[b, c + from_above] + place[1 + from_above, c]] = first + (entry >> 12)
@@ -246,17 +253,17 @@ def _list_newcomers(place, cell, order, starts, b, first, held, end, movers, shi
         place[2, c] += 1
 
 
-def _list_anew(cell, order, starts, b, first, end, movers, leaving, shifted):
-    """The same for a block whose particles lay in the order of their cells before this step, from those that changed theirs.
+def _list_anew(cell, order, starts, b, first, end, listed, leaving, shifted):
+    """The same for a block whose particles lay in the order of their cells before this step, from the changes alone.
 
-    Newcomers come from lower slots if they left a lower cell, else, as arrivals from other blocks do, from higher ones than
-    what stayed: the list is that of a sort, without looking at its keys. Each slot is written to where the list has come to, and
-    the next one over it if it was left: no processor could guess which were.
+    Newcomers that left a lower cell come from lower slots than the particles that stayed; the others, and arrivals from other
+    blocks, come from higher slots. So the list equals that of a sort, but no key is read. Each slot is written to the present end
+    of the list, and the next one overwrites it if its particle has left: this has no branch, which processors could not predict.
     """
     held = np.int64(starts[b, CELLS])
     steps = local_steps(starts)
     place = local_places(starts)
-    _note_changes(steps, place, cell, starts, b, first, end, movers, leaving, shifted)
+    _note_changes(steps, place, cell, starts, b, first, end, listed, leaving, shifted)
     n = held
     while n > 0 and steps[n] == 0:
         n -= 1
@@ -269,87 +276,89 @@ def _list_anew(cell, order, starts, b, first, end, movers, leaving, shifted):
         starts[b, c] += gained
         gained += place[0, c]
     starts[b, CELLS] += gained
-    _list_newcomers(place, cell, order, starts, b, first, held, end, movers, shifted)
+    _list_newcomers(place, cell, order, starts, b, first, held, end, listed, shifted)
     return starts[b, CELLS]
 
 
-def settle(
-    rec, state, particle_index, cell, order, starts, first, held, before, around, nown, cuts, movers, leaving, shifted, changed,
-    arrivals,
-):  # fmt: skip
-    """Let particles enter their new blocks, and list the blocks in which anything changed by cell.
+def settle(particles, blocks, cuts, moves):
+    """Move particles into their new blocks, and update the lists of blocks with changes.
 
-    Returns the number of particles, and that in the fullest block.
+    Returns the number of particles, in all and in the fullest block.
     """
+    cell, order, listed = particles.cell, particles.order, particles.listed
+    starts, first, held, around, nown = blocks.starts, blocks.first, blocks.held, blocks.around, blocks.nown
+    arrivals, changed, before = moves.arrivals, moves.changed, moves.before
     for thread in prange(len(cuts) - 1):
         for b in range(np.uint64(cuts[thread]), np.uint64(cuts[thread + 1])):
             if b + 2 < nown and (arrivals[b + 2] > 0 or changed[b + 2] != 0):
-                _expect_lists(order, starts, movers, first, held, np.int64(b) + 2)
+                _expect_lists(particles, blocks, np.int64(b) + 2)
             if b + 1 < nown and arrivals[b + 1] > 0:
-                _expect(
-                    rec, state, particle_index, cell, around, before, movers, leaving, changed, b + 1, first[b + 1] + held[b + 1]
-                )
+                _receive(particles, around, moves, b + 1, first[b + 1] + held[b + 1], False)
             if arrivals[b] == 0 and changed[b] == 0:
                 continue
             f = first[b]
             end = f + held[b]
             moved = f != before[b]
             if moved:
-                end = f + _relocate(rec, state, particle_index, cell, before[b], f, held[b])
+                end = f + _relocate(particles, before[b], f, held[b])
             if arrivals[b] > 0:
-                end = _receive(rec, state, particle_index, cell, around, before, movers, leaving, changed, b, end)
+                end = _receive(particles, around, moves, b, end, True)
             if moved or starts[b, CELLS] > LONGEST:
                 held[b] = _list_by_cell(cell, order, starts, b, f, end)
             else:
-                held[b] = _list_anew(cell, order, starts, b, f, end, movers, leaving[b], shifted[b])
+                held[b] = _list_anew(cell, order, starts, b, f, end, listed, moves.leaving[b], moves.shifted[b])
     return _total_held(held, nown)
 
 
-def give_slots(held, first, capacity, nown):
-    """Slots for blocks that hold particles, one block after the other; returns their number."""
+def give_slots(blocks):
+    """Give slots to blocks that hold particles, one block after the other; returns the number of slots."""
     end = 0
-    for b in range(nown):
-        first[b] = end
-        capacity[b] = _spacious(held[b]) if held[b] > 0 else 0
-        end += capacity[b]
+    for b in range(blocks.nown):
+        blocks.first[b] = end
+        blocks.capacity[b] = _spacious(blocks.held[b]) if blocks.held[b] > 0 else 0
+        end += blocks.capacity[b]
     return end
 
 
-def hand_over_slots(numbers, old_starts, old_first, old_capacity, old_nown, starts, first, capacity, held):
-    """Particles and slots of the old blocks that hold some, to their new ``numbers``: nothing is moved."""
-    for b in prange(old_nown):
-        if old_starts[b, CELLS] > 0:
+def hand_over_slots(old, numbers, new):
+    """Give the particles and slots of the ``old`` blocks that hold some to the ``new`` blocks with their ``numbers``."""
+    first, capacity, held, starts = new.first, new.capacity, new.held, new.starts
+    for b in prange(old.nown):
+        if old.starts[b, CELLS] > 0:
             d = numbers[b]
-            first[d] = old_first[b]
-            capacity[d] = old_capacity[b]
-            held[d] = old_starts[b, CELLS]
+            first[d] = old.first[b]
+            capacity[d] = old.capacity[b]
+            held[d] = old.starts[b, CELLS]
             for c in range(CELLS + 1):
-                starts[d, c] = old_starts[b, c]
+                starts[d, c] = old.starts[b, c]
 
 
-def _move_block(rec, state, particle_index, cell, order, starts, b, first, to, rec2, state2, who2):
-    """Move the particles of a block, by cell, to the slots from ``to`` on, which may be some of its own; by a buffer."""
+def _move_block(particles, starts, b, first, to, buffers):
+    """Move the particles of a block, by cell, to the slots from ``to`` on, which may be some of its own; through a buffer."""
+    rec, state, particle_index = particles.rec, particles.state, particles.particle_index
+    cell, order = particles.cell, particles.order
+    records, states, labels = buffers.rec[0], buffers.state[0], buffers.particle_index[0]
     for t in range(starts[b, CELLS]):
         p = np.int64(order[first + t])
-        store(rec2, 16 * t, load16(rec, 16 * p))
-        store(state2, 8 * t, load8(state, 8 * p))
-        who2[t] = particle_index[p]
+        store(records, 16 * t, load16(rec, 16 * p))
+        store(states, 8 * t, load8(state, 8 * p))
+        labels[t] = particle_index[p]
     for c in range(CELLS):
         for t in range(starts[b, c], starts[b, c + 1]):
-            store(rec, 16 * (to + t), load16(rec2, 16 * t))
-            store(state, 8 * (to + t), load8(state2, 8 * t))
-            particle_index[to + t] = who2[t]
+            store(rec, 16 * (to + t), load16(records, 16 * t))
+            store(state, 8 * (to + t), load8(states, 8 * t))
+            particle_index[to + t] = labels[t]
             cell[to + t] = c
             order[to + t] = to + t
 
 
-def pack_slots(rec, state, particle_index, cell, order, starts, by_slot, first, capacity, held, rec2, state2, who2):
+def pack_slots(particles, blocks, by_slot, buffers):
     """Close the gaps between the slots of the blocks ``by_slot`` that hold any, in place; returns the end of the slots.
 
-    Each gets a room of the usual size. Who moves down goes in this order, and who moves up in the reverse one: so each finds its
-    room left, and moves once. Who moves up has to lie below the next room first. ``rec2``, ``state2`` and ``who2`` have room for
-    one block.
+    Each block gets a range of the usual size. Blocks that move down go in this order, blocks that move up in the reverse order: so
+    each finds its range free, and moves once. A block that moves up has to lie below the next range first.
     """
+    starts, first, capacity, held = blocks.starts, blocks.first, blocks.capacity, blocks.held
     for b in range(len(held)):
         if held[b] == 0:
             capacity[b] = 0
@@ -360,29 +369,30 @@ def pack_slots(rec, state, particle_index, cell, order, starts, by_slot, first, 
         capacity[b] = _spacious(held[b])
         if end < start or end + capacity[b] < used:
             first[b] = min(end, start)
-            _move_block(rec, state, particle_index, cell, order, starts, b, start, first[b], rec2, state2, who2)
+            _move_block(particles, starts, b, start, first[b], buffers)
         end += capacity[b]
     to = end
     for k in range(len(by_slot) - 1, -1, -1):
         b = by_slot[k]
         to -= capacity[b]
         if first[b] < to:
-            _move_block(rec, state, particle_index, cell, order, starts, b, first[b], to, rec2, state2, who2)
+            _move_block(particles, starts, b, first[b], to, buffers)
             first[b] = to
     return end
 
 
-def packed_end(held, nown):
-    """Slots that the blocks need once they are packed."""
+def packed_end(blocks):
+    """Number of slots that the blocks need without gaps."""
     end = 0
-    for b in range(nown):
-        end += _spacious(held[b]) if held[b] > 0 else 0
+    for b in range(blocks.nown):
+        end += _spacious(blocks.held[b]) if blocks.held[b] > 0 else 0
     return end
 
 
-def mark_slots(starts, first, nown, cell, order):
-    """Cells of the slots and their order once particles lie sorted by cell."""
-    for b in prange(nown):
+def mark_slots(particles, blocks):
+    """Set the cells of the slots and their order where particles lie sorted by cell."""
+    cell, order, starts, first = particles.cell, particles.order, blocks.starts, blocks.first
+    for b in prange(blocks.nown):
         for c in range(CELLS):
             for p in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):
                 cell[p] = c

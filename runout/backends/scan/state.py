@@ -1,15 +1,31 @@
-"""Where the particles live: arrays of slots, 109 bytes each in float32, and what never moves."""
+"""Phase "state": where the particles are stored, in slots of 109 bytes in float32.
 
-from dataclasses import dataclass, fields
+A block owns a range of slots, in which its particles lie in any order.
+
+    slots     | block 4 .. | free | block 0 ... | free | block 9 .. | free |   ...   | end: reserve       | padding |
+    rec       m | p (3)  |  fx | A column 0 (3)  |  fy | A column 1 (3)  |  fz | A column 2 (3)     one cache line in float32
+    state     B - I (6)  |  history  |  volume                                                      half a cache line
+    particle_index, cell, order, listed: one number a slot
+
+    by particle_index, which never moves:  force: stamp | f (3)     radius     label: release | identity
+"""
+
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from runout.backends.scan import groups
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics.moments import momentum_at
 
-PADDING = 64  # slots that vectors may read and write behind the last
+PADDING = 64  # slots after the last that vectors may read and write
+LONGEST_LIST = 1024  # of holes between the slots of blocks
+BY_SLOT: dict[str, tuple[int, Any]] = {  # arrays of slots: numbers a slot, and their type if it is not that of the scene
+    "rec": (16, None), "state": (8, None), "particle_index": (0, np.int32), "cell": (0, np.uint8), "order": (0, np.int32),
+    "listed": (0, np.int32),
+}  # fmt: skip
 SELDOM = 20  # steps: gaps are not closed more often, unless that takes a fifth more slots
 
 
@@ -19,117 +35,121 @@ def reserve(slots: int) -> int:
 
 
 def capacity(slots: int) -> int:
-    """Slots to allocate: some for blocks that grow, and for the gaps that they leave behind."""
+    """Slots to allocate: some for blocks that grow, and for the gaps that they leave."""
     return slots + slots // 12 + 1024
 
 
 @dataclass
 class Store:
-    """Slots of particles; a block owns a range of them. All end with some padding.
+    """The particles of a run.
 
     Attributes
     ----------
-    rec : (slots, 16)
-        Records, see :mod:`runout.backends.scan.stencil`.
-    state : (slots, 8)
-        B = b_e - I (6), history variable of the law, stress-free volume [m3].
-    who : (slots,) int32
-        Row of the particle in ``radius`` and ``label``.
-    cell : (slots,) uint8
-        Cell in the block, 64 more if the particle leaves it.
-    order : (slots,) int32
-        Slots of the block's particles by cell.
-    listed : (slots,) int32
-        Contact particles; later in the step, particles that leave the block.
-    contacts, measured, felt, given : (rows, 4), (rows / 16, 8, 16), (rows, 4), (rows, 4)
-        Rows of contact particles during a step (:mod:`runout.backends.scan.contact_detection`).
-    force : (n, 4)
-        Stamp of the step in which the particle last touched the ground (:func:`stamp_of`), and the ground's force then [N].
-    radius : (n,) [m]
-    label : (n, 2) int32
-        Release and identity.
+    particles : Particles
+        Arrays by slot and by particle (:class:`runout.backends.scan.groups.Particles`).
+    radius : (particles,)
+        Touching radius of every particle [m].
+    n, end : int
+        Particles in the domain; first slot behind all blocks.
+    holes, n_holes : (some, 2) int64, int
+        First slot and size of the gaps that blocks have left.
+    surge : int
+        Fresh slots that a step needed of late.
+    closed_at, closed_end : int
+        Step in which the gaps were closed, and ``end`` then.
+    largest_radius : float
+        [m]
     """
 
-    rec: np.ndarray
-    state: np.ndarray
-    particle_index: np.ndarray
-    cell: np.ndarray
-    order: np.ndarray
-    listed: np.ndarray
-    contacts: np.ndarray
-    measured: np.ndarray
-    felt: np.ndarray
-    given: np.ndarray
-    force: np.ndarray
+    particles: groups.Particles
     radius: np.ndarray
-    label: np.ndarray
+    n: int
+    end: int
+    holes: np.ndarray
+    n_holes: int
+    surge: int
+    closed_at: int
+    closed_end: int
+    largest_radius: float
 
     @classmethod
-    def of(cls, slots: int, slot: np.ndarray, p: Particles, scene: Scene) -> "Store":
-        """Particles in given slots (n,); the records hold no stress yet (time step 0)."""
-        n = slots + PADDING
-        rec, state = _zeros(n, 16, scene.dtype), _zeros(n, 8, scene.dtype)
-        contacts, measured, felt, given = _rows_of_contacts(0, scene.dtype)
-        particle_index, order, listed = (np.zeros(n, np.int32) for _ in range(3))
-        label = np.stack([p.release, p.identity], axis=1).astype(np.int32)
-        radius, force = p.radius.astype(scene.dtype), _zeros(len(p), 4, scene.dtype)
-        force[:, 1:] = p.ground_force
-        store = cls(
-            rec, state, particle_index, np.zeros(n, np.uint8), order, listed, contacts, measured, felt, given, force, radius, label
+    def of(cls, slots: int, end: int, slot: np.ndarray, p: Particles, scene: Scene) -> "Store":
+        """Particles in given slots (n,) before ``end``, of so many; the records hold no stress yet (time step 0)."""
+        radius = p.radius.astype(scene.dtype)
+        particles = empty_slots(slots, scene)._replace(
+            force=_zeros(len(p), 4, scene.dtype),
+            radius=_one_for_all(radius),
+            label=np.stack([p.release, p.identity], axis=1).astype(np.int32),
         )
-        store.particle_index[slot] = np.arange(len(p), dtype=np.int32)
-        store._fill(slot, p, scene)
-        return store
+        particles.force[:, 1:] = p.ground_force
+        particles.particle_index[slot] = np.arange(len(p), dtype=np.int32)
+        _fill(particles, slot, p, scene)
+        holes = np.zeros((LONGEST_LIST, 2), np.int64)
+        return cls(particles, radius, len(p), end, holes, 0, 0, 0, len(p), float(p.radius.max(initial=0.0)))
 
     @property
     def slots(self) -> int:
         """Number of slots."""
-        return len(self.cell) - PADDING
+        return len(self.particles.cell) - PADDING
 
     def grow(self, slots: int) -> None:
         """Make more slots at the end."""
-        n, old = slots + PADDING, self.slots
-        for name in ("rec", "state"):
-            before = getattr(self, name)
-            setattr(self, name, _zeros(n, before.shape[1], before.dtype))
-            getattr(self, name)[:old] = before[:old]
-        for name in ("particle_index", "cell", "order", "listed"):
-            before = getattr(self, name)
-            setattr(self, name, np.zeros(n, before.dtype))
-            getattr(self, name)[:old] = before[:old]
-
-    def make_contacts(self, wanted: int) -> None:
-        """Room for so many rows of contacts; the old ones are forgotten."""
-        self.contacts, self.measured, self.felt, self.given = _rows_of_contacts(wanted, self.rec.dtype)
+        old, p = self.slots, self.particles
+        grown: dict[str, np.ndarray] = {}
+        for name in BY_SLOT:
+            before = getattr(p, name)
+            grown[name] = _slots(slots, before.shape[1:], before.dtype)
+            grown[name][:old] = before[:old]
+        self.particles = p._replace(**grown)
 
     def ground_force(self, particle_index: np.ndarray, steps: int) -> np.ndarray:
         """Force of the ground [N] on particles (n,) in the last of so many steps: (n, 3), zero for those that did not touch it."""
-        force = self.force[particle_index].astype(np.float64)
+        force = self.particles.force[particle_index].astype(np.float64)
         return np.where(force[:, :1] == stamp_of(steps), force[:, 1:], 0.0)
-
-    def _fill(self, slot: np.ndarray, p: Particles, scene: Scene) -> None:
-        self.rec[slot, 0] = p.mass
-        slopes = [p.mass * p.affine[:, :, j].T * scene.spacing[j] for j in range(3)]
-        for j, slope in enumerate(slopes):
-            self.rec[slot, 4 + 4 * j] = p.offset[:, j]
-            self.rec[slot, 5 + 4 * j : 8 + 4 * j] = slope.T
-        self.rec[slot, 1:4] = np.column_stack(momentum_at(p.mass * p.velocity.T, slopes[0], slopes[1], slopes[2], 1.0 - p.offset.T))
-        self.state[slot, :6], self.state[slot, 6], self.state[slot, 7] = p.strain, p.history, p.volume
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
-        return {f.name: int(getattr(self, f.name).nbytes) for f in fields(self)}
+        return bytes_of(self.particles._replace(radius=self.radius), holes=self.holes)
+
+
+def empty_slots(slots: int, scene: Scene) -> groups.Particles:
+    """Storage of so many slots without particles."""
+    by_slot = {name: _slots(slots, (width,) if width else (), kind or scene.dtype) for name, (width, kind) in BY_SLOT.items()}
+    nobody = {"force": _zeros(0, 4, scene.dtype), "radius": np.zeros(0, scene.dtype), "label": np.zeros((0, 2), np.int32)}
+    return groups.Particles(**by_slot, **nobody)
+
+
+def _one_for_all(values: np.ndarray) -> np.ndarray:
+    """One number (1,) where all of (n,) are the same, else the numbers as they are."""
+    return values[:1] if len(values) and (values == values[0]).all() else values
+
+
+def _slots(slots: int, width: tuple[int, ...], kind: Any) -> np.ndarray:
+    return _zeros(slots + PADDING, width[0], kind) if width else np.zeros(slots + PADDING, kind)
+
+
+def _fill(particles: groups.Particles, slot: np.ndarray, p: Particles, scene: Scene) -> None:
+    """Write records and states of particles into slots (n,)."""
+    rec, state = particles.rec, particles.state
+    rec[slot, 0] = p.mass
+    slopes = [p.mass * p.affine[:, :, j].T * scene.spacing[j] for j in range(3)]
+    for j, slope in enumerate(slopes):
+        rec[slot, 4 + 4 * j] = p.offset[:, j]
+        rec[slot, 5 + 4 * j : 8 + 4 * j] = slope.T
+    rec[slot, 1:4] = np.column_stack(momentum_at(p.mass * p.velocity.T, slopes[0], slopes[1], slopes[2], 1.0 - p.offset.T))
+    state[slot, :6], state[slot, 6], state[slot, 7] = p.strain, p.history, p.volume
+
+
+def bytes_of(*parts: Any, **arrays: np.ndarray) -> dict[str, int]:
+    """Bytes of the arrays in groups, and of others, by name; an array that occurs twice counts once."""
+    named = {f"{type(part).__name__}.{name}": value for part in parts for name, value in part._asdict().items()} | arrays
+    own = {id(array): name for name, array in reversed(named.items()) if isinstance(array, np.ndarray)}
+    return {name: int(named[name].nbytes) for name in own.values()}
 
 
 def stamp_of(step: int) -> int:
     """Number of a step as single precision holds it exactly."""
     return step % 2**23
-
-
-def _rows_of_contacts(rows: int, dtype: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    n = (rows + PADDING) & ~15
-    measured = _zeros(n // 16, 128, dtype).reshape(-1, 8, 16)
-    return _zeros(n, 4, dtype), measured, _zeros(n, 4, dtype), _zeros(n, 4, dtype)
 
 
 def _zeros(n: int, width: int, dtype: Any) -> np.ndarray:

@@ -31,7 +31,7 @@ from runout.physics.bspline import weights
 ROW = 24  # numbers per row of six nodes
 PLANE = 144
 ARENA = 880  # 864 and padding
-AHEAD = 30  # particles that memory is asked for before their turn: they are read in the order of their cells
+AHEAD = 30  # particles between a prefetch and its use: particles are read in the order of their cells
 EVERY, UPPER = 0xFF, 0xAA  # parts of an arena, as bits
 ALL = 16  # numbers that a vector of weights takes
 
@@ -95,8 +95,8 @@ def _z_weights(f):
 def _weigh(rec, r, ready, w):
     """Write the weights of the record at place ``r`` to place ``w`` of ``ready``.
 
-    One vector holds those of all axes, and they are read from memory into all lanes at once: two thirds of the instructions
-    of weights by axis. A particle before its turn, so that the writes are done.
+    One vector holds the weights of all axes, which takes two thirds of the instructions of weights by axis. It is written one
+    particle ahead, so that the write is complete when the weights are read into all lanes.
     """
     d = offsets(load16(rec, r))
     d = d - all_centre(d)
@@ -111,7 +111,7 @@ def _weigh_four(contacts, r, ready, w):
 
 
 def _place_of(t):
-    """Place of the weights of the particle ``t`` of a list."""
+    """Place of the weights of particle ``t`` of a list: two particles take turns."""
     return (t & np.uint64(1)) * np.uint64(ALL)
 
 
@@ -167,12 +167,9 @@ def _scatter(rec, r, ready, w, rows):
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
 
 
-def _spread(rec, r, rows):
-    """Rows with the first four numbers of the record at place ``r`` added, weighted."""
+def _add_products(x, y, q, rows):
+    """Nine rows with x_i y_j q added to row (i, j)."""
     a00, a01, a02, a10, a11, a12, a20, a21, a22 = rows
-    x = weights(rec[r + np.uint64(4)])
-    y = weights(rec[r + np.uint64(8)])
-    q = repeated(load4(rec, r)) * _z_weights(rec[r + np.uint64(12)])
     u0 = y[0] * q
     u1 = y[1] * q
     u2 = y[2] * q
@@ -186,6 +183,13 @@ def _spread(rec, r, rows):
     a21 += x[2] * u1
     a22 += x[2] * u2
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
+
+
+def _spread(rec, r, rows):
+    """Rows with the first four numbers of the record at place ``r`` added, weighted."""
+    x = weights(rec[r + np.uint64(4)])
+    y = weights(rec[r + np.uint64(8)])
+    return _add_products(x, y, repeated(load4(rec, r)) * _z_weights(rec[r + np.uint64(12)]), rows)
 
 
 def _sum_groups(s, x, y, z):
@@ -243,7 +247,7 @@ def _mean(rec, r, rows):
 
 
 def _clear(arenas, a, parts):
-    """Empty the ``parts`` of the arena at place ``a``, or some more."""
+    """Set the ``parts`` of the arena at place ``a`` to zero; others may be set to zero too."""
     if parts & UPPER == 0:
         for o in range(a, a + 6 * PLANE, ROW):
             store(arenas, o, zeros(arenas))
@@ -280,7 +284,7 @@ def _load_rows(arena, o):
 
 
 def _next_filled(held, b, end):
-    """The next block behind ``b`` that holds something, or ``end``."""
+    """The next block after ``b`` with ``held`` > 0, or ``end``."""
     later = np.int64(b) + 1
     while later < end and held[later] == 0:
         later += 1
@@ -288,7 +292,7 @@ def _next_filled(held, b, end):
 
 
 def _expect_nodes(grid, up, b, parts):
-    """Ask for what :func:`_load_nodes` will load."""
+    """Prefetch what :func:`_load_nodes` will load."""
     above = parts & UPPER != 0
     for x in range(6):
         for y in range(6):
@@ -300,9 +304,9 @@ def _expect_nodes(grid, up, b, parts):
 
 
 def _load_nodes(nodes, grid, up, b, parts):
-    """Nodes of those of the up to eight node blocks that the ``parts`` of the arena of block ``b`` say (bits, see ``transfer``).
+    """Load the 6 x 6 x 6 nodes that block ``b`` reaches from up to eight node blocks.
 
-    The upper two of each six along z stay as they are where none of the upper parts is among them.
+    If the ``parts`` (bits, see :mod:`particles_to_grid`) are all of the lower half along z, the upper two nodes are not loaded.
     """
     above = parts & UPPER != 0
     for x in range(6):

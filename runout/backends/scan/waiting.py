@@ -1,4 +1,4 @@
-"""How long threads that wait for each other keep their cores."""
+"""Sets how long a thread that waits for others keeps its core."""
 
 import os
 from collections.abc import MutableMapping
@@ -8,11 +8,11 @@ CHOSEN = ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")  # by which users say how threads
 
 
 def wait_briefly(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Let threads sleep soon that wait for others, unless the environment says how they wait.
+    """Let waiting threads sleep after a short time, unless the environment says how threads wait.
 
-    A thread that waits in a loop keeps its core from the very thread that it waits for, where other programs take a core: each
-    parallel part of a step then lasts as long as the loop. Between two such parts less time passes than the threads wait now.
-    The library reads the variable when it is loaded, which numba does when it first calls a parallel kernel.
+    A waiting thread that loops keeps its core. Where other programs use cores too, that may be the core of the thread it waits for:
+    each parallel part of a step then lasts as long as the loop. The time set here is longer than the time between two parallel
+    parts of a step. The library reads the variable when numba first calls a parallel kernel.
     """
     if not any(name in environment for name in CHOSEN):
         environment["GOMP_SPINCOUNT"] = str(SPINS)

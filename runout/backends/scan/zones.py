@@ -1,4 +1,4 @@
-"""Friction zones of the ground; see :mod:`runout.model.friction`. The kernel is called only where a scene has them."""
+"""Friction zones of the ground (:mod:`runout.model.friction`). The kernel is called only for scenes that have zones."""
 
 import math
 
@@ -11,13 +11,15 @@ from runout.physics.contact import zone_friction
 from runout.physics.geostatic import acting_friction
 
 
-def take_zones(rec, measured, place, listed, cell, first, nown, touching, bxyz, corner, h, factor, own, size, masses):
-    """Friction of all contacts on the raster's cells (nx, ny), of ``size`` [m], under them.
+def take_zones(particles, blocks, contacts, corner, h, zones):
+    """Friction of all contacts, from the cells of the raster under them.
 
-    Contacts hold the number of their release instead of a friction until then; ``masses`` (releases, 2) are friction and
-    strength of the releases [1].
+    Until then, contacts hold the number of their release instead of a friction.
     """
-    for b in prange(nown):
+    rec, cell, listed = particles.rec, particles.cell, particles.listed
+    measured, place, touching, bxyz, first = contacts.measured, contacts.place, contacts.touching, blocks.bxyz, blocks.first
+    factor, coefficient, size, masses = zones.factor, zones.coefficient, zones.cell_size, zones.masses
+    for b in prange(blocks.nown):
         for t in range(touching[b]):
             p = listed[first[b] + t]
             x, y, _ = _node_of(bxyz, b, np.int64(cell[p]), corner)
@@ -28,5 +30,5 @@ def take_zones(rec, measured, place, listed, cell, first, nown, touching, bxyz, 
             j = min(max(j, 0), factor.shape[1] - 1)
             g = r >> 4
             mass = np.int64(measured[g, FRICTION, r & 15])
-            ground = zone_friction(masses[mass, 0], factor[i, j], own[i, j])
+            ground = zone_friction(masses[mass, 0], factor[i, j], coefficient[i, j])
             measured[g, FRICTION, r & 15] = acting_friction(ground, masses[mass, 1])
