@@ -77,7 +77,7 @@ def test_scene_that_is_done_leaves_and_the_others_go_on_unchanged():
     together.advance(DT, [10, 10, 10])
     together.leave([1])
     together.advance(DT, [70, 70, 70])
-    assert together.store.n == len(scenes[0][1]) + len(scenes[2][1])
+    assert together.parts.store.n == len(scenes[0][1]) + len(scenes[2][1])
     for n in (0, 2):
         single = alone(*scenes[n], DT[n], 80, True)
         np.testing.assert_array_equal(together.particles_of(n).velocity, single.particles_of(0).velocity)

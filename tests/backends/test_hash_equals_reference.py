@@ -164,7 +164,7 @@ def test_contact_looks_as_far_as_the_fastest_around_a_block_and_misses_none_that
     a_scene = scene(ground, materials=(SAND,))
     a, backend = same_contacts(a_scene, p, 30)
     assert a.contact_particles > 32
-    approach_speeds, q = backend.nodes.approach_speeds.numpy(), backend.particles()
+    approach_speeds, q = backend.parts.nodes.approach_speeds.numpy(), backend.particles()
     slow = np.linalg.norm(q.velocity[q.identity >= len(rest) + len(fall)], axis=1).max()
     assert slow < 0.2 * a.max_speed
     assert ((approach_speeds > 0) & (approach_speeds <= 1.001 * slow)).any()  # blocks of the slow mass, not of the scene's fastest
@@ -177,4 +177,4 @@ def test_what_slides_fast_along_the_ground_bounds_contact_by_its_speed_towards_i
     p.velocity[:] = 20.0 * np.array((1.0, 0.5, 0.3 - 0.5 * 0.1)) + np.random.default_rng(3).normal(scale=0.1, size=(len(p), 3))
     a_scene = scene(ground, materials=(SAND,), friction=(0.1,))
     a, backend = same_contacts(a_scene, p, 20)
-    assert (backend.nodes.approach_speeds.numpy().max() < 0.2 * a.max_speed) == level
+    assert (backend.parts.nodes.approach_speeds.numpy().max() < 0.2 * a.max_speed) == level

@@ -10,6 +10,8 @@ from runout.errors import CapacityError, DeviceError
 index = pytest.importorskip("runout.backends.hash.index")
 hash_backend = pytest.importorskip("runout.backends.hash.backend")
 batch = pytest.importorskip("runout.backends.hash.batch")
+parts = pytest.importorskip("runout.backends.hash.parts")
+layout = pytest.importorskip("runout.backends.hash.layout")
 UNIT = (1.0, 1.0, 1.0)
 WEIGHTLESS = (0.0, 0.0, 0.0)
 
@@ -30,7 +32,7 @@ def test_every_particle_finds_its_block_and_its_cell():
     q = backend.particles()
     np.testing.assert_array_equal(q.node, p.node)
     np.testing.assert_array_equal(q.offset, p.offset)
-    i = backend.index
+    i = backend.parts.index
     xyz = i.coordinates.numpy()[: i.nall]
     assert len(np.unique(xyz, axis=0)) == i.nall
     assert (np.lexsort((xyz[:, 2], xyz[:, 1], xyz[:, 0])) == np.arange(i.nall)).all()
@@ -39,7 +41,7 @@ def test_every_particle_finds_its_block_and_its_cell():
 
 def test_neighbours_of_every_block_that_may_hold_particles_are_the_next_blocks():
     backend = loaded(on_cpu(deterministic=True), scene(), scattered(50, 20.0))
-    i = backend.index
+    i = backend.parts.index
     xyz, up, down = i.coordinates.numpy()[: i.nall], i.up.numpy()[: i.nall], i.down.numpy()[: i.nall]
     steps = np.array([(q >> 2, (q >> 1) & 1, q & 1) for q in range(8)])
     holds = up[:, 0] >= 0
@@ -53,7 +55,7 @@ def test_table_that_is_too_small_grows_until_it_is_at_most_half_full(monkeypatch
     monkeypatch.setattr(index, "SMALLEST_TABLE", 8)
     p = scattered(200, 35.0)
     backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
-    assert backend.index.table.shape[0] >= 2 * backend.index.nall > 400
+    assert backend.parts.index.table.shape[0] >= 2 * backend.parts.index.nall > 400
     backend.step(1e-3)
     np.testing.assert_array_equal(backend.particles().identity, p.identity)
     assert backend.ledger().mass == pytest.approx(p.mass.sum(), rel=1e-15)
@@ -66,13 +68,13 @@ def test_mass_that_spreads_into_new_blocks_makes_the_index_grow_and_loses_nothin
     p.velocity[:] = 20.0 * (p.position(np.array(UNIT)) - centre)
     p.volume[:] = 1e-9  # no stress: the cloud flies apart
     backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
-    blocks, entries = backend.index.nall, backend.index.table.shape[0]
+    blocks, entries = backend.parts.index.nall, backend.parts.index.table.shape[0]
     backend.steps(0.01, 150)
     row, q = backend.ledger(), backend.particles()
     assert backend.counters.steps == 150
     assert backend.counters.rebuilds > 3
-    assert backend.index.nall > 4 * blocks
-    assert backend.index.table.shape[0] > entries
+    assert backend.parts.index.nall > 4 * blocks
+    assert backend.parts.index.table.shape[0] > entries
     assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-15)
     np.testing.assert_allclose(row.momentum, p.mass @ p.velocity, atol=1e-9 * p.mass.sum())
     np.testing.assert_array_equal(q.identity, p.identity)
@@ -91,7 +93,7 @@ def test_restored_run_spreads_into_new_blocks_as_the_one_that_went_on(determinis
     assert other.bytes_used() == pytest.approx(one.bytes_used(), rel=0.1)
     one.steps(0.01, 60), other.steps(0.01, 60)
     assert one.counters.rebuilds == other.counters.rebuilds > 3
-    assert one.index.nall == other.index.nall
+    assert one.parts.index.nall == other.parts.index.nall
     assert_same_numbers(one.particles(), other.particles())
     assert one.ledger().basal_dissipation == other.ledger().basal_dissipation > 0
 
@@ -113,7 +115,7 @@ def test_particles_are_sorted_by_cell_in_memory_after_so_many_steps(monkeypatch)
     backend.steps(1e-3, 35)
     assert backend.counters.rebuilds == 3
     backend.steps(1e-3, 6)
-    key = backend.store.key.numpy()
+    key = backend.parts.store.key.numpy()
     assert backend.counters.rebuilds == 4
     assert np.mean(np.diff(key) >= 0) > 0.9
 
@@ -177,9 +179,9 @@ def test_friction_and_law_hold_with_more_releases_than_blocks():
 def test_memory_keeps_to_147_bytes_a_particle_and_100_bytes_a_node_in_float32():
     """10.7 million particles, 512 a block and half as many blocks again around them, stay below 2 GiB; 300 million below 80 GB."""
     backend = loaded(on_cpu(), scene(plane(), precision="float32"), box((20.0, 20.0, 0.0), (16.0, 16.0, 8.0), UNIT))
-    s, i = backend.store, backend.index
-    assert batch.bytes_of(s) / s.size <= 147
-    by_block = batch.bytes_of(i, backend.nodes) - 20 * i.table.shape[0]
+    s, i = backend.parts.store, backend.parts.index
+    assert layout.bytes_of(s) / s.size <= 147
+    by_block = layout.bytes_of(i, backend.parts.nodes) - 20 * i.table.shape[0]
     assert by_block / (64 * i.capacity) <= 100
     needed = hash_backend.bytes_needed
     assert needed(10_700_000, 3 * 10_700_000 // 1024) < 2 * 2**30
@@ -192,8 +194,8 @@ def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_co
     """Particles 130 bytes; the rest are blocks, 80 bytes a node of a block that holds any where the layer is two blocks thick."""
     p = box((20.0, 20.0, 0.1), (32.0, 32.0, 8.0), UNIT)
     backend = loaded(on_cpu(), scene(plane(), precision="float32"), p)
-    assert batch.bytes_of(backend.store) == 130 * len(p)
-    blocks = backend.bytes_used() - batch.bytes_of(backend.store) - batch.bytes_of(backend.ground)
+    assert layout.bytes_of(backend.parts.store) == 130 * len(p)
+    blocks = backend.bytes_used() - layout.bytes_of(backend.parts.store) - layout.bytes_of(backend.parts.ground)
     assert blocks / (64 * backend.ledger().active_blocks) <= 100
 
 
@@ -202,14 +204,14 @@ def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_co
 def test_forecast_of_the_memory_is_within_two_percent(precision, deterministic):
     p = box((20.0, 20.0, 0.0), (16.0, 16.0, 4.0), UNIT)
     backend = loaded(on_cpu(deterministic=deterministic), scene(plane(), precision=precision), p)
-    near = int((backend.nodes.grounded.numpy() >= 0).sum())
-    forecast = hash_backend.bytes_needed(len(p), backend.index.nall, precision, deterministic, near)
-    assert forecast == pytest.approx(backend.bytes_used() - batch.bytes_of(backend.ground), rel=0.02)
+    near = int((backend.parts.nodes.grounded.numpy() >= 0).sum())
+    forecast = hash_backend.bytes_needed(len(p), backend.parts.index.nall, precision, deterministic, near)
+    assert forecast == pytest.approx(backend.bytes_used() - layout.bytes_of(backend.parts.ground), rel=0.02)
 
 
 def test_device_without_memory_is_reported_with_particles_and_what_is_held(monkeypatch):
     backend = on_cpu()
-    monkeypatch.setattr(batch, "NodeArrays", full)
+    monkeypatch.setattr(parts, "NodeArrays", full)
     with pytest.raises(CapacityError, match=r"1234 bytes.*for 64 particles.*GiB so far"):
         backend.load(scene(), box((20.0, 20.0, 0.0), (2.0, 2.0, 2.0), UNIT))
 
@@ -219,11 +221,11 @@ def test_device_that_is_full_when_the_index_must_grow_is_reported_with_numbers(m
     p.velocity[:] = 20.0 * (p.position(np.array(UNIT)) - np.array([39.0, 37.0, 1.0]))
     p.volume[:] = 1e-9
     backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
-    room = backend.index.capacity
-    monkeypatch.setattr(batch, "NodeArrays", full)
+    room = backend.parts.index.capacity
+    monkeypatch.setattr(parts, "NodeArrays", full)
     with pytest.raises(CapacityError, match=r"1234 bytes.*for 64 particles.*GiB so far; use larger cells"):
         backend.steps(0.01, 150)
-    assert backend.index.capacity > room
+    assert backend.parts.index.capacity > room
 
 
 @pytest.mark.parametrize("device", ["cuda:7", "cuda:99"])

@@ -21,7 +21,7 @@ from test_other_transfers import WAYS, sandy
 from test_sparse_equals_dense import CASES, run, two_bodies
 
 from runout.backends.hash import backend as hash_backend
-from runout.backends.hash import index
+from runout.backends.hash import index, layout
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
 
@@ -102,12 +102,12 @@ def test_mass_that_spreads_into_new_blocks_makes_every_array_grow_and_loses_noth
     p.velocity[:] = 20.0 * (p.position(np.ones(3)) - np.array([39.0, 37.0, 1.0]))
     p.volume[:] = 1e-9
     backend = loaded(get_backend("hash", HASH_DEVICE), sandy(gravity=(0.0, 0.0, 0.0), **EVERYTHING), p)
-    blocks, nodes = backend.index.nall, len(backend.nodes.grid)
+    blocks, nodes = backend.parts.index.nall, len(backend.parts.nodes.grid)
     backend.steps(7e-3, 150)
     row = backend.ledger()
-    assert backend.index.nall > 4 * blocks
-    assert len(backend.nodes.grid) == 128 * backend.index.capacity > 4 * nodes
-    assert len(backend.nodes.dilated) == 64 * backend.index.capacity
+    assert backend.parts.index.nall > 4 * blocks
+    assert len(backend.parts.nodes.grid) == 128 * backend.parts.index.capacity > 4 * nodes
+    assert len(backend.parts.nodes.dilated) == 64 * backend.parts.index.capacity
     assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-15)
     np.testing.assert_allclose(row.momentum, p.mass @ p.velocity, atol=1e-9 * p.mass.sum())
 
@@ -118,6 +118,6 @@ def test_forecast_of_the_memory_is_within_two_percent(way, deterministic):
     p = box((20.0, 20.0, 0.0), (16.0, 16.0, 4.0), (1.0, 1.0, 1.0))
     s = scene(plane(), **WAYS[way])
     backend = loaded(get_backend("hash", HASH_DEVICE, deterministic=deterministic), s, p)
-    near = int((backend.nodes.grounded.numpy() >= 0).sum())
-    needed = hash_backend.bytes_needed(len(p), backend.index.nall, "float64", deterministic, near, s.transfer, s.f_bar)
-    assert needed == pytest.approx(backend.bytes_used() - batch.bytes_of(backend.ground), rel=0.02)
+    near = int((backend.parts.nodes.grounded.numpy() >= 0).sum())
+    needed = hash_backend.bytes_needed(len(p), backend.parts.index.nall, "float64", deterministic, near, s.transfer, s.f_bar)
+    assert needed == pytest.approx(backend.bytes_used() - layout.bytes_of(backend.parts.ground), rel=0.02)

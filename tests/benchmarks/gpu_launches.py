@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from gpu_throughput import LAYERS, STEP, layer, loaded
 
 from runout.accuracy import CFL
+from runout.backends.hash.step import enqueue
 
 STEPS = 14  # fewer than to the next sort
 log: list[tuple[str, Any]] = []
@@ -61,7 +62,8 @@ def told(title: str, steps: int) -> dict[str, float]:
 def ground_of_a_sort(backend: Any, turns: int = 20) -> float:
     """Time [ms] that a sort takes for the ground, as a graph; the nodes hold what it leaves there until the next sort."""
     with wp.ScopedCapture() as capture:
-        backend.ground.cut(backend.k, backend.index, backend.nodes, backend.shift, backend.h)
+        parts = backend.parts
+        parts.ground.cut(parts.k, parts.index, parts.nodes, parts.scenes)
     wp.capture_launch(capture.graph)
     begin, end = wp.Event(enable_timing=True), wp.Event(enable_timing=True)
     wp.record_event(begin)
@@ -98,15 +100,16 @@ def main() -> None:
             ends = [1e3 * (end - started) for end in (launched, time.perf_counter())]
             whole = min(whole, ends[1])
             print(f"sort: the host is free after {ends[0]:.2f} ms, the device after {ends[1]:.2f} ms")
-        backend.graphs = False
-        backend.left.fill_(2 * STEPS)
-        backend.flags.zero_()
-        backend._enqueue(), backend._enqueue()
+        parts = backend.parts
+        backend.graphs.enabled = False
+        parts.scenes.group.left.fill_(2 * STEPS)
+        parts.status.flags.zero_()
+        enqueue(parts), enqueue(parts)
         wp.synchronize()
         wp.launch, wp.launch_tiled, wp.copy = watched(wp.launch), watched(wp.launch_tiled), watched(wp.copy, "copy")
         marked()
         for _ in range(STEPS):
-            backend._enqueue()
+            enqueue(parts)
         step = told("step", STEPS)
         marked()
         backend._rebuild()

@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from runout import DruckerPrager
 from runout.accuracy import CFL
+from runout.backends.hash import step
 from runout.backends.hash.backend import bytes_needed
 from runout.backends.hash.batch import SORTS_BEFORE, Batch
 from runout.backends.protocol import get_backend
@@ -118,7 +119,7 @@ def check(device: str) -> dict[str, Any]:
     runs = []
     for graphs in (True, True, False):
         backend = loaded(device, replace(scene, precision="float32"), p, deterministic=True)
-        backend.graphs = graphs and backend.device.is_cuda
+        backend.graphs.enabled = graphs and backend.device.is_cuda
         backend.steps(0.5 * backend.stable_step(), 100)
         runs.append(backend.particles())
     whole, half = (loaded(device, replace(scene, precision="float32"), p, deterministic=True) for _ in range(2))
@@ -126,7 +127,7 @@ def check(device: str) -> dict[str, Any]:
     for backend in (whole, half):
         backend.steps(dt, 60)
     resumed: Any = get_backend("hash", device, deterministic=True)
-    resumed.restore(half.scene, half.checkpoint())
+    resumed.restore(half.parts.scenes.scenes[0], half.checkpoint())
     for backend in (whole, resumed):
         backend.steps(dt, 60)
     found["goes on from a checkpoint bit by bit"] = same_bits(whole.particles(), resumed.particles())
@@ -145,16 +146,17 @@ def record_sorts(batch: Any) -> None:
 def stages(backend: Any, steps: int) -> dict[str, float]:
     """Mean seconds of the stages of a step, by events between the launches (no graph), and of a sort with a new index."""
     names = STAGES
-    works = (backend._to_grid, backend._move_nodes, backend._to_particles, backend._list_cells)
+    works = (step.particles_to_grid, step.move_nodes, step.grid_to_particles, step.list_cells)
     sums = dict.fromkeys(names, 0.0)
     record_sorts(backend)  # or a particle might leave the index within the steps
     with wp.ScopedDevice(backend.device):
-        backend.left.fill_(steps)
+        parts = backend.parts
+        parts.scenes.group.left.fill_(steps)
         for _ in range(steps):
-            backend._begin()
+            step.begin(parts)
             marks = [mark(backend)]
             for work in works:
-                work()
+                work(parts)
                 marks.append(mark(backend))
             wp.synchronize_device(backend.device)
             for name, before, after in zip(names, marks[:-1], marks[1:], strict=True):
@@ -209,7 +211,7 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
     before = allocated(device)
     backend = loaded(device, scene, p, deterministic)
     taken_up = allocated(device) - before
-    backend.graphs = graph and backend.device.is_cuda
+    backend.graphs.enabled = graph and backend.device.is_cuda
     if "steps_per_sort" in options:
         backend._steps_per_sort = lambda left: options["steps_per_sort"]
     dt = STEP * backend.stable_step()
@@ -226,9 +228,9 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
     record = {
         "name": name, "particles": len(p), "particle_steps_per_second": len(p) * steps / taken, "steps": steps,
         "bytes_per_particle": backend.bytes_used() / len(p), "allocated_bytes": taken_up,
-        "forecast_bytes": bytes_needed(len(p), backend.index.nall, precision, deterministic),
-        "blocks": backend.index.nall, "owners": backend.index.nown,
-        "room": backend.index.capacity, "active_blocks": row.active_blocks, "contact_particles": row.contact_particles,
+        "forecast_bytes": bytes_needed(len(p), backend.parts.index.nall, precision, deterministic),
+        "blocks": backend.parts.index.nall, "owners": backend.parts.index.nown,
+        "room": backend.parts.index.capacity, "active_blocks": row.active_blocks, "contact_particles": row.contact_particles,
         "rebuilds": backend.counters.rebuilds - rebuilds, "seconds": taken, **options,
     }  # fmt: skip
     record["stage_seconds"] = stages(backend, 10)
@@ -242,7 +244,6 @@ def measure_batch(device: str, members: int, steps: int) -> dict[str, Any]:
         scene, p = layer(*MEMBER)
         scenes.append((replace(scene, friction=(np.tan(np.radians(12.0 + 6.0 * n / members)),)), p))
     together = Batch(scenes, device)
-    together.graphs = together.device.is_cuda
     dt = [STEP * together.stable_step(n) * (1.0 - 0.2 * n / members) for n in range(members)]
     together.advance(dt, [steps // 4 + 4] * members)
     record_sorts(together)

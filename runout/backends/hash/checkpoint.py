@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from runout.backends.hash import clock
+from runout.backends.hash.batch import ground_of
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import run
+from runout.backends.hash.parts import Parts
 from runout.backends.hash.state import Store
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.model.particles import Particles
@@ -24,20 +25,21 @@ if TYPE_CHECKING:
 BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "home", "homes", "active")  # of the index
 OF_NODES = ("grounded", "booked")
 BY_PARTICLE = ("radius", "release", "number", "key", "order")
-OWN = ("since_sort", "largest", "identity")
 
 
 def save(engine: "HashBackend") -> State:
     """The state between two steps; on the CPU some arrays are those of the backend and change with its next step."""
-    i, s, n = engine.index, engine.store, engine.nodes
+    parts = engine.parts
+    i, s, n, status, scenes = parts.index, parts.store, parts.nodes, parts.status, parts.scenes
     state = arrays_of(engine.counters, prefix="counters.") | arrays_of(engine.accounts[0], prefix="account.")
     state |= {f"seconds.{stage}": np.asarray(value) for stage, value in engine.counters.seconds.items()}
-    state |= {f"own.{name}": np.asarray(getattr(engine, name)) for name in OWN}
+    own = {"since_sort": engine.since_sort, "largest": scenes.constants.largest, "identity": s.identity}
+    state |= {f"own.{name}": np.asarray(value) for name, value in own.items()}
     state |= {f"index.{name}": getattr(i, name).numpy()[: i.nall] for name in BY_BLOCK}
     state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
-    state |= {"forces": s.forces.numpy(), "step_counts": engine.step_counts.numpy()}
-    state |= {"peaks": engine.peaks.numpy(), "tally": i.tally.numpy(), "kept": engine.report.kept.numpy()}
+    state |= {"forces": s.forces.numpy(), "step_counts": scenes.group.step_counts.numpy()}
+    state |= {"peaks": status.peaks.numpy(), "tally": status.tally.numpy(), "kept": engine.report.kept.numpy()}
     state |= {"tiles": n.tiles.numpy(), "standing": n.standing.numpy(), "rec": s.rec.numpy()[:, : s.n]}
     sizes = {
         "nown": i.nown,
@@ -51,34 +53,36 @@ def save(engine: "HashBackend") -> State:
 
 
 def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
-    """Bring the backend to a state of the same scene that :func:`taken` gave."""
+    """Bring the backend to a state of the same scene that :func:`save` gave."""
     engine.load(scene, Particles.zeros(0))
     put_arrays(engine.counters, {name: value for name, value in state.items() if name.startswith("counters.")}, "counters.")
     engine.counters.seconds = {stage: float(value) for stage, value in part(state, "seconds.").items()}
     put_arrays(engine.accounts[0], state, "account.")
-    put_arrays(engine, state, "own.")
-    engine.first_number = np.array([0, len(engine.identity)])
+    engine.since_sort = int(state["own.since_sort"])
     with wp.ScopedDevice(engine.device):
-        engine.peaks.assign(state["peaks"])
-        engine.step_counts.assign(state["step_counts"])
+        parts = engine.parts
+        scenes, status = parts.scenes, parts.status
+        status.peaks.assign(state["peaks"])
+        scenes.group.step_counts.assign(state["step_counts"])
         engine.report.kept.assign(state["kept"])
-        clock.write(engine, np.array([engine.accounts[0].packed_dt]))
-        engine._load_ground()
-        engine.store = _store(state, engine.real, not scene.packed)
-        engine.index = _index(engine, state)
-        engine.nodes = n = engine.node_arrays()
+        scenes.set_steps(np.array([engine.accounts[0].packed_dt]))
+        parts.ground = ground_of(scenes, float(state["own.largest"]))
+        parts.store = _store(state, scenes.number, not scene.packed)
+        parts.index = _index(parts, state)
+        parts.make_nodes()
+        n = parts.nodes
         n.make_room(len(state["tiles"]), int(state["size.slots"]), exactly=True)
         for name in OF_NODES:
             _fill(getattr(n, name), state[f"nodes.{name}"])
         _fill(n.tiles, state["tiles"])
         _fill(n.standing, state["standing"])
-        run(engine.k.bound_columns, (n.places, 16), n.tiles, engine.h, n.bounds)
-        run(engine.k.note_shares, (n.places, 8), engine.flags, n.standing, engine.index.up, n.grounded, n.near_up)
+        run(parts.k.bound_columns, (n.places, 16), n.ground_group, scenes.constants)
+        run(parts.k.note_shares, (n.places, 8), status.group, parts.index.block_group, n.ground_group)
 
 
 def _store(state: State, number: Any, stressed: bool) -> Store:
     rec = state["rec"]
-    store = Store(rec.shape[1], number, stressed, len(state["forces"]))
+    store = Store(np.asarray(state["own.identity"]), number, stressed, rec.shape[1])
     _fill(store.forces, state["forces"])
     store.rec.assign(np.ascontiguousarray(rec))
     for name in BY_PARTICLE:
@@ -86,17 +90,17 @@ def _store(state: State, number: Any, stressed: bool) -> Store:
     return store
 
 
-def _index(engine: "HashBackend", state: State) -> Index:
+def _index(parts: Parts, state: State) -> Index:
     """An index with the blocks of a state; its table stays empty until the next index is made."""
     size = {name: int(value) for name, value in part(state, "size.").items()}
-    index = Index(engine.k, engine.device_status, engine.store.size, engine.deterministic)
+    index = Index(parts.k, parts.status, parts.store.size, parts.ordered)
     index.make_table(size["entries"])
     index.make_room(size["room"])
     index.nown, index.nall, index.launched = size["nown"], size["nall"], size["launched"]
     index.up.fill_(-1)
     for name in BY_BLOCK:
         _fill(getattr(index, name), state[f"index.{name}"])
-    index.tally.assign(state["tally"])
+    parts.status.tally.assign(state["tally"])
     return index
 
 

@@ -1,6 +1,14 @@
-"""Which particles touch the ground, and the sum of their weights at the nodes.
+"""Contact detection: which particles touch the ground, and the sums of their weights at the nodes.
 
-A block first drops columns of cells that lie too high, then particles, by their height alone, and measures what is left.
+    ground.bounds[place]        highest ground and least upward normal in each of the 16 columns of cells of a block
+    ground.tiles[place]         6 x 6 coefficients of the surface
+    queue (shared memory)       ring of 256 (particle, cell) that are low enough
+    contacts.pressed            particles in contact, cell by cell: the cells of block b start at pressed_start[b, 0 ... 64]
+    contacts.shares[256 slot]   | 64 sums of weights | 64 x (impulse east, north) | 64 x impulse upwards |
+    contacts.touched            (block, place near the ground) of each block with a contact
+
+A block of threads drops the columns of cells that lie too high, then the particles that do by their height alone, and computes the
+gap of the others. Of the particles in contact, weights and the impulses by the forces of the last step go to the nodes.
 """
 
 from __future__ import annotations
@@ -10,6 +18,16 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.contact_solution import HELD, HELD_TWICE, _around, _clear, _given, _ground, _hold, _number
+from runout.backends.hash.groups import (
+    BlockGroup,
+    Constants,
+    ContactGroup,
+    GridGroup,
+    GroundGroup,
+    ParticleGroup,
+    SceneGroup,
+    StatusGroup,
+)
 from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
@@ -24,12 +42,6 @@ from runout.backends.hash.layout import (
     TILE,
     TOUCHED,
     Halves,
-    Ints,
-    Nodes,
-    Real,
-    Reals,
-    Rows,
-    Table2,
     Tile,
     Vector,
     add_node,
@@ -54,7 +66,7 @@ hits_before: Any = None  # how many of the lanes before a lane hit, and of all, 
 take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
-def _farthest(approach_speeds: Reals, around: Table2, b: int, lane: int, largest: Any, dt: Any, band: Any, of_all: Any):
+def _farthest(blocks: BlockGroup, contacts: ContactGroup, constants: Constants, b: int, lane: int, dt: Any, of_all: Any):
     """Distance [m] beyond which no particle of a block is in contact: by the fastest that may be here, ``of_all`` at most.
 
     Its velocity is a mean of those of nodes in the block and in the 26 around it, so that it falls no faster than they do.
@@ -63,11 +75,11 @@ def _farthest(approach_speeds: Reals, around: Table2, b: int, lane: int, largest
     for q in range((NEIGHBOURS + lane_count() - 1) // lane_count()):
         k = q * lane_count() + lane
         if k < NEIGHBOURS:
-            other = around[b, k]
+            other = blocks.around[b, k]
             if other >= 0:
-                both = pair_at(approach_speeds, 2 * other)
+                both = pair_at(contacts.approach_speeds, 2 * other)
                 fastest = wp.max(fastest, wp.max(both[0], both[1]))
-    return wp.min(of_all, reach(largest, max_lanes(fastest), dt, band))
+    return wp.min(of_all, reach(constants.largest, max_lanes(fastest), dt, constants.band))
 
 
 def _highest(bounds: Halves, near: int, c: int, h: Vector, far: Any):
@@ -77,23 +89,24 @@ def _highest(bounds: Halves, near: int, c: int, h: Vector, far: Any):
 
 
 def _number_listed(
-    starts: Tile, places: Tile, limits: Tile, cstart: Table2, b: int, lane: int, bounds: Halves, near: int, h: Vector, far: Any
-):
+    blocks: BlockGroup, ground: GroundGroup, constants: Constants, starts: Tile, places: Tile, limits: Tile, b: int, lane: int,
+    near: int, far: Any,
+):  # fmt: skip
     """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
 
     Add its number to that of ``places`` for its cell and get a particle's place in the list. At offsets above ``limits`` none of a
     cell touches; the lowest is a half.
     """
     total = int(0)
-    ahead = int(cstart[b, lane])
-    end_ahead = int(cstart[b, lane + 1])
+    ahead = int(blocks.cstart[b, lane])
+    end_ahead = int(blocks.cstart[b, lane + 1])
     for q in range(CELL_LANES // lane_count()):
         c = q * lane_count() + lane
         first = int(ahead)
         n = end_ahead - first
-        ahead = cstart[b, (c + lane_count()) & (CELL_LANES - 1)]
-        end_ahead = cstart[b, ((c + lane_count()) & (CELL_LANES - 1)) + 1]
-        limit = _highest(bounds, near, c, h, far)
+        ahead = blocks.cstart[b, (c + lane_count()) & (CELL_LANES - 1)]
+        end_ahead = blocks.cstart[b, ((c + lane_count()) & (CELL_LANES - 1)) + 1]
+        limit = _highest(ground.bounds, near, c, constants.h, far)
         n = wp.where(limit >= real(0.5), n, 0)
         sums = sum_before(n)
         wp.tile_scatter_masked(limits, c, limit, True)
@@ -105,8 +118,9 @@ def _number_listed(
 
 
 def _queue_low(
-    queue: Tile, end: int, first: int, total: int, starts: Tile, places: Tile, limits: Tile, rec: Rows, order: Ints, lane: int
-):
+    particles: ParticleGroup, queue: Tile, end: int, first: int, total: int, starts: Tile, places: Tile, limits: Tile,
+    lane: int,
+):  # fmt: skip
     """Queue those of the listed particles from number ``first`` on that lie low enough, with their cells; returns its new end.
 
     A lane has four of them, which wait for memory together.
@@ -118,9 +132,9 @@ def _queue_low(
     for q in range(4):
         n = wp.min(first + q * lanes + lane, total - 1)
         cells[q] = _cell_of(starts, n)
-        listed[q] = order[places[cells[q]] + n] & NOT_NEGATIVE
+        listed[q] = particles.order[places[cells[q]] + n] & NOT_NEGATIVE
     for q in range(4):
-        low[q] = wp.where(rec[OFFSET + 2, listed[q]] <= limits[cells[q]], 1, 0)
+        low[q] = wp.where(particles.rec[OFFSET + 2, listed[q]] <= limits[cells[q]], 1, 0)
     for q in range(4):
         hit = low[q] != 0 and first + q * lanes + lane < total
         hits = hits_before(hit)
@@ -130,8 +144,8 @@ def _queue_low(
 
 
 def _keep_touching(
-    queue: Tile, begin: int, end: int, counts: Tile, found: int, rec: Rows, radius: Reals, lane: int, tiles: Rows,
-    near: int, h: Vector, dt: Any, band: Any, far: Any, pressed: Ints, pressed_begin: int,
+    particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, queue: Tile, begin: int,
+    end: int, counts: Tile, found: int, lane: int, near: int, dt: Any, far: Any, pressed_begin: int,
 ):  # fmt: skip
     """List those that touch the ground of particles in a queue, one a lane; ``found`` before. Returns how many are found then.
 
@@ -146,38 +160,39 @@ def _keep_touching(
         queued = queue[n & (QUEUED - 1)]
         p = queued[0] & NOT_NEGATIVE
         c = queued[1] & (CELL_LANES - 1)
-        f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-        size = radius[p]
-        normal, gap = _ground(_around(tiles, near, c), c & 3, f, size, h)
-        hit = in_contact(gap, real(0.0), dt, band)
+        f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
+        size = particles.radius[p]
+        normal, gap = _ground(_around(ground.tiles, near, c), c & 3, f, size, constants.h)
+        hit = in_contact(gap, real(0.0), dt, constants.band)
         if not hit and gap + size <= far:  # most touch as they are, or are too far: their velocity is not read
-            approach = dot(vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]), normal) / rec[MASS, p]
-            hit = in_contact(gap, approach, dt, band)
+            momentum = vec(particles.rec[MOMENTUM, p], particles.rec[MOMENTUM + 1, p], particles.rec[MOMENTUM + 2, p])
+            approach = dot(momentum, normal) / particles.rec[MASS, p]
+            hit = in_contact(gap, approach, dt, constants.band)
     hits = hits_before(hit)
     if hit:
-        pressed[pressed_begin + found + hits[0]] = p
+        contacts.pressed[pressed_begin + found + hits[0]] = p
     wp.tile_scatter_add(counts, c, 1, hit, True)
     return found + hits[1]
 
 
-def _note_starts(starts: Tile, pressed_start: Table2, begin: int, b: int, lane: int):
+def _note_starts(contacts: ContactGroup, starts: Tile, begin: int, b: int, lane: int):
     """Where the particles of each cell that touch the ground start in their list."""
     for c in range(lane, CELL_LANES, lane_count()):
-        pressed_start[b, c + 1] = begin + starts[c + 1]
+        contacts.pressed_start[b, c + 1] = begin + starts[c + 1]
     if lane == 0:
-        pressed_start[b, 0] = begin
+        contacts.pressed_start[b, 0] = begin
 
 
 def _load_given(
-    pushes: Tile, offsets: Tile, rec: Rows, number: Ints, forces: Nodes, pressed: Ints, begin: int, end: int, lane: int,
-    stamp: Any, dt: Any,
+    particles: ParticleGroup, contacts: ContactGroup, pushes: Tile, offsets: Tile, begin: int, end: int, lane: int, stamp: Any,
+    dt: Any,
 ):  # fmt: skip
     """Impulses by the forces of the step before, and offsets, of the particles at some places of the list: HELD at most."""
     for q in range((end - begin + lane_count() - 1) // lane_count()):
         n = q * lane_count() + lane
-        p = pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
-        f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-        _hold(pushes, offsets, n, _given(forces, number[p], stamp, dt), f, begin + n < end)
+        p = contacts.pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
+        f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
+        _hold(pushes, offsets, n, _given(particles.forces, particles.number[p], stamp, dt), f, begin + n < end)
 
 
 def _add_shares(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool):
@@ -205,34 +220,32 @@ def _add_shares(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, b
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
 
 
-def _give_share(tile: Tile, shares: Reals, grid: Nodes, bases: Tile, near_bases: Tile, u: int, q: int):
+def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, u: int, q: int):
     """Sum of weights and impulse at a node of the tile, number ``q`` of its piece ``u``, to the node of the grid."""
     piece = _piece(u, q)
     s = tile[wp.max(piece[2], 0)]
     if piece[2] >= 0 and s[0] != real(0.0):
-        wp.atomic_add(shares, near_bases[piece[0]] + piece[1], s[0])
+        wp.atomic_add(contacts.shares, near_bases[piece[0]] + piece[1], s[0])
         if s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
-            add_node(grid, bases[piece[0]] + piece[1], node4(real(0.0), s[1], s[2], s[3]))
+            add_node(grid.nodes, bases[piece[0]] + piece[1], node4(real(0.0), s[1], s[2], s[3]))
 
 
-def _give_shares(tile: Tile, arenas: Nodes, shares: Reals, grid: Nodes, bases: Tile, near_bases: Tile, b: int, lane: int):
+def _give_shares(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int):
     """The same for all nodes; for sums in fixed order to the arena of the block."""
     if ORDERED:
         for t in range(lane, TILE, lane_count()):
-            arenas[b * TILE + t] = tile[t]
+            grid.arenas[b * TILE + t] = tile[t]
     else:
         for q in range(lane, PIECE, lane_count()):
             for u in range(3):
-                _give_share(tile, shares, grid, bases, near_bases, u, q)
-                _give_share(tile, shares, grid, bases, near_bases, u + 3, q)
-            _give_share(tile, shares, grid, bases, near_bases, 6, q)
+                _give_share(grid, contacts, tile, bases, near_bases, u, q)
+                _give_share(grid, contacts, tile, bases, near_bases, u + 3, q)
+            _give_share(grid, contacts, tile, bases, near_bases, 6, q)
 
 
 def find_contacts(
-    rec: Rows, radius: Reals, order: Ints, cstart: Table2, flags: Ints, tally: Ints, standing: Ints, member: Ints,
-    clock: Rows, tiles: Rows, bounds: Halves, h: Vector, band: Real, largest: Real, around: Table2, approach_speeds: Reals,
-    touching: Ints, touched: Table2, contacts: Ints, near_up: Table2, shares: Reals, arenas: Nodes, pressed: Ints,
-    pressed_start: Table2, number: Ints, forces: Nodes, up: Table2, step_counts: Ints, grid: Nodes,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
+    contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
 ):  # fmt: skip
     """Which particles touch the ground, and the sum of their weights at the nodes.
 
@@ -240,57 +253,57 @@ def find_contacts(
     """
     place, lane = wp.tid()
     place, lane = own_block(place), own_lane(lane)
-    b = int(standing[place])
-    if flags[HALT] != 0 or b < 0:
+    b = int(ground.standing[place])
+    if status.flags[HALT] != 0 or b < 0:
         return
-    s = _scene_of(member, b, clock)
-    if clock[s, 0] > real(0.0):
+    s = _scene_of(blocks, scenes, b)
+    dt = scenes.clock[s, 0]
+    if dt > real(0.0):
         starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
         counts = wp.tile_zeros(shape=CELL_LANES, dtype=int, storage="shared")
         filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
         places = wp.tile_empty(shape=CELL_LANES, dtype=int, storage="shared")
         limits = wp.tile_empty(shape=CELL_LANES, dtype=real, storage="shared")
         queue = wp.tile_empty(shape=QUEUED, dtype=wp.vec2i, storage="shared")
-        first = int(cstart[b, 0])
-        far = _farthest(approach_speeds, around, b, lane, largest, clock[s, 0], band, clock[s, 4])
-        total = _number_listed(starts, places, limits, cstart, b, lane, bounds, place, h, far)
+        first = int(blocks.cstart[b, 0])
+        far = _farthest(blocks, contacts, constants, b, lane, dt, scenes.clock[s, 4])
+        total = _number_listed(blocks, ground, constants, starts, places, limits, b, lane, place, far)
         found = int(0)
         head = int(0)
         end = int(0)
         for n in range(0, total, 4 * lane_count()):  # the list of those that touch may be the same memory: it stays behind
-            end = _queue_low(queue, end, n, total, starts, places, limits, rec, order, lane)
+            end = _queue_low(particles, queue, end, n, total, starts, places, limits, lane)
             least = wp.where(n + 4 * lane_count() < total, lane_count(), 1)
             while end - head >= least:
                 found = _keep_touching(
-                    queue, head, end, counts, found, rec, radius, lane, tiles, place, h, clock[s, 0], band,
-                    far, pressed, first,
+                    particles, ground, contacts, constants, queue, head, end, counts, found, lane, place, dt, far, first
                 )  # fmt: skip
                 head = wp.min(head + lane_count(), end)
         if found > 0:
             many = _number(starts, filled, counts, lane)
-            _note_starts(starts, pressed_start, first, b, lane)
+            _note_starts(contacts, starts, first, b, lane)
             turn = int(0)
             if lane == 0:
-                turn = take_place(tally, TOUCHED)  # all blocks take one: needed only at the end, so that none waits
-                touching[b] = found
-                wp.atomic_add(contacts, s, found)
+                turn = take_place(status.tally, TOUCHED)  # all blocks take one: needed only at the end, so that none waits
+                contacts.touching[b] = found
+                wp.atomic_add(status.contacts, s, found)
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
             pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
             offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
-            _set_bases(bases, up, b, lane)
-            _set_near_bases(near_bases, near_up, place, lane)
+            _set_bases(bases, blocks.up, b, lane)
+            _set_near_bases(near_bases, ground.near_up, place, lane)
             _clear(tile, node4(), lane)
-            stamp = real((step_counts[s] - 1) & STAMPS)
+            stamp = real((scenes.step_counts[s] - 1) & STAMPS)
             for base in range(0, found, HELD):
                 wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
                 last = wp.min(first + found, first + base + HELD)
-                _load_given(pushes, offsets, rec, number, forces, pressed, first + base, last, lane, stamp, clock[s, 0])
+                _load_given(particles, contacts, pushes, offsets, first + base, last, lane, stamp, dt)
                 for turns in range((many + lane_count() - 1) // lane_count()):
                     mine = turns * lane_count() + lane
                     _add_shares(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
-            _give_shares(tile, arenas, shares, grid, bases, near_bases, b, lane)
+            _give_shares(grid, contacts, tile, bases, near_bases, b, lane)
             if lane == 0:
-                touched[turn, 0] = b
-                touched[turn, 1] = place
+                contacts.touched[turn, 0] = b
+                contacts.touched[turn, 1] = place

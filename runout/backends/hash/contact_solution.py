@@ -1,7 +1,12 @@
-"""One impulse of the ground for each particle in contact with it, spread to the nodes.
+"""Contact solution: one impulse of the ground per particle in contact, spread to the nodes.
 
-It starts from the force of the ground in the step before: ``forces`` has for each particle, by its number, the stamp of the step in
-which it last touched the ground, and the force then [N].
+    tile (shared memory)   6 x 6 x 6 nodes: velocity x, y, z and compliance; later the impulses
+    pushes, offsets        64 particles at a time: impulse and offset x; offsets y, then offsets z
+    particles.forces[p]    stamp of the step of the last contact | force of the ground x, y, z [N]
+    contacts.shares        impulses by node, as in contact_detection
+
+A thread computes the impulse of one particle, starting from the force of the step before. Then a thread owns a cell and adds the
+changes of the impulses of its particles to the 27 nodes.
 """
 
 from __future__ import annotations
@@ -10,6 +15,16 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.hash.groups import (
+    BlockGroup,
+    Constants,
+    ContactGroup,
+    GridGroup,
+    GroundGroup,
+    ParticleGroup,
+    SceneGroup,
+    StatusGroup,
+)
 from runout.backends.hash.layout import (
     CELL_LANES,
     HALT,
@@ -26,13 +41,9 @@ from runout.backends.hash.layout import (
     TILE,
     TOUCHED,
     ZONED,
-    Doubles2,
-    Ints,
     Nodes,
     Reals,
     Rows,
-    Shorts,
-    Table2,
     Tile,
     Vector,
     lane_count,
@@ -88,19 +99,19 @@ def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
     return total >> FILLED
 
 
-def _number_pressed(starts: Tile, filled: Tile, pressed_start: Table2, b: int, lane: int):
+def _number_pressed(contacts: ContactGroup, starts: Tile, filled: Tile, b: int, lane: int):
     """The same for cells whose particles are listed already."""
-    first = pressed_start[b, 0]
+    first = contacts.pressed_start[b, 0]
     many = int(0)
     for q in range(CELL_LANES // lane_count()):
         c = q * lane_count() + lane
-        begin = pressed_start[b, c]
-        last = pressed_start[b, c + 1]
+        begin = contacts.pressed_start[b, c]
+        last = contacts.pressed_start[b, c + 1]
         hits = hits_before(last > begin)
         wp.tile_scatter_masked(starts, c, begin - first, True)
         wp.tile_scatter_masked(filled, many + hits[0], wp.uint8(c), last > begin)
         many += hits[1]
-    wp.tile_scatter_masked(starts, CELL_LANES, pressed_start[b, CELL_LANES] - first, lane == 0)
+    wp.tile_scatter_masked(starts, CELL_LANES, contacts.pressed_start[b, CELL_LANES] - first, lane == 0)
     return many
 
 
@@ -116,25 +127,23 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
     return vec(u[0], u[1], u[2]), u[3]
 
 
-def _friction_in_cell(
-    friction: Any, zones: Rows, lattice: Doubles2, shift: Ints, coordinates: Table2, scene: int, b: int, c: int, f: Vector
-):
+def _friction_in_cell(blocks: BlockGroup, scenes: SceneGroup, friction: Any, scene: int, b: int, c: int, f: Vector):
     """Friction coefficient where zones of the ground change that of the mass, at offset ``f`` in a cell of a block."""
-    x = 4 * coordinates[b, 0] + (c >> 4)
-    y = 4 * coordinates[b, 1] - shift[scene] + ((c >> 2) & 3)
-    return _friction_in_zone(friction, zones, lattice, scene, x, y, f)
+    x = 4 * blocks.coordinates[b, 0] + (c >> 4)
+    y = 4 * blocks.coordinates[b, 1] - scenes.shift[scene] + ((c >> 2) & 3)
+    return _friction_in_zone(scenes, friction, scene, x, y, f)
 
 
 def _push(
-    rec: Rows, radius: Reals, tiles: Rows, tile: Tile, near: int, c: int, p: int, f: Vector, h: Vector, friction: Any, dt: Any,
-    given: Vector,
+    particles: ParticleGroup, ground: GroundGroup, constants: Constants, tile: Tile, near: int, c: int, p: int, f: Vector,
+    friction: Any, dt: Any, given: Vector,
 ):  # fmt: skip
     """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]; the nodes hold the ``given`` part."""
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
-    n, gap = _ground(_around(tiles, near, c), c & 3, f, radius[p], h)
+    n, gap = _ground(_around(ground.tiles, near, c), c & 3, f, particles.radius[p], constants.h)
     push = impulse(u, n, gap, compliance, friction, dt, given)
-    m = rec[MASS, p]
-    before = vec(rec[MOMENTUM, p] / m, rec[MOMENTUM + 1, p] / m, rec[MOMENTUM + 2, p] / m)
+    m = particles.rec[MASS, p]
+    before = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2])
 
 
@@ -211,10 +220,8 @@ def _give_all(tile: Tile, shares: Reals, bases: Tile, q: int):
 
 
 def solve_contacts(
-    rec: Rows, radius: Reals, release: Shorts, pressed: Ints, pressed_start: Table2, up: Table2, flags: Ints, tally: Ints,
-    touched: Table2, member: Ints, clock: Rows, tiles: Rows, h: Vector, friction: Reals, only: int, zones: Rows, lattice: Doubles2,
-    shift: Ints, coordinates: Table2, near_up: Table2, grid: Nodes, shares: Reals, arenas: Nodes, booked: Doubles2, number: Ints,
-    forces: Nodes, counts: Ints,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
+    contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
 ):  # fmt: skip
     """One impulse per contact particle; what it has more than the nodes hold already goes to them.
 
@@ -224,31 +231,31 @@ def solve_contacts(
     """
     begin, lane = wp.tid()
     begin, lane = own_block(begin), own_lane(lane)
-    row = tally[TOUCHED] - 1 - begin  # what was found last lies in the second cache yet
-    if flags[HALT] != 0 or row < 0:
+    row = status.tally[TOUCHED] - 1 - begin  # what was found last lies in the second cache yet
+    if status.flags[HALT] != 0 or row < 0:
         return
-    b = int(touched[row, 0])
-    place = int(touched[row, 1])
-    s = _scene_of(member, b, clock)
-    dt = clock[s, 0]
-    last, stamp = real((counts[s] - 1) & STAMPS), real(counts[s] & STAMPS)
+    b = int(contacts.touched[row, 0])
+    place = int(contacts.touched[row, 1])
+    s = _scene_of(blocks, scenes, b)
+    dt = scenes.clock[s, 0]
+    last, stamp = real((scenes.step_counts[s] - 1) & STAMPS), real(scenes.step_counts[s] & STAMPS)
     starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
     tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
     bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
     near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-    _set_bases(bases, up, b, lane)
-    _set_near_bases(near_bases, near_up, place, lane)
-    dv = vec(clock[s, 1], clock[s, 2], clock[s, 3])
-    first = int(pressed_start[b, 0])
+    _set_bases(bases, blocks.up, b, lane)
+    _set_near_bases(near_bases, ground.near_up, place, lane)
+    dv = vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3])
+    first = int(contacts.pressed_start[b, 0])
     filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
-    many = _number_pressed(starts, filled, pressed_start, b, lane)
+    many = _number_pressed(contacts, starts, filled, b, lane)
     total = int(starts[CELL_LANES])
     pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
     offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
     for base in range(0, total, HELD):
         wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
-        ahead = int(pressed[first + wp.min(base + lane, total - 1)])
-        _load(tile, grid, shares, bases, near_bases, lane, dv)
+        ahead = int(contacts.pressed[first + wp.min(base + lane, total - 1)])
+        _load(grid, contacts, tile, bases, near_bases, lane, dv)
         done = node4()
         for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
             n = base + q * lane_count() + lane
@@ -257,28 +264,28 @@ def solve_contacts(
             if n < total:
                 c = _cell_of(starts, n)
                 p = ahead & NOT_NEGATIVE
-                ahead = pressed[first + wp.min(n + lane_count(), total - 1)]
-                f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-                mu = friction[wp.max(only, 0)]
-                if only < 0:
-                    mu = friction[int(release[p])]
+                ahead = contacts.pressed[first + wp.min(n + lane_count(), total - 1)]
+                f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
+                mu = scenes.friction[wp.max(constants.only, 0)]
+                if constants.only < 0:
+                    mu = scenes.friction[int(particles.release[p])]
                 if ZONED:
-                    mu = _friction_in_cell(mu, zones, lattice, shift, coordinates, s, b, c, f)
-                own = number[p]
-                given = _given(forces, own, last, dt)
-                push = _push(rec, radius, tiles, tile, place, c, p, f, h, mu, dt, given)
+                    mu = _friction_in_cell(blocks, scenes, mu, s, b, c, f)
+                own = particles.number[p]
+                given = _given(particles.forces, own, last, dt)
+                push = _push(particles, ground, constants, tile, place, c, p, f, mu, dt, given)
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
-                forces[own] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
+                particles.forces[own] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
             _hold(pushes, offsets, n - base, change, f, n < total)
-        book_four(booked, b, 1, done)
+        book_four(grid.booked, b, 1, done)
         _clear(tile, node4(), lane)
         for turn in range((many + lane_count() - 1) // lane_count()):
             mine = turn * lane_count() + lane
             _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
         if ORDERED:
             for t in range(lane, TILE, lane_count()):
-                _put(arenas, b * TILE + t, tile[t], base)
+                _put(grid.arenas, b * TILE + t, tile[t], base)
         else:
             for q in range(lane, PIECE, lane_count()):
-                _give_all(tile, shares, near_bases, q)
+                _give_all(tile, contacts.shares, near_bases, q)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.layout import COUNTS, FLAGS, TALLY
 
 LINE = 256  # bytes: atomic sums to one part keep no block of threads waiting that reads another
@@ -42,6 +43,7 @@ class DeviceStatus:
         self.tally, self.flags, self.counts = (self._view(name, wp.int32) for name in ("tally", "flags", "counts"))
         self.contacts, self.peaks = self._view("contacts", wp.int32), self._view("peaks", number)
         self.both = wp.array(ptr=self.memory.ptr, dtype=wp.int64, shape=1, device=self.memory.device)
+        self.group = filled(groups_of(number).StatusGroup, self)
 
     def _view(self, name: str, kind: Any) -> Any:
         at, _, size = self.parts[name]

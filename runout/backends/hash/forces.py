@@ -8,6 +8,7 @@ import warp as wp
 
 from runout.backends.hash.deform import _strain_of
 from runout.backends.hash.gradients import _cells
+from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     ACTIVE,
     BLOCKS,
@@ -18,13 +19,7 @@ from runout.backends.hash.layout import (
     ORDERED,
     TILE,
     VOLUME,
-    Ints,
     Materials,
-    Nodes,
-    Rows,
-    Shorts,
-    Table2,
-    Vector,
     add_node,
     lane_count,
     node4,
@@ -37,34 +32,36 @@ from runout.physics.moments import node_velocity, stress_columns
 from runout.physics.tensors import real, sym, vec
 
 
-def note_given(flags: Ints, tally: Ints, capacity: int, grid: Nodes):
-    """Velocity [m/s] that the particles gave to each node, before any force, behind the nodes of all ``capacity`` blocks."""
+def note_given(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):
+    """Velocity [m/s] that the particles gave to each node, before any force, behind the nodes of all blocks."""
     t = wp.tid()
-    if flags[HALT] != 0 or (t >> 6) >= tally[BLOCKS]:
+    if status.flags[HALT] != 0 or (t >> 6) >= status.tally[BLOCKS]:
         return
-    g = grid[t]
+    g = grid.nodes[t]
     given = node4()
     if g[0] > real(0.0):
         v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(real(0.0), real(0.0), real(0.0)))
         given = node4(g[0], v[0], v[1], v[2])
-    grid[t + 64 * capacity] = given
+    grid.nodes[t + 64 * blocks.up.shape[0]] = given
 
 
-def take_stresses(flags: Ints, rec: Rows, key: Ints, release: Shorts, mats: Materials, stress: Rows):
+def take_stresses(status: StatusGroup, particles: ParticleGroup, mats: Materials):
     """Kirchhoff stress [Pa] of every particle, from its strain."""
     p = wp.tid()
-    if flags[HALT] != 0 or key[p] < 0:
+    if status.flags[HALT] != 0 or particles.key[p] < 0:
         return
-    tau = kirchhoff_stress(log_strain(_strain_of(rec, p)), mats[int(release[p])])
+    tau = kirchhoff_stress(log_strain(_strain_of(particles.rec, p)), mats[int(particles.release[p])])
     for k in range(6):
-        stress[k, p] = tau[k]
+        particles.stress[k, p] = tau[k]
 
 
-def _sum_forces(rec: Rows, stress: Rows, order: Ints, first: int, last: int, cells: Any):
+def _sum_forces(particles: ParticleGroup, first: int, last: int, cells: Any):
     """Impulses [N s] of the internal forces of the particles at some places of the list on the 27 nodes of their cell."""
+    rec = particles.rec
+    stress = particles.stress
     acc = sums27()
     for t in range(first, last):
-        p = order[t] & NOT_NEGATIVE
+        p = particles.order[t] & NOT_NEGATIVE
         wx = weights(rec[OFFSET, p])
         wy = weights(rec[OFFSET + 1, p])
         wz = weights(rec[OFFSET + 2, p])
@@ -88,22 +85,23 @@ def _sum_forces(rec: Rows, stress: Rows, order: Ints, first: int, last: int, cel
 
 
 def add_forces(
-    rec: Rows, stress: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints,
-    clock: Rows, h: Vector, grid: Nodes, arenas: Nodes, launched: int,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
+    constants: Constants, launched: int,
 ):  # fmt: skip
     """Impulses of the internal forces to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
-    if flags[HALT] != 0:
+    if status.flags[HALT] != 0:
         return
-    for a in range(begin, tally[ACTIVE], launched):
-        b = active[a]
-        dt = clock[member[b], 0]
+    for a in range(begin, status.tally[ACTIVE], launched):
+        b = blocks.active[a]
+        dt = scenes.clock[blocks.member[b], 0]
         if dt > real(0.0):
+            cells = _cells(dt, constants.h)
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            _set_bases(bases, up, b, lane)
+            _set_bases(bases, blocks.up, b, lane)
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
             for c in range(lane, CELL_LANES, lane_count()):
-                acc = _sum_forces(rec, stress, order, cstart[b, c], cstart[b, c + 1], _cells(dt, h))
+                acc = _sum_forces(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1], cells)
                 first = _first_node(c)
                 for i in range(3):
                     for j in range(3):
@@ -114,13 +112,13 @@ def add_forces(
             for t in range(lane, TILE, lane_count()):
                 g = tile[t]
                 if ORDERED:
-                    arenas[b * TILE + t] = g
+                    grid.arenas[b * TILE + t] = g
                 elif g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
-                    add_node(grid, _node(bases, t), g)
+                    add_node(grid.nodes, _node(bases, t), g)
 
 
-def add_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes):
+def add_nodes(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):
     """Add the sums of the arenas to every node, in fixed order."""
     t = wp.tid()
-    if flags[HALT] == 0:
-        grid[t] = grid[t] + _sum_arenas(arenas, held, down, t)
+    if status.flags[HALT] == 0:
+        grid.nodes[t] = grid.nodes[t] + _sum_arenas(blocks, grid, grid.held, t)

@@ -1,17 +1,10 @@
-"""What a step does more where the transfer is not the packed one, or where F-bar averages: its launches and its numbers."""
+"""What a step does more where the transfer is not the packed one, or where F-bar averages: its launches."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-import numpy as np
-
 from runout.backends.hash.layout import CELL_LANES, run, run_blocks
+from runout.backends.hash.parts import Parts
 from runout.model.scene import Scene
-
-if TYPE_CHECKING:
-    from runout.backends.hash.batch import Batch
 
 
 def uses_gradient_transfer(scene: Scene) -> bool:
@@ -19,36 +12,31 @@ def uses_gradient_transfer(scene: Scene) -> bool:
     return not scene.packed or scene.f_bar
 
 
-def choices(scenes: Sequence[Scene]) -> np.ndarray:
-    """Columns (scenes, 3) of the clock: slips kept, dilatation averaged, gradients by the slopes of the weights."""
-    return np.array([(s.keeps, s.f_bar, not s.packed) for s in scenes], float)
-
-
-def push(batch: Batch) -> None:
+def push(parts: Parts) -> None:
     """Launches that add internal forces to nodes with mass and momentum, once what particles alone gave is noted."""
-    i, s, n, k = batch.index, batch.store, batch.nodes, batch.k
-    if batch.scene.packed:
+    i, n, k, scenes, status = parts.index, parts.nodes, parts.k, parts.scenes, parts.status.group
+    if scenes.scenes[0].packed:
         return
+    particles, blocks = parts.store.group, i.block_group
     if n.kept:
-        run(k.note_given, i.capacity * 64, batch.flags, i.tally, i.capacity, n.grid)
-    run(k.take_stresses, s.size, batch.flags, s.rec, s.key, s.release, batch.mats, s.stress)
+        run(k.note_given, i.capacity * 64, status, blocks, n.grid_group)
+    run(k.take_stresses, parts.store.size, status, particles, scenes.materials)
     run_blocks(
-        k.add_forces, i.launched, CELL_LANES, s.rec, s.stress, s.order, i.cstart, i.up, batch.flags, i.tally, i.active, i.member,
-        batch.clock, batch.h, n.grid, n.arenas,
+        k.add_forces, i.launched, CELL_LANES, status, particles, blocks, n.grid_group, scenes.group, scenes.constants
     )  # fmt: skip
-    if batch.deterministic:
-        run(k.add_nodes, i.capacity * 64, batch.flags, n.arenas, n.held, i.down, n.grid)
+    if parts.ordered:
+        run(k.add_nodes, i.capacity * 64, status, blocks, n.grid_group)
 
 
-def average(batch: Batch) -> None:
+def average(parts: Parts) -> None:
     """Launches that average the dilatation of this step over the nodes, whose velocities are known."""
-    i, s, n, k = batch.index, batch.store, batch.nodes, batch.k
-    if not uses_gradient_transfer(batch.scene):
+    i, n, k, scenes, status = parts.index, parts.nodes, parts.k, parts.scenes, parts.status.group
+    if not uses_gradient_transfer(scenes.scenes[0]):
         return
-    if batch.scene.f_bar:
+    particles, blocks = parts.store.group, i.block_group
+    if scenes.scenes[0].f_bar:
         run_blocks(
-            k.spread_dilatation, i.launched, CELL_LANES, s.rec, s.order, i.cstart, i.up, batch.flags, i.tally, i.active, i.member,
-            batch.clock, batch.h, n.grid, n.dilated, n.arenas,
-        )  # fmt: skip
-        run(k.average_dilatation, i.capacity * 64, batch.flags, i.tally, n.arenas, n.held, i.down, n.dilated, n.grid)
-    run(k.count_anew, i.capacity * 64, batch.flags, i.tally, i.ends)
+            k.spread_dilatation, i.launched, CELL_LANES, status, particles, blocks, n.grid_group, scenes.group, scenes.constants
+        )
+        run(k.average_dilatation, i.capacity * 64, status, blocks, n.grid_group)
+    run(k.count_anew, i.capacity * 64, status, blocks)

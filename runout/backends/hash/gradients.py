@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.deform import _gather, _slopes, _store, _strain_of
+from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
@@ -31,7 +32,6 @@ from runout.backends.hash.layout import (
     WIDE,
     WIDE_X,
     WIDE_Y,
-    Ints,
     Nodes,
     Rows,
     Table2,
@@ -159,36 +159,41 @@ def _with_slips(rec: Rows, p: int, f: Vector, seen: Tile, first: int, v: Vector,
     )
 
 
-def _deform_by_rates(rec: Rows, p: int, tile: Tile, seen: Tile, first: int, mat: Any, h: Vector, cells: Any, clock: Rows, s: int):
+def _deform_by_rates(
+    particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int, tile: Tile, seen: Tile, first: int, mat: Any,
+    cells: Any, s: int,
+):  # fmt: skip
     """As ``_deform``; returns offset, velocity of the nodes, own velocity and dissipated energy [J].
 
     Records of a scene by gradients of the weights hold no stress. ``cells`` = dt / h [s/m]; the fourth number of a node is its
     mean dilatation.
     """
+    rec = particles.rec
     m = rec[MASS, p] * real(1.0)
     volume = rec[VOLUME, p] * real(1.0)
     history = rec[HISTORY, p] * real(1.0)
     B = _strain_of(rec, p)
     f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
     v, x, y, z = _gather(f, tile, first)
-    L = _rate(f, tile, first, WIDE_X, WIDE_Y, cells, clock[s, BY_SLOPES])
-    L = with_dilatation(L, _mean(f, tile, first), clock[s, AVERAGED])
+    L = _rate(f, tile, first, WIDE_X, WIDE_Y, cells, scenes.clock[s, BY_SLOPES])
+    L = with_dilatation(L, _mean(f, tile, first), scenes.clock[s, AVERAGED])
     B, log, history, work = law_update(B, L, history, mat)
-    packed = stress_columns(kirchhoff_stress(log, mat), volume, _slopes(clock[s, 0] * (real(1.0) - clock[s, BY_SLOPES]), h))
+    stressed_dt = scenes.clock[s, 0] * (real(1.0) - scenes.clock[s, BY_SLOPES])
+    packed = stress_columns(kirchhoff_stress(log, mat), volume, _slopes(stressed_dt, constants.h))
     own = v * real(1.0)
-    if clock[s, KEPT] > real(0.0):
-        own, x, y, z = _with_slips(rec, p, f, seen, first, v, x, y, z, clock[s, KEPT])
+    if scenes.clock[s, KEPT] > real(0.0):
+        own, x, y, z = _with_slips(rec, p, f, seen, first, v, x, y, z, scenes.clock[s, KEPT])
     _store(rec, p, m, own, affine_columns(m, x, y, z), packed, B, history)
     return f, v, own, work * volume
 
 
-def _sum_dilatations(rec: Rows, order: Ints, tile: Tile, corner: int, first: int, last: int, cells: Any, by_slopes: Any):
+def _sum_dilatations(particles: ParticleGroup, tile: Tile, corner: int, first: int, last: int, cells: Any, by_slopes: Any):
     """Volume and volume times dilatation that the particles at some places of the list hand to the 27 nodes of their cell."""
     acc = sums2()
     for t in range(first, last):
-        p = order[t] & NOT_NEGATIVE
-        f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
-        volume = rec[VOLUME, p] * real(1.0)
+        p = particles.order[t] & NOT_NEGATIVE
+        f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
+        volume = particles.rec[VOLUME, p] * real(1.0)
         change = volume * dilatation(_rate(f, tile, corner, 36, 6, cells, by_slopes))
         wx = weights(f[0])
         wy = weights(f[1])
@@ -204,32 +209,33 @@ def _sum_dilatations(rec: Rows, order: Ints, tile: Tile, corner: int, first: int
 
 
 def spread_dilatation(
-    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
-    h: Vector, grid: Nodes, dilated: Nodes, arenas: Nodes, launched: int,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
+    constants: Constants, launched: int,
 ):  # fmt: skip
     """Volume and volume times dilatation of the particles to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
-    if flags[HALT] != 0:
+    if status.flags[HALT] != 0:
         return
-    for a in range(begin, tally[ACTIVE], launched):
-        b = active[a]
-        s = member[b]
-        if clock[s, 0] > real(0.0):
-            cells = _cells(clock[s, 0], h)
+    for a in range(begin, status.tally[ACTIVE], launched):
+        b = blocks.active[a]
+        s = blocks.member[b]
+        if scenes.clock[s, 0] > real(0.0):
+            cells = _cells(scenes.clock[s, 0], constants.h)
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            _set_bases(bases, up, b, lane)
+            _set_bases(bases, blocks.up, b, lane)
             velocities = wp.tile_zeros(shape=PADDED, dtype=node4, storage="shared")
             for q in range(PADDED // lane_count()):
                 t = q * lane_count() + lane
                 u = node4()
                 if t < TILE:
-                    g = grid[_node(bases, t)]
+                    g = grid.nodes[_node(bases, t)]
                     u = node4(g[1], g[2], g[3], real(0.0))
                 wp.tile_scatter_masked(velocities, t, u, True)
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
             for c in range(lane, CELL_LANES, lane_count()):
                 first = _first_node(c)
-                acc = _sum_dilatations(rec, order, velocities, first, cstart[b, c], cstart[b, c + 1], cells, clock[s, BY_SLOPES])
+                begins, ends = blocks.cstart[b, c], blocks.cstart[b, c + 1]
+                acc = _sum_dilatations(particles, velocities, first, begins, ends, cells, scenes.clock[s, BY_SLOPES])
                 for i in range(3):
                     for j in range(3):
                         for k in range(3):
@@ -239,32 +245,30 @@ def spread_dilatation(
             for t in range(lane, TILE, lane_count()):
                 g = tile[t]
                 if ORDERED:
-                    arenas[b * TILE + t] = g
+                    grid.arenas[b * TILE + t] = g
                 elif g[0] != real(0.0):
-                    add_node(dilated, _node(bases, t), g)
+                    add_node(grid.dilated, _node(bases, t), g)
 
 
-def average_dilatation(
-    flags: Ints, tally: Ints, arenas: Nodes, held: Ints, down: Table2, dilated: Nodes, grid: Nodes
-):  # fmt: skip
+def average_dilatation(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):
     """Put the mean dilatation of each node in the place of its mass, which nothing reads any more in this step."""
     t = wp.tid()
-    if flags[HALT] != 0 or (t >> 6) >= tally[BLOCKS]:
+    if status.flags[HALT] != 0 or (t >> 6) >= status.tally[BLOCKS]:
         return
     if ORDERED:
-        s = _sum_arenas(arenas, held, down, t)
+        s = _sum_arenas(blocks, grid, grid.held, t)
     else:
-        s = dilated[t] * real(1.0)
-        dilated[t] = node4()
+        s = grid.dilated[t] * real(1.0)
+        grid.dilated[t] = node4()
     mean = real(0.0)
     if s[0] > real(0.0):
         mean = s[1] / s[0]
-    g = grid[t]
-    grid[t] = node4(mean, g[1], g[2], g[3])
+    g = grid.nodes[t]
+    grid.nodes[t] = node4(mean, g[1], g[2], g[3])
 
 
-def count_anew(flags: Ints, tally: Ints, ends: Ints):
+def count_anew(status: StatusGroup, blocks: BlockGroup):
     """The cells are counted anew from here on: nobody needs their lists any more in this step."""
     t = wp.tid()
-    if flags[HALT] == 0 and (t >> 6) < tally[BLOCKS]:
-        ends[_cell_entry(t)] = 0
+    if status.flags[HALT] == 0 and (t >> 6) < status.tally[BLOCKS]:
+        blocks.ends[_cell_entry(t)] = 0

@@ -20,7 +20,7 @@ class Graphs:
     """
 
     def __init__(self, device: Any, modules: Sequence[tuple[Any, int]]):
-        self.device, self.modules = device, modules
+        self.device, self.modules, self.enabled = device, modules, device.is_cuda
         self.of: Hashable = None
         self.recorded: dict[Hashable, Any] = {}
         self.direct: Counter[Hashable] = Counter()
@@ -29,8 +29,11 @@ class Graphs:
         """Launch what ``enqueue`` launches; all is recorded anew once ``of`` changes, which stands for the arrays.
 
         To record and to build a graph takes many times as long as the launches themselves: it is put off until these have come
-        ``before`` times.
+        ``before`` times, and never done where graphs are not ``enabled``, as on a CPU.
         """
+        if not self.enabled:
+            enqueue()
+            return
         if self.of != of:
             self.of, self.recorded, self.direct = of, {}, Counter()
         if name not in self.recorded:

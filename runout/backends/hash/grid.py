@@ -1,12 +1,27 @@
-"""Arrays by block: nodes, the ground under them, the impulses that they get, and what is booked there."""
+"""Arrays by node and by block: the grid, the ground under the blocks, and contact.
+
+    nodes      | block 0: 64 nodes x (mass, momentum x, y, z) | block 1 | ...       all blocks
+    tiles      | place 0: 36 coefficients | place 1 | ...                           blocks whose particles may touch the ground
+    shares     | slot 0: 256 numbers | slot 1 | ...                                 blocks whose nodes such particles reach
+
+    block -> place  near[b]        place -> block  standing[place]        block -> slot  grounded[b]
+
+Only blocks near the ground have a place, and only those whose nodes take part in contact have a slot: memory grows with the ground
+that the mass covers, not with all blocks.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
+from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.layout import CELL_LANES, TILE, more_room_for, room_for
+
+if TYPE_CHECKING:
+    from runout.backends.hash.index import Index
+    from runout.backends.hash.state import Store
 
 
 class NodeArrays:
@@ -43,14 +58,16 @@ class NodeArrays:
         Sums of each block and particles that it holds, for sums in fixed order; else empty.
     ground_slopes : (capacity,) four numbers
         Under a block and those around it, east and north: the middle of all slopes, then how far any lies from it.
-    falls : (2 capacity,)
+    approach_speeds : (2 capacity,)
         Largest speed [m/s] towards that ground of the nodes of each half of a block; infinite where nobody knows it.
     booked : (capacity, 6) float64
         Plastic dissipation and work of the ground [J], impulse of the ground [N s], plastic dissipation that a second warp adds.
     """
 
-    def __init__(self, capacity: int, particles: int, number: Any, ordered: bool, kept: bool = False, averaged: bool = False):
+    def __init__(self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False):
+        capacity, particles, ordered = index.capacity, store.size, index.ordered
         self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
+        self.types = groups_of(number)
         self.vec4 = wp.types.vector(length=4, dtype=number)
         self.grid = wp.zeros(max((1 + kept) * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
         self.dilated = wp.zeros(capacity * 64 * (averaged and not ordered), dtype=self.vec4)
@@ -58,11 +75,14 @@ class NodeArrays:
         self.held = wp.zeros(capacity * ordered, dtype=wp.int32)
         lists = particles * averaged, (capacity * averaged, CELL_LANES + 1)
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
+        self.listed = (self.pressed, self.pressed_start) if averaged else (store.order, index.cstart)
+        self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
         self.near = wp.full(capacity, -1, dtype=wp.int32)
         self.ground_slopes = wp.zeros(capacity, dtype=self.vec4)
         self.approach_speeds = wp.full(2 * capacity, wp.inf, dtype=number)
         self.booked = wp.zeros((capacity, 6), dtype=wp.float64)
+        self.grid_group = filled(self.types.GridGroup, self, nodes=self.grid)
         self.make_room(0, 0)
 
     def scratch(self, shape: int | tuple[int, int], kind: Any) -> Any:
@@ -84,3 +104,8 @@ class NodeArrays:
             self.contact = wp.zeros(64 * self.slots, dtype=self.vec4)
             memory = self.contact.ptr
             self.shares = wp.array(ptr=memory, dtype=self.number, shape=256 * self.slots, device=self.contact.device)
+        self.ground_group = filled(self.types.GroundGroup, self, slopes=self.ground_slopes)
+        pressed, pressed_start = self.listed
+        self.contact_group = filled(
+            self.types.ContactGroup, self, memory=self.contact, pressed=pressed, pressed_start=pressed_start
+        )

@@ -1,4 +1,12 @@
-"""Motion: velocities back to particles, the law, the next record, and the cell that each particle moves to."""
+"""Grid to particles: velocities, the law, the next record, motion, and the cell that each particle moves to.
+
+    home[b]     particles first ... last in memory that were in block b at the last sort
+    tile        8 x 8 x 8 nodes in shared memory, from one node below block b to three above; [x][y][z], rows 74 and 9 apart
+    record      24 rows, one column a particle: read, replaced
+    key         64 block + cell, replaced; ends counts the particles that enter each cell
+
+Particles are taken in the order of memory, not by cell: they have moved at most one cell out of their block since the last sort.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +16,7 @@ import warp as wp
 
 from runout.backends.hash.deform import _deform, _slopes
 from runout.backends.hash.gradients import _deform_by_rates, _load_given
+from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     ACTIVE,
     CURSOR,
@@ -33,14 +42,8 @@ from runout.backends.hash.layout import (
     WIDE_TILE,
     WIDE_X,
     WIDE_Y,
-    Doubles2,
-    Ints,
     Materials,
-    Nodes,
-    Real,
-    Reals,
     Rows,
-    Shorts,
     Table2,
     Vector,
     lane_count,
@@ -60,10 +63,7 @@ book: Any = None  # adds to a number that no other thread adds to
 call_up: Any = None  # asks for a place in memory before it is read
 
 
-def begin_step(
-    flags: Ints, tally: Ints, left: Ints, steps: Reals, largest: Real, band: Real, clock: Rows, peaks: Reals, contacts: Ints,
-    counts: Ints,
-):  # fmt: skip
+def begin_step(status: StatusGroup, scenes: SceneGroup, constants: Constants):
     """Open a step, unless the last one asked to halt; a thread a scene. A scene without steps left has time step 0.
 
     ``counts`` are the steps of each scene so far, with this one.
@@ -72,26 +72,26 @@ def begin_step(
     what a general scene does, see :func:`runout.backends.hash.gradient_transfer.choices`.
     """
     s = wp.tid()
-    if flags[HALT] == GROW:
+    if status.flags[HALT] == GROW:
         return
-    if flags[PENDING] != 0:
+    if status.flags[PENDING] != 0:
         if s == 0:
-            flags[HALT] = flags[PENDING]
+            status.flags[HALT] = status.flags[PENDING]
         return
     if s == 0:
-        flags[STEPS] = flags[STEPS] + 1
-        tally[ACTIVE] = tally[NEXT]
-        tally[CURSOR] = 0
-        tally[NEXT] = 0
-        tally[TOUCHED] = 0
-    clock[s, 0] = real(0.0)
-    if left[s] > 0:
-        left[s] = left[s] - 1
-        counts[s] = counts[s] + 1
-        clock[s, 0] = steps[s]
-        clock[s, 4] = reach(largest, wp.sqrt(peaks[s]), steps[s], band)
-        peaks[s] = real(0.0)
-        contacts[s] = 0
+        status.flags[STEPS] = status.flags[STEPS] + 1
+        status.tally[ACTIVE] = status.tally[NEXT]
+        status.tally[CURSOR] = 0
+        status.tally[NEXT] = 0
+        status.tally[TOUCHED] = 0
+    scenes.clock[s, 0] = real(0.0)
+    if scenes.left[s] > 0:
+        scenes.left[s] = scenes.left[s] - 1
+        scenes.step_counts[s] = scenes.step_counts[s] + 1
+        scenes.clock[s, 0] = scenes.steps[s]
+        scenes.clock[s, 4] = reach(constants.largest, wp.sqrt(status.peaks[s]), scenes.steps[s], constants.band)
+        status.peaks[s] = real(0.0)
+        status.contacts[s] = 0
 
 
 def _inside(node: int, f: Any, last: int, limit: wp.float64):
@@ -108,8 +108,8 @@ def _place_around(x: int, y: int, z: int):
 
 
 def _next_cell(
-    f: Vector, x: int, y: int, z: int, k: int, b: int, bx: int, by: int, around: Table2, up: Table2, shift: int,
-    limit_x: wp.float64, limit_y: wp.float64,
+    blocks: BlockGroup, f: Vector, x: int, y: int, z: int, k: int, b: int, bx: int, by: int, shift: int, limit_x: wp.float64,
+    limit_y: wp.float64,
 ):  # fmt: skip
     """Cell of a particle that has moved to offset ``f`` from cell (x, y, z) of block ``b``, its home, or of those around.
 
@@ -126,9 +126,9 @@ def _next_cell(
         place = _place_around(i, j, n)
         to = k >> 6
         if place != _place_around(x, y, z):  # seldom: no warp waits for memory otherwise
-            to = around[b, place]
+            to = blocks.around[b, place]
             if to >= 0:
-                to = wp.where(up[to & NOT_NEGATIVE, 0] < 0, -1, to)
+                to = wp.where(blocks.up[to & NOT_NEGATIVE, 0] < 0, -1, to)
         if to >= 0:
             new = to * 64 + local_index(i, j, n)
     inside = _inside(4 * bx + i, f[0] - sx, int(limit_x) - 2, limit_x)
@@ -168,15 +168,15 @@ def _write_place(rec: Rows, p: int, f: Vector, new: int):
         rec[OFFSET + d, p] = g
 
 
-def _keep(new: int, k: int, flags: Ints, tally: Ints):
+def _keep(status: StatusGroup, new: int, k: int):
     """What the key of a particle becomes, and a word to the host if it is in no cell of the index."""
     if new == k:
         return k
     if new == -1 and k >= 0:
-        wp.atomic_max(flags, PENDING, LEFT_INDEX)
+        wp.atomic_max(status.flags, PENDING, LEFT_INDEX)
         return k
     if new < -1:
-        wp.atomic_add(tally, GONE, 1)
+        wp.atomic_add(status.tally, GONE, 1)
     return new
 
 
@@ -191,21 +191,20 @@ def _call_up(rec: Rows, p: int, lane: int, last: int):
             call_up(rec, wp.where(n == 0, MASS, row), place)
 
 
-def _is_sound(moves: Vector, scene: int, worst: int, flags: Ints, peaks: Reals):
+def _is_sound(status: StatusGroup, moves: Vector, scene: int, worst: int):
     """Whether a particle moves less than a cell; otherwise a word to the host."""
     far = wp.max(wp.abs(moves[0]), wp.max(wp.abs(moves[1]), wp.abs(moves[2])))
     if far < real(1.0) and wp.isfinite(moves[0] + moves[1] + moves[2]):
         return True
-    wp.atomic_max(flags, PENDING, UNSTABLE)
-    flags[FAILED] = scene
-    wp.atomic_max(peaks, worst, wp.where(wp.isfinite(far), far, real(wp.inf)))
+    wp.atomic_max(status.flags, PENDING, UNSTABLE)
+    status.flags[FAILED] = scene
+    wp.atomic_max(status.peaks, worst, wp.where(wp.isfinite(far), far, real(wp.inf)))
     return False
 
 
 def grid_to_particles(
-    rec: Rows, release: Shorts, key: Ints, homes: Ints, home: Table2, ends: Ints, around: Table2, up: Table2,
-    coordinates: Table2, flags: Ints, tally: Ints, member: Ints, clock: Rows, grid: Nodes,
-    mats: Materials, h: Vector, shift: Ints, limits: Doubles2, peaks: Reals, booked: Doubles2, launched: int,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
+    constants: Constants, mats: Materials, launched: int,
 ):  # fmt: skip
     """Velocities to particles, law, motion and next record; cells of the particles anew, and how many enter each.
 
@@ -213,60 +212,61 @@ def grid_to_particles(
     of it. One that has come further, or finds no block, or leaves, keeps its cell, and an offset beyond it, to the next sort.
     """
     begin, lane = wp.tid()
-    if flags[HALT] != 0:
+    if status.flags[HALT] != 0:
         return
-    for a in range(begin, tally[HOMES], launched):
-        b = homes[a] & NOT_NEGATIVE
-        first = int(home[b, 0]) // SECTOR * SECTOR
-        last = int(home[b, 1])
-        _call_up(rec, first + lane - (lane & 31), lane, last)
-        scene = member[b] & NOT_NEGATIVE
-        dt = clock[scene, 0]
+    for a in range(begin, status.tally[HOMES], launched):
+        b = blocks.homes[a] & NOT_NEGATIVE
+        first = int(blocks.home[b, 0]) // SECTOR * SECTOR
+        last = int(blocks.home[b, 1])
+        _call_up(particles.rec, first + lane - (lane & 31), lane, last)
+        scene = blocks.member[b] & NOT_NEGATIVE
+        dt = scenes.clock[scene, 0]
         wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at the last block
         tile = wp.tile_empty(shape=WIDE_TILE, dtype=node4, storage="shared")
-        _load_wide(tile, grid, around, b, lane)
-        slopes = _slopes(dt, h)
+        _load_wide(tile, grid.nodes, blocks.around, b, lane)
+        slopes = _slopes(dt, constants.h)
         if GRADIENT_TRANSFER:
             seen = wp.tile_zeros(shape=WIDE_TILE, dtype=node4, storage="shared")
-            _load_given(seen, grid, around, b, lane, clock[scene, KEPT])
-        rates = _rates(dt, h)
-        bx, by, bz = int(coordinates[b, 0]), int(coordinates[b, 1]), int(coordinates[b, 2])
-        move_y = int(shift[scene])
-        limit_x, limit_y = limits[scene, 0] * wp.float64(1.0), limits[scene, 1] * wp.float64(1.0)  # products: read once, here
-        begins = int(home[b, 0])
+            _load_given(seen, grid.nodes, blocks.around, b, lane, scenes.clock[scene, KEPT])
+        rates = _rates(dt, constants.h)
+        bx, by, bz = int(blocks.coordinates[b, 0]), int(blocks.coordinates[b, 1]), int(blocks.coordinates[b, 2])
+        move_y = int(scenes.shift[scene])
+        limit_x = scenes.limits[scene, 0] * wp.float64(1.0)  # a product: read once, here
+        limit_y = scenes.limits[scene, 1] * wp.float64(1.0)
+        begins = int(blocks.home[b, 0])
         fastest = real(0.0)
         lost = wp.float64(0.0)
-        next_key = int(key[wp.min(first + lane, last - 1) & NOT_NEGATIVE])
+        next_key = int(particles.key[wp.min(first + lane, last - 1) & NOT_NEGATIVE])
         for place in range(first + lane, last, lane_count()):
             p = place & NOT_NEGATIVE
             k = int(next_key)
-            next_key = key[wp.min(p + lane_count(), last - 1) & NOT_NEGATIVE]
-            _call_up(rec, p + lane_count() - (lane & 31), lane, last)
+            next_key = particles.key[wp.min(p + lane_count(), last - 1) & NOT_NEGATIVE]
+            _call_up(particles.rec, p + lane_count() - (lane & 31), lane, last)
             if p >= begins:
                 new = int(k)
                 if k >= 0 and dt > real(0.0):
-                    i, j, n = _cell_from_home(k, b, bx, by, bz, coordinates)
-                    mat = mats[int(release[p])]
+                    i, j, n = _cell_from_home(k, b, bx, by, bz, blocks.coordinates)
+                    mat = mats[int(particles.release[p])]
                     corner = ((i + 1) * WIDE_X + (j + 1) * WIDE_Y + n + 1) & PLACES
                     if GRADIENT_TRANSFER:
-                        f, v, own, work = _deform_by_rates(rec, p, tile, seen, corner, mat, h, rates, clock, scene)
+                        f, v, own, work = _deform_by_rates(particles, scenes, constants, p, tile, seen, corner, mat, rates, scene)
                         fastest = wp.max(fastest, dot(own, own))
                     else:
-                        f, v, work = _deform(rec, p, tile, corner, mat, slopes)
+                        f, v, work = _deform(particles.rec, p, tile, corner, mat, slopes)
                         fastest = wp.max(fastest, dot(v, v))
                     lost += wp.float64(work)
                     moves = vec(rates[0] * v[0], rates[1] * v[1], rates[2] * v[2])
-                    if _is_sound(moves, scene, shift.shape[0], flags, peaks):
+                    if _is_sound(status, moves, scene, scenes.shift.shape[0]):
                         f = f + moves
-                        new = _next_cell(f, i, j, n, k, b, bx, by, around, up, move_y, limit_x, limit_y)
-                        _write_place(rec, p, f, new)
-                new = _keep(new, k, flags, tally)
+                        new = _next_cell(blocks, f, i, j, n, k, b, bx, by, move_y, limit_x, limit_y)
+                        _write_place(particles.rec, p, f, new)
+                new = _keep(status, new, k)
                 if new != k:
-                    key[p] = new
+                    particles.key[p] = new
                 if new >= 0:
-                    count_in(ends, _cell_entry(new))
+                    count_in(blocks.ends, _cell_entry(new))
         if dt > real(0.0):
-            raise_peak(peaks, scene, max_lanes(fastest))
+            raise_peak(status.peaks, scene, max_lanes(fastest))
             all_lost = sum_lanes(lost)
             if lane % WARP == 0:  # no warp waits for the other
-                book(booked, b, 5 * (lane // WARP), all_lost)
+                book(grid.booked, b, 5 * (lane // WARP), all_lost)

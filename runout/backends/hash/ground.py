@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from runout.backends.hash.contact_solution import _around
 from runout.backends.hash.grid import NodeArrays
+from runout.backends.hash.groups import BlockGroup, Constants, GroundGroup, SceneGroup, StatusGroup, SurfaceGroup, filled, groups_of
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
     GROUNDED,
@@ -17,17 +19,13 @@ from runout.backends.hash.layout import (
     NEAR,
     SLOT,
     Doubles,
-    Doubles2,
-    Halves,
     Ints,
-    Nodes,
     Real,
     Rows,
-    Table2,
-    Vector,
     node4,
     run,
 )
+from runout.backends.hash.scenes import SceneArrays
 from runout.model.nodal_surface import NodalSurface
 from runout.physics.bspline import first_node as first_node64
 from runout.physics.heightfield import bend_smoothness as bend_smoothness64
@@ -63,47 +61,46 @@ def _along_north(coefficients: Doubles, first: int, nx: int, ny: int, qx: wp.flo
     return resampled_coefficient64(south[0], here[0], north[0], smooth), here[1]
 
 
-def _change_at(changes: Doubles, shapes: Table2, s: int, m: int, n: int):
-    """What the coefficient of a node has more [m]: a place of the table of a scene, nothing beyond it."""
-    i = m - shapes[s, 4]
-    j = n - shapes[s, 5]
-    if i < 0 or j < 0 or i >= shapes[s, 6] or j >= shapes[s, 7]:
+def _change_at(surface: SurfaceGroup, s: int, m: int, n: int):
+    """Change [m] of the coefficient of node (m, n) of a scene; zero outside the table of changes."""
+    i = m - surface.shapes[s, 4]
+    j = n - surface.shapes[s, 5]
+    if i < 0 or j < 0 or i >= surface.shapes[s, 6] or j >= surface.shapes[s, 7]:
         return wp.float64(0.0)
-    return changes[shapes[s, 3] + i * shapes[s, 7] + j]
+    return surface.changes[surface.shapes[s, 3] + i * surface.shapes[s, 7] + j]
 
 
-def cut_tiles(
-    coefficients: Doubles, changes: Doubles, shapes: Table2, lattices: Doubles2, member: Ints, shift: Ints, coordinates: Table2,
-    up: Table2, h: Doubles, tiles: Rows,
-):  # fmt: skip
+def cut_tiles(blocks: BlockGroup, scenes: SceneGroup, surface: SurfaceGroup, cut: Rows):
     """Surface coefficients on the nodes of each block that may hold particles, relative to its lowest node [cells].
 
     The surface is sampled at the nodes in float64, so that float32 keeps the gap of a particle to 1e-7 cells.
     """
     b, t = wp.tid()
-    if up[b, 0] < 0:
+    if blocks.up[b, 0] < 0:
         return
-    s = member[b]
-    first = shapes[s, 0]
-    nx = shapes[s, 1]
-    ny = shapes[s, 2]
-    m = 4 * coordinates[b, 0] + t // 6
-    n = 4 * coordinates[b, 1] - shift[s] + t % 6
+    s = blocks.member[b]
+    first = surface.shapes[s, 0]
+    nx = surface.shapes[s, 1]
+    ny = surface.shapes[s, 2]
+    m = 4 * blocks.coordinates[b, 0] + t // 6
+    n = 4 * blocks.coordinates[b, 1] - scenes.shift[s] + t % 6
+    h = surface.spacing
+    lattices = surface.lattices
     qx = (wp.float64(m) * h[0] - lattices[s, 0]) / lattices[s, 2]
     qy = (wp.float64(n) * h[1] - lattices[s, 1]) / lattices[s, 3]
     ax = wp.float64(0.5) * h[0] / lattices[s, 2]
     ay = wp.float64(0.5) * h[1] / lattices[s, 3]
-    before = _sample(coefficients, first, nx, ny, qx - ax - ax, qy)
-    west, slope_west = _along_north(coefficients, first, nx, ny, qx - ax, qy, ay)
-    here, slope = _along_north(coefficients, first, nx, ny, qx, qy, ay)
-    east, slope_east = _along_north(coefficients, first, nx, ny, qx + ax, qy, ay)
-    after = _sample(coefficients, first, nx, ny, qx + ax + ax, qy)
+    before = _sample(surface.coefficients, first, nx, ny, qx - ax - ax, qy)
+    west, slope_west = _along_north(surface.coefficients, first, nx, ny, qx - ax, qy, ay)
+    here, slope = _along_north(surface.coefficients, first, nx, ny, qx, qy, ay)
+    east, slope_east = _along_north(surface.coefficients, first, nx, ny, qx + ax, qy, ay)
+    after = _sample(surface.coefficients, first, nx, ny, qx + ax + ax, qy)
     smooth = bend_smoothness64(before[1], slope_west, slope, slope_east, after[1])
-    e = resampled_coefficient64(west, here, east, smooth) + _change_at(changes, shapes, s, m, n)
-    tiles[b, t] = real(e / h[2] - wp.float64(4 * coordinates[b, 2]))
+    e = resampled_coefficient64(west, here, east, smooth) + _change_at(surface, s, m, n)
+    cut[b, t] = real(e / h[2] - wp.float64(4 * blocks.coordinates[b, 2]))
 
 
-def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, grounded: Ints):
+def note_near(blocks: BlockGroup, ground: GroundGroup, constants: Constants, reach: Real, cut: Rows):
     """Blocks whose particles may come within ``reach`` [m] of the ground, and the blocks of the nodes that these reach.
 
     A spline keeps to the hull of its coefficients, and no other slope is found than between two of them: the least east and north
@@ -112,91 +109,93 @@ def note_near(tiles: Rows, up: Table2, h: Vector, reach: Real, near: Ints, groun
     b = wp.tid()
     low = node4(real(wp.inf), real(wp.inf), -real(wp.inf), -real(wp.inf))
     for i in range(4):
-        tiles[b, 36 + i] = low[i]
-    if up[b, 0] < 0:
+        cut[b, 36 + i] = low[i]
+    if blocks.up[b, 0] < 0:
         return
-    top = tiles[b, 0]
+    top = cut[b, 0]
     for t in range(36):
-        top = wp.max(top, tiles[b, t])
+        top = wp.max(top, cut[b, t])
         if t >= 6:
-            east = (tiles[b, t] - tiles[b, t - 6]) * h[2] / h[0]
+            east = (cut[b, t] - cut[b, t - 6]) * constants.h[2] / constants.h[0]
             low[0] = wp.min(low[0], east)
             low[2] = wp.max(low[2], east)
         if t % 6 > 0:
-            north = (tiles[b, t] - tiles[b, t - 1]) * h[2] / h[1]
+            north = (cut[b, t] - cut[b, t - 1]) * constants.h[2] / constants.h[1]
             low[1] = wp.min(low[1], north)
             low[3] = wp.max(low[3], north)
     for i in range(4):
-        tiles[b, 36 + i] = low[i]
+        cut[b, 36 + i] = low[i]
     n = upward_normal(wp.max(wp.abs(low[0]), wp.abs(low[2])), wp.max(wp.abs(low[1]), wp.abs(low[3])))
-    if distance((real(0.5) - top) * h[2], n[2]) <= reach:
-        near[b] = 1
+    if distance((real(0.5) - top) * constants.h[2], n[2]) <= reach:
+        ground.near[b] = 1
         for q in range(8):
-            grounded[up[b, q]] = 1
+            ground.grounded[blocks.up[b, q]] = 1
 
 
-def note_slopes(tiles: Rows, around: Table2, slopes: Nodes):
+def note_slopes(blocks: BlockGroup, ground: GroundGroup, cut: Rows):
     """Middle of the slopes of the ground under a block and those around it, and how far any lies from it."""
     b = wp.tid()
-    found = node4(tiles[b, 36], tiles[b, 37], tiles[b, 38], tiles[b, 39])
+    found = node4(cut[b, 36], cut[b, 37], cut[b, 38], cut[b, 39])
     for q in range(27):
-        other = around[b, q]
+        other = blocks.around[b, q]
         if other >= 0:
             for i in range(2):
-                found[i] = wp.min(found[i], tiles[other, 36 + i])
-                found[i + 2] = wp.max(found[i + 2], tiles[other, 38 + i])
+                found[i] = wp.min(found[i], cut[other, 36 + i])
+                found[i + 2] = wp.max(found[i + 2], cut[other, 38 + i])
     if found[0] <= found[2]:  # else no particle comes here
         for i in range(2):
             middle = real(0.5) * (found[i] + found[i + 2])
             found[i] = middle
             found[i + 2] = found[i + 2] - middle + real(1e-5) * (real(1.0) + wp.abs(middle))  # with a reserve for rounding
-        slopes[b] = found
+        ground.slopes[b] = found
 
 
-def number_marked(places: Ints, marks: Ints, counts: Ints, which: int, blocks: Ints):
-    """Place of each marked block, -1 for the others, and how many there are; ``places`` are sums over the blocks before.
+def number_marked(status: StatusGroup, blocks: BlockGroup, marks: Ints, which: int, marked: Ints):
+    """Number the marked blocks in their order, -1 for the others, and count them.
 
-    ``blocks`` are told the block at a place, as far as there is room.
+    ``blocks.sums`` are the sums of the marks over the blocks before. ``marked`` receives the block of each number that it has room
+    for.
     """
     b = wp.tid()
     if b == 0:
-        counts[which] = places[places.shape[0] - 1]
+        status.counts[which] = blocks.sums[blocks.sums.shape[0] - 1]
     if marks[b] != 0:
-        marks[b] = places[b]
-        if places[b] < blocks.shape[0]:
-            blocks[places[b]] = b
+        place = blocks.sums[b]
+        marks[b] = place
+        if place < marked.shape[0]:
+            marked[place] = b
     else:
         marks[b] = -1
 
 
-def require_ground(counts: Ints, places: int, slots: int, flags: Ints):
+def require_ground(status: StatusGroup, places: int, slots: int):
     """Halt if there is no room for the surface under so many blocks, or for the impulses of so many."""
-    if wp.tid() == 0 and (counts[NEAR] > places or counts[GROUNDED] > slots):
-        flags[HALT] = GROW
+    if wp.tid() == 0 and (status.counts[NEAR] > places or status.counts[GROUNDED] > slots):
+        status.flags[HALT] = GROW
 
 
-def note_shares(flags: Ints, standing: Ints, up: Table2, grounded: Ints, near_up: Table2):
+def note_shares(status: StatusGroup, blocks: BlockGroup, ground: GroundGroup):
     """Where the numbers begin of the eight blocks that the tile of a block near the ground meets."""
     place, q = wp.tid()
-    if flags[HALT] == 0 and standing[place] >= 0:
-        near_up[place, q] = grounded[up[standing[place], q]] * SLOT
+    if status.flags[HALT] == 0 and ground.standing[place] >= 0:
+        ground.near_up[place, q] = ground.grounded[blocks.up[ground.standing[place], q]] * SLOT
 
 
-def keep_tiles(flags: Ints, cut: Rows, near: Ints, tiles: Rows):
+def keep_tiles(status: StatusGroup, ground: GroundGroup, cut: Rows):
     """The surface under the blocks that may touch it."""
     b, t = wp.tid()
-    if flags[HALT] == 0 and near[b] >= 0:
-        tiles[near[b], t] = cut[b, t]
+    if status.flags[HALT] == 0 and ground.near[b] >= 0:
+        ground.tiles[ground.near[b], t] = cut[b, t]
 
 
-def bound_columns(tiles: Rows, h: Vector, bounds: Halves):
+def bound_columns(ground: GroundGroup, constants: Constants):
     """How high the ground comes in each column of cells [cells], and the least upward part of its normal there.
 
     Within the column a spline keeps to the hull of the middle coefficient and its means with those beside it, along either axis
     (Bezier form). No steeper slope is found than between two coefficients. A thousandth covers what half precision rounds off.
     """
     place, column = wp.tid()
-    around = _around(tiles, place, 4 * column)
+    around = _around(ground.tiles, place, 4 * column)
     top = around[4]
     east = real(0.0)
     north = real(0.0)
@@ -209,9 +208,9 @@ def bound_columns(tiles: Rows, h: Vector, bounds: Halves):
                 east = wp.max(east, wp.abs(around[3 * i + j] - around[3 * i + j - 3]))
             if j > 0:
                 north = wp.max(north, wp.abs(around[3 * i + j] - around[3 * i + j - 1]))
-    n = upward_normal(east * h[2] / h[0], north * h[2] / h[1])
-    bounds[place, 2 * column] = wp.float16(top + real(0.001) * (real(1.0) + wp.abs(top)))
-    bounds[place, 2 * column + 1] = wp.float16(real(0.999) * n[2])
+    n = upward_normal(east * constants.h[2] / constants.h[0], north * constants.h[2] / constants.h[1])
+    ground.bounds[place, 2 * column] = wp.float16(top + real(0.001) * (real(1.0) + wp.abs(top)))
+    ground.bounds[place, 2 * column + 1] = wp.float16(real(0.999) * n[2])
 
 
 class Ground:
@@ -220,7 +219,7 @@ class Ground:
     ``reach`` [m] is the distance of a particle's centre beyond which it touches the ground in no step.
     """
 
-    def __init__(self, grounds: list[NodalSurface], spacing: tuple[float, float, float], reach: float):
+    def __init__(self, grounds: list[NodalSurface], spacing: tuple[float, float, float], reach: float, number: Any):
         self.coefficients, starts = self._joined([g.surface.coefficients for g in grounds])
         self.changes, others = self._joined([g.change for g in grounds])
         shapes = [
@@ -231,6 +230,7 @@ class Ground:
         self.lattices = wp.array(np.array([(*g.surface.origin, *g.surface.spacing) for g in grounds]), dtype=wp.float64)
         self.spacing = wp.array(np.array(spacing), dtype=wp.float64)
         self.reach = reach
+        self.group = filled(groups_of(number).SurfaceGroup, self)
 
     @staticmethod
     def _joined(tables: list[np.ndarray]) -> tuple[wp.array, list[int]]:
@@ -243,25 +243,18 @@ class Ground:
         flat = np.concatenate([np.zeros(0), *(values for _, values in kept.values())])
         return wp.array(flat, dtype=wp.float64), [kept[id(table)][0] for table in tables]
 
-    def cut(self, kernels: SimpleNamespace, index: Index, nodes: NodeArrays, shift: wp.array, h: wp.array) -> None:
+    def cut(self, k: SimpleNamespace, index: Index, nodes: NodeArrays, scenes: SceneArrays) -> None:
         """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""
-        cut, flags, counts = (
-            nodes.scratch((index.capacity, 40), nodes.number),
-            index.device_status.flags,
-            index.device_status.counts,
-        )
-        run(
-            kernels.cut_tiles, (index.capacity, 36), self.coefficients, self.changes, self.shapes, self.lattices, index.member,
-            shift, index.coordinates, index.up, self.spacing, cut,
-        )  # fmt: skip
+        cut, status, ground = nodes.scratch((index.capacity, 40), nodes.number), index.status.group, nodes.ground_group
+        run(k.cut_tiles, (index.capacity, 36), index.block_group, scenes.group, self.group, cut)
         nodes.near.zero_(), nodes.grounded.zero_(), nodes.standing.fill_(-1)
-        run(kernels.note_near, index.capacity, cut, index.up, h, nodes.number(self.reach), nodes.near, nodes.grounded)
-        run(kernels.note_slopes, index.capacity, cut, index.around, nodes.ground_slopes)
+        run(k.note_near, index.capacity, index.block_group, ground, scenes.constants, nodes.number(self.reach), cut)
+        run(k.note_slopes, index.capacity, index.block_group, ground, cut)
         for marks, which, blocks in ((nodes.near, NEAR, nodes.standing), (nodes.grounded, GROUNDED, wp.empty(0, dtype=wp.int32))):
             wp.copy(index.sums, marks, count=index.capacity)
             wp.utils.array_scan(index.sums, index.sums, inclusive=False)
-            run(kernels.number_marked, index.capacity, index.sums, marks, counts, which, blocks)
-        run(kernels.require_ground, 1, counts, nodes.places, nodes.slots, flags)
-        run(kernels.note_shares, (nodes.places, 8), flags, nodes.standing, index.up, nodes.grounded, nodes.near_up)
-        run(kernels.keep_tiles, (index.capacity, 36), flags, cut, nodes.near, nodes.tiles)
-        run(kernels.bound_columns, (nodes.places, 16), nodes.tiles, h, nodes.bounds)
+            run(k.number_marked, index.capacity, status, index.block_group, marks, which, blocks)
+        run(k.require_ground, 1, status, nodes.places, nodes.slots)
+        run(k.note_shares, (nodes.places, 8), status, index.block_group, ground)
+        run(k.keep_tiles, (index.capacity, 36), status, ground, cut)
+        run(k.bound_columns, (nodes.places, 16), ground, scenes.constants)

@@ -1,8 +1,14 @@
-"""Sparse index: an open-addressing table of block keys, compact blocks, their neighbours and the particles of each cell.
+"""Sparse index: which blocks of 4 x 4 x 4 cells exist, their neighbours, and where each block's particles are listed.
 
-A table entry holds key + 1, zero where it is free; collisions go to the next entry. Blocks are numbered in the order of
-their keys, so that their numbers do not depend on which thread came first. A block *holds* particles if its eight
-neighbours upwards exist; particles enter no other.
+    keys.table   [ key+1 |   0   | key+1 | key+1 |   0   | ... ]   hash table of block keys; a collision takes the next entry
+    keys.slots   [   2   |   .   |   0   |   1   |   .   | ... ]   block of the entry
+    blocks       0, 1, 2, ...                                      numbered in the order of their keys
+      coordinates[b]  x, y, z of the block        around[b]  27 neighbours, itself in the middle
+      up[b]           8 blocks, one step up       cstart[b]  start of its 64 cells in particles.order, and the end of the last
+
+To make an index, every particle enters the blocks that it can reach before the next sort. The keys are then sorted, which numbers
+the blocks independently of the order of the threads, and each block looks up its neighbours. Particles are only in blocks whose
+seven neighbours upwards exist: these hold the remaining nodes of its cells.
 """
 
 from __future__ import annotations
@@ -15,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash.device_status import DeviceStatus
+from runout.backends.hash.groups import BlockGroup, KeyGroup, ParticleGroup, StatusGroup, filled
 from runout.backends.hash.layout import (
     BLOCKS,
     ENTERED,
@@ -27,9 +34,6 @@ from runout.backends.hash.layout import (
     TALLY,
     WARP,
     Ints,
-    Keys,
-    Rows,
-    Table,
     Table2,
     more_room_for,
     room_for,
@@ -51,76 +55,76 @@ MARGIN = 1  # cells that a particle moves from one sort to the next at most
 GAP = 8  # blocks between the domains of two members, north to south
 
 
-def _slot(table: Table, slots: Ints, key: Any):
+def _slot(keys: KeyGroup, key: Any):
     """Number of the block of a key, -1 if there is none."""
-    mask = table.shape[0] - 1
+    mask = keys.table.shape[0] - 1
     wanted = wp.uint64(key + i64(1))
     place = int(mixed(key)) & mask
-    for _probe in range(table.shape[0]):
-        found = table[place]
+    for _probe in range(keys.table.shape[0]):
+        found = keys.table[place]
         if found == wanted:
-            return slots[place]
+            return keys.slots[place]
         if found == wp.uint64(0):
             return -1
         place = (place + 1) & mask
     return -1
 
 
-def _enter(table: Table, members: Keys, count: Ints, key: Any):
+def _enter(status: StatusGroup, keys: KeyGroup, key: Any):
     """Enter a key unless it is there; once the table is half full nothing more is entered, and the count tells."""
-    mask = table.shape[0] - 1
+    mask = keys.table.shape[0] - 1
     wanted = wp.uint64(key + i64(1))
     place = int(mixed(key)) & mask
-    for _probe in range(table.shape[0]):
-        found = table[place]
+    for _probe in range(keys.table.shape[0]):
+        found = keys.table[place]
         if found == wp.uint64(0):
-            if 2 * count[0] > table.shape[0]:
+            if 2 * status.counts[ENTERED] > keys.table.shape[0]:
                 return
-            found = wp.atomic_cas(table, place, wp.uint64(0), wanted)
+            found = wp.atomic_cas(keys.table, place, wp.uint64(0), wanted)
             if found == wp.uint64(0):
-                m = wp.atomic_add(count, 0, 1)
-                if m < members.shape[0]:
-                    members[m] = key
+                m = wp.atomic_add(status.counts, ENTERED, 1)
+                if m < keys.members.shape[0]:
+                    keys.members[m] = key
                 return
         if found == wanted:
             return
         place = (place + 1) & mask
 
 
-def _enter_around(x: int, y: int, z: int, table: Table, members: Keys, count: Ints):
+def _enter_around(status: StatusGroup, keys: KeyGroup, x: int, y: int, z: int):
     """Enter the blocks that a particle may reach before the next sort."""
     for i in range(block_of(x - MARGIN), block_of(x + MARGIN) + 1):
         for j in range(block_of(y - MARGIN), block_of(y + MARGIN) + 1):
             for k in range(block_of(z - MARGIN), block_of(z + MARGIN) + 1):
-                _enter(table, members, count, block_key(i, j, k))
+                _enter(status, keys, block_key(i, j, k))
 
 
-def _present(rec: Rows, key: Ints, coordinates: Table2, p: int, d: int):
+def _present(particles: ParticleGroup, coordinates: Table2, p: int, d: int):
     """First node of a particle along axis ``d``; its offset may have run past its cell."""
-    k = key[p]
-    return 4 * coordinates[k >> 6, d] + ((k >> (4 - 2 * d)) & 3) + first_node(rec[OFFSET + d, p])
+    k = particles.key[p]
+    return 4 * coordinates[k >> 6, d] + ((k >> (4 - 2 * d)) & 3) + first_node(particles.rec[OFFSET + d, p])
 
 
-def enter_given(node: Table2, table: Table, members: Keys, count: Ints):
+def enter_given(status: StatusGroup, keys: KeyGroup, node: Table2):
     """Enter the blocks around given first nodes (n, 3)."""
     p = wp.tid()
-    _enter_around(node[p, 0], node[p, 1], node[p, 2], table, members, count)
+    _enter_around(status, keys, node[p, 0], node[p, 1], node[p, 2])
 
 
-def mark_around(rec: Rows, key: Ints, coordinates: Table2, marks: Ints, table: Table, members: Keys, count: Ints):
+def mark_around(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup, marks: Ints):
     """Note which of the 27 blocks around its own each particle may reach before the next sort: a bit each.
 
     One that has come further than all of these enters its blocks at once.
     """
     p = wp.tid()
-    k = key[p]
+    k = particles.key[p]
     if k < 0:
         return
     b = k >> 6
     far = int(0)
     mark = int(1)
     for d in range(3):
-        x = ((k >> (4 - 2 * d)) & 3) + first_node(rec[OFFSET + d, p])
+        x = ((k >> (4 - 2 * d)) & 3) + first_node(particles.rec[OFFSET + d, p])
         low = block_of(x - MARGIN) + 1
         high = block_of(x + MARGIN) + 1
         if low < 0 or high > 2:
@@ -131,125 +135,124 @@ def mark_around(rec: Rows, key: Ints, coordinates: Table2, marks: Ints, table: T
                 row |= mark << (i * wp.where(d == 0, 9, wp.where(d == 1, 3, 1)))
             mark = row
     if far != 0:
-        x = _present(rec, key, coordinates, p, 0)
-        y = _present(rec, key, coordinates, p, 1)
-        _enter_around(x, y, _present(rec, key, coordinates, p, 2), table, members, count)
+        x = _present(particles, blocks.former, p, 0)
+        y = _present(particles, blocks.former, p, 1)
+        _enter_around(status, keys, x, y, _present(particles, blocks.former, p, 2))
     else:
         add_marks(marks, b, mark)
 
 
-def enter_marked(coordinates: Table2, marks: Ints, table: Table, members: Keys, count: Ints):
+def enter_marked(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, marks: Ints):
     """Enter the marked ones of the 27 blocks around each."""
     b, q = wp.tid()
     if ((marks[b] >> q) & 1) != 0:
-        i = coordinates[b, 0] + q // 9 - 1
-        j = coordinates[b, 1] + (q // 3) % 3 - 1
-        _enter(table, members, count, block_key(i, j, coordinates[b, 2] + q % 3 - 1))
+        i = blocks.former[b, 0] + q // 9 - 1
+        j = blocks.former[b, 1] + (q // 3) % 3 - 1
+        _enter(status, keys, block_key(i, j, blocks.former[b, 2] + q % 3 - 1))
 
 
-def note_owners(counts: Ints):
+def note_owners(status: StatusGroup):
     """How many blocks may hold particles: those that were entered so far."""
     if wp.tid() == 0:
-        counts[OWNERS] = counts[ENTERED]
+        status.counts[OWNERS] = status.counts[ENTERED]
 
 
-def enter_above(table: Table, members: Keys, counts: Ints):
+def enter_above(status: StatusGroup, keys: KeyGroup):
     """Enter the seven neighbours upwards of a block: they hold its further nodes."""
     m = wp.tid()
-    if m >= counts[OWNERS]:
+    if m >= status.counts[OWNERS]:
         return
-    key = members[m]
+    key = keys.members[m]
     for q in range(1, 8):
         x = int(key_x(key)) + (q >> 2)
         y = int(key_y(key)) + ((q >> 1) & 1)
-        _enter(table, members, counts, block_key(x, y, int(key_z(key)) + (q & 1)))
+        _enter(status, keys, block_key(x, y, int(key_z(key)) + (q & 1)))
 
 
-def require_room(counts: Ints, entries: int, capacity: int, members: Keys, flags: Ints, tally: Ints):
+def require_room(status: StatusGroup, keys: KeyGroup, entries: int, capacity: int):
     """Numbers of a step in the new index; a halt if table or arrays have no room for it. Further keys come last in a sort."""
     m = wp.tid()
-    entered = counts[ENTERED]
+    entered = status.counts[ENTERED]
     fits = 2 * entered <= entries and entered <= capacity
-    if m >= entered and m < members.shape[0]:
-        members[m] = i64(NO_KEY)
+    if m >= entered and m < keys.members.shape[0]:
+        keys.members[m] = i64(NO_KEY)
     if m < TALLY:
-        tally[m] = 0
+        status.tally[m] = 0
         if m == BLOCKS and fits:
-            tally[m] = entered
+            status.tally[m] = entered
     if m == 0 and not fits:
-        flags[HALT] = GROW
+        status.flags[HALT] = GROW
 
 
-def number_blocks(
-    tally: Ints, members: Keys, table: Table, slots: Ints, rows: int, many: int, coordinates: Table2, member: Ints
-):  # fmt: skip
+def number_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, rows: int, many: int):
     """Number the entered keys by their order, and note their coordinates and member; a member has ``rows`` blocks to the north."""
     b = wp.tid()
-    if b >= tally[BLOCKS]:
+    if b >= status.tally[BLOCKS]:
         return
-    key = members[b]
-    mask = table.shape[0] - 1
+    key = keys.members[b]
+    mask = keys.table.shape[0] - 1
     place = int(mixed(key)) & mask
-    while table[place] != wp.uint64(key + i64(1)):
+    while keys.table[place] != wp.uint64(key + i64(1)):
         place = (place + 1) & mask
-    slots[place] = b
-    coordinates[b, 0] = int(key_x(key))
-    coordinates[b, 1] = int(key_y(key))
-    coordinates[b, 2] = int(key_z(key))
-    member[b] = wp.clamp((int(key_y(key)) + GAP // 2) // rows, 0, many - 1)
+    keys.slots[place] = b
+    blocks.coordinates[b, 0] = int(key_x(key))
+    blocks.coordinates[b, 1] = int(key_y(key))
+    blocks.coordinates[b, 2] = int(key_z(key))
+    blocks.member[b] = wp.clamp((int(key_y(key)) + GAP // 2) // rows, 0, many - 1)
 
 
-def link_blocks(tally: Ints, coordinates: Table2, table: Table, slots: Ints, around: Table2, up: Table2, down: Table2):
+def link_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup):
     """The 27 blocks around, the eight upwards, the first of them -1 if any is missing; and downwards; -1 where there is none."""
     b = wp.tid()
-    if b >= tally[BLOCKS]:
+    if b >= status.tally[BLOCKS]:
         return
+    i = blocks.coordinates[b, 0]
+    j = blocks.coordinates[b, 1]
+    k = blocks.coordinates[b, 2]
     for q in range(27):
-        i = coordinates[b, 0] + q // 9 - 1
-        j = coordinates[b, 1] + (q // 3) % 3 - 1
-        around[b, q] = _slot(table, slots, block_key(i, j, coordinates[b, 2] + q % 3 - 1))
+        blocks.around[b, q] = _slot(keys, block_key(i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1))
     complete = int(1)
     for q in range(8):
         x = q >> 2
         y = (q >> 1) & 1
         z = q & 1
-        s = _slot(table, slots, block_key(coordinates[b, 0] + x, coordinates[b, 1] + y, coordinates[b, 2] + z))
-        up[b, q] = s
+        s = _slot(keys, block_key(i + x, j + y, k + z))
+        blocks.up[b, q] = s
         if s < 0:
             complete = int(0)
         if ORDERED:
-            down[b, q] = _slot(table, slots, block_key(coordinates[b, 0] - x, coordinates[b, 1] - y, coordinates[b, 2] - z))
+            blocks.down[b, q] = _slot(keys, block_key(i - x, j - y, k - z))
     if complete == 0:
-        up[b, 0] = -1
+        blocks.up[b, 0] = -1
 
 
-def number_given(flags: Ints, node: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
+def number_given(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup, node: Table2):
     """Cell number of given first nodes (n, 3), and how many are in each cell."""
     p = wp.tid()
-    if flags[HALT] != 0:
+    if status.flags[HALT] != 0:
         return
     x = node[p, 0]
     y = node[p, 1]
     z = node[p, 2]
-    k = _slot(table, slots, block_key(block_of(x), block_of(y), block_of(z))) * 64 + local_index(x, y, z)
-    key[p] = k
-    count_in(ends, _cell_entry(k))
+    k = _slot(keys, block_key(block_of(x), block_of(y), block_of(z))) * 64 + local_index(x, y, z)
+    particles.key[p] = k
+    count_in(blocks.ends, _cell_entry(k))
 
 
-def number_present(flags: Ints, rec: Rows, old: Table2, table: Table, slots: Ints, key: Ints, ends: Ints):
+def number_present(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup):
     """Cell number of the particles in a new index; offsets come back into their cell."""
     p = wp.tid()
-    if flags[HALT] != 0 or key[p] < 0:
+    if status.flags[HALT] != 0 or particles.key[p] < 0:
         return
-    x = _present(rec, key, old, p, 0)
-    y = _present(rec, key, old, p, 1)
-    z = _present(rec, key, old, p, 2)
+    x = _present(particles, blocks.former, p, 0)
+    y = _present(particles, blocks.former, p, 1)
+    z = _present(particles, blocks.former, p, 2)
     for d in range(3):
-        f = rec[OFFSET + d, p]
-        rec[OFFSET + d, p] = f - wp.floor(f - type(f)(0.5))
-    k = _slot(table, slots, block_key(block_of(x), block_of(y), block_of(z))) * 64 + local_index(x, y, z)
-    key[p] = k
-    count_in(ends, _cell_entry(k))
+        f = particles.rec[OFFSET + d, p]
+        particles.rec[OFFSET + d, p] = f - wp.floor(f - type(f)(0.5))
+    k = _slot(keys, block_key(block_of(x), block_of(y), block_of(z))) * 64 + local_index(x, y, z)
+    particles.key[p] = k
+    count_in(blocks.ends, _cell_entry(k))
 
 
 class Index:
@@ -296,11 +299,10 @@ class Index:
     """
 
     def __init__(
-        self, kernels: SimpleNamespace, device_status: DeviceStatus, particles: int, ordered: bool, many: int = 1, rows: int = 2**20
+        self, kernels: SimpleNamespace, status: DeviceStatus, particles: int, ordered: bool, many: int = 1, rows: int = 2**20
     ):
-        self.k, self.device_status, self.ordered, self.many, self.rows = kernels, device_status, ordered, many, rows
+        self.k, self.status, self.ordered, self.many, self.rows = kernels, status, ordered, many, rows
         self.nown = self.nall = self.capacity = self.generation = self.launched = 0
-        self.tally, self.entered = device_status.tally, device_status.counts
         self.former: Any = None
         self.make_table(first_table(particles))
         self.make_room(0)
@@ -311,6 +313,7 @@ class Index:
         self.table = wp.zeros(entries, dtype=wp.uint64)
         self.slots = wp.zeros(entries, dtype=wp.int32)
         self.members = wp.zeros(entries, dtype=wp.int64)
+        self.key_group = filled(self.k.groups.KeyGroup, self)
 
     def make_room(self, blocks: int) -> None:
         """Empty arrays for so many blocks; where blocks were before the present sort stays known."""
@@ -323,10 +326,9 @@ class Index:
         if former is not None:
             wp.copy(self.former[: len(former)], former)
         self.ends = self.cstart.flatten()
-        lists = (wp.zeros(blocks, dtype=wp.int32) for _ in range(4))
-        self.member, self.active, self.touching, self.homes = lists
-        self.touched = wp.zeros((blocks, 2), dtype=wp.int32)
+        self.member, self.active, self.homes = (wp.zeros(blocks, dtype=wp.int32) for _ in range(3))
         self.sums = wp.zeros(blocks + 1, dtype=wp.int32)
+        self.block_group = filled(self.k.groups.BlockGroup, self)
 
     def keep_former(self) -> None:
         """Note where the blocks are, for particles that still name them while a new index is made."""
@@ -338,21 +340,19 @@ class Index:
 
         Only launches; :meth:`grow` follows once the host has seen that.
         """
-        k, counts, entries = self.k, self.device_status.counts, self.table.shape[0]
-        self.table.zero_(), counts.zero_()
+        k, entries, status = self.k, self.table.shape[0], self.status.group
+        self.table.zero_(), self.status.counts.zero_()
         enter()
-        run(k.note_owners, 1, counts)
-        run(k.enter_above, entries // 2, self.table, self.members, counts)
+        run(k.note_owners, 1, status)
+        run(k.enter_above, entries // 2, status, self.key_group)
         sorted_ = min(self.capacity, entries // 2)
-        run(k.require_room, max(sorted_, TALLY), counts, entries, self.capacity, self.members, self.device_status.flags, self.tally)
+        run(k.require_room, max(sorted_, TALLY), status, self.key_group, entries, self.capacity)
         wp.utils.radix_sort_pairs(self.members, self.slots, sorted_)
         self.cstart.zero_(), self.up.fill_(-1)
         if self.ordered:
             self.down.fill_(-1)
-        number = (self.members, self.table, self.slots, self.rows, self.many, self.coordinates, self.member)
-        run(k.number_blocks, self.capacity, self.tally, *number)
-        links = (self.coordinates, self.table, self.slots, self.around, self.up, self.down)
-        run(k.link_blocks, self.capacity, self.tally, *links)
+        run(k.number_blocks, self.capacity, status, self.block_group, self.key_group, self.rows, self.many)
+        run(k.link_blocks, self.capacity, status, self.block_group, self.key_group)
 
     def grow(self, counts: np.ndarray) -> None:
         """Make room for what the last try counted: a table that got half full becomes twice as large."""
@@ -362,22 +362,20 @@ class Index:
         elif self.nall > self.capacity:
             self.make_room(more_room_for(self.nall) if self.capacity else room_for(self.nall))
 
-    def list_cells(self, flags: Any, nodes: Any, totals: Any = None) -> None:
-        """Where the cells start, in the order of the blocks if ``totals`` are their sums over the blocks before.
+    def list_cells(self, nodes: Any, by_sums: bool = False) -> None:
+        """Where the cells start in the list: ``by_sums`` in the order of the blocks, else each block takes the next free stretch.
 
         A block of threads for each: then blocks are listed nearly in their order, and neighbours are read while they are at hand.
         """
-        given = self.ends if totals is None else totals
         run_blocks(
-            self.k.list_cells, self.capacity, WARP, flags, given, int(totals is not None), self.cstart, self.active,
-            self.device_status.both, self.tally, nodes.grounded, self.touching, nodes.grid, nodes.contact,
+            self.k.list_cells, self.capacity, WARP, self.status.group, self.block_group, nodes.grid_group, nodes.ground_group,
+            nodes.contact_group, int(by_sums),
         )  # fmt: skip
 
-    def count_blocks(self) -> Any:
-        """Numbers of particles in the blocks before each, and in all."""
-        run(self.k.count_blocks, self.capacity, self.cstart, self.sums)
+    def count_blocks(self) -> None:
+        """Numbers of particles in the blocks before each, and in all, into ``sums``."""
+        run(self.k.count_blocks, self.capacity, self.block_group)
         wp.utils.array_scan(self.sums, self.sums, inclusive=False)
-        return self.sums
 
     def fit_launches(self, held: int) -> None:
         """Blocks of threads for ``held`` blocks with particles and some more; a step that needs others does them in turn."""

@@ -24,6 +24,7 @@ from runout.backends.hash import (
     unknown,
     zones,
 )
+from runout.backends.hash.groups import argument_types, groups_of
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.model.laws import Law
 
@@ -35,23 +36,19 @@ GRADIENT_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", 
 
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
-# threads of a block and blocks that share a multiprocessor in single precision, which bounds the registers of each thread
+# threads of a block and blocks that share a multiprocessor, which bounds the registers of each thread
 FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
-    "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20),
+    "find_contacts": (WARP, 24), "solve_contacts": (WARP, 20), "sum_blocks": (PARTICLE_LANES, 6), "cut_tiles": (PARTICLE_LANES, 4),
 }  # fmt: skip
+FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
 GRADIENT_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 
-def _argument_types(real: Any, record: Any) -> dict[str, Any]:
-    """What the names of argument types in the kernels stand for."""
-    vec, vec4 = wp.types.vector(length=3, dtype=real), wp.types.vector(length=4, dtype=real)
+def _local_types(real: Any) -> dict[str, Any]:
+    """What the names of vectors and matrices in the kernels stand for."""
     return {
-        "Real": real, "Vector": vec, "Rows": wp.array2d(dtype=real), "Reals": wp.array(dtype=real), "Nodes": wp.array(dtype=vec4),
-        "Table": wp.array(dtype=wp.uint64), "Keys": wp.array(dtype=wp.int64), "Ints": wp.array(dtype=wp.int32),
-        "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16), "Doubles": wp.array(dtype=wp.float64),
-        "Halves": wp.array2d(dtype=wp.float16), "Doubles2": wp.array2d(dtype=wp.float64), "Longs": wp.array(dtype=wp.int64),
-        "Materials": wp.array(dtype=record), "node4": vec4, "sums4": wp.types.matrix(shape=(27, 4), dtype=real),
+        "node4": wp.types.vector(length=4, dtype=real), "sums4": wp.types.matrix(shape=(27, 4), dtype=real),
         "sums3": wp.types.matrix(shape=(9, 3), dtype=real), "sums9": wp.types.matrix(shape=(9, 4), dtype=real),
         "sums27": wp.types.matrix(shape=(27, 3), dtype=real), "sums2": wp.types.matrix(shape=(27, 2), dtype=real),
         "double7": wp.types.vector(length=7, dtype=wp.float64),
@@ -67,7 +64,7 @@ def _bound(law: Law, precision: str, sources: tuple[Any, ...], module_of: Any, *
     physics, wide = _physics(real), _physics(wp.float64)
     record = law_record(law, real)
     kernels = warp_kernels(
-        physics, sources, module_of, **_argument_types(real, record), **flags,
+        physics, sources, module_of, **argument_types(real), **_local_types(real), Materials=wp.array(dtype=record), **flags,
         law_update=physics.law(law).step,
         **natives.of(precision),
         first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
@@ -75,7 +72,7 @@ def _bound(law: Law, precision: str, sources: tuple[Any, ...], module_of: Any, *
         gradient_column64=wide.moments.gradient_column,
         kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
     )  # fmt: skip
-    kernels.record = record
+    kernels.record, kernels.groups = record, groups_of(real)
     return kernels
 
 
@@ -85,11 +82,10 @@ def _module(name: str, lanes: int) -> Any:
     return module
 
 
-def _share_multiprocessor(kernels: SimpleNamespace, precision: str, blocks: dict[str, tuple[int, int]]) -> None:
-    """Bound the registers of kernels in single precision, so that so many blocks of threads fit."""
-    if precision == "float32":
-        for kernel, bounds in blocks.items():
-            getattr(kernels, kernel).options["launch_bounds"] = bounds
+def _share_multiprocessor(kernels: SimpleNamespace, blocks: dict[str, tuple[int, int]]) -> None:
+    """Bound the registers of kernels, so that so many blocks of threads fit."""
+    for kernel, bounds in blocks.items():
+        getattr(kernels, kernel).options["launch_bounds"] = bounds
 
 
 @cache
@@ -116,7 +112,7 @@ def compiled_kernels(
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         ORDERED=ordered, ZONED=zoned,
     )  # fmt: skip
-    _share_multiprocessor(kernels, precision, FLOAT32_BLOCKS)
+    _share_multiprocessor(kernels, FLOAT32_BLOCKS if precision == "float32" else FLOAT64_BLOCKS)
     kernels.modules = ((cells, CELL_LANES), (warps, WARP), (others, PARTICLE_LANES))
     return kernels
 
@@ -131,6 +127,7 @@ def _gradient_kernels(law: Law, precision: str, ordered: bool) -> SimpleNamespac
         lambda kernel: cells if kernel in GRADIENT_CELL_KERNELS else others if kernel in GRADIENT_KERNELS else unused,
         ORDERED=ordered, GRADIENT_TRANSFER=True, COUNTED_AT_ONCE=False,
     )  # fmt: skip
-    _share_multiprocessor(kernels, precision, GRADIENT_BLOCKS)
+    if precision == "float32":
+        _share_multiprocessor(kernels, GRADIENT_BLOCKS)
     own = {kernel: getattr(kernels, kernel) for kernel in (*GRADIENT_CELL_KERNELS, *GRADIENT_KERNELS)}
     return SimpleNamespace(**own, modules=((cells, CELL_LANES), (others, PARTICLE_LANES)))

@@ -1,4 +1,14 @@
-"""What observers see: sums over the particles of each scene, columns of the raster, and particles as the backends exchange them."""
+"""Observation: sums over the particles of each scene, columns of the raster, and particles as the backends exchange them.
+
+    found[b]        mass, momentum (3), kinetic, potential, elastic energy of the particles of block b     (blocks, 7)
+    sums.here[s]    the same by scene          sums.gone[s]   the same for particles that left since the last sort
+    sums.booked[s]  dissipation and impulse of the ground since the last sort
+    sums.kept[s]    booked (6) and gone (7) up to the last sort
+    sums.ledger[s]  | kept + booked + gone: 13 | here: 7 | blocks with particles and their extent: 5 |
+    raster          (rows, columns, 5) of each window, one behind the other: volume, mass, momentum (3) as whole numbers
+
+Sums over blocks and over particles that have left are made apart and joined in one row a scene, which the host reads at once.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +17,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.deform import _slopes, _strain_of
+from runout.backends.hash.groups import BlockGroup, Constants, ParticleGroup, SceneGroup, StatusGroup, SumGroup
 from runout.backends.hash.layout import (
     AFFINE,
     BLOCKS,
@@ -16,14 +27,12 @@ from runout.backends.hash.layout import (
     NEXT,
     OFFSET,
     VOLUME,
-    Doubles,
     Doubles2,
     Ints,
     Longs,
     Materials,
     Reals,
     Rows,
-    Shorts,
     Table2,
     Vector,
     double7,
@@ -39,22 +48,22 @@ SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
 BOOKED = 6  # plastic dissipation, work and impulse of the ground, plastic dissipation by the second warp of a block
 
 
-def change_step(rec: Rows, key: Ints, release: Shorts, member: Ints, mats: Materials, longer: Reals, h: Vector):
+def change_step(particles: ParticleGroup, blocks: BlockGroup, constants: Constants, mats: Materials, longer: Reals):
     """Repack the records of each scene for a time step so much longer [s]."""
     p = wp.tid()
-    if key[p] < 0:
+    if particles.key[p] < 0:
         return
-    tau = kirchhoff_stress(log_strain(_strain_of(rec, p)), mats[int(release[p])])
-    packed = stress_columns(tau, rec[VOLUME, p], _slopes(longer[member[key[p] >> 6]], h))
+    tau = kirchhoff_stress(log_strain(_strain_of(particles.rec, p)), mats[int(particles.release[p])])
+    packed = stress_columns(tau, particles.rec[VOLUME, p], _slopes(longer[blocks.member[particles.key[p] >> 6]], constants.h))
     for k in range(9):
-        rec[AFFINE + k, p] = rec[AFFINE + k, p] + packed[k]
+        particles.rec[AFFINE + k, p] = particles.rec[AFFINE + k, p] + packed[k]
 
 
-def leave(key: Ints, member: Ints, gone: Ints):
+def leave(particles: ParticleGroup, blocks: BlockGroup, gone: Ints):
     """Take the particles of scenes that are done away."""
     p = wp.tid()
-    if key[p] >= 0 and gone[member[wp.max(key[p], 0) >> 6]] != 0:
-        key[p] = -1
+    if particles.key[p] >= 0 and gone[blocks.member[wp.max(particles.key[p], 0) >> 6]] != 0:
+        particles.key[p] = -1
 
 
 def _affine_column(rec: Rows, p: int, tau: Any, dt: Any, h: Vector, j: int):
@@ -84,84 +93,85 @@ def _position(rec: Rows, p: int, k: int, coordinates: Table2, shift: int, h: Vec
 
 
 def unpack(
-    rec: Rows, release: Shorts, key: Ints, coordinates: Table2, member: Ints, shift: Ints, mats: Materials, packed: Reals,
-    h: Vector, where: Ints, node: Table2, affine: Doubles2,
+    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants, mats: Materials, where: Ints,
+    node: Table2, affine: Doubles2,
 ):  # fmt: skip
     """First node (n, 3) and velocity gradient (n, 9) of the particles at the places ``where`` (n,)."""
     t = wp.tid()
     p = where[t]
-    k = key[p]
-    s = member[k >> 6]
+    k = particles.key[p]
+    s = blocks.member[k >> 6]
     for d in range(3):
-        node[t, d] = 4 * coordinates[k >> 6, d] + ((k >> (4 - 2 * d)) & 3)
-    node[t, 1] = node[t, 1] - shift[s]
-    tau = kirchhoff_stress(log_strain(_strain_of(rec, p)), mats[int(release[p])])
+        node[t, d] = 4 * blocks.coordinates[k >> 6, d] + ((k >> (4 - 2 * d)) & 3)
+    node[t, 1] = node[t, 1] - scenes.shift[s]
+    tau = kirchhoff_stress(log_strain(_strain_of(particles.rec, p)), mats[int(particles.release[p])])
     for j in range(3):
-        affine_momentum = _affine_column(rec, p, tau, packed[s], h, j)
-        column = gradient_column64(affine_momentum, wp.float64(rec[MASS, p]), wp.float64(h[j]))
+        affine_momentum = _affine_column(particles.rec, p, tau, scenes.packed[s], constants.h, j)
+        column = gradient_column64(affine_momentum, wp.float64(particles.rec[MASS, p]), wp.float64(constants.h[j]))
         for i in range(3):
             affine[t, 3 * i + j] = column[i]
 
 
-def _energies(rec: Rows, release: Shorts, p: int, mats: Materials, dt: Any, h: Vector, gravity: wp.vec3d, x: wp.vec3d):
+def _energies(particles: ParticleGroup, constants: Constants, p: int, mats: Materials, dt: Any, x: wp.vec3d):
     """Kinetic, potential and elastic energy [J] of a particle at ``x`` [m]."""
-    mat = mats[int(release[p])]
-    log = log_strain(_strain_of(rec, p))
+    mat = mats[int(particles.release[p])]
+    log = log_strain(_strain_of(particles.rec, p))
     tau = kirchhoff_stress(log, mat)
-    m = wp.float64(rec[MASS, p])
+    m = wp.float64(particles.rec[MASS, p])
+    rec = particles.rec
     momentum = wp.vec3d(wp.float64(rec[MOMENTUM, p]), wp.float64(rec[MOMENTUM + 1, p]), wp.float64(rec[MOMENTUM + 2, p]))
-    ax = _affine_column(rec, p, tau, dt, h, 0)
-    ay = _affine_column(rec, p, tau, dt, h, 1)
-    az = _affine_column(rec, p, tau, dt, h, 2)
+    ax = _affine_column(particles.rec, p, tau, dt, constants.h, 0)
+    ay = _affine_column(particles.rec, p, tau, dt, constants.h, 1)
+    az = _affine_column(particles.rec, p, tau, dt, constants.h, 2)
     kinetic = kinetic_energy64(m, momentum, ax, ay, az)
-    return wp.vec3d(kinetic, potential_energy64(m, gravity, x), wp.float64(energy_density(log, mat)) * wp.float64(rec[VOLUME, p]))
+    elastic = wp.float64(energy_density(log, mat)) * wp.float64(rec[VOLUME, p])
+    return wp.vec3d(kinetic, potential_energy64(m, constants.gravity, x), elastic)
 
 
-def _row(rec: Rows, release: Shorts, p: int, mats: Materials, dt: Any, h: Vector, gravity: wp.vec3d, x: wp.vec3d):
+def _row(particles: ParticleGroup, constants: Constants, p: int, mats: Materials, dt: Any, x: wp.vec3d):
     """Mass [kg], momentum [kg m/s], kinetic, potential and elastic energy [J] of a particle."""
-    e = _energies(rec, release, p, mats, dt, h, gravity, x)
-    mass = wp.float64(rec[MASS, p])
+    e = _energies(particles, constants, p, mats, dt, x)
+    mass = wp.float64(particles.rec[MASS, p])
     row = double7(mass)
     for d in range(3):
-        row[1 + d] = wp.float64(rec[MOMENTUM + d, p])
+        row[1 + d] = wp.float64(particles.rec[MOMENTUM + d, p])
         row[4 + d] = e[d]
     row[0] = mass
     return row
 
 
 def sum_blocks(
-    rec: Rows, release: Shorts, key: Ints, order: Ints, cstart: Table2, tally: Ints, active: Ints, coordinates: Table2,
-    member: Ints, shift: Ints, mats: Materials, packed: Reals, h: Vector, gravity: wp.vec3d, sums: Doubles2, bounds: Table2,
-    launched: int,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants,
+    mats: Materials, sums: SumGroup, found: Doubles2, launched: int,
 ):  # fmt: skip
     """Sums (blocks, 7) over the particles of each block, see ``_row``; number and extent in plan of the blocks of each scene."""
     begin, lane = wp.tid()
-    for a in range(begin, tally[NEXT], launched):
-        b = active[a]
-        s = member[b]
+    for a in range(begin, status.tally[NEXT], launched):
+        b = blocks.active[a]
+        s = blocks.member[b]
         acc = double7()
-        for t in range(cstart[b, 0] + lane, cstart[b, 64], lane_count()):
-            p = order[t]
-            x = _position(rec, p, key[p], coordinates, shift[s], h)
-            acc += _row(rec, release, p, mats, packed[s], h, gravity, x)
+        for t in range(blocks.cstart[b, 0] + lane, blocks.cstart[b, 64], lane_count()):
+            p = particles.order[t]
+            x = _position(particles.rec, p, particles.key[p], blocks.coordinates, scenes.shift[s], constants.h)
+            acc += _row(particles, constants, p, mats, scenes.packed[s], x)
         total = wp.tile_sum(wp.tile(acc, preserve_type=True))
         if lane == 0:
             for k in range(SUMS):
-                sums[b, k] = total[0][k]
-            wp.atomic_add(bounds, s, 0, 1)
+                found[b, k] = total[0][k]
+            wp.atomic_add(sums.bounds, s, 0, 1)
             for d in range(2):
-                wp.atomic_min(bounds, s, 1 + d, coordinates[b, d])
-                wp.atomic_max(bounds, s, 3 + d, coordinates[b, d])
+                wp.atomic_min(sums.bounds, s, 1 + d, blocks.coordinates[b, d])
+                wp.atomic_max(sums.bounds, s, 3 + d, blocks.coordinates[b, d])
 
 
-def sum_rows(rows: Doubles2, member: Ints, tally: Ints, width: int, parts: int, sums: Doubles2):
+def sum_rows(status: StatusGroup, blocks: BlockGroup, rows: Doubles2, parts: int, sums: Doubles2):
     """Sums (scenes parts, width) of the rows of the blocks of each scene; part q takes every ``parts``-th."""
     i, lane = wp.tid()
     scene = i // parts
-    for d in range(width):
+    for d in range(rows.shape[1]):
         acc = wp.float64(0.0)
-        for b in range((i % parts) * lane_count() + lane, tally[BLOCKS], parts * lane_count()):
-            if member[b] == scene:
+        for b in range((i % parts) * lane_count() + lane, status.tally[BLOCKS], parts * lane_count()):
+            if blocks.member[b] == scene:
                 acc += rows[b, d]
         total = wp.tile_sum(wp.tile(acc))
         if lane == 0:
@@ -169,62 +179,64 @@ def sum_rows(rows: Doubles2, member: Ints, tally: Ints, width: int, parts: int, 
 
 
 def sum_gone(
-    rec: Rows, release: Shorts, key: Ints, coordinates: Table2, member: Ints, shift: Ints, mats: Materials, packed: Reals,
-    h: Vector, gravity: wp.vec3d, tally: Ints, scenes: int, threads: int, sums: Doubles2,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants,
+    mats: Materials, sums: SumGroup,
 ):  # fmt: skip
-    """The same sums over the particles that have left the domain; thread t takes every so many-th, row ``scenes`` t + s scene s.
+    """The same sums over the particles that have left the domain. Thread t takes every so many-th; its rows are one a scene.
 
-    The elevation where a particle went over the edge is found from its last cell, which the key still tells.
+    The elevation at which a particle crossed the edge is found from its last cell, which its key still tells.
     """
     t = wp.tid()
-    if tally[GONE] == 0:
+    if status.tally[GONE] == 0:
         return
-    for s in range(scenes):
+    many = sums.kept.shape[0]
+    threads = sums.gone.shape[0] // many
+    for s in range(many):
         for d in range(SUMS):
-            sums[scenes * t + s, d] = wp.float64(0.0)
-    for p in range(t, key.shape[0], threads):
-        if key[p] < -1:
-            k = -2 - key[p]
-            s = member[k >> 6]
-            x = _position(rec, p, k, coordinates, shift[s], h)
-            row = _row(rec, release, p, mats, packed[s], h, gravity, x)
+            sums.gone[many * t + s, d] = wp.float64(0.0)
+    for p in range(t, particles.key.shape[0], threads):
+        if particles.key[p] < -1:
+            k = -2 - particles.key[p]
+            s = blocks.member[k >> 6]
+            x = _position(particles.rec, p, k, blocks.coordinates, scenes.shift[s], constants.h)
+            row = _row(particles, constants, p, mats, scenes.packed[s], x)
             for d in range(SUMS):
-                sums[scenes * t + s, d] = sums[scenes * t + s, d] + row[d]
+                sums.gone[many * t + s, d] = sums.gone[many * t + s, d] + row[d]
 
 
-def _since_sort(booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes: int, tally: Ints, s: int, d: int):
-    """What a scene has booked since the last sort, or lost by particles that have gone: number ``d`` of what is kept."""
+def _since_sort(status: StatusGroup, sums: SumGroup, s: int, d: int):
+    """Number ``d`` of what a scene keeps: booked since the last sort, or lost with particles that have left since then."""
+    many = sums.kept.shape[0]
     total = wp.float64(0.0)
     if d < BOOKED:
+        parts = sums.booked.shape[0] // many
         for q in range(parts):
-            total += booked[s * parts + q, d]
-    elif tally[GONE] > 0:
-        for t in range(threads):
-            total += gone[scenes * t + s, d - BOOKED]
+            total += sums.booked[s * parts + q, d]
+    elif status.tally[GONE] > 0:
+        for t in range(sums.gone.shape[0] // many):
+            total += sums.gone[many * t + s, d - BOOKED]
     return total
 
 
-def keep_sums(booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes: int, tally: Ints, kept: Doubles2):
+def keep_sums(status: StatusGroup, sums: SumGroup):
     """Add what has been booked and lost since the last sort to what is kept by scene; a thread a scene and number."""
     s, d = wp.tid()
-    kept[s, d] = kept[s, d] + _since_sort(booked, parts, gone, threads, scenes, tally, s, d)
+    sums.kept[s, d] = sums.kept[s, d] + _since_sort(status, sums, s, d)
 
 
-def write_sums(
-    here: Doubles2, booked: Doubles2, parts: int, gone: Doubles2, threads: int, scenes: int, tally: Ints, kept: Doubles2,
-    bounds: Table2, ledger: Doubles2,
-):  # fmt: skip
+def write_sums(status: StatusGroup, sums: SumGroup):
     """All that is known of a scene in one row: booked and lost, sums over its particles, number and extent of its blocks."""
     s, d = wp.tid()
     if d < BOOKED + SUMS:
-        ledger[s, d] = kept[s, d] + _since_sort(booked, parts, gone, threads, scenes, tally, s, d)
+        sums.ledger[s, d] = sums.kept[s, d] + _since_sort(status, sums, s, d)
     elif d < BOOKED + 2 * SUMS:
+        parts = sums.here.shape[0] // sums.kept.shape[0]
         total = wp.float64(0.0)
         for q in range(parts):
-            total += here[s * parts + q, d - BOOKED - SUMS]
-        ledger[s, d] = total
+            total += sums.here[s * parts + q, d - BOOKED - SUMS]
+        sums.ledger[s, d] = total
     else:
-        ledger[s, d] = wp.float64(bounds[s, d - BOOKED - 2 * SUMS])
+        sums.ledger[s, d] = wp.float64(sums.bounds[s, d - BOOKED - 2 * SUMS])
 
 
 def _covered(x: wp.float64, width: wp.float64, i: int):
@@ -236,10 +248,7 @@ def _add_whole(raster: Longs, place: int, value: wp.float64):
     wp.atomic_add(raster, place, wp.int64(wp.round(value)))
 
 
-def add_columns(
-    rec: Rows, release: Shorts, key: Ints, coordinates: Table2, member: Ints, shift: Ints, density: Doubles, windows: Table2,
-    scales: Doubles2, raster: Longs,
-):  # fmt: skip
+def add_columns(particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, windows: Table2, scales: Doubles2, raster: Longs):
     """Add each particle, spread over a plan box of one grid cell, to the window (rows x columns x 5) of its scene.
 
     A window holds all mass. Its row: place in ``raster`` or -1, rows and columns of the whole, first row, first column, columns.
@@ -247,21 +256,21 @@ def add_columns(
     a grid cell in raster cells, how many units make one, and where the whole begins [cells].
     """
     p = wp.tid()
-    k = key[p]
+    k = particles.key[p]
     if k < 0:
         return
-    s = member[k >> 6]
+    s = blocks.member[k >> 6]
     begin = windows[s, 0]
     if begin < 0:
         return
-    place = _place(rec, p, k, coordinates, shift[s])
+    place = _place(particles.rec, p, k, blocks.coordinates, scenes.shift[s])
     qx = place[0]
     qy = place[1]
     wx = scales[s, 0]
     wy = scales[s, 1]
     x = (qx - wp.float64(0.5)) * wx - scales[s, 5]
     y = (qy - wp.float64(0.5)) * wy - scales[s, 6]
-    m = wp.float64(rec[MASS, p])
+    m = wp.float64(particles.rec[MASS, p])
     rows = windows[s, 1]
     columns = windows[s, 2]
     for i in range(int(wp.floor(x)), int(wp.floor(x + wx)) + 1):
@@ -271,7 +280,7 @@ def add_columns(
             if share > wp.float64(0.0):
                 o = (rows - 1 - wp.clamp(j, 0, rows - 1) - windows[s, 3]) * windows[s, 5]
                 o = begin + (o + wp.clamp(i, 0, columns - 1) - windows[s, 4]) * 5
-                _add_whole(raster, o, share * m / density[int(release[p])] * scales[s, 2])
+                _add_whole(raster, o, share * m / scenes.density[int(particles.release[p])] * scales[s, 2])
                 _add_whole(raster, o + 1, share * m * scales[s, 3])
                 for d in range(3):
-                    _add_whole(raster, o + 2 + d, share * wp.float64(rec[MOMENTUM + d, p]) * scales[s, 4])
+                    _add_whole(raster, o + 2 + d, share * wp.float64(particles.rec[MOMENTUM + d, p]) * scales[s, 4])

@@ -1,9 +1,19 @@
-"""Particles to grid and back, through the tile of nodes that a block shares; see :mod:`runout.backends.hash.layout`."""
+"""Particles to grid: mass and momentum of the particles are added to the nodes.
+
+    block b      64 cells, one per thread
+    cell c       particles order[cstart[b, c]] ... order[cstart[b, c + 1] - 1]
+    registers    27 nodes x (mass, momentum x, y, z) of the cell
+    tile         6 x 6 x 6 nodes in shared memory, [x][y][z], z next to each other: nodes of the block and of seven neighbours
+    grid.nodes   64 nodes of block 0, 64 nodes of block 1, ...; in a block 16 x + 4 y + z
+
+A thread sums the particles of its cell in registers, adds them to the tile, and the block adds the tile to the grid.
+"""
 
 from __future__ import annotations
 
 import warp as wp
 
+from runout.backends.hash.groups import BlockGroup, GridGroup, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
@@ -15,10 +25,6 @@ from runout.backends.hash.layout import (
     OFFSET,
     ORDERED,
     TILE,
-    Ints,
-    Nodes,
-    Rows,
-    Table2,
     add_node,
     lane_count,
     node4,
@@ -29,19 +35,20 @@ from runout.physics.bspline import weights
 from runout.physics.tensors import real, vec
 
 
-def _sum_cell(rec: Rows, order: Ints, begin: int, last: int):
+def _sum_cell(particles: ParticleGroup, begin: int, last: int):
     """Mass and momentum that the particles at some places of the list hand to the 27 nodes of their cell.
 
     From node to node the momentum that a particle hands over grows by a column of its affine part.
     """
+    rec = particles.rec
     acc = sums4()
     ahead = int(0)
     if begin < last:
-        ahead = order[begin]
+        ahead = particles.order[begin]
     for t in range(begin, last):
         p = ahead & NOT_NEGATIVE
         if t + 1 < last:
-            ahead = order[t + 1]
+            ahead = particles.order[t + 1]
         m = rec[MASS, p]
         fx = rec[OFFSET, p]
         fy = rec[OFFSET + 1, p]
@@ -72,21 +79,20 @@ def _sum_cell(rec: Rows, order: Ints, begin: int, last: int):
 
 
 def particles_to_grid(
-    rec: Rows, order: Ints, cstart: Table2, up: Table2, flags: Ints, tally: Ints, active: Ints, member: Ints, clock: Rows,
-    grid: Nodes, arenas: Nodes, launched: int,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup, launched: int,
 ):  # fmt: skip
     """Mass and momentum of the particles to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
-    b = int(active[begin])  # under way before it is known whether there is anything to do
-    if flags[HALT] != 0:
+    b = int(blocks.active[begin])  # under way before it is known whether there is anything to do
+    if status.flags[HALT] != 0:
         return
-    for a in range(begin, tally[ACTIVE], launched):
-        if clock[member[b], 0] > real(0.0):
+    for a in range(begin, status.tally[ACTIVE], launched):
+        if scenes.clock[blocks.member[b], 0] > real(0.0):
             tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            _set_bases(bases, up, b, lane)
+            _set_bases(bases, blocks.up, b, lane)
             for c in range(lane, CELL_LANES, lane_count()):
-                acc = _sum_cell(rec, order, cstart[b, c], cstart[b, c + 1])
+                acc = _sum_cell(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1])
                 first = _first_node(c)
                 for i in range(3):
                     for j in range(3):
@@ -97,7 +103,7 @@ def particles_to_grid(
             for t in range(lane, TILE, lane_count()):
                 g = tile[t]
                 if ORDERED:
-                    arenas[b * TILE + t] = g
+                    grid.arenas[b * TILE + t] = g
                 elif g[0] != real(0.0):
-                    add_node(grid, _node(bases, t), g)
-        b = active[wp.min(a + launched, active.shape[0] - 1)]
+                    add_node(grid.nodes, _node(bases, t), g)
+        b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from types import SimpleNamespace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import warp as wp
 
 from runout.backends import footprints
-from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks
+from runout.backends.hash.account import Account
+from runout.backends.hash.groups import filled
+from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_each
 from runout.backends.hash.observe import BOOKED, SUMS
+from runout.backends.hash.parts import Parts
 from runout.backends.protocol import LedgerRow, RasterSums
 from runout.model.particles import Particles
 from runout.model.scene import Scene
-
-if TYPE_CHECKING:
-    from runout.backends.hash.batch import Batch
 
 ROW_LANES = 4096  # threads of a GPU that share the sums over the particles that have gone
 PARTS = 256  # blocks of threads that share the sums over the blocks of all scenes
@@ -30,74 +31,76 @@ REACH = 5  # cells from the first of a block that its particles cover
 
 
 class Report:
-    """Memory of sums over blocks and particles on the device of the scope, for so many scenes.
+    """Sums over blocks and particles of so many scenes, on the device of the scope, and what the host has read of them.
 
     Attributes
     ----------
     kept : (scenes, KEPT) float64
         Dissipation and impulse booked, and sums over the particles that have gone, up to the last sort.
+    group : SumGroup
+        Holds ``kept`` and the other arrays.
+    cached_ledger, cached_columns
+        Sums of the present state, and those by column of a scene, once they have been read; see :meth:`forget`.
     """
 
-    def __init__(self, scenes: int, is_cuda: bool):
+    def __init__(self, groups: SimpleNamespace, scenes: int, is_cuda: bool):
         self.parts, self.threads = (PARTS // scenes + 1, ROW_LANES // scenes + 1) if is_cuda else (1, 1)
-        self.kept, self.ledger = (wp.zeros((scenes, n), dtype=wp.float64) for n in (KEPT, LEDGER_NUMBERS))
-        self.booked, self.here = (wp.zeros((scenes * self.parts, n), dtype=wp.float64) for n in (BOOKED, SUMS))
-        self.gone = wp.zeros((scenes * self.threads, SUMS), dtype=wp.float64)
-        self.bounds = wp.zeros((scenes, len(NO_BLOCKS)), dtype=wp.int32)
         self.no_blocks = wp.array(np.tile(NO_BLOCKS, (scenes, 1)), dtype=wp.int32)
+        rows = {"kept": (scenes, KEPT), "ledger": (scenes, LEDGER_NUMBERS), "gone": (scenes * self.threads, SUMS)}
+        rows |= {"booked": (scenes * self.parts, BOOKED), "here": (scenes * self.parts, SUMS)}
+        arrays = {name: wp.zeros(shape, dtype=wp.float64) for name, shape in rows.items()}
+        self.group = filled(groups.SumGroup, self, bounds=wp.zeros((scenes, len(NO_BLOCKS)), dtype=wp.int32), **arrays)
+        self.kept = self.group.kept
+        self.forget()
 
+    def forget(self) -> None:
+        """The state changes: what has been read is no longer that of the present."""
+        self.cached_ledger: np.ndarray | None = None
+        self.cached_columns: dict[int, RasterSums] = {}
 
-def keep(batch: Batch) -> None:
-    """Launches that keep what has been booked by block since the last sort, and what particles that have gone took along."""
-    r, many = batch.report, len(batch.scenes)
-    _sum_since_sort(batch)
-    tally = batch.device_status.tally
-    run(batch.k.keep_sums, (many, KEPT), r.booked, r.parts, r.gone, r.threads, many, tally, r.kept)
-    batch.nodes.booked.zero_()
+    def keep(self, parts: Parts) -> None:
+        """Launches that keep what has been booked by block since the last sort, and what particles that have gone took along."""
+        self._sum_since_sort(parts)
+        run(parts.k.keep_sums, self.kept.shape, parts.status.group, self.group)
+        parts.nodes.booked.zero_()
 
+    def rows(self, parts: Parts) -> np.ndarray:
+        """All sums of the present state (scenes, LEDGER_NUMBERS), see ``write_sums`` of ``observe``; the host waits once."""
+        if self.cached_ledger is None:
+            index, scenes, status = parts.index, parts.scenes, parts.status.group
+            found = wp.zeros((index.capacity, SUMS), dtype=wp.float64)
+            wp.copy(self.group.bounds, self.no_blocks)
+            run_blocks(
+                parts.k.sum_blocks, index.capacity, PARTICLE_LANES, status, parts.store.group, index.block_group, scenes.group,
+                scenes.constants, scenes.materials, self.group, found,
+            )  # fmt: skip
+            self._sum_rows(parts, found, self.group.here)
+            self._sum_since_sort(parts)
+            run(parts.k.write_sums, self.group.ledger.shape, status, self.group)
+            self.cached_ledger = self.group.ledger.numpy()
+        return self.cached_ledger
 
-def _sum_since_sort(batch: Batch) -> None:
-    i, s, r, many = batch.index, batch.store, batch.report, len(batch.scenes)
-    _sum_rows(batch, batch.nodes.booked, r.booked)
-    run(
-        batch.k.sum_gone, r.threads, s.rec, s.release, s.key, i.coordinates, i.member, batch.shift, batch.mats, batch.packed,
-        batch.h, wp.vec3d(*batch.scene.gravity), i.tally, many, r.threads, r.gone,
-    )  # fmt: skip
-
-
-def _sum_rows(batch: Batch, rows: wp.array, sums: wp.array) -> None:
-    """Sums over the blocks of each scene of a row for each block."""
-    arguments = [rows, batch.index.member, batch.index.tally, rows.shape[1], batch.report.parts, sums]
-    wp.launch_tiled(batch.k.sum_rows, dim=sums.shape[0], inputs=arguments, block_dim=PARTICLE_LANES)
-
-
-def told(batch: Batch) -> np.ndarray:
-    """All sums of the present state (scenes, TOLD), see :func:`runout.backends.hash.observe.tell_sums`; the host waits once."""
-    if batch.cached_ledger is None:
-        i, s, r, many = batch.index, batch.store, batch.report, len(batch.scenes)
-        found = wp.zeros((i.capacity, SUMS), dtype=wp.float64)
-        wp.copy(r.bounds, r.no_blocks)
-        run_blocks(
-            batch.k.sum_blocks, i.capacity, PARTICLE_LANES, s.rec, s.release, s.key, s.order, i.cstart, i.tally, i.active,
-            i.coordinates, i.member, batch.shift, batch.mats, batch.packed, batch.h, wp.vec3d(*batch.scene.gravity), found,
-            r.bounds,
+    def _sum_since_sort(self, parts: Parts) -> None:
+        scenes = parts.scenes
+        self._sum_rows(parts, parts.nodes.booked, self.group.booked)
+        run(
+            parts.k.sum_gone, self.threads, parts.status.group, parts.store.group, parts.index.block_group, scenes.group,
+            scenes.constants, scenes.materials, self.group,
         )  # fmt: skip
-        _sum_rows(batch, found, r.here)
-        _sum_since_sort(batch)
-        arguments = r.here, r.booked, r.parts, r.gone, r.threads, many, i.tally, r.kept, r.bounds, r.ledger
-        run(batch.k.write_sums, (many, LEDGER_NUMBERS), *arguments)
-        batch.cached_ledger = r.ledger.numpy()
-    return batch.cached_ledger
+
+    def _sum_rows(self, parts: Parts, rows: wp.array, sums: wp.array) -> None:
+        """Sums over the blocks of each scene of a row for each block."""
+        arguments = parts.status.group, parts.index.block_group, rows, self.parts, sums
+        run_each(parts.k.sum_rows, sums.shape[0], PARTICLE_LANES, *arguments)
 
 
-def ledgers(batch: Batch) -> list[LedgerRow]:
+def ledgers(parts: Parts, report: Report, accounts: Sequence[Account]) -> list[LedgerRow]:
     """Sums of the present state, a row a scene."""
-    rows = told(batch)
-    return [_row(batch, s, rows[s, KEPT:], rows[s, BOOKED:KEPT], rows[s, :BOOKED]) for s in range(len(batch.scenes))]
+    rows = report.rows(parts)
+    return [_row(a, row[KEPT:], row[BOOKED:KEPT], row[:BOOKED]) for a, row in zip(accounts, rows, strict=True)]
 
 
-def _row(batch: Batch, scene: int, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> LedgerRow:
-    a = batch.accounts[scene]
+def _row(a: Account, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> LedgerRow:
     return LedgerRow(
         mass=float(here[0]), escaped_mass=float(left[0]), momentum=here[1:4].copy(), kinetic_energy=float(here[4]),
         potential_energy=float(here[5]), elastic_energy=float(here[6]), basal_dissipation=-float(done[1]),
@@ -106,73 +109,72 @@ def _row(batch: Batch, scene: int, here: np.ndarray, left: np.ndarray, done: np.
     )  # fmt: skip
 
 
-def particles(batch: Batch, scene: int) -> Particles:
+def particles(parts: Parts, scene: int) -> Particles:
     """The particles of a scene as they are, in the order of their identity."""
-    places = _places(batch, scene)
-    parts = [_brought(batch, scene, places[first : first + CHUNK]) for first in range(0, len(places), CHUNK)]
-    if not parts:
+    places = _places(parts, scene)
+    found = [_brought(parts, scene, places[first : first + CHUNK]) for first in range(0, len(places), CHUNK)]
+    if not found:
         return Particles.zeros(0)
-    p = Particles.concatenate([part for part, _ in parts])
-    p.identity[:] = batch.identity[np.concatenate([number for _, number in parts])]
+    p = Particles.concatenate([particles for particles, _ in found])
+    p.identity[:] = parts.store.identity[np.concatenate([number for _, number in found])]
     return p.take(np.argsort(p.identity))
 
 
-def _places(batch: Batch, scene: int) -> np.ndarray:
+def _places(parts: Parts, scene: int) -> np.ndarray:
     """Where in memory the particles of a scene lie that have not gone."""
-    s = batch.store
+    s = parts.store
     key = s.key.numpy()[: s.n]
     there = np.flatnonzero(key >= 0).astype(np.int32)
-    return there if len(batch.scenes) == 1 else there[batch.index.member.numpy()[key[there] >> 6] == scene]
+    return there if len(parts.scenes.scenes) == 1 else there[parts.index.member.numpy()[key[there] >> 6] == scene]
 
 
-def _brought(batch: Batch, scene: int, places: np.ndarray) -> tuple[Particles, np.ndarray]:
+def _brought(parts: Parts, scene: int, places: np.ndarray) -> tuple[Particles, np.ndarray]:
     """Particles at some places in memory, without identity, and their numbers."""
-    i, s, count = batch.index, batch.store, len(places)
+    store, scenes, count = parts.store, parts.scenes, len(places)
     where = wp.array(places, dtype=wp.int32)
     node, affine = wp.zeros((count, 3), dtype=wp.int32), wp.zeros((count, 9), dtype=wp.float64)
-    run(
-        batch.k.unpack, count, s.rec, s.release, s.key, i.coordinates, i.member, batch.shift, batch.mats, batch.packed, batch.h,
-        where, node, affine,
-    )  # fmt: skip
-    p, number = s.brought(where, node, affine, int(batch.step_counts.numpy()[scene]))
-    p.release -= np.int32(batch.first_release[scene])
+    groups = store.group, parts.index.block_group, scenes.group, scenes.constants, scenes.materials
+    run(parts.k.unpack, count, *groups, where, node, affine)
+    p, number = store.brought(where, node, affine, int(scenes.group.step_counts.numpy()[scene]))
+    p.release -= np.int32(scenes.first_release[scene])
     return p, number
 
 
-def whole(batch: Batch, scene: int) -> RasterSums:
+def whole(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> RasterSums:
     """Sums over all cells of a scene's raster."""
-    s = batch.scenes[scene]
+    s = parts.scenes.scenes[scene]
     if footprints.apply_to(s):
-        return footprints.on_whole(around_flow(batch, [scene])[scene], s.raster)
+        return footprints.on_whole(around_flow(parts, report, accounts, [scene])[scene], s.raster)
     every = (0, 0, s.raster.rows, s.raster.columns)
-    return _columns_of(_sums(batch, {scene: _raster_window(s, every)})[scene], every)
+    return _columns_of(_sums(parts, accounts, {scene: _raster_window(s, every)})[scene], every)
 
 
-def around_flow(batch: Batch, scenes: Iterable[int]) -> dict[int, RasterSums]:
-    """Sums over the smallest windows of the rasters of some scenes that hold all mass; the host waits once for all."""
-    found, fine, coarse = {}, {}, {}
-    for n in scenes:
-        s, bounds = batch.scenes[n], _bounds(batch, n)
+def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chosen: Iterable[int]) -> dict[int, RasterSums]:
+    """Sums over the smallest windows of the rasters of chosen scenes that hold all mass; the host waits once for all."""
+    found, fine, coarse, scenes = {}, {}, {}, parts.scenes.scenes
+    for n in chosen:
+        s, bounds = scenes[n], _bounds(parts, report, n)
         if bounds is None:
             found[n] = footprints.nothing()
         elif footprints.apply_to(s):
             fine[n] = footprints.Lattice.around(s, *bounds)
         else:
             coarse[n] = _window(s, *bounds)
-    windows = {n: _lattice_window(batch.scenes[n], lattice) for n, lattice in fine.items()}
-    sums = _sums(batch, windows | {n: _raster_window(batch.scenes[n], window) for n, window in coarse.items()})
+    windows = {n: _lattice_window(scenes[n], lattice) for n, lattice in fine.items()}
+    sums = _sums(parts, accounts, windows | {n: _raster_window(scenes[n], window) for n, window in coarse.items()})
     found |= {n: _columns_of(sums[n], window) for n, window in coarse.items()}
     for n, lattice in fine.items():
-        found[n] = footprints.on_raster(sums[n], lattice, batch.scenes[n].raster, batch.accounts[n].particle_volume)
+        found[n] = footprints.on_raster(sums[n], lattice, scenes[n].raster, accounts[n].particle_volume)
     return found
 
 
-def _bounds(batch: Batch, scene: int) -> tuple[np.ndarray, np.ndarray] | None:
+def _bounds(parts: Parts, report: Report, scene: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Lowest and highest node (2,) in plan that the particles of a scene cover; None without particles."""
-    low, high = np.split(4 * told(batch)[scene, -4:], 2)
+    low, high = np.split(4 * report.rows(parts)[scene, -4:], 2)
     if low[0] > high[0]:
         return None
-    return low - (0, batch.shifts[scene]), high - (0, batch.shifts[scene]) + REACH
+    shift = (0, parts.scenes.shifts[scene])
+    return low - shift, high - shift + REACH
 
 
 def _window(s: Scene, low: np.ndarray, high: np.ndarray) -> Window:
@@ -211,20 +213,20 @@ def _columns_of(sums: np.ndarray, window: Window) -> RasterSums:
     return RasterSums(sums[..., 0], sums[..., 1], sums[..., 2:], *window[:2])
 
 
-def _sums(batch: Batch, covered: Mapping[int, _PlanWindow]) -> dict[int, np.ndarray]:
+def _sums(parts: Parts, accounts: Sequence[Account], covered: Mapping[int, _PlanWindow]) -> dict[int, np.ndarray]:
     """Volume, mass and momentum (rows, columns, 5) over windows of plan cells of some scenes; windows hold all mass."""
-    i, p, many = batch.index, batch.store, len(batch.scenes)
+    store, scenes, many = parts.store, parts.scenes, len(accounts)
     windows, scales = np.full((many, 6), -1, np.int32), np.zeros((many, 7))
     begin, found = 0, {}
     for n, plan in covered.items():
         row, column, rows, width = plan.window
         windows[n] = begin, plan.rows, plan.columns, row, column, width
-        scales[n] = *plan.wide, *_units(batch, n), *plan.begin
+        scales[n] = *plan.wide, *_units(accounts[n], scenes.scenes[n]), *plan.begin
         begin += 5 * rows * width
     raster = wp.zeros(begin, dtype=wp.int64)
     if begin:
         run(
-            batch.k.add_columns, p.n, p.rec, p.release, p.key, i.coordinates, i.member, batch.shift, batch.density,
+            parts.k.add_columns, store.n, store.group, parts.index.block_group, scenes.group,
             wp.array(windows, dtype=wp.int32), wp.array(scales, dtype=wp.float64), raster,
         )  # fmt: skip
     sums = raster.numpy()
@@ -235,9 +237,8 @@ def _sums(batch: Batch, covered: Mapping[int, _PlanWindow]) -> dict[int, np.ndar
     return found
 
 
-def _units(batch: Batch, scene: int) -> np.ndarray:
+def _units(a: Account, scene: Scene) -> np.ndarray:
     """Whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)], so that no sum overflows."""
-    a = batch.accounts[scene]
-    light = min(m.density for m in batch.scenes[scene].materials)
+    light = min(m.density for m in scene.materials)
     mass = max(a.mass, 1e-30)
     return WHOLE / np.array([mass / light, mass, mass * max(a.max_speed, 1e-9)])

@@ -1,90 +1,91 @@
-"""A new index with the particles in its order: launches without a wait, and what follows once the host has seen their outcome.
+"""Sort: a new index, and the particles moved in memory into the order of its blocks.
 
-A sort finds the blocks, cuts the ground, numbers the cells and moves the particles. Where table or arrays have no room it halts
-before any particle has changed, and steps behind it do nothing; the host makes room and sorts again.
+    before   memory rows 0 ... 23 record | row 24 radius       particles in the order of the last sort
+    sort     blocks -> ground -> key of every particle -> order -> each row is gathered into the row beside it
+    after    memory row 0 radius | rows 1 ... 24 record        particles block by block, cell by cell; the next sort goes back
+
+The launches do not wait for the host. If the table or an array is too small, the sort stops before it moves a particle, and the
+steps behind it do nothing. The host then makes room and sorts again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 import numpy as np
 import warp as wp
 
-from runout.backends.hash import readback
 from runout.backends.hash.layout import ENTERED, GROUNDED, GROW, HALT, LEFT, NEAR, NEXT, OWNERS, run
+from runout.backends.hash.parts import Parts
+from runout.backends.hash.readback import Report
 
-if TYPE_CHECKING:
-    from runout.backends.hash.batch import Batch
+Works: TypeAlias = tuple[Callable[[], None], Callable[[], None]]
 
 
-def given(batch: Batch, nodes: np.ndarray) -> tuple[Callable[[], None], Callable[[], None]]:
+def given(parts: Parts, nodes: np.ndarray) -> Works:
     """How to enter the blocks of particles whose first nodes (n, 3) are given, and to number their cells."""
-    i, s, k = batch.index, batch.store, batch.k
+    i, s, k, status = parts.index, parts.store, parts.k, parts.status.group
     node = wp.array(np.ascontiguousarray(nodes, np.int32), dtype=wp.int32)
     return (
-        lambda: run(k.enter_given, s.size, node, i.table, i.members, i.entered),
-        lambda: run(k.number_given, s.size, batch.flags, node, i.table, i.slots, s.key, i.ends),
+        lambda: run(k.enter_given, s.size, status, i.key_group, node),
+        lambda: run(k.number_given, s.size, status, s.group, i.block_group, i.key_group, node),
     )
 
 
-def present(batch: Batch) -> tuple[Callable[[], None], Callable[[], None]]:
+def present(parts: Parts) -> Works:
     """The same for particles where they are; they name the blocks of the former index."""
-    i, s, k = batch.index, batch.store, batch.k
+    i, s, k, status = parts.index, parts.store, parts.k, parts.status.group
 
     def enter() -> None:
-        marks = i.touching  # holds nothing that is needed between two steps
+        marks = parts.nodes.touching  # holds nothing that is needed between two steps
         marks.zero_()
-        run(k.mark_around, s.size, s.rec, s.key, i.former, marks, i.table, i.members, i.entered)
-        run(k.enter_marked, (i.capacity, 27), i.former, marks, i.table, i.members, i.entered)
+        run(k.mark_around, s.size, status, s.group, i.block_group, i.key_group, marks)
+        run(k.enter_marked, (i.capacity, 27), status, i.block_group, i.key_group, marks)
 
-    return (
-        enter,
-        lambda: run(k.number_present, s.size, batch.flags, s.rec, i.former, i.table, i.slots, s.key, i.ends),
-    )
+    return enter, lambda: run(k.number_present, s.size, status, s.group, i.block_group, i.key_group)
 
 
-def enqueue(batch: Batch, enter: Callable[[], None], number: Callable[[], None]) -> None:
+def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None]) -> None:
     """Launches of a sort."""
-    batch.flags.zero_()
-    batch.index.find_blocks(enter)
-    if batch.ground is not None:
-        batch.ground.cut(batch.k, batch.index, batch.nodes, batch.shift, batch.h)
+    parts.status.flags.zero_()
+    parts.index.find_blocks(enter)
+    if parts.ground is not None:
+        parts.ground.cut(parts.k, parts.index, parts.nodes, parts.scenes)
     number()
-    batch.store.sort(batch.k, batch.index, batch.nodes, batch.deterministic)
+    parts.store.sort(parts.k, parts.index, parts.nodes)
 
 
-def enqueue_again(batch: Batch) -> None:
+def enqueue_again(parts: Parts, report: Report) -> None:
     """Launches of a sort of the particles where they are; what has been booked by block is kept by scene."""
-    readback.keep(batch)
-    batch.index.keep_former()
-    enqueue(batch, *present(batch))
+    report.keep(parts)
+    parts.index.keep_former()
+    enqueue(parts, *present(parts))
 
 
-def settle(batch: Batch, again: Callable[[], tuple[Callable[[], None], Callable[[], None]]]) -> dict[str, np.ndarray]:
+def settle(parts: Parts, again: Callable[[], Works]) -> dict[str, np.ndarray]:
     """The device status after a sort that has been launched; the sort is made again with larger arrays until they suffice."""
-    device_status = batch.device_status.read()
-    while device_status["flags"][HALT] == GROW:
-        _make_room(batch, device_status["counts"])
-        batch.store.turn_over()  # nothing has moved
-        enqueue(batch, *again())
-        batch.store.turn_over()
-        device_status = batch.device_status.read()
-    counts, index = device_status["counts"], batch.index
-    index.nown, index.nall, batch.store.n = int(counts[OWNERS]), int(counts[ENTERED]), int(counts[LEFT])
-    index.fit_launches(int(device_status["tally"][NEXT]))
-    return device_status
+    status = parts.status.read()
+    while status["flags"][HALT] == GROW:
+        _make_room(parts, status["counts"])
+        parts.store.turn_over()  # nothing has moved
+        enqueue(parts, *again())
+        parts.store.turn_over()
+        status = parts.status.read()
+    counts, index = status["counts"], parts.index
+    index.nown, index.nall, parts.store.n = int(counts[OWNERS]), int(counts[ENTERED]), int(counts[LEFT])
+    index.fit_launches(int(status["tally"][NEXT]))
+    return status
 
 
-def _make_room(batch: Batch, counts: np.ndarray) -> None:
+def _make_room(parts: Parts, counts: np.ndarray) -> None:
     """Larger arrays for what a sort has counted; where the index grows, the ground under it as much."""
-    index, nodes = batch.index, batch.nodes
+    index, nodes = parts.index, parts.nodes
     capacity, entries = index.capacity, index.table.shape[0]
     index.grow(counts)
     if index.capacity != capacity:
-        batch.nodes = batch.node_arrays()
+        parts.make_nodes()
         if capacity:
-            batch.nodes.make_room(nodes.places * index.capacity // capacity, nodes.slots * index.capacity // capacity)
+            parts.nodes.make_room(nodes.places * index.capacity // capacity, nodes.slots * index.capacity // capacity)
     elif index.table.shape[0] == entries:
         nodes.make_room(int(counts[NEAR]), int(counts[GROUNDED]))

@@ -1,4 +1,11 @@
-"""Particle arrays on the device."""
+"""State: the arrays of the particles on the device.
+
+    memory (25, n)    turn 0: | record 0 ... 23 | radius |     turn 1: | radius | record 0 ... 23 |
+    a row             one number of every particle: neighbours in a warp read neighbours in memory
+    number            place of a particle in the input; ``forces`` is in that order, all other arrays in the order of memory
+
+A sort moves each row to the row beside it, so that the particles need no second copy.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +19,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash.grid import NodeArrays
+from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import (
     AFFINE,
@@ -62,18 +70,22 @@ class Store:
         Places of the particles, cell by cell; near the ground, from the middle of a step on, of those in contact alone.
     """
 
-    def __init__(self, size: int, number: Any, stressed: bool = False, loaded: int | None = None):
-        self.size = self.n = size
-        self.forces = wp.zeros(size if loaded is None else loaded, dtype=wp.types.vector(length=4, dtype=number))
+    def __init__(self, identity: np.ndarray, number: Any, stressed: bool = False, size: int | None = None):
+        self.identity, self.size = identity, len(identity) if size is None else size
+        self.n = size = self.size
+        self.forces = wp.zeros(len(identity), dtype=wp.types.vector(length=4, dtype=number))
         self.only = -1
         self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
-        self._take_turn(0)
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
         self.stress = wp.zeros((6, size * stressed), dtype=number)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
+        self.struct = groups_of(number).ParticleGroup
+        self._take_turn(0)
 
-    def fill(self, parts: Sequence[Particles], release: np.ndarray, spacing: tuple[float, float, float], dtype: Any) -> None:
-        """Bring particles with numbers of releases (size,) to the device; the records hold no stress yet (time step 0).
+    def fill(self, parts: Sequence[Particles], release: np.ndarray, spacing: tuple[float, float, float], dtype: Any) -> int:
+        """Bring particles with numbers of releases (size,) to the device; returns the only release, -1 if there are several.
+
+        The records hold no stress yet (time step 0).
 
         A few rows at a time: together, the particles of many scenes are the largest thing on the host, and never lie there twice.
         """
@@ -85,6 +97,7 @@ class Store:
                 places = range(first, min(first + STAGED, ROWS + 1))
                 for place, row in zip(places, pool.map(partial(_row_of, parts, spacing, dtype), places), strict=True):
                     self.memory[place].assign(row)
+        return self.only
 
     def _fill_forces(self, parts: Sequence[Particles], dtype: Any) -> None:
         """Forces from which contact starts, if there are any."""
@@ -95,48 +108,48 @@ class Store:
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
         self.rec, self.radius = self.memory[turn : turn + ROWS], self.memory[0 if turn else ROWS]
+        self.group = filled(self.struct, self)
 
-    def sort(self, k: SimpleNamespace, index: Index, nodes: NodeArrays, ordered: bool) -> None:
+    def sort(self, k: SimpleNamespace, index: Index, nodes: NodeArrays) -> None:
         """After the cells have been numbered: list the particles and sort them in memory; those that have gone drop out.
 
         Only launches: :meth:`turn_over` follows. Nothing moves where the device has halted.
         """
-        flags, totals = index.device_status.flags, index.count_blocks()
-        index.list_cells(flags, nodes, totals)
+        status, blocks = index.status.group, index.block_group
+        index.count_blocks()
+        index.list_cells(nodes, by_sums=True)
         self.place(k, index)
-        if ordered:
-            run(k.sort_cells, index.capacity * CELL_LANES, flags, index.tally, index.active, self.number, index.cstart, self.order)
-        self._sort_rows(k, flags, nodes.scratch(self.size, self.memory.dtype), totals)
-        self._bring(k.gather_ints, k.bring_back_ints, flags, self.number, nodes, totals)
+        self._sort_rows(k, index, nodes)
+        self._bring(k.gather_ints, k.bring_back_ints, index, nodes, self.number)
         if self.only < 0:
-            self._bring(k.gather_shorts, k.bring_back_shorts, flags, self.release, nodes, totals)
+            self._bring(k.gather_shorts, k.bring_back_shorts, index, nodes, self.release)
         nodes.grid.zero_(), nodes.approach_speeds.zero_()
-        run_blocks(
-            k.renumber, index.shared, WARP, flags, index.tally, index.active, index.cstart, totals, index.device_status.counts,
-            index.homes, index.home, self.order, self.key, nodes.approach_speeds,
-        )  # fmt: skip
-        run(k.clear_beyond, CLEARING, flags, totals, self.key)
+        run_blocks(k.renumber, index.shared, WARP, status, self.group, blocks, nodes.contact_group)
+        run(k.clear_beyond, CLEARING, status, self.group, blocks)
 
     def place(self, k: SimpleNamespace, index: Index) -> None:
-        """List the particles of each cell, once it is known where the cells start."""
-        threads = -(-self.size // (AT_ONCE * WARP)) * WARP
-        run(k.place_particles, threads, index.device_status.flags, self.key, index.ends, self.order)
+        """List the particles of each cell, once it is known where the cells start; by their numbers where sums are ordered."""
+        threads, groups = -(-self.size // (AT_ONCE * WARP)) * WARP, (index.status.group, self.group, index.block_group)
+        run(k.place_particles, threads, *groups)
+        if index.ordered:
+            run(k.sort_cells, index.capacity * CELL_LANES, *groups)
 
-    def _bring(self, gather: Any, bring_back: Any, flags: Any, array: Any, nodes: NodeArrays, totals: Any) -> None:
+    def _bring(self, gather: Any, bring_back: Any, index: Index, nodes: NodeArrays, array: Any) -> None:
         """An array in the order of the list, by way of the memory of the grid."""
-        scratch = nodes.scratch(self.size, array.dtype)
-        run(gather, self.size, flags, array, self.order, totals, scratch)
-        run(bring_back, self.size, flags, scratch, totals, array)
+        scratch, status, blocks = nodes.scratch(self.size, array.dtype), index.status.group, index.block_group
+        run(gather, self.size, status, self.group, blocks, array, scratch)
+        run(bring_back, self.size, status, blocks, scratch, array)
 
-    def _sort_rows(self, k: SimpleNamespace, flags: Any, scratch: Any, totals: Any) -> None:
+    def _sort_rows(self, k: SimpleNamespace, index: Index, nodes: NodeArrays) -> None:
         """Rows in the order of the list, each to the place beside it, which has become free; only the radius is copied."""
-        threads, radius = -(-self.size // AT_ONCE), self.memory[ROWS if self.turn else 0]
-        run(k.gather_reals, threads, flags, self.radius, self.order, totals, scratch)
+        threads, status, blocks = -(-self.size // AT_ONCE), index.status.group, index.block_group
+        scratch, radius = nodes.scratch(self.size, self.memory.dtype), self.memory[ROWS if self.turn else 0]
+        run(k.gather_reals, threads, status, self.group, blocks, self.radius, scratch)
         places = range(ROWS - 1, -1, -1) if self.turn == 0 else range(1, ROWS + 1)
         step = 1 - 2 * self.turn
         for place in places:
-            run(k.gather_reals, threads, flags, self.memory[place], self.order, totals, self.memory[place + step])
-        run(k.bring_back_reals, self.size, flags, scratch, totals, radius)
+            run(k.gather_reals, threads, status, self.group, blocks, self.memory[place], self.memory[place + step])
+        run(k.bring_back_reals, self.size, status, blocks, scratch, radius)
 
     def turn_over(self) -> None:
         """The rows lie in the other places now: after a sort, or again if it moved nothing."""

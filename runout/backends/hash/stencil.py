@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.hash.groups import BlockGroup, ContactGroup, GridGroup, GroundGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
@@ -22,8 +23,6 @@ from runout.backends.hash.layout import (
     WIDE_Y,
     Ints,
     Nodes,
-    Reals,
-    Rows,
     Table2,
     Tile,
     Vector,
@@ -45,11 +44,11 @@ def _cell_entry(k: int):
     return (k >> 6) * (CELL_LANES + 1) + (k & 63) + 1
 
 
-def _scene_of(member: Ints, b: int, clock: Rows):
+def _scene_of(blocks: BlockGroup, scenes: SceneGroup, b: int):
     """Scene that a block belongs to; of one alone nothing is read."""
     s = int(0)
-    if clock.shape[0] > 1:
-        s = member[b]
+    if scenes.clock.shape[0] > 1:
+        s = blocks.member[b]
     return s
 
 
@@ -146,7 +145,7 @@ def _node_if(share: Any, grid: Nodes, node: int):
     return g
 
 
-def _load(tile: Tile, grid: Nodes, shares: Reals, bases: Tile, near: Tile, lane: int, dv: Vector):
+def _load(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near: Tile, lane: int, dv: Vector):
     """Velocity [m/s] and compliance [1/kg] of the nodes that particles of a block in contact reach.
 
     Four nodes of a lane are under way at once, then three.
@@ -160,24 +159,24 @@ def _load(tile: Tile, grid: Nodes, shares: Reals, bases: Tile, near: Tile, lane:
         a4 = _piece(4, q)
         a5 = _piece(5, q)
         a6 = _piece(6, q)
-        s0 = shares[near[a0[0]] + a0[1]]
-        s1 = shares[near[a1[0]] + a1[1]]
-        s2 = shares[near[a2[0]] + a2[1]]
-        s3 = shares[near[a3[0]] + a3[1]]
-        s4 = shares[near[a4[0]] + a4[1]]
-        s5 = shares[near[a5[0]] + a5[1]]
-        s6 = shares[near[a6[0]] + a6[1]]
-        g0 = _node_if(s0, grid, bases[a0[0]] + a0[1])
-        g1 = _node_if(s1, grid, bases[a1[0]] + a1[1])
-        g2 = _node_if(s2, grid, bases[a2[0]] + a2[1])
-        g3 = _node_if(s3, grid, bases[a3[0]] + a3[1])
+        s0 = contacts.shares[near[a0[0]] + a0[1]]
+        s1 = contacts.shares[near[a1[0]] + a1[1]]
+        s2 = contacts.shares[near[a2[0]] + a2[1]]
+        s3 = contacts.shares[near[a3[0]] + a3[1]]
+        s4 = contacts.shares[near[a4[0]] + a4[1]]
+        s5 = contacts.shares[near[a5[0]] + a5[1]]
+        s6 = contacts.shares[near[a6[0]] + a6[1]]
+        g0 = _node_if(s0, grid.nodes, bases[a0[0]] + a0[1])
+        g1 = _node_if(s1, grid.nodes, bases[a1[0]] + a1[1])
+        g2 = _node_if(s2, grid.nodes, bases[a2[0]] + a2[1])
+        g3 = _node_if(s3, grid.nodes, bases[a3[0]] + a3[1])
         wp.tile_scatter_masked(tile, a0[2], _contact_node(g0, s0, dv), True)
         wp.tile_scatter_masked(tile, a1[2], _contact_node(g1, s1, dv), True)
         wp.tile_scatter_masked(tile, a2[2], _contact_node(g2, s2, dv), True)
         wp.tile_scatter_masked(tile, a3[2], _contact_node(g3, s3, dv), True)
-        g4 = _node_if(s4, grid, bases[a4[0]] + a4[1])
-        g5 = _node_if(s5, grid, bases[a5[0]] + a5[1])
-        g6 = _node_if(s6, grid, bases[a6[0]] + a6[1])
+        g4 = _node_if(s4, grid.nodes, bases[a4[0]] + a4[1])
+        g5 = _node_if(s5, grid.nodes, bases[a5[0]] + a5[1])
+        g6 = _node_if(s6, grid.nodes, bases[a6[0]] + a6[1])
         wp.tile_scatter_masked(tile, a4[2], _contact_node(g4, s4, dv), True)
         wp.tile_scatter_masked(tile, a5[2], _contact_node(g5, s5, dv), True)
         wp.tile_scatter_masked(tile, a6[2], _contact_node(g6, s6, dv), a6[2] >= 0)
@@ -241,8 +240,7 @@ def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
 
 
 def update_nodes(
-    flags: Ints, tally: Ints, member: Ints, clock: Rows, grounded: Ints, shares: Reals, ground_slopes: Nodes,
-    approach_speeds: Reals, ends: Ints, grid: Nodes,
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
 
@@ -251,66 +249,66 @@ def update_nodes(
     """
     t = wp.tid()
     b = t >> 6
-    g = node_at(grid, t)  # all under way at once, before it is known whether there is anything to do
-    s = member[b]
-    slot = grounded[b]
-    slopes = ground_slopes[b]
-    if flags[HALT] != 0 or b >= tally[BLOCKS]:
+    g = node_at(grid.nodes, t)  # all under way at once, before it is known whether there is anything to do
+    s = blocks.member[b]
+    slot = ground.grounded[b]
+    slopes = ground.slopes[b]
+    if status.flags[HALT] != 0 or b >= status.tally[BLOCKS]:
         return
     if COUNTED_AT_ONCE:
-        ends[_cell_entry(t)] = 0
+        blocks.ends[_cell_entry(t)] = 0
     v = vec(real(0.0), real(0.0), real(0.0))
     if g[0] > real(0.0):
-        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(clock[s, 1], clock[s, 2], clock[s, 3]))
+        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3]))
         if slot >= 0:
-            push = pair_at(shares, slot * SLOT + PUSHES + 2 * (t & 63))
-            v = node_velocity(vec(push[0], push[1], shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
-        put_node(grid, t, node4(g[0], v[0], v[1], v[2]))
-    if not GRADIENT_TRANSFER and clock[s, 0] > real(0.0):
-        note_largest(approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
+            push = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * (t & 63))
+            v = node_velocity(vec(push[0], push[1], contacts.shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
+        put_node(grid.nodes, t, node4(g[0], v[0], v[1], v[2]))
+    if not GRADIENT_TRANSFER and scenes.clock[s, 0] > real(0.0):
+        note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
 
 
-def _sum_arenas(arenas: Nodes, held: Ints, down: Table2, t: int):
+def _sum_arenas(blocks: BlockGroup, grid: GridGroup, held: Ints, t: int):
     """Sum at a node over the up to eight arenas that overlap it and hold something, in a fixed order."""
     b = t >> 6
     s = node4()
     for q in range(8):
-        o = down[b, q]
+        o = blocks.down[b, q]
         x = ((t >> 4) & 3) + (q & 4)
         y = ((t >> 2) & 3) + ((q & 2) << 1)
         z = (t & 3) + ((q & 1) << 2)
         if o >= 0 and x < 6 and y < 6 and z < 6 and held[wp.max(o, 0)] > 0:
-            s += node_at(arenas, o * TILE + (x * 6 + y) * 6 + z)
+            s += node_at(grid.arenas, o * TILE + (x * 6 + y) * 6 + z)
     return s
 
 
-def note_held(cstart: Table2, held: Ints):
+def note_held(blocks: BlockGroup, grid: GridGroup):
     """Particles of each block, for sums in fixed order."""
     b = wp.tid()
-    held[b] = cstart[b, 64] - cstart[b, 0]
+    grid.held[b] = blocks.cstart[b, 64] - blocks.cstart[b, 0]
 
 
-def sum_nodes(flags: Ints, arenas: Nodes, held: Ints, down: Table2, grid: Nodes):
+def sum_nodes(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):
     """Mass and momentum of every node, in fixed order."""
     t = wp.tid()
-    if flags[HALT] == 0:
-        put_node(grid, t, _sum_arenas(arenas, held, down, t))
+    if status.flags[HALT] == 0:
+        put_node(grid.nodes, t, _sum_arenas(blocks, grid, grid.held, t))
 
 
-def sum_contacts(flags: Ints, arenas: Nodes, touching: Ints, down: Table2, grounded: Ints, part: int, shares: Reals, grid: Nodes):
+def sum_contacts(status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, part: int):
     """Sums over the contact particles at each node near the ground, in fixed order.
 
     Of their weights and of the impulses that the nodes hold from the start (``part`` 0), or of what is added to these (1).
     """
     t = wp.tid()
-    slot = grounded[t >> 6]
-    if flags[HALT] != 0 or slot < 0:
+    slot = ground.grounded[t >> 6]
+    if status.flags[HALT] != 0 or slot < 0:
         return
-    s = _sum_arenas(arenas, touching, down, t)
+    s = _sum_arenas(blocks, grid, contacts.touching, t)
     if part == 0:
-        shares[slot * SLOT + (t & 63)] = s[0]
-        put_node(grid, t, node_at(grid, t) + node4(real(0.0), s[1], s[2], s[3]))
+        contacts.shares[slot * SLOT + (t & 63)] = s[0]
+        put_node(grid.nodes, t, node_at(grid.nodes, t) + node4(real(0.0), s[1], s[2], s[3]))
     else:
-        shares[slot * SLOT + PUSHES + 2 * (t & 63)] = s[1]
-        shares[slot * SLOT + PUSHES + 2 * (t & 63) + 1] = s[2]
-        shares[slot * SLOT + PUSHES_UP + (t & 63)] = s[3]
+        contacts.shares[slot * SLOT + PUSHES + 2 * (t & 63)] = s[1]
+        contacts.shares[slot * SLOT + PUSHES + 2 * (t & 63) + 1] = s[2]
+        contacts.shares[slot * SLOT + PUSHES_UP + (t & 63)] = s[3]

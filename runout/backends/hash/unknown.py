@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.layout import GONE, HALT, OFFSET, Doubles2, Ints, Rows, Shorts, Table2, run
+from runout.backends.hash.groups import BlockGroup, ParticleGroup, SceneGroup, StatusGroup
+from runout.backends.hash.layout import GONE, HALT, OFFSET, Doubles2, Rows, Shorts, run
 from runout.backends.hash.observe import _place
 from runout.backends.hash.stencil import _cell_entry
 from runout.model.scene import Scene
 from runout.physics.tensors import real
 
 if TYPE_CHECKING:
-    from runout.backends.hash.batch import Batch
+    from runout.backends.hash.parts import Parts
 
 
 class UnknownCells:
@@ -38,15 +39,12 @@ class UnknownCells:
         self.mask = wp.array(np.concatenate([m.ravel() for m in masks]).astype(np.int16), dtype=wp.int16)
         self.lattice = wp.array(lattice, dtype=wp.float64)
 
-    def let_escape(self, batch: Batch) -> None:
+    def let_escape(self, parts: Parts) -> None:
         """Launch that takes out the particles that have come into unknown cells in this step."""
         if self.mask is None:
             return
-        i, s = batch.index, batch.store
-        run(
-            batch.k.enter_unknown, s.size, batch.flags, s.rec, s.key, i.coordinates, i.member, batch.shift, self.mask, self.lattice,
-            i.ends, i.tally,
-        )  # fmt: skip
+        groups = parts.status.group, parts.store.group, parts.index.block_group, parts.scenes.group
+        run(parts.k.enter_unknown, parts.store.size, *groups, self.mask, self.lattice)
 
 
 def _is_counted(rec: Rows, p: int):
@@ -58,23 +56,22 @@ def _is_counted(rec: Rows, p: int):
 
 
 def enter_unknown(
-    flags: Ints, rec: Rows, key: Ints, coordinates: Table2, member: Ints, shift: Ints, mask: Shorts, lattice: Doubles2, ends: Ints,
-    tally: Ints,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, mask: Shorts, lattice: Doubles2,
 ):  # fmt: skip
     """Particles in unknown cells leave the domain: their keys tell so, and their cells no longer count them."""
     p = wp.tid()
-    k = key[p]
-    if flags[HALT] != 0 or k < 0:
+    k = particles.key[p]
+    if status.flags[HALT] != 0 or k < 0:
         return
-    s = member[k >> 6]
+    s = blocks.member[k >> 6]
     if lattice[s, 4] < wp.float64(0.0):
         return
-    place = _place(rec, p, k, coordinates, shift[s])
+    place = _place(particles.rec, p, k, blocks.coordinates, scenes.shift[s])
     i = wp.clamp(int(wp.floor(place[0] / lattice[s, 2])), 0, int(lattice[s, 0]) - 1)
     j = wp.clamp(int(wp.floor(place[1] / lattice[s, 3])), 0, int(lattice[s, 1]) - 1)
     if int(mask[int(lattice[s, 4]) + i * int(lattice[s, 1]) + j]) == 0:
         return
-    key[p] = -2 - k
-    wp.atomic_add(tally, GONE, 1)
-    if _is_counted(rec, p):
-        wp.atomic_sub(ends, _cell_entry(k), 1)
+    particles.key[p] = -2 - k
+    wp.atomic_add(status.tally, GONE, 1)
+    if _is_counted(particles.rec, p):
+        wp.atomic_sub(blocks.ends, _cell_entry(k), 1)

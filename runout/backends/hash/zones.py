@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.layout import Doubles2, Rows, Vector
+from runout.backends.hash.groups import SceneGroup
+from runout.backends.hash.layout import Vector
 from runout.model.scene import Scene
 from runout.physics.contact import zone_friction
 from runout.physics.geostatic import acting_friction
@@ -39,12 +40,12 @@ class Zones:
         self.friction = wp.array(len(found) + np.arange(len(masses)) if any(found) else acting, dtype=real)
 
 
-def _friction_in_zone(mass: Any, zones: Rows, lattice: Doubles2, s: int, x: int, y: int, f: Vector):
+def _friction_in_zone(scenes: SceneGroup, mass: Any, s: int, x: int, y: int, f: Vector):
     """Friction coefficient under a particle of scene ``s`` and release ``mass`` (its row) at offset ``f`` from its first node."""
-    i = int(wp.floor((wp.float64(x) + wp.float64(f[0])) / lattice[s, 2]))
-    j = int(wp.floor((wp.float64(y) + wp.float64(f[1])) / lattice[s, 3]))
-    columns = int(lattice[s, 0])
-    rows = int(lattice[s, 1])
+    i = int(wp.floor((wp.float64(x) + wp.float64(f[0])) / scenes.lattice[s, 2]))
+    j = int(wp.floor((wp.float64(y) + wp.float64(f[1])) / scenes.lattice[s, 3]))
+    columns = int(scenes.lattice[s, 0])
+    rows = int(scenes.lattice[s, 1])
     cell = wp.clamp(i, 0, columns - 1) * rows + wp.clamp(j, 0, rows - 1)
-    ground = zone_friction(real(lattice[int(mass), 0]), zones[2 * s, cell], zones[2 * s + 1, cell])
-    return acting_friction(ground, real(lattice[int(mass), 1]))
+    ground = zone_friction(real(scenes.lattice[int(mass), 0]), scenes.zones[2 * s, cell], scenes.zones[2 * s + 1, cell])
+    return acting_friction(ground, real(scenes.lattice[int(mass), 1]))

@@ -1,0 +1,207 @@
+"""Groups of arrays: what a kernel takes as one argument.
+
+A group has one meaning and one owner on the host, which fills it and fills it again when it makes an array anew. All groups stand
+here, with shape, type and meaning of each field. ``n`` is the number of places for particles, ``blocks`` the room for blocks,
+``near`` the room for blocks whose particles may touch the ground, and ``scenes`` the number of scenes of the batch.
+
+A kernel receives the addresses by value. A CUDA graph therefore keeps those of the moment it was recorded, and is recorded again
+once an array has been made anew (see :mod:`runout.backends.hash.graphs`).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.layout import (
+    Doubles,
+    Doubles2,
+    Halves,
+    Int,
+    Ints,
+    Keys,
+    Longs,
+    Nodes,
+    Real,
+    Reals,
+    Rows,
+    Shorts,
+    Table,
+    Table2,
+    Vector,
+    Vector64,
+)
+
+
+class ParticleGroup:
+    """Arrays by particle, in the order of memory; owned by :class:`runout.backends.hash.state.Store`."""
+
+    rec: Rows  # (24, n) record of each particle, a column a particle: see runout.backends.hash.layout
+    radius: Reals  # (n,) [m]; a particle touches the ground when its centre is this near
+    release: Shorts  # (n,) int16, number of the release among those of all scenes
+    stress: Rows  # (6, n) Kirchhoff stress [Pa] while nodes take it; (6, 0) if the records hold the stress
+    number: Ints  # (n,) place among the particles as they were loaded
+    forces: Nodes  # (loaded,) by that place: stamp of the step of the last contact, and the force of the ground then [N]
+    key: Ints  # (n,) 64 block + cell; -2 - key for a particle that has left the domain, -1 for no particle
+    order: Ints  # (n,) places of the particles, cell by cell
+
+
+class BlockGroup:
+    """Arrays by block of 4 x 4 x 4 cells; owned by :class:`runout.backends.hash.index.Index`."""
+
+    coordinates: Table2  # (blocks, 3) of the block, in blocks
+    former: Table2  # (blocks, 3) the same before the present sort
+    member: Ints  # (blocks,) scene of the block
+    around: Table2  # (blocks, 27) the block and its neighbours, -1 for none; first axis east, last axis upwards
+    up: Table2  # (blocks, 8) the block and those one step up in each axis; the first is -1 if any of them is missing
+    down: Table2  # (blocks, 8) the same one step down; for sums in fixed order, else (0, 8)
+    cstart: Table2  # (blocks, 65) where the cells of a block start in the list of particles, and where the last ends
+    ends: Ints  # (65 blocks,) the same memory in a row
+    active: Ints  # (blocks,) blocks that hold particles
+    homes: Ints  # (blocks,) blocks that held particles at the last sort
+    home: Table2  # (blocks, 2) where the particles of such a block start and end in memory
+    sums: Ints  # (blocks + 1,) sums over the blocks before each, and over all
+
+
+class KeyGroup:
+    """Open-addressing table of block keys; owned by :class:`runout.backends.hash.index.Index`."""
+
+    table: Table  # (entries,) uint64, key + 1 of an entry, 0 for a free one
+    slots: Ints  # (entries,) block of the entry
+    members: Keys  # (entries,) int64, the entered keys
+
+
+class GridGroup:
+    """Arrays by node, and what is booked by block; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
+
+    nodes: Nodes  # (64 blocks,) mass [kg] and momentum [kg m/s], later velocity [m/s]; twice as many where particles keep slips
+    dilated: Nodes  # (64 blocks,) volume [m3] and volume times dilatation, for F-bar; else empty
+    arenas: Nodes  # (216 blocks,) sums of each block over its tile, for sums in fixed order; else empty
+    held: Ints  # (blocks,) particles of the block, for sums in fixed order; else empty
+    booked: Doubles2  # (blocks, 6) dissipation [J], work of the ground [J], its impulse (3) [N s], dissipation by a second warp [J]
+
+
+class GroundGroup:
+    """The surface under the blocks; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
+
+    near: Ints  # (blocks,) place of a block whose particles may touch the ground, -1 for the others
+    standing: Ints  # (near,) the block at each of these places, -1 if it is free
+    grounded: Ints  # (blocks,) slot of a block whose nodes such particles reach, -1 for the others
+    near_up: Table2  # (near, 8) where the numbers of the eight blocks of its tile begin in ``shares``
+    tiles: Rows  # (near, 36) coefficients of the surface on 6 x 6 nodes, relative to the lowest node of the block [cells]
+    bounds: Halves  # (near, 32) float16, for 16 columns of cells: highest ground [cells], least upward part of its normal
+    slopes: Nodes  # (blocks,) slopes of the ground around: middle east and north, then how far any lies from it
+
+
+class ContactGroup:
+    """Contact of a step; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
+
+    shares: Reals  # (256 slots,) by slot 64 sums of contact weights, 64 pairs of impulses east and north, 64 upwards [N s]
+    memory: Nodes  # (64 slots,) the same memory by four numbers, to clear it
+    pressed: Ints  # (n,) particles in contact, cell by cell
+    pressed_start: Table2  # (blocks, 65) where the cells of a block start in that list, and where the last ends
+    touched: Table2  # (blocks, 2) blocks with particles in contact, and their places near the ground
+    touching: Ints  # (blocks,) how many such particles a block has
+    approach_speeds: Reals  # (2 blocks,) largest speed [m/s] of the nodes of each half of a block towards the ground
+
+
+class StatusGroup:
+    """Numbers that the host reads; owned by :class:`runout.backends.hash.device_status.DeviceStatus`."""
+
+    tally: Ints  # (TALLY,) numbers of a step: see runout.backends.hash.layout
+    both: Longs  # (1,) int64, the first two of them in one number
+    flags: Ints  # (FLAGS,) why the device stands still
+    counts: Ints  # (COUNTS,) numbers of a sort
+    contacts: Ints  # (scenes,) particles in contact
+    peaks: Reals  # (scenes + 1,) largest squared speed [m2/s2] by scene, then cells that a particle of an unstable scene moved
+
+
+class SceneGroup:
+    """Arrays by scene; owned by :class:`runout.backends.hash.scenes.SceneArrays`."""
+
+    clock: Rows  # (scenes, 8) time step [s], g dt (3) [m/s], reach of contact [m], and what the transfer does
+    left: Ints  # (scenes,) steps that are left
+    steps: Reals  # (scenes,) time step while steps are left [s]
+    step_counts: Ints  # (scenes,) steps so far
+    packed: Reals  # (scenes,) time step for which the records hold the stress [s]
+    shift: Ints  # (scenes,) nodes from the origin of the index north to that of the scene
+    limits: Doubles2  # (scenes, 2) extent of the domain east and north [cells]
+    density: Doubles  # (releases,) [kg/m3]
+    friction: Reals  # (releases,) friction coefficient [1], or row in ``lattice`` where there are zones
+    zones: Rows  # (2 scenes, cells) factor and own coefficient of friction [1] by cell of the raster
+    lattice: Doubles2  # (scenes + releases, 4) cells east, north and their sizes; friction and strength of a release
+
+
+class SurfaceGroup:
+    """The sliding surfaces of the scenes; owned by :class:`runout.backends.hash.ground.Ground`."""
+
+    coefficients: Doubles  # spline coefficients [m] of the surfaces, one behind the other
+    changes: Doubles  # changes of the coefficients on the nodes of the grid [m], likewise
+    shapes: Table2  # (scenes, 8) start and size of the coefficients; start, first node and size of the changes
+    lattices: Doubles2  # (scenes, 4) origin and spacing of the coefficients, east and north [m]
+    spacing: Doubles  # (3,) of the grid [m]
+
+
+class SumGroup:
+    """Sums for the ledger; owned by :class:`runout.backends.hash.readback.Report`. A scene has a row for each of its parts."""
+
+    booked: Doubles2  # (scenes parts, 6) what is booked by block, see GridGroup
+    here: Doubles2  # (scenes parts, 7) sums over the particles, see runout.backends.hash.observe
+    gone: Doubles2  # (scenes threads, 7) the same over those that have left the domain since the last sort
+    kept: Doubles2  # (scenes, 13) booked, and lost with particles that have left, up to the last sort
+    bounds: Table2  # (scenes, 5) blocks with particles, and their extent in plan
+    ledger: Doubles2  # (scenes, 25) all that is known of a scene
+
+
+class Constants:
+    """Numbers that all scenes of a batch share; owned by :class:`runout.backends.hash.scenes.SceneArrays`."""
+
+    h: Vector  # spacing of the grid [m]
+    band: Real  # a particle nearer to the ground than this is in contact [m]
+    largest: Real  # largest radius of a particle [m]
+    gravity: Vector64  # [m/s2]
+    only: Int  # the one release that has particles, -1 if there are several
+
+
+GROUPS = (
+    ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, StatusGroup, SceneGroup, SurfaceGroup, SumGroup,
+    Constants,
+)  # fmt: skip
+
+
+@cache
+def argument_types(real: Any) -> dict[str, Any]:
+    """Types of kernel arguments for ``warp.float32`` or ``warp.float64`` by the names that the sources give them."""
+    types: dict[str, Any] = {
+        "Real": real, "Int": wp.int32, "Vector": wp.types.vector(length=3, dtype=real), "Vector64": wp.vec3d,
+        "Rows": wp.array2d(dtype=real), "Reals": wp.array(dtype=real),
+        "Nodes": wp.array(dtype=wp.types.vector(length=4, dtype=real)), "Halves": wp.array2d(dtype=wp.float16),
+        "Table": wp.array(dtype=wp.uint64), "Keys": wp.array(dtype=wp.int64), "Longs": wp.array(dtype=wp.int64),
+        "Ints": wp.array(dtype=wp.int32), "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16),
+        "Doubles": wp.array(dtype=wp.float64), "Doubles2": wp.array2d(dtype=wp.float64),
+    }  # fmt: skip
+    return types | {group.__name__: _struct(group, real, types) for group in GROUPS}
+
+
+def _struct(group: type, real: Any, types: dict[str, Any]) -> Any:
+    """Warp struct of a group for a number type. Its name and fields are part of the key of compiled code."""
+    fields = {name: types[kind] for name, kind in group.__annotations__.items()}
+    return wp.struct(type(f"{group.__name__}_{real.__name__}", (), {"__annotations__": fields}))
+
+
+@cache
+def groups_of(real: Any) -> SimpleNamespace:
+    """The groups for a number type, by name."""
+    types = argument_types(real)
+    return SimpleNamespace(**{group.__name__: types[group.__name__] for group in GROUPS})
+
+
+def filled(struct: Any, owner: Any, **fields: Any) -> Any:
+    """A group whose fields are the attributes of the same names of its owner, or those that are given."""
+    group = struct()
+    for name in struct.vars:
+        setattr(group, name, fields[name] if name in fields else getattr(owner, name))
+    return group

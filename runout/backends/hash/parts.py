@@ -1,0 +1,38 @@
+"""What a batch holds on its device; helpers receive it in one piece."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+from runout.backends.hash.device_status import DeviceStatus
+from runout.backends.hash.grid import NodeArrays
+from runout.backends.hash.ground import Ground
+from runout.backends.hash.index import Index
+from runout.backends.hash.layout import bytes_of
+from runout.backends.hash.scenes import SceneArrays
+from runout.backends.hash.state import Store
+
+
+@dataclass
+class Parts:
+    """Parts of a batch. Each owns its arrays and the groups of them that kernels take (see :mod:`runout.backends.hash.groups`)."""
+
+    k: SimpleNamespace  # kernels
+    ordered: bool  # sums in fixed order
+    scenes: SceneArrays
+    status: DeviceStatus
+    ground: Ground | None
+    store: Store
+    index: Index
+    nodes: NodeArrays = field(init=False)
+
+    def make_nodes(self) -> None:
+        """New arrays by block for the present index."""
+        scenes = self.scenes.scenes
+        kept, averaged = any(s.keeps for s in scenes), scenes[0].f_bar
+        self.nodes = NodeArrays(self.index, self.store, self.scenes.number, kept, averaged)
+
+    def bytes_used(self) -> int:
+        """Memory of the arrays that grow with particles, blocks and surfaces [byte]."""
+        return bytes_of(*(part for part in map(vars(self).get, ("store", "index", "nodes", "ground")) if part is not None))

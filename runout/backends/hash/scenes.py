@@ -1,0 +1,92 @@
+"""Arrays by scene, the numbers that all scenes share, and their time steps.
+
+    clock    scene 0: [dt | g dt x, y, z | reach of contact | slips kept | dilatation averaged | gradients of the weights]
+             scene 1: [ ...
+    shift    scenes lie one behind the other to the north in the index; each starts at its own node, 0, 4 rows, 8 rows, ...
+    density  release 0 of scene 0, release 1 of scene 0, ..., release 0 of scene 1, ...
+
+Every release of every scene has a number of its own: materials, densities and friction are in that order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+import numpy as np
+import warp as wp
+
+from runout.backends.hash.groups import filled
+from runout.backends.hash.index import GAP
+from runout.backends.hash.layout import CLOCK, KEPT
+from runout.backends.hash.unknown import UnknownCells
+from runout.backends.hash.validation import LARGEST_BLOCK, extent
+from runout.backends.hash.zones import Zones
+from runout.errors import CapacityError
+from runout.model.scene import Scene
+
+
+class SceneArrays:
+    """Scenes of a batch on the device of the scope.
+
+    Attributes
+    ----------
+    scenes : list of Scene
+    number : warp type
+        Of real numbers.
+    rows : int
+        Blocks from south to north that a scene has in the index.
+    shifts, first_release : (scenes,), (scenes + 1,) int
+        Nodes from the origin of the index north to each scene; number of its first release among those of all scenes.
+    table, materials : (releases,) records
+        Parameters of the law, on the host and on the device.
+    group : SceneGroup
+    constants : Constants
+    unknown : UnknownCells
+    """
+
+    def __init__(self, scenes: list[Scene], kernels: SimpleNamespace):
+        first, many = scenes[0], len(scenes)
+        self.scenes, self.number = scenes, wp.float32 if first.precision == "float32" else wp.float64
+        materials = [m for scene in scenes for m in scene.materials]
+        self.table = first.law.table(tuple(materials), first.dtype)
+        self.materials = wp.array(self.table, dtype=kernels.record)
+        self.first_release = np.cumsum([0, *(len(scene.materials) for scene in scenes)])
+        limits = np.array([extent(scene) for scene in scenes])
+        self.unknown = UnknownCells(scenes)
+        self.rows = 2**20 if many == 1 else int(limits[:, 1].max()) // 4 + 1 + GAP
+        if many > 1 and many * self.rows >= LARGEST_BLOCK:
+            raise CapacityError(f"{many} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
+        self.shifts = 4 * self.rows * np.arange(many)
+        zones = Zones(scenes, self.number)
+        steps, packed = (wp.zeros(many, dtype=self.number) for _ in range(2))
+        left, step_counts = (wp.zeros(many, dtype=wp.int32) for _ in range(2))
+        self.group = filled(
+            kernels.groups.SceneGroup, self, clock=wp.zeros((many, CLOCK), dtype=self.number), left=left, steps=steps,
+            step_counts=step_counts, packed=packed, shift=wp.array(self.shifts.astype(np.int32), dtype=wp.int32),
+            limits=wp.array(limits, dtype=wp.float64), density=wp.array(np.array([m.density for m in materials]), dtype=wp.float64),
+            friction=zones.friction, zones=zones.tables[0], lattice=zones.tables[1],
+        )  # fmt: skip
+        h = wp.types.vector(length=3, dtype=self.number)(*first.spacing)
+        band = first.contact_band * min(first.spacing)
+        self.constants = filled(
+            kernels.groups.Constants, self, h=h, band=band, largest=0.0, gravity=wp.vec3d(*first.gravity), only=-1
+        )
+
+    def set_steps(self, now: np.ndarray) -> None:
+        """Time steps [s] of the scenes to the device, and what depends on them."""
+        first, clock = self.scenes[0], np.zeros((len(now), CLOCK))
+        self.group.steps.assign(now.astype(first.dtype))
+        self.group.packed.assign((now * first.packed).astype(first.dtype))
+        clock[:, 1:4] = now[:, None] * np.array(first.gravity)
+        clock[:, KEPT:CLOCK] = choices(self.scenes)
+        self.group.clock.assign(clock.astype(first.dtype))
+        if first.law.depends_on_rate:
+            for step, begin, end in zip(now, self.first_release[:-1], self.first_release[1:], strict=True):
+                first.law.set_step(self.table[begin:end], step)
+            wp.copy(self.materials, wp.array(self.table, dtype=self.materials.dtype))
+
+
+def choices(scenes: Sequence[Scene]) -> np.ndarray:
+    """Columns (scenes, 3) of the clock: slips kept, dilatation averaged, gradients by the slopes of the weights."""
+    return np.array([(s.keeps, s.f_bar, not s.packed) for s in scenes], float)

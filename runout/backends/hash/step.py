@@ -1,0 +1,68 @@
+"""One step: its launches in their order.
+
+    begin -> particles to grid -> contact detection -> contact solution -> nodes -> grid to particles -> lists by cell
+
+Every launch reads on the device how much there is to do, so the host does not wait.
+"""
+
+from __future__ import annotations
+
+from runout.backends.hash import gradient_transfer
+from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
+from runout.backends.hash.parts import Parts
+
+
+def enqueue(parts: Parts) -> None:
+    """Launches of one step."""
+    begin(parts)
+    particles_to_grid(parts)
+    gradient_transfer.push(parts)
+    move_nodes(parts)
+    gradient_transfer.average(parts)
+    grid_to_particles(parts)
+    parts.scenes.unknown.let_escape(parts)
+    list_cells(parts)
+
+
+def begin(parts: Parts) -> None:
+    """Open the step."""
+    scenes = parts.scenes
+    run(parts.k.begin_step, len(scenes.scenes), parts.status.group, scenes.group, scenes.constants)
+
+
+def particles_to_grid(parts: Parts) -> None:
+    """Mass and momentum of the particles to the nodes."""
+    i, k, n, status = parts.index, parts.k, parts.nodes, parts.status.group
+    arguments = status, parts.store.group, i.block_group, n.grid_group, parts.scenes.group
+    run_blocks(k.particles_to_grid, i.launched, CELL_LANES, *arguments)
+    if parts.ordered:
+        run(k.note_held, i.capacity, i.block_group, n.grid_group)
+        run(k.sum_nodes, i.capacity * 64, status, i.block_group, n.grid_group)
+
+
+def move_nodes(parts: Parts) -> None:
+    """Velocities of the nodes, after the impulses of the ground."""
+    i, k, n = parts.index, parts.k, parts.nodes
+    status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
+    if parts.ground is not None:
+        arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
+        for round_, kernel in enumerate((k.find_contacts, k.solve_contacts)):
+            run_each(kernel, n.places, WARP, *arguments)
+            if parts.ordered:
+                run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
+    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)
+
+
+def grid_to_particles(parts: Parts) -> None:
+    """Velocities to the particles, the law, and motion."""
+    i, scenes = parts.index, parts.scenes
+    run_blocks(
+        parts.k.grid_to_particles, i.launched, CELL_LANES, parts.status.group, parts.store.group, i.block_group,
+        parts.nodes.grid_group, scenes.group, scenes.constants, scenes.materials,
+    )  # fmt: skip
+
+
+def list_cells(parts: Parts) -> None:
+    """The particles of each cell, after they have moved."""
+    parts.index.list_cells(parts.nodes)
+    parts.store.place(parts.k, parts.index)
