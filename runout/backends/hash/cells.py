@@ -1,9 +1,11 @@
 """Particles of each cell: counts, the list, and the order in memory.
 
-cstart[b]    | start of the block | cell 0 | cell 1 | ... | cell 63 |     65 numbers
-             counting: entry c + 1 holds the particles of cell c
-             listing:  entry c + 1 starts at the first place of cell c and ends at its last, which is the start of cell c + 1
-order        places of the particles of cell 0 of a block, of cell 1, ...; blocks in any order, or in theirs after a sort
+    cstart[b]    | start of the block | cell 0 | cell 1 | ... | cell 63 |     65 numbers
+                 counting: entry c + 1 holds the number of particles of cell c
+                 listing:  entry c + 1 moves from the first place of cell c to its last, which is the start of cell c + 1
+    order        places of the particles of cell 0 of a block, of cell 1, ...
+
+Blocks lie in the list in any order; after a sort, and in fixed order, one behind the other.
 """
 
 from __future__ import annotations
@@ -51,9 +53,9 @@ def count_blocks(blocks: BlockGroup):
 
 
 def _list_block(status: StatusGroup, blocks: BlockGroup, b: int, lane: int, given: int):
-    """Places of the first particles of a block's cells, each in the place of the next cell, where these were counted.
+    """Replace the counts of the cells of a block by the places of their first particles in the list.
 
-    Each lane has some cells in a row. ``both`` counts places and blocks at once: all blocks wait for it.
+    Each lane has some cells in a row. ``both`` counts places and blocks in one atomic operation, since all blocks wait for it.
     """
     each = CELL_LANES // lane_count()
     mine = int(0)
@@ -85,9 +87,9 @@ def list_cells(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, given: int,
     launched: int,
 ):  # fmt: skip
-    """Where the cells start in the list of particles, which blocks hold any; and nodes without mass for the next step.
+    """Start of each cell in the list, blocks that hold particles, and empty nodes for the next step.
 
-    With ``given``, ``totals`` are the sums over the blocks before; else each block takes the next free stretch, in no fixed order.
+    If ``given``, ``blocks.sums`` are the starts of the blocks; else each block takes the next free places, in no fixed order.
     """
     first, lane = wp.tid()
     first, lane = own_block(first), own_lane(lane)
@@ -104,7 +106,7 @@ def list_cells(
 
 
 def _entry_of(key: Ints, p: int):
-    """Where the particle at a place is counted; -1 if there is none."""
+    """Entry in which the particle at a place is counted; -1 if there is none."""
     if p >= key.shape[0]:
         return -1
     k = key[p]
@@ -112,9 +114,9 @@ def _entry_of(key: Ints, p: int):
 
 
 def place_particles(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup):
-    """List the particles of each cell; the start of each cell, in the place of the next, moves on to its end as it fills.
+    """List the particles of each cell; the entry of a cell moves from its start to its end as it fills.
 
-    A thread takes four particles, which wait for memory together; those of a warp are neighbours each time.
+    A thread lists four particles, so that four loads overlap; the threads of a warp read neighbours.
     """
     t = wp.tid()
     lanes = warp_lanes()
@@ -130,7 +132,7 @@ def place_particles(status: StatusGroup, particles: ParticleGroup, blocks: Block
 
 
 def sort_cells(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup):
-    """Bring the particles of each cell into the order of their numbers: atomic ranks come in any order."""
+    """Sort the particles of each cell by their numbers: atomic operations have no fixed order."""
     i = wp.tid()
     if status.flags[HALT] != 0 or (i >> 6) >= status.tally[NEXT]:
         return
@@ -146,7 +148,7 @@ def sort_cells(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup
 
 
 def gather_reals(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Reals, target: Reals):
-    """Numbers in the order of the list, four a thread under way at once; as many as the last of ``totals`` tells."""
+    """Numbers in the order of the list, four a thread so that four loads overlap; ``blocks.sums`` ends with their count."""
     t = wp.tid()
     count = blocks.sums[blocks.sums.shape[0] - 1]
     threads = (count + 3) >> 2
@@ -167,46 +169,47 @@ def gather_reals(status: StatusGroup, particles: ParticleGroup, blocks: BlockGro
     target[wp.min(t + 3 * threads, last)] = x3
 
 
-def bring_back_reals(status: StatusGroup, blocks: BlockGroup, source: Reals, target: Reals):
-    """Numbers from the place where they were gathered, unless the sort waits for room."""
-    t = wp.tid()
+def _bring_one(status: StatusGroup, blocks: BlockGroup, source: Any, target: Any, t: int):
+    """A number back from the place where it was gathered, unless the sort waits for room."""
     if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
         target[t] = source[t]
 
 
-def gather_ints(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Ints, target: Ints):
-    """Integers in the order of the cells."""
-    t = wp.tid()
+def _gather_one(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Any, target: Any, t: int):
+    """The number of the particle at a place of the list, unless the sort waits for room."""
     if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
         target[t] = source[particles.order[t]]
+
+
+def bring_back_reals(status: StatusGroup, blocks: BlockGroup, source: Reals, target: Reals):
+    """Numbers from the place where they were gathered."""
+    _bring_one(status, blocks, source, target, wp.tid())
 
 
 def bring_back_ints(status: StatusGroup, blocks: BlockGroup, source: Ints, target: Ints):
-    """Integers from the place where they were gathered, unless the sort waits for room."""
-    t = wp.tid()
-    if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
-        target[t] = source[t]
-
-
-def gather_shorts(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Shorts, target: Shorts):
-    """Small integers in the order of the cells."""
-    t = wp.tid()
-    if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
-        target[t] = source[particles.order[t]]
+    """Integers from the place where they were gathered."""
+    _bring_one(status, blocks, source, target, wp.tid())
 
 
 def bring_back_shorts(status: StatusGroup, blocks: BlockGroup, source: Shorts, target: Shorts):
-    """Small integers from the place where they were gathered, unless the sort waits for room."""
-    t = wp.tid()
-    if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
-        target[t] = source[t]
+    """Small integers from the place where they were gathered."""
+    _bring_one(status, blocks, source, target, wp.tid())
+
+
+def gather_ints(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Ints, target: Ints):
+    """Integers in the order of the list."""
+    _gather_one(status, particles, blocks, source, target, wp.tid())
+
+
+def gather_shorts(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Shorts, target: Shorts):
+    """Small integers in the order of the list."""
+    _gather_one(status, particles, blocks, source, target, wp.tid())
 
 
 def renumber(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, launched: int):
-    """Particles lie as the list tells: what is listed and in which cell, and where those of each block begin and end.
+    """Renumber the list and the cells after the particles have moved, and note where those of each block begin and end.
 
-    ``counts`` is told how many there are in all, the last of ``totals``; ``approach_speeds`` that nobody knows how fast those of a
-    block are.
+    Also write the number of all particles for the host, and an unknown (infinite) speed of approach for each block.
     """
     first, lane = wp.tid()
     first, lane = own_block(first), own_lane(lane)
@@ -232,7 +235,7 @@ def renumber(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, 
 
 
 def clear_beyond(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup):
-    """Places from the last of ``totals`` on hold no particle; some threads take turns, since they are few."""
+    """Mark the places behind the last particle as empty; a few threads take turns, since there are few such places."""
     if status.flags[HALT] == 0:
         for t in range(blocks.sums[blocks.sums.shape[0] - 1] + wp.tid(), particles.key.shape[0], CLEARING):
             particles.key[t] = -1

@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact_solution import HELD, HELD_TWICE, _around, _clear, _given, _ground, _hold, _number
+from runout.backends.hash.contact_solution import HELD, HELD_TWICE, _around, _clear, _given, _ground, _hold, _number, _spread
 from runout.backends.hash.groups import (
     BlockGroup,
     Constants,
@@ -49,10 +49,8 @@ from runout.backends.hash.layout import (
     node4,
     own_block,
     own_lane,
-    sums9,
 )
-from runout.backends.hash.stencil import _cell_of, _first_node, _piece, _scene_of, _set_bases, _set_near_bases
-from runout.physics.bspline import weights
+from runout.backends.hash.stencil import _cell_of, _piece, _scene_of, _set_bases, _set_near_bases
 from runout.physics.contact import in_contact, reach
 from runout.physics.heightfield import height_at
 from runout.physics.tensors import dot, real, vec
@@ -67,9 +65,9 @@ take_place: Any = None  # adds one to a count and tells what it was, likewise
 
 
 def _farthest(blocks: BlockGroup, contacts: ContactGroup, constants: Constants, b: int, lane: int, dt: Any, of_all: Any):
-    """Distance [m] beyond which no particle of a block is in contact: by the fastest that may be here, ``of_all`` at most.
+    """Distance [m] beyond which no particle of a block is in contact; at most ``of_all``.
 
-    Its velocity is a mean of those of nodes in the block and in the 26 around it, so that it falls no faster than they do.
+    The velocity of a particle is a mean over nodes of the block and the 26 around it. The fastest of these nodes is a bound.
     """
     fastest = real(0.0)
     for q in range((NEIGHBOURS + lane_count() - 1) // lane_count()):
@@ -92,10 +90,10 @@ def _number_listed(
     blocks: BlockGroup, ground: GroundGroup, constants: Constants, starts: Tile, places: Tile, limits: Tile, b: int, lane: int,
     near: int, far: Any,
 ):  # fmt: skip
-    """Number of the first particle of each cell among those of a block that may touch the ground, and of all.
+    """Number the particles of the cells that may touch the ground; returns how many they are.
 
-    Add its number to that of ``places`` for its cell and get a particle's place in the list. At offsets above ``limits`` none of a
-    cell touches; the lowest is a half.
+    ``starts`` are the numbers of the first of each cell. Particle n of a cell is at ``places`` + n of the list. Particles of a cell
+    with an upward offset above ``limits`` are too high; a cell with a limit below 0.5, the smallest offset, is left out.
     """
     total = int(0)
     ahead = int(blocks.cstart[b, lane])
@@ -121,9 +119,9 @@ def _queue_low(
     particles: ParticleGroup, queue: Tile, end: int, first: int, total: int, starts: Tile, places: Tile, limits: Tile,
     lane: int,
 ):  # fmt: skip
-    """Queue those of the listed particles from number ``first`` on that lie low enough, with their cells; returns its new end.
+    """Queue the low particles among the next 4 x 32 from number ``first`` on, with their cells; returns the end of the queue.
 
-    A lane has four of them, which wait for memory together.
+    A lane tests four of them, so that four loads overlap.
     """
     lanes = lane_count()
     cells = wp.vec4i()
@@ -147,9 +145,9 @@ def _keep_touching(
     particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, queue: Tile, begin: int,
     end: int, counts: Tile, found: int, lane: int, near: int, dt: Any, far: Any, pressed_begin: int,
 ):  # fmt: skip
-    """List those that touch the ground of particles in a queue, one a lane; ``found`` before. Returns how many are found then.
+    """Test queued particles, one a lane, and list those that touch the ground behind the ``found`` ones; returns their new number.
 
-    ``counts`` are told how many a cell has.
+    ``counts`` are those of each cell.
     """
     n = begin + lane
     c = int(0)
@@ -176,7 +174,7 @@ def _keep_touching(
 
 
 def _note_starts(contacts: ContactGroup, starts: Tile, begin: int, b: int, lane: int):
-    """Where the particles of each cell that touch the ground start in their list."""
+    """Store where the cells start in the list of particles in contact."""
     for c in range(lane, CELL_LANES, lane_count()):
         contacts.pressed_start[b, c + 1] = begin + starts[c + 1]
     if lane == 0:
@@ -187,7 +185,7 @@ def _load_given(
     particles: ParticleGroup, contacts: ContactGroup, pushes: Tile, offsets: Tile, begin: int, end: int, lane: int, stamp: Any,
     dt: Any,
 ):  # fmt: skip
-    """Impulses by the forces of the step before, and offsets, of the particles at some places of the list: HELD at most."""
+    """Hold impulses by the forces of the step before, and offsets, of up to HELD particles of the list."""
     for q in range((end - begin + lane_count() - 1) // lane_count()):
         n = q * lane_count() + lane
         p = contacts.pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
@@ -195,33 +193,8 @@ def _load_given(
         _hold(pushes, offsets, n, _given(particles.forces, particles.number[p], stamp, dt), f, begin + n < end)
 
 
-def _add_shares(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool):
-    """Weights of the contact particles of a cell, and their given impulses, to its 27 nodes, nine at a time."""
-    begin = wp.max(int(starts[c]), base)
-    end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
-    first = _first_node(c)
-    for i in range(3):
-        acc = sums9()
-        for t in range(begin, end):
-            push = pushes[t - base]
-            wx = weights(push[3])
-            wy = weights(offsets[t - base])
-            wz = weights(offsets[HELD + t - base])
-            for j in range(3):
-                share = wx[i] * wy[j]
-                for k in range(3):
-                    w = share * wz[k]
-                    acc[j * 3 + k, 0] += w
-                    for d in range(3):
-                        acc[j * 3 + k, d + 1] += w * push[d]
-        for j in range(3):
-            for k in range(3):
-                s = node4(acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2], acc[j * 3 + k, 3])
-                wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
-
-
 def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, u: int, q: int):
-    """Sum of weights and impulse at a node of the tile, number ``q`` of its piece ``u``, to the node of the grid."""
+    """Add the sum of weights and the impulse at node ``q`` of piece ``u`` of the tile to the node of the grid."""
     piece = _piece(u, q)
     s = tile[wp.max(piece[2], 0)]
     if piece[2] >= 0 and s[0] != real(0.0):
@@ -247,9 +220,9 @@ def find_contacts(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
     contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
 ):  # fmt: skip
-    """Which particles touch the ground, and the sum of their weights at the nodes.
+    """List the particles that touch the ground by cell, and add their weights to the nodes.
 
-    They are listed by cell. ``shares`` are those sums. Impulses by the forces of the step before go to the momentum of the nodes.
+    Impulses by the forces of the step before are added to the momentum of the nodes.
     """
     place, lane = wp.tid()
     place, lane = own_block(place), own_lane(lane)
@@ -302,7 +275,7 @@ def find_contacts(
                 _load_given(particles, contacts, pushes, offsets, first + base, last, lane, stamp, dt)
                 for turns in range((many + lane_count() - 1) // lane_count()):
                     mine = turns * lane_count() + lane
-                    _add_shares(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
+                    _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, True)
             _give_shares(grid, contacts, tile, bases, near_bases, b, lane)
             if lane == 0:
                 contacts.touched[turn, 0] = b

@@ -50,7 +50,7 @@ from runout.backends.hash.layout import (
     node4,
     own_block,
     own_lane,
-    sums3,
+    sums9,
 )
 from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_bases, _set_near_bases
 from runout.backends.hash.zones import _friction_in_zone
@@ -85,7 +85,7 @@ def _ground(around: Any, z: int, f: Vector, radius: Any, h: Vector):
 
 
 def _number(starts: Tile, filled: Tile, counts: Tile, lane: int):
-    """Number of the first particle of each cell among ``counts``, and of all; ``filled`` lists cells with any; returns how many."""
+    """Sums of ``counts`` before each cell to ``starts``; ``filled`` lists the cells that have any; returns how many these are."""
     total = int(0)
     for q in range(CELL_LANES // lane_count()):
         c = q * lane_count() + lane
@@ -155,47 +155,55 @@ def _given(forces: Nodes, place: int, stamp: Any, dt: Any):
 
 
 def _clear(tile: Tile, nothing: Any, lane: int):
-    """Nothing at all nodes of a tile."""
+    """Set all nodes of a tile to ``nothing``."""
     for q in range((TILE + lane_count() - 1) // lane_count()):
         t = q * lane_count() + lane
         wp.tile_scatter_masked(tile, wp.min(t, TILE - 1), nothing, t < TILE)
 
 
 def _hold(pushes: Tile, offsets: Tile, place: int, push: Vector, f: Vector, there: bool):
-    """Note impulse and offset of a contact particle for :func:`_spread`, if it is ``there``."""
+    """Hold impulse and offset of a contact particle for :func:`_spread`, if it is ``there``."""
     wp.tile_scatter_masked(pushes, place, node4(push[0], push[1], push[2], f[0]), there)
     wp.tile_scatter_masked(offsets, place, f[1], there)
     wp.tile_scatter_masked(offsets, HELD + place, f[2], there)
 
 
-def _spread(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool):
-    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time. None if the cell is not ``mine``.
+def _spread(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool, weighed: bool):
+    """Impulses of the contact particles of a cell to its 27 nodes, nine at a time; none if the cell is not ``mine``.
 
-    ``pushes`` holds the impulses of those from number ``base`` on and their offset along x, ``offsets`` those along y, then z.
+    If ``weighed``, their weights too, as the first number of a node; the caller gives a constant. ``pushes`` holds the impulses of
+    the particles from number ``base`` on and their offsets along x, ``offsets`` those along y, then z.
     """
     begin = wp.max(int(starts[c]), base)
     end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
     first = _first_node(c)
     for i in range(3):
-        acc = sums3()
+        acc = sums9()
         for t in range(begin, end):
             push = pushes[t - base]
             wx = weights(push[3])
             wy = weights(offsets[t - base])
             wz = weights(offsets[HELD + t - base])
             for j in range(3):
-                share = vec(wx[i] * wy[j] * push[0], wx[i] * wy[j] * push[1], wx[i] * wy[j] * push[2])
+                share = wx[i] * wy[j]
+                plan = vec(share * push[0], share * push[1], share * push[2])
                 for k in range(3):
-                    for d in range(3):
-                        acc[j * 3 + k, d] += wz[k] * share[d]
+                    if weighed:
+                        w = share * wz[k]
+                        acc[j * 3 + k, 0] += w
+                        for d in range(3):
+                            acc[j * 3 + k, d + 1] += w * push[d]
+                    else:
+                        for d in range(3):
+                            acc[j * 3 + k, d + 1] += wz[k] * plan[d]
         for j in range(3):
             for k in range(3):
-                s = node4(real(0.0), acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2])
+                s = node4(acc[j * 3 + k, 0], acc[j * 3 + k, 1], acc[j * 3 + k, 2], acc[j * 3 + k, 3])
                 wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, s, mine, False)
 
 
 def _put(arenas: Nodes, place: int, push: Any, base: int):
-    """Impulse at a node of a block into its arena, which the first round finds as the block before left it."""
+    """Add the impulse at a node to the arena of the block; the first round replaces what an earlier step left there."""
     s = node4(push)
     if base > 0:
         s += arenas[place]
@@ -203,7 +211,7 @@ def _put(arenas: Nodes, place: int, push: Any, base: int):
 
 
 def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
-    """Impulse at a node of the tile, number ``q`` of its piece ``u``, to that of the grid."""
+    """Add the impulse at node ``q`` of piece ``u`` of the tile to the node of the grid."""
     piece = _piece(u, q)
     s = tile[wp.max(piece[2], 0)]
     if piece[2] >= 0 and (s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0)):
@@ -223,15 +231,15 @@ def solve_contacts(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
     contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
 ):  # fmt: skip
-    """One impulse per contact particle; what it has more than the nodes hold already goes to them.
+    """Compute one impulse per contact particle, and add its change since the detection to the nodes.
 
-    ``booked`` (blocks, 6) adds up work [J] and impulse [N s].
+    Work [J] and impulse [N s] of the ground are booked by block.
 
     A thread first owns a particle and finds its impulse, then a cell and adds up those of its particles.
     """
     begin, lane = wp.tid()
     begin, lane = own_block(begin), own_lane(lane)
-    row = status.tally[TOUCHED] - 1 - begin  # what was found last lies in the second cache yet
+    row = status.tally[TOUCHED] - 1 - begin  # blocks found last are still in the L2 cache
     if status.flags[HALT] != 0 or row < 0:
         return
     b = int(contacts.touched[row, 0])
@@ -282,7 +290,7 @@ def solve_contacts(
         _clear(tile, node4(), lane)
         for turn in range((many + lane_count() - 1) // lane_count()):
             mine = turn * lane_count() + lane
-            _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many)
+            _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, False)
         if ORDERED:
             for t in range(lane, TILE, lane_count()):
                 _put(grid.arenas, b * TILE + t, tile[t], base)

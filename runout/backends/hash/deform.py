@@ -46,17 +46,12 @@ def _store(rec: Rows, p: int, m: Any, v: Vector, affine: Any, packed: Any, B: An
     rec[HISTORY, p] = history
 
 
-def _gather(f: Any, tile: Tile, first: int):
-    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``.
+def _moments(tile: Tile, first: int, stride_x: int, stride_y: int, wx: Any, wy: Any, wz: Any, ax: Any, ay: Any, az: Any):
+    """Sums over the 27 nodes at place ``first`` of a tile with such strides: velocity, and its moment along each axis.
 
-    Weights and arms are products over the axes: summed axis by axis.
+    The velocity is weighted by ``w`` along all axes. A moment has ``a`` in place of ``w`` along its axis: weights times arms, or
+    slopes of the weights. All are products over the axes and are summed axis by axis.
     """
-    wx = weights(f[0])
-    wy = weights(f[1])
-    wz = weights(f[2])
-    dx = _arms(f[0])
-    dy = _arms(f[1])
-    dz = _arms(f[2])
     v = vec(real(0.0), real(0.0), real(0.0))
     x = vec(real(0.0), real(0.0), real(0.0))
     y = vec(real(0.0), real(0.0), real(0.0))
@@ -69,18 +64,32 @@ def _gather(f: Any, tile: Tile, first: int):
             s = vec(real(0.0), real(0.0), real(0.0))
             r = vec(real(0.0), real(0.0), real(0.0))
             for k in range(3):
-                g = tile[first + i * WIDE_X + j * WIDE_Y + k]
+                g = tile[first + i * stride_x + j * stride_y + k]
                 u = vec(g[0], g[1], g[2])
                 s += wz[k] * u
-                r += (wz[k] * dz[k]) * u
+                r += az[k] * u
             si += wy[j] * s
-            yi += (wy[j] * dy[j]) * s
+            yi += ay[j] * s
             zi += wy[j] * r
         v += wx[i] * si
-        x += (wx[i] * dx[i]) * si
+        x += ax[i] * si
         y += wx[i] * yi
         z += wx[i] * zi
     return v, x, y, z
+
+
+def _lever(w: Any, f: Any):
+    """Weights of the three nodes of an axis times their distances [cells] from a particle."""
+    d = _arms(f)
+    return vec(w[0] * d[0], w[1] * d[1], w[2] * d[2])
+
+
+def _gather(f: Any, tile: Tile, first: int):
+    """Velocity and its first moments sum w v (x_j - f_j) [m/s cells] along each axis from the 27 nodes at place ``first``."""
+    wx = weights(f[0])
+    wy = weights(f[1])
+    wz = weights(f[2])
+    return _moments(tile, first, WIDE_X, WIDE_Y, wx, wy, wz, _lever(wx, f[0]), _lever(wy, f[1]), _lever(wz, f[2]))
 
 
 def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):

@@ -1,4 +1,4 @@
-"""What the host reads of the device between stretches of steps: everything in one piece, since each look waits."""
+"""What the host reads of the device between series of steps: all in one piece of memory, since each read waits."""
 
 from __future__ import annotations
 
@@ -10,26 +10,13 @@ import warp as wp
 from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.layout import COUNTS, FLAGS, TALLY
 
-LINE = 256  # bytes: atomic sums to one part keep no block of threads waiting that reads another
+LINE = 256  # bytes: a part has cache lines of its own, so that atomic sums to one do not delay reads of another
 
 
 class DeviceStatus:
     """Numbers that the device writes and the host reads, in one piece of memory on the device of the scope.
 
-    Attributes
-    ----------
-    tally : (TALLY,) int32
-        Numbers of a step, see :mod:`runout.backends.hash.layout`.
-    both : (1,) int64
-        The same memory: the first two of them in one number.
-    flags : (FLAGS,) int32
-        Why the device stands still.
-    counts : (COUNTS,) int32
-        Numbers of a sort.
-    contacts : (scenes,) int32
-        Particles in contact.
-    peaks : (scenes + 1,)
-        Largest squared speed [m2/s2] of each scene, and cells that a particle of an unstable one moved.
+    They are those of :class:`runout.backends.hash.groups.StatusGroup`.
     """
 
     def __init__(self, many: int, number: Any):

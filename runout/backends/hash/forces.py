@@ -16,16 +16,14 @@ from runout.backends.hash.layout import (
     HALT,
     NOT_NEGATIVE,
     OFFSET,
-    ORDERED,
     TILE,
     VOLUME,
     Materials,
-    add_node,
     lane_count,
     node4,
-    sums27,
+    sums4,
 )
-from runout.backends.hash.stencil import _first_node, _node, _set_bases, _sum_arenas
+from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _set_bases, _sum_arenas
 from runout.physics.bspline import weight_slopes, weights
 from runout.physics.elastic import kirchhoff_stress, log_strain
 from runout.physics.moments import node_velocity, stress_columns
@@ -59,7 +57,7 @@ def _sum_forces(particles: ParticleGroup, first: int, last: int, cells: Any):
     """Impulses [N s] of the internal forces of the particles at some places of the list on the 27 nodes of their cell."""
     rec = particles.rec
     stress = particles.stress
-    acc = sums27()
+    acc = sums4()
     for t in range(first, last):
         p = particles.order[t] & NOT_NEGATIVE
         wx = weights(rec[OFFSET, p])
@@ -80,7 +78,7 @@ def _sum_forces(particles: ParticleGroup, first: int, last: int, cells: Any):
                 for k in range(3):
                     s = wz[k] * plan + (wij * dz[k]) * az
                     for d in range(3):
-                        acc[(i * 3 + j) * 3 + k, d] += s[d]
+                        acc[(i * 3 + j) * 3 + k, d + 1] += s[d]
     return acc
 
 
@@ -103,18 +101,8 @@ def add_forces(
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_forces(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1], cells)
                 first = _first_node(c)
-                for i in range(3):
-                    for j in range(3):
-                        for k in range(3):
-                            n = (i * 3 + j) * 3 + k
-                            g = node4(real(0.0), acc[n, 0], acc[n, 1], acc[n, 2])
-                            wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
-            for t in range(lane, TILE, lane_count()):
-                g = tile[t]
-                if ORDERED:
-                    grid.arenas[b * TILE + t] = g
-                elif g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
-                    add_node(grid.nodes, _node(bases, t), g)
+                _add_cell(tile, first, acc)
+            _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
 
 
 def add_nodes(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):

@@ -1,4 +1,4 @@
-"""What a step does more where the transfer is not the packed one, or where F-bar averages: its launches."""
+"""Further launches of a step with transfer apic or aflip, or with F-bar."""
 
 from __future__ import annotations
 

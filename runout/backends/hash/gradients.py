@@ -1,6 +1,6 @@
-"""What a step of a general scene makes of a particle: gradients of the weights, mean dilatations, and the motion that it keeps.
+"""Grid to particles where gradients use the slopes of the weights, dilatation is averaged, or particles keep some motion.
 
-Such a scene has transfer apic or aflip, or F-bar. Its clock tells which: a factor of zero stands for what it does without.
+These are scenes with transfer apic or aflip, or with F-bar. Their clock holds a factor for each choice; zero switches it off.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.deform import _gather, _slopes, _store, _strain_of
+from runout.backends.hash.deform import _gather, _moments, _slopes, _store, _strain_of
 from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     ACTIVE,
@@ -37,14 +37,15 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     Vector,
-    add_node,
     lane_count,
     node4,
-    sums2,
+    sums4,
 )
 from runout.backends.hash.stencil import (
+    _add_cell,
     _cell_entry,
     _first_node,
+    _give_tile,
     _node,
     _set_bases,
     _sum_arenas,
@@ -66,7 +67,7 @@ def _cells(dt: Any, h: Vector):
 
 
 def _slopes_at(f: Any, by_slopes: Any):
-    """Slopes of the three weights of an axis [1 / cell], or what the packed form takes for them."""
+    """Slopes of the three weights of an axis [1 / cell], or those of the packed form."""
     s = moment_slopes(f)
     if by_slopes > real(0.0):
         s = weight_slopes(f)
@@ -78,30 +79,10 @@ def _rate(f: Any, tile: Tile, first: int, stride_x: int, stride_y: int, cells: A
     wx = weights(f[0])
     wy = weights(f[1])
     wz = weights(f[2])
-    dx = _slopes_at(f[0], by_slopes)
-    dy = _slopes_at(f[1], by_slopes)
-    dz = _slopes_at(f[2], by_slopes)
-    x = vec(real(0.0), real(0.0), real(0.0))
-    y = vec(real(0.0), real(0.0), real(0.0))
-    z = vec(real(0.0), real(0.0), real(0.0))
-    for i in range(3):
-        si = vec(real(0.0), real(0.0), real(0.0))
-        yi = vec(real(0.0), real(0.0), real(0.0))
-        zi = vec(real(0.0), real(0.0), real(0.0))
-        for j in range(3):
-            s = vec(real(0.0), real(0.0), real(0.0))
-            r = vec(real(0.0), real(0.0), real(0.0))
-            for k in range(3):
-                g = tile[first + i * stride_x + j * stride_y + k]
-                u = vec(g[0], g[1], g[2])
-                s += wz[k] * u
-                r += dz[k] * u
-            si += wy[j] * s
-            yi += dy[j] * s
-            zi += wy[j] * r
-        x += dx[i] * si
-        y += wx[i] * yi
-        z += wx[i] * zi
+    ax = _slopes_at(f[0], by_slopes)
+    ay = _slopes_at(f[1], by_slopes)
+    az = _slopes_at(f[2], by_slopes)
+    _v, x, y, z = _moments(tile, first, stride_x, stride_y, wx, wy, wz, ax, ay, az)
     return velocity_gradient(x, y, z, cells)
 
 
@@ -189,7 +170,7 @@ def _deform_by_rates(
 
 def _sum_dilatations(particles: ParticleGroup, tile: Tile, corner: int, first: int, last: int, cells: Any, by_slopes: Any):
     """Volume and volume times dilatation that the particles at some places of the list hand to the 27 nodes of their cell."""
-    acc = sums2()
+    acc = sums4()
     for t in range(first, last):
         p = particles.order[t] & NOT_NEGATIVE
         f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
@@ -236,18 +217,8 @@ def spread_dilatation(
                 first = _first_node(c)
                 begins, ends = blocks.cstart[b, c], blocks.cstart[b, c + 1]
                 acc = _sum_dilatations(particles, velocities, first, begins, ends, cells, scenes.clock[s, BY_SLOPES])
-                for i in range(3):
-                    for j in range(3):
-                        for k in range(3):
-                            n = (i * 3 + j) * 3 + k
-                            g = node4(acc[n, 0], acc[n, 1], real(0.0), real(0.0))
-                            wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
-            for t in range(lane, TILE, lane_count()):
-                g = tile[t]
-                if ORDERED:
-                    grid.arenas[b * TILE + t] = g
-                elif g[0] != real(0.0):
-                    add_node(grid.dilated, _node(bases, t), g)
+                _add_cell(tile, first, acc)
+            _give_tile(tile, grid.arenas, grid.dilated, bases, b, lane)
 
 
 def average_dilatation(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):

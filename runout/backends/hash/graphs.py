@@ -1,4 +1,4 @@
-"""Launches that come again and again, recorded as graphs: one call of the host for all of them."""
+"""CUDA graphs of launches that repeat: one call of the host for all of them."""
 
 from __future__ import annotations
 

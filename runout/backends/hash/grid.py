@@ -27,41 +27,18 @@ if TYPE_CHECKING:
 class NodeArrays:
     """Arrays by block on the device of the scope.
 
+    Its arrays are those of :class:`runout.backends.hash.groups.GridGroup`, ``GroundGroup`` and ``ContactGroup``, except:
+
     Attributes
     ----------
     grid : (64 capacity,) four numbers
-        Mass [kg] and momentum [kg m/s]; longer if it takes more to hold a number for each particle, see :meth:`scratch`. With
-        ``kept`` as much again: mass and velocity that the particles alone gave.
-    dilated : (64 capacity,) four numbers
-        Volume and volume times dilatation of each node while they are summed, with ``averaged``; else empty.
-    grounded : (capacity,) int32
-        Place of a block in ``contact``, -1 for one that is not near the ground.
+        The nodes. Longer if it takes more to hold a number for each particle, see :meth:`scratch`.
     contact : (64 slots,) four numbers
-        Memory of the following.
-    shares : (256 slots,)
-        Of each block 64 sums of the weights of the contact particles, at its nodes, and the impulse of the ground [N s] there: 64
-        pairs of its parts along x and y, and 64 upwards.
-    near : (capacity,) int32
-        Place in ``tiles`` of a block whose particles may touch the ground, -1 for the others.
-    standing : (places,) int32
-        The block at each of these places, -1 if it is free.
-    near_up : (places, 8) int32
-        Where in ``shares`` the eight blocks begin that its tile meets.
-    tiles : (places, 36)
-        Coefficients of the surface relative to the block's lowest node [cells].
-    bounds : (places, 32) float16
-        How high it comes in each of 16 columns of cells, likewise, and the least upward part of its normal there.
-    pressed, pressed_start : (particles,), (capacity, 65) int32
-        Particles in contact by cell, and where those of the cells of a block start; only with ``averaged``, else empty: then they
-        take the place of the list of all, which no kernel needs any more.
-    arenas, held : (216 capacity,) four numbers, (capacity,) int32
-        Sums of each block and particles that it holds, for sums in fixed order; else empty.
-    ground_slopes : (capacity,) four numbers
-        Under a block and those around it, east and north: the middle of all slopes, then how far any lies from it.
-    approach_speeds : (2 capacity,)
-        Largest speed [m/s] towards that ground of the nodes of each half of a block; infinite where nobody knows it.
-    booked : (capacity, 6) float64
-        Plastic dissipation and work of the ground [J], impulse of the ground [N s], plastic dissipation that a second warp adds.
+        The memory of ``shares``.
+    places, slots : int
+        Room for blocks whose particles may touch the ground, and for blocks whose nodes these reach.
+    generation : int
+        Counts how often arrays were made anew.
     """
 
     def __init__(self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False):

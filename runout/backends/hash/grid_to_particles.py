@@ -60,7 +60,7 @@ raise_peak: Any = None  # brings a largest value up to one of a warp
 max_lanes: Any = None  # the largest of the lanes' numbers, likewise
 sum_lanes: Any = None  # sum over the lanes of a warp
 book: Any = None  # adds to a number that no other thread adds to
-call_up: Any = None  # asks for a place in memory before it is read
+prefetch: Any = None  # prefetches a place in memory
 
 
 def begin_step(status: StatusGroup, scenes: SceneGroup, constants: Constants):
@@ -69,7 +69,7 @@ def begin_step(status: StatusGroup, scenes: SceneGroup, constants: Constants):
     ``counts`` are the steps of each scene so far, with this one.
 
     Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m]; and
-    what a general scene does, see :func:`runout.backends.hash.gradient_transfer.choices`.
+    what the transfer does, see :func:`runout.backends.hash.scenes.choices`.
     """
     s = wp.tid()
     if status.flags[HALT] == GROW:
@@ -169,7 +169,7 @@ def _write_place(rec: Rows, p: int, f: Vector, new: int):
 
 
 def _keep(status: StatusGroup, new: int, k: int):
-    """What the key of a particle becomes, and a word to the host if it is in no cell of the index."""
+    """New key of a particle; sets the LEFT_INDEX flag if it is in no cell of the index."""
     if new == k:
         return k
     if new == -1 and k >= 0:
@@ -180,19 +180,19 @@ def _keep(status: StatusGroup, new: int, k: int):
     return new
 
 
-def _call_up(rec: Rows, p: int, lane: int, last: int):
-    """Ask for what will be read of the 32 particles from place ``p`` on: four sectors of twelve rows, by the lanes of a warp."""
+def _prefetch(rec: Rows, p: int, lane: int, last: int):
+    """Prefetch what will be read of the 32 particles from place ``p`` on: four sectors of twelve rows, by the lanes of a warp."""
     for turn in range(2):
         t = turn * 32 + (lane & 31)
         n = t >> 2
         row = wp.where(n < 4, n + OFFSET - 1, n + STRAIN - 4)
         place = p + (t & 3) * SECTOR
         if n < 12 and place < last:
-            call_up(rec, wp.where(n == 0, MASS, row), place)
+            prefetch(rec, wp.where(n == 0, MASS, row), place)
 
 
 def _is_sound(status: StatusGroup, moves: Vector, scene: int, worst: int):
-    """Whether a particle moves less than a cell; otherwise a word to the host."""
+    """Whether a particle moves less than a cell; otherwise sets the UNSTABLE flag."""
     far = wp.max(wp.abs(moves[0]), wp.max(wp.abs(moves[1]), wp.abs(moves[2])))
     if far < real(1.0) and wp.isfinite(moves[0] + moves[1] + moves[2]):
         return True
@@ -206,10 +206,10 @@ def grid_to_particles(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
     constants: Constants, mats: Materials, launched: int,
 ):  # fmt: skip
-    """Velocities to particles, law, motion and next record; cells of the particles anew, and how many enter each.
+    """Velocity, law, motion and next record of each particle; its new cell, and the count of the particles of each cell.
 
-    A block of threads takes the particles that were in one block at the last sort, as far as they have come at most one cell out
-    of it. One that has come further, or finds no block, or leaves, keeps its cell, and an offset beyond it, to the next sort.
+    A block of threads takes the particles that were in one block at the last sort. A particle more than one cell outside of that
+    block, without a block, or outside the domain keeps its cell until the next sort, with an offset beyond it.
     """
     begin, lane = wp.tid()
     if status.flags[HALT] != 0:
@@ -218,7 +218,7 @@ def grid_to_particles(
         b = blocks.homes[a] & NOT_NEGATIVE
         first = int(blocks.home[b, 0]) // SECTOR * SECTOR
         last = int(blocks.home[b, 1])
-        _call_up(particles.rec, first + lane - (lane & 31), lane, last)
+        _prefetch(particles.rec, first + lane - (lane & 31), lane, last)
         scene = blocks.member[b] & NOT_NEGATIVE
         dt = scenes.clock[scene, 0]
         wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at the last block
@@ -241,7 +241,7 @@ def grid_to_particles(
             p = place & NOT_NEGATIVE
             k = int(next_key)
             next_key = particles.key[wp.min(p + lane_count(), last - 1) & NOT_NEGATIVE]
-            _call_up(particles.rec, p + lane_count() - (lane & 31), lane, last)
+            _prefetch(particles.rec, p + lane_count() - (lane & 31), lane, last)
             if p >= begins:
                 new = int(k)
                 if k >= 0 and dt > real(0.0):

@@ -71,7 +71,7 @@ def _slot(keys: KeyGroup, key: Any):
 
 
 def _enter(status: StatusGroup, keys: KeyGroup, key: Any):
-    """Enter a key unless it is there; once the table is half full nothing more is entered, and the count tells."""
+    """Enter a key unless it is there. Nothing more is entered once the table is half full; the count shows that."""
     mask = keys.table.shape[0] - 1
     wanted = wp.uint64(key + i64(1))
     place = int(mixed(key)) & mask
@@ -100,7 +100,7 @@ def _enter_around(status: StatusGroup, keys: KeyGroup, x: int, y: int, z: int):
 
 
 def _present(particles: ParticleGroup, coordinates: Table2, p: int, d: int):
-    """First node of a particle along axis ``d``; its offset may have run past its cell."""
+    """First node of a particle along axis ``d``; its offset may lie outside its cell."""
     k = particles.key[p]
     return 4 * coordinates[k >> 6, d] + ((k >> (4 - 2 * d)) & 3) + first_node(particles.rec[OFFSET + d, p])
 
@@ -112,9 +112,9 @@ def enter_given(status: StatusGroup, keys: KeyGroup, node: Table2):
 
 
 def mark_around(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup, marks: Ints):
-    """Note which of the 27 blocks around its own each particle may reach before the next sort: a bit each.
+    """Mark which of the 27 blocks around its own each particle may reach before the next sort, one bit each.
 
-    One that has come further than all of these enters its blocks at once.
+    A particle that is outside of all 27 enters its blocks at once.
     """
     p = wp.tid()
     k = particles.key[p]
@@ -143,7 +143,7 @@ def mark_around(status: StatusGroup, particles: ParticleGroup, blocks: BlockGrou
 
 
 def enter_marked(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, marks: Ints):
-    """Enter the marked ones of the 27 blocks around each."""
+    """Enter the marked blocks of the 27 around each block."""
     b, q = wp.tid()
     if ((marks[b] >> q) & 1) != 0:
         i = blocks.former[b, 0] + q // 9 - 1
@@ -152,13 +152,13 @@ def enter_marked(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, marks:
 
 
 def note_owners(status: StatusGroup):
-    """How many blocks may hold particles: those that were entered so far."""
+    """Store how many blocks may hold particles: those that were entered so far."""
     if wp.tid() == 0:
         status.counts[OWNERS] = status.counts[ENTERED]
 
 
 def enter_above(status: StatusGroup, keys: KeyGroup):
-    """Enter the seven neighbours upwards of a block: they hold its further nodes."""
+    """Enter the seven neighbours upwards of a block: they hold the remaining nodes of its cells."""
     m = wp.tid()
     if m >= status.counts[OWNERS]:
         return
@@ -170,7 +170,7 @@ def enter_above(status: StatusGroup, keys: KeyGroup):
 
 
 def require_room(status: StatusGroup, keys: KeyGroup, entries: int, capacity: int):
-    """Numbers of a step in the new index; a halt if table or arrays have no room for it. Further keys come last in a sort."""
+    """Reset the numbers of a step; halt if the table or the arrays are too small. Unused keys get the largest value."""
     m = wp.tid()
     entered = status.counts[ENTERED]
     fits = 2 * entered <= entries and entered <= capacity
@@ -185,7 +185,7 @@ def require_room(status: StatusGroup, keys: KeyGroup, entries: int, capacity: in
 
 
 def number_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, rows: int, many: int):
-    """Number the entered keys by their order, and note their coordinates and member; a member has ``rows`` blocks to the north."""
+    """Number the sorted keys, and store coordinates and scene of each block; a scene has ``rows`` blocks from south to north."""
     b = wp.tid()
     if b >= status.tally[BLOCKS]:
         return
@@ -202,7 +202,7 @@ def number_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, rows:
 
 
 def link_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup):
-    """The 27 blocks around, the eight upwards, the first of them -1 if any is missing; and downwards; -1 where there is none."""
+    """Look up the 27 blocks around each, the eight upwards and, for sums in fixed order, the eight downwards."""
     b = wp.tid()
     if b >= status.tally[BLOCKS]:
         return
@@ -227,7 +227,7 @@ def link_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup):
 
 
 def number_given(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup, node: Table2):
-    """Cell number of given first nodes (n, 3), and how many are in each cell."""
+    """Cell of particles whose first nodes (n, 3) are given; count them by cell."""
     p = wp.tid()
     if status.flags[HALT] != 0:
         return
@@ -240,7 +240,7 @@ def number_given(status: StatusGroup, particles: ParticleGroup, blocks: BlockGro
 
 
 def number_present(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup):
-    """Cell number of the particles in a new index; offsets come back into their cell."""
+    """Cell of the particles in the new index; count them by cell. Offsets are reduced to the new cell."""
     p = wp.tid()
     if status.flags[HALT] != 0 or particles.key[p] < 0:
         return
@@ -258,44 +258,20 @@ def number_present(status: StatusGroup, particles: ParticleGroup, blocks: BlockG
 class Index:
     """The table and its blocks, on the device of the scope in which it is made.
 
+    Its arrays are those of :class:`runout.backends.hash.groups.BlockGroup` and ``KeyGroup``.
+
     Attributes
     ----------
     nown, nall : int
         Blocks that may hold particles; all blocks. Read with the device status.
     capacity : int
         Blocks that the arrays have room for.
-    shared : int
-        Blocks of threads of kernels in which each takes several blocks in turn.
-    launched : int
-        Blocks of threads of kernels in which each takes one that holds particles.
+    shared, launched : int
+        Blocks of threads of kernels in which each takes several blocks in turn; of those in which each takes one with particles.
     generation : int
         Counts how often arrays were made anew.
-    coordinates : (capacity, 3) int32
-    member : (capacity,) int32
-        Scene that a block belongs to.
-    around : (capacity, 27) int32
-        The block and its neighbours, -1 where there is none.
-    up, down : (capacity, 8) int32
-        Blocks at the block itself and one step up (down) in each axis, -1 where there is none.
-    cstart : (capacity, 65) int32
-        Places in the list of particles where the cells of a block start and the last ends. While particles move: how many have
-        entered each cell, in the place of the next cell; in between, near the ground, the same of the particles in contact.
-    ends : (65 capacity,) int32
-        The same memory in a row.
-    homes, home : (capacity,), (capacity, 2) int32
-        Blocks that held particles at the last sort; where these start and end in memory.
-    active : (capacity,) int32
-        Blocks that hold particles; ``tally`` tells how many.
-    touched : (capacity, 2) int32
-        Blocks that hold particles in contact, and their places among those near the ground.
-    touching : (capacity,) int32
-        How many a block holds.
-    device_status : DeviceStatus
-        Where the numbers of a step and of a sort are written; ``tally`` and ``entered`` are parts of it.
-    former : (capacity, 3) int32
-        Coordinates of the blocks before the present sort.
-    sums : (capacity + 1,) int32
-        Sums over the blocks before each, and over all.
+    status : DeviceStatus
+        Where the numbers of a step and of a sort are written.
     """
 
     def __init__(

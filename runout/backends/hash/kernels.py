@@ -30,7 +30,7 @@ from runout.model.laws import Law
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
 WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
-# what a general scene has of its own: kernels that differ from those of the packed form, and those that it needs besides
+# kernels of gradient transfers: those that differ from the packed form's, and further ones
 GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
 GRADIENT_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
 
@@ -49,8 +49,7 @@ def _local_types(real: Any) -> dict[str, Any]:
     """What the names of vectors and matrices in the kernels stand for."""
     return {
         "node4": wp.types.vector(length=4, dtype=real), "sums4": wp.types.matrix(shape=(27, 4), dtype=real),
-        "sums3": wp.types.matrix(shape=(9, 3), dtype=real), "sums9": wp.types.matrix(shape=(9, 4), dtype=real),
-        "sums27": wp.types.matrix(shape=(27, 3), dtype=real), "sums2": wp.types.matrix(shape=(27, 2), dtype=real),
+        "sums9": wp.types.matrix(shape=(9, 4), dtype=real),
         "double7": wp.types.vector(length=7, dtype=wp.float64),
     }  # fmt: skip
 
@@ -119,7 +118,7 @@ def compiled_kernels(
 
 @cache
 def _gradient_kernels(law: Law, precision: str, ordered: bool) -> SimpleNamespace:
-    """What a general scene takes in the place of kernels of the packed form or besides; the rest of these is not compiled again."""
+    """Kernels of gradient transfers that the packed form lacks or has otherwise; the others are not compiled again."""
     name = f"{NAME}.{law.name}.{precision}" + ".ordered" * ordered + ".general"
     cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
     kernels = _bound(

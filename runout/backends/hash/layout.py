@@ -39,10 +39,7 @@ Tile: TypeAlias = Any
 # vectors and matrices of the compiler that the binding puts in their place: numbers of a node; of 9 or 27 nodes, so many each
 node4: Any = None
 sums4: Any = None
-sums3: Any = None
 sums9: Any = None
-sums27: Any = None
-sums2: Any = None
 double7: Any = None
 add_node: Any = None  # adds four numbers to a node
 node_at: Any = None  # the four numbers of a node, by one load

@@ -1,4 +1,4 @@
-"""Functions for a GPU in its own language, each with what a CPU does in its place; they are bound to the kernels by name."""
+"""Functions in CUDA, each with its equivalent for a CPU; they are bound to the kernels by name."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ COUNT_IN = """
     wp::atomic_add(count, cell, 1);
 #endif
 """
-# Four at once: each waits for memory, and they wait together.
+# Four at once, so that the four atomic operations overlap.
 NEXT_FOUR = """
     wp::vec4i found;
 #if defined(__CUDA_ARCH__)
@@ -32,8 +32,8 @@ NEXT_FOUR = """
 #endif
     return found;
 """
-# The first lane of a block takes a place and needs it later. What it adds is one, but told by its number in the warp: of a constant
-# the assembler would make one sum for all lanes, and have them wait for it.
+# The first lane of a block takes a place and needs it later. It adds its lane number plus one, which is one: for a constant the
+# assembler would sum over the lanes first, and all of them would wait.
 TAKE_PLACE = """
 #if defined(__CUDA_ARCH__)
     int place;
@@ -67,7 +67,7 @@ def next_four(count: wp.array(dtype=wp.int32), cells: wp.vec4i) -> wp.vec4i:  # 
     """Add one to the count of each of four cells, one after the other, unless it is negative; returns what they were before."""
 
 
-# Nothing waits for what the number was.
+# The old value is not needed: a reduction, which does not wait.
 BOOK = """
 #if defined(__CUDA_ARCH__)
     asm volatile("red.relaxed.gpu.global.add.f64 [%0], %1;" :: "l"(&wp::index(rows, i, j)), "d"(value) : "memory");
@@ -114,7 +114,7 @@ def add_node64(nodes: wp.array(dtype=wp.vec4d), i: int, g: wp.vec4d):  # type: i
     wp.atomic_add(nodes, i, g)
 
 
-# Four numbers of a node by one load or store of 16 bytes, which needs an alignment that the compiler does not know of.
+# Four numbers of a node by one load or store of 16 bytes; the compiler does not know that they are aligned.
 NODE_AT = """
 #if defined(__CUDA_ARCH__)
     float4 g = *(const float4*)(nodes.data + i);
@@ -201,7 +201,7 @@ def lane_count() -> int:  # type: ignore[empty-body]
     """Lanes of a block; those of warp's own function are not known when a kernel is compiled for a GPU."""
 
 
-# Known to the chip, and how many lanes there are, to the compiler; it would divide for them.
+# From the hardware registers; warp would compute them by divisions.
 OWN_BLOCK = """
 #if defined(__CUDA_ARCH__)
     return blockIdx.x;
@@ -242,7 +242,7 @@ def warp_lanes() -> int:  # type: ignore[empty-body]
     """Threads that go together: a warp of a GPU; on a CPU each goes alone."""
 
 
-CALL_UP = """
+PREFETCH = """
 #if defined(__CUDA_ARCH__)
     const char* place = (const char*)rows.data + (size_t)row * rows.strides[0] + (size_t)p * sizeof(*rows.data);
     asm volatile("prefetch.global.L2 [%0];" :: "l"(place));
@@ -250,20 +250,20 @@ CALL_UP = """
 """
 
 
-@wp.func_native(CALL_UP)
-def call_up32(rows: wp.array2d(dtype=wp.float32), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
-    """Ask for the sector of memory that holds a number of a row."""
+@wp.func_native(PREFETCH)
+def prefetch32(rows: wp.array2d(dtype=wp.float32), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
+    """Prefetch the sector of memory that holds a number of a row."""
 
 
-@wp.func_native(CALL_UP)
-def call_up64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
-    """Ask for the sector of memory that holds a number of a row."""
+@wp.func_native(PREFETCH)
+def prefetch64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
+    """Prefetch the sector of memory that holds a number of a row."""
 
 
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     names = (
-        "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "call_up", "book_four", "max_lanes",
+        "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "prefetch", "book_four", "max_lanes",
         "note_largest",
     )  # fmt: skip
     known = vars(reductions) | globals()

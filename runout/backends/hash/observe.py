@@ -60,7 +60,7 @@ def change_step(particles: ParticleGroup, blocks: BlockGroup, constants: Constan
 
 
 def leave(particles: ParticleGroup, blocks: BlockGroup, gone: Ints):
-    """Take the particles of scenes that are done away."""
+    """Remove the particles of scenes that are done."""
     p = wp.tid()
     if particles.key[p] >= 0 and gone[blocks.member[wp.max(particles.key[p], 0) >> 6]] != 0:
         particles.key[p] = -1

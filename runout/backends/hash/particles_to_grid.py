@@ -23,14 +23,12 @@ from runout.backends.hash.layout import (
     MOMENTUM,
     NOT_NEGATIVE,
     OFFSET,
-    ORDERED,
     TILE,
-    add_node,
     lane_count,
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _first_node, _node, _set_bases
+from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _set_bases
 from runout.physics.bspline import weights
 from runout.physics.tensors import real, vec
 
@@ -94,16 +92,6 @@ def particles_to_grid(
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_cell(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1])
                 first = _first_node(c)
-                for i in range(3):
-                    for j in range(3):
-                        for k in range(3):
-                            n = (i * 3 + j) * 3 + k
-                            g = node4(acc[n, 0], acc[n, 1], acc[n, 2], acc[n, 3])
-                            wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
-            for t in range(lane, TILE, lane_count()):
-                g = tile[t]
-                if ORDERED:
-                    grid.arenas[b * TILE + t] = g
-                elif g[0] != real(0.0):
-                    add_node(grid.nodes, _node(bases, t), g)
+                _add_cell(tile, first, acc)
+            _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
         b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

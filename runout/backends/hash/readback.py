@@ -1,4 +1,4 @@
-"""Looks at a batch between steps: ledger rows, particles, and columns over the raster."""
+"""Read back a batch between steps: ledger rows, particles, and columns over the raster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sums and the largest over the lanes of a warp, in the language of a GPU, each with what a CPU does in its place.
+"""Sums and maxima over the lanes of a warp in CUDA, each with its equivalent for a CPU.
 
 Functions for a number type end in 32 or 64.
 """

@@ -46,28 +46,20 @@ STAGED = 4  # rows that are prepared at once for the device
 class Store:
     """Particle arrays on the device of the scope.
 
+    Its arrays are those of :class:`runout.backends.hash.groups.ParticleGroup`; ``stress`` only if it is ``stressed``: with
+    transfers whose records hold none.
+
     Attributes
     ----------
+    identity : (loaded,) int
+        Of the particles as they were loaded.
     size, n : int
         Places; places that hold a particle or one that has gone since the last sort.
-    rec : (ROWS, size)
-        See :mod:`runout.backends.hash.layout`.
-    radius : (size,)
     memory : (ROWS + 1, size)
-        What holds both: a sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1 back, and the
-        radius to the place at the other end.
-    release : (size,) int16
-        ``only`` is its number where there is but one, else -1.
-    stress : (6, size)
-        Kirchhoff stress [Pa] while nodes take it, if the store is ``stressed``: with transfers whose records hold none.
-    number : (size,) int32
-        Place in the particles as they were loaded.
-    forces : (loaded,) four numbers
-        By that place: stamp of the step in which the particle last touched the ground, and the force then [N].
-    key : (size,) int32
-        64 times the block plus the cell; -2 - key for a particle that has gone, -1 for no particle.
-    order : (size,) int32
-        Places of the particles, cell by cell; near the ground, from the middle of a step on, of those in contact alone.
+        Rows of the record and the radius. A sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1
+        back, and the radius to the place at the other end.
+    only : int
+        The release of all particles, -1 if there are several.
     """
 
     def __init__(self, identity: np.ndarray, number: Any, stressed: bool = False, size: int | None = None):

@@ -13,6 +13,7 @@ from runout.backends.hash.layout import (
     COUNTED_AT_ONCE,
     GRADIENT_TRANSFER,
     HALT,
+    ORDERED,
     PIECE,
     PUSHES,
     PUSHES_UP,
@@ -26,6 +27,7 @@ from runout.backends.hash.layout import (
     Table2,
     Tile,
     Vector,
+    add_node,
     lane_count,
     node4,
     node_at,
@@ -45,7 +47,7 @@ def _cell_entry(k: int):
 
 
 def _scene_of(blocks: BlockGroup, scenes: SceneGroup, b: int):
-    """Scene that a block belongs to; of one alone nothing is read."""
+    """Scene of a block; nothing is read if there is only one."""
     s = int(0)
     if scenes.clock.shape[0] > 1:
         s = blocks.member[b]
@@ -58,14 +60,14 @@ def _first_node(c: int):
 
 
 def _set_bases(bases: Tile, up: Table2, b: int, lane: int):
-    """Places in the grid of the first nodes of the eight blocks that the tile of a block meets."""
+    """Places in the grid of the first nodes of the eight blocks that the tile of a block overlaps."""
     for q in range((8 + lane_count() - 1) // lane_count()):
         k = q * lane_count() + lane
         wp.tile_scatter_masked(bases, k & 7, up[b, k & 7] * 64, k < 8)
 
 
 def _set_near_bases(bases: Tile, near_up: Table2, place: int, lane: int):
-    """The same among the numbers near the ground, for the block at a place near it."""
+    """Places in ``shares`` of the numbers of these eight blocks, for the block at a place near the ground."""
     for q in range((8 + lane_count() - 1) // lane_count()):
         k = q * lane_count() + lane
         wp.tile_scatter_masked(bases, k & 7, near_up[place, k & 7], k < 8)
@@ -87,6 +89,26 @@ def _cell_of(starts: Tile, n: int):
         if starts[further] <= n:
             c = further
     return c
+
+
+def _add_cell(tile: Tile, first: int, acc: Any):
+    """Sums (27, 4) of a cell, whose first node has place ``first``, to the tile of its block."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                n = (i * 3 + j) * 3 + k
+                g = node4(acc[n, 0], acc[n, 1], acc[n, 2], acc[n, 3])
+                wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
+
+
+def _give_tile(tile: Tile, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int):
+    """Sums at the nodes of the tile of a block to the nodes of the grid; in fixed order, only to the arena of the block."""
+    for t in range(lane, TILE, lane_count()):
+        g = tile[t]
+        if ORDERED:
+            arenas[b * TILE + t] = g
+        elif g[0] != real(0.0) or g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
+            add_node(nodes, _node(bases, t), g)
 
 
 def _arms(f: Any):
@@ -244,8 +266,8 @@ def update_nodes(
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
 
-    That bounds particles of the packed form alone: what others keep of their own velocity may be faster than a node. The cells are
-    counted anew from here on, unless F-bar still needs their lists.
+    That bounds particles of the packed form only: those that keep a part of their own velocity may be faster than every node. The
+    counts of the cells are set to zero here, unless F-bar still needs the lists.
     """
     t = wp.tid()
     b = t >> 6
