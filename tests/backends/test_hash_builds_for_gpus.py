@@ -1,5 +1,6 @@
 """The kernels build for an H100 without one at hand, within the registers that their speed was measured with."""
 
+import ctypes
 import struct
 from pathlib import Path
 
@@ -62,6 +63,18 @@ def require_within(kernels, modules, folder, registers, spilled):
         assert values[REGISTERS] <= registers.get(name, 112), name
         assert values[FRAME] <= spilled.get(name, 0), name
     return len(wanted)
+
+
+@pytest.mark.parametrize("gradient_transfer", [False, True])
+def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient_transfer):
+    """A group is one argument; every driver passes 4096 bytes to a kernel, of which warp needs some for the launch."""
+    kernels = vars(kernels_of(LAWS.find("drucker_prager"), "float64", False, False, gradient_transfer))
+    arguments = {name: k.adj.args for name, k in kernels.items() if isinstance(k, wp.Kernel)}
+    groups, array = vars(kernels["groups"]).values(), ctypes.sizeof(wp.empty(0, dtype=wp.int32, device="cpu").__ctype__())
+    sizes = {name: [g.ctype for a in some for g in groups if a.type is g] for name, some in arguments.items()}
+    bytes_of = {name: sum(map(ctypes.sizeof, found)) + array * (len(arguments[name]) - len(found)) for name, found in sizes.items()}
+    assert max(map(len, arguments.values())) <= 12
+    assert 3000 < max(bytes_of.values()) < 4000
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
