@@ -95,7 +95,7 @@ def _gather(f: Any, tile: Tile, first: int):
 def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):
     """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J].
 
-    All of it is read before anything is written, so that the loads are under way together.
+    All of it is read before anything is written, so that the loads overlap.
     """
     m = rec[MASS, p] * real(1.0)
     volume = rec[VOLUME, p] * real(1.0)

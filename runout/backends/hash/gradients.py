@@ -109,7 +109,7 @@ def _given_node(grid: Nodes, around: Table2, b: int, t: int):
 
 
 def _load_given(seen: Tile, grid: Nodes, around: Table2, b: int, lane: int, keeps: Any):
-    """Velocities that particles gave to the nodes around a block, where they keep slips; four a lane under way at once."""
+    """Velocities that particles gave to the nodes around a block, where they keep slips; a lane loads four at once."""
     lanes = lane_count()
     for q in range(wp.where(keeps > real(0.0), WIDE // lanes // 4, 0)):
         t = 4 * q * lanes + lane

@@ -52,7 +52,7 @@ ORDERED = False  # sums in fixed order; the binding decides
 ZONED = False  # friction zones on the ground; the binding decides
 GRADIENT_TRANSFER = False  # transfer apic or aflip, or F-bar; the binding decides
 COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by their negation
-KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what a general scene does; numbers in all
+KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what the transfer does; numbers in all
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
 PUSHES, PUSHES_UP, SLOT = 64, 192, 256  # of what lies near the ground in a block: where impulses begin; numbers in all
@@ -78,7 +78,7 @@ LEFT_INDEX, UNSTABLE, GROW = 1, 2, 3  # why a batch halts; the last: a sort foun
 CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
 STARTS = CELL_LANES + 1  # where the cells of a block start and the last ends
 WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
-AT_ONCE = 4  # numbers that a thread of a sort has under way
+AT_ONCE = 4  # numbers that a thread of a sort loads at once
 CLEARING = 2**12  # threads that clear what lies behind the particles
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
@@ -96,7 +96,7 @@ def run_each(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
 
 
 def run_blocks(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
-    """Launch a kernel with ``lanes`` threads for each block on the device of the scope; it is told the number of blocks."""
+    """Launch a kernel with ``lanes`` threads for each block; its last argument is the number of blocks."""
     run_each(kernel, blocks, lanes, *arguments, blocks)
 
 

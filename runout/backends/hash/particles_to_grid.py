@@ -81,7 +81,7 @@ def particles_to_grid(
 ):  # fmt: skip
     """Mass and momentum of the particles to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
-    b = int(blocks.active[begin])  # under way before it is known whether there is anything to do
+    b = int(blocks.active[begin])  # loaded before it is known whether there is anything to do
     if status.flags[HALT] != 0:
         return
     for a in range(begin, status.tally[ACTIVE], launched):

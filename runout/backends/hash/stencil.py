@@ -170,7 +170,7 @@ def _node_if(share: Any, grid: Nodes, node: int):
 def _load(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near: Tile, lane: int, dv: Vector):
     """Velocity [m/s] and compliance [1/kg] of the nodes that particles of a block in contact reach.
 
-    Four nodes of a lane are under way at once, then three.
+    A lane loads four nodes at once, then three.
     """
     for turn in range(PIECE // lane_count()):
         q = turn * lane_count() + lane
@@ -212,7 +212,7 @@ def _wide_block(around: Table2, b: int, t: int):
 def _wide_node(grid: Nodes, o: int, t: int):
     """Velocity of node ``t`` of the 8 x 8 x 8 around a block; ``o`` is the block that it belongs to, -1 if there is none.
 
-    In a general scene the first number of the node comes last: its mean dilatation by then.
+    With a gradient transfer the first number of the node, by then its mean dilatation, comes last.
     """
     g = node4()
     if o >= 0:
@@ -228,7 +228,7 @@ def _wide_place(t: int):
 
 
 def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
-    """Velocity of the nodes that particles reach which have come up to one cell out of a block; eight a lane under way at once.
+    """Velocity of the 8 x 8 x 8 nodes that particles up to one cell outside of a block reach; a lane loads eight at once.
 
     In a loop whose length the compiler does not know: it would keep places of the tile in registers, and others out of them.
     """
@@ -271,7 +271,7 @@ def update_nodes(
     """
     t = wp.tid()
     b = t >> 6
-    g = node_at(grid.nodes, t)  # all under way at once, before it is known whether there is anything to do
+    g = node_at(grid.nodes, t)  # loaded at once, before it is known whether there is anything to do
     s = blocks.member[b]
     slot = ground.grounded[b]
     slopes = ground.slopes[b]
