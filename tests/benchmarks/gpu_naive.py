@@ -18,7 +18,8 @@ from runout.backends.compile import law_record, warp_binding, warp_kernels
 from runout.backends.hash import deform, grid_to_particles, natives, stencil
 from runout.backends.hash.deform import _slopes, _store, _strain_of
 from runout.backends.hash.grid_to_particles import _in_cell
-from runout.backends.hash.kernels import OPTIONS, _argument_types
+from runout.backends.hash.groups import argument_types
+from runout.backends.hash.kernels import OPTIONS, _local_types
 from runout.backends.hash.layout import (
     AFFINE,
     HISTORY,
@@ -118,7 +119,8 @@ def _kernels(law: str) -> SimpleNamespace:
     update = physics.law(LAWS.find(law)).step
     kernels = warp_kernels(
         physics, (stencil, deform, grid_to_particles, modules[__name__]),
-        lambda name: others if name in vars(grid_to_particles) else own, **_argument_types(wp.float32, record),
+        lambda name: others if name in vars(grid_to_particles) else own, **argument_types(wp.float32), **_local_types(wp.float32),
+        Materials=wp.array(dtype=record),
         **natives.of("float32"), law_update=update,
     )  # fmt: skip
     kernels.record = record
@@ -132,8 +134,9 @@ def measure_naive(device: str, scene: Scene, particles: Particles, steps: int) -
     order = np.lexsort(particles.node.T[::-1])
     with wp.ScopedDevice(device):
         k = _kernels(scene.law.name)
-        store = Store(len(particles), wp.float32)
-        store.fill([particles.take(order)], particles.release[order], scene.spacing, np.float32)
+        arranged = particles.take(order)
+        store = Store(arranged.identity, wp.float32)
+        store.fill([arranged], arranged.release, scene.spacing, np.float32)
         node = wp.array(np.ascontiguousarray(particles.node[order] - low, np.int32), dtype=wp.int32)
         grid = wp.zeros(4 * nx * ny * nz, dtype=wp.float32)
         mats = wp.array(scene.law.table(scene.materials, np.dtype(np.float32)), dtype=k.record)
