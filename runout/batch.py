@@ -1,4 +1,4 @@
-"""Many scenarios in one launch of a GPU: each keeps its own time step, observers and end, as in its own run."""
+"""Runs many scenarios in shared launches of a GPU. Each has its own time step, observers and end, as in a separate run."""
 
 import os
 import time as clock
@@ -32,13 +32,13 @@ from runout.model.terrain import Terrain
 from runout.result import Result
 from runout.simulation import BATCH, Run, RunControl, build_scene
 
-MOST = 64  # scenarios in a launch
-ENOUGH = 10_000_000  # particles that keep a device busy: more scenarios would only wait for each other's preparation
-MEMORY_SHARE = 0.8  # of what is free at the start; flows that spread take more
-AHEAD = min(8, os.cpu_count() or 1)  # scenarios that are prepared at once
-LOOK_SECONDS = 5e-4  # of the host between two stretches of steps, on the machines that were measured
-STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # a step takes the one at least, and the other for each particle
-ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # arguments not taken
+MOST = 64  # scenarios per launch
+ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
+MEMORY_SHARE = 0.8  # share of the free memory at the start; flows that spread take more
+AHEAD = min(8, os.cpu_count() or 1)  # scenarios that are prepared at the same time
+LOOK_SECONDS = 5e-4  # [s] of the host between two sequences of steps, measured
+STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # [s] least time of a step, and time per particle
+ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # not accepted
 
 
 def simulate_batch(
@@ -48,7 +48,7 @@ def simulate_batch(
     progress: Callable[[int, float], None] | None = None,
     particles: bool = True,
 ) -> Iterator[tuple[int, Result | RunoutError]]:
-    """Number and result of every scenario, as they come to their ends; its error in place of the result of one that failed.
+    """Number and result of every scenario in the order in which they end; for a failed one its error instead of the result.
 
     Scenarios share the launches of one device: as many at a time as its memory holds, until they have :data:`ENOUGH` particles or
     are :data:`MOST`; the next are prepared meanwhile. Each gives what
@@ -57,31 +57,31 @@ def simulate_batch(
     Parameters
     ----------
     scenarios : sequence of mappings
-        Arguments of :func:`runout.simulate` by name. Those that say where and how it is computed are not taken. Scenarios must
+        Arguments of :func:`runout.simulate` by name, without those on device and computation. Scenarios must
         share cell_size, precision and the law of the material.
     device : str
         "cuda:0" and so on, "cpu" (slow), or "auto".
     progress : callable, optional
         Called with the number of a scenario and the fraction of its time that is done, 0 to 1.
     particles : bool
-        Whether results hold the particles at the end, in ``state``; else that is empty. To bring them keeps the device waiting.
+        Whether results hold the particles at the end, in ``state``; else that is empty. Copying them makes the device wait.
 
     Raises
     ------
     ConfigError
-        If scenarios differ in what they must share.
+        If scenarios differ in settings that they must share.
     DeviceError
-        If the device is not there.
+        If the device does not exist.
     """
     with ThreadPoolExecutor(AHEAD) as pool:
         ahead = _Ahead(pool, scenarios, progress)
-        yield from _in_launches(ahead, find_device(device), particles)  # the device is made ready meanwhile
+        yield from _in_launches(ahead, find_device(device), particles)  # the device is initialised meanwhile
 
 
 def _in_launches(ahead: "_Ahead", place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
-    """Outcomes of jobs, as many in a launch as keep the device busy, or as its memory holds."""
+    """Outcomes of jobs. Each launch has as many as keep the device busy, or as its memory holds."""
     jobs: list[_Job] = []
-    needed, free = 0.0, _free(place)  # asked once a launch: it takes 0.14 s on some machines
+    needed, free = 0.0, _free(place)  # once per launch: the query takes 0.14 s on some machines
     for number, future in enumerate(ahead):
         try:
             job = future.result()
@@ -101,7 +101,7 @@ def _in_launches(ahead: "_Ahead", place: str, brought: bool) -> Iterator[tuple[i
 
 @dataclass
 class _Job:
-    """A scenario that waits for its launch."""
+    """A prepared scenario."""
 
     number: int
     terrain: Terrain
@@ -129,7 +129,7 @@ class _Job:
 
 
 class _Ahead:
-    """The jobs of scenarios in their order, made by threads ahead of their turn: most of it is numpy, which frees the interpreter.
+    """Jobs of scenarios in their order, prepared in advance by threads, since most of the work is NumPy without the GIL.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class _Ahead:
         self.make(AHEAD)
 
     def make(self, count: int) -> None:
-        """See to it that so many jobs are made or being made, as far as there are scenarios."""
+        """Start the preparation of further jobs until ``count`` are ready or in preparation, if there are so many scenarios."""
         for number, arguments in islice(self.left, max(0, count - len(self.waiting))):
             self.waiting.append(self.pool.submit(_Job.of, number, arguments, self.progress))
 
@@ -158,13 +158,13 @@ class _Ahead:
 
 
 def _free(place: str) -> float:
-    """Memory that is free on a device [byte]."""
+    """Free memory of a device [byte]."""
     free = free_memory(place) if place != "cpu" else available_bytes()
     return float("inf") if free is None else free
 
 
 def _launched(jobs: list[_Job], place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
-    """Outcomes of jobs in one launch; if the memory does not last, of those that are left in two."""
+    """Outcomes of jobs in one launch. If the memory is exhausted, the remaining jobs are divided into two launches."""
     left = {job.number: job for job in jobs}
     try:
         for number, outcome in _Together(jobs, place, brought).outcomes() if jobs else ():
@@ -181,7 +181,7 @@ def _launched(jobs: list[_Job], place: str, brought: bool) -> Iterator[tuple[int
 
 @dataclass
 class _View:
-    """One scene of a batch as a run sees its backend; stepped with the others only."""
+    """One scene of a batch with the interface of a backend; it is stepped only with the others."""
 
     batch: SceneBatch
     scene: int
@@ -205,15 +205,15 @@ class _View:
 
 
 class _Together:
-    """Runs that share the steps of a batch; their results hold the particles if these are ``brought``."""
+    """Runs that share the steps of a batch; with ``brought``, their results contain the particles."""
 
     def __init__(self, jobs: list[_Job], place: str, brought: bool):
         self.jobs, self.brought = jobs, brought
         self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
-        self.rows: list[LedgerRow] = []  # of the present state, once somebody has asked
+        self.rows: list[LedgerRow] = []  # of the present state, filled on first use
         views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
         self.runs = [Run(view, job.scene, job.control, job.progress, None) for view, job in zip(views, jobs, strict=True)]
-        self.todo = [0] * len(jobs)  # steps of each to its next look
+        self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()
 
@@ -223,7 +223,7 @@ class _Together:
         return self.rows
 
     def outcomes(self) -> Iterator[tuple[int, Result | RunoutError]]:
-        """Number and outcome of each, as they end."""
+        """Number and outcome of each run, in the order in which they end."""
         self.batch.look_at(range(len(self.runs)))
         for run in self.runs:
             run.begin()
@@ -239,7 +239,7 @@ class _Together:
                 self._advance(running)
 
     def _advance(self, running: set[int]) -> None:
-        """A stretch of steps of all that run; whoever is due to be looked at before its end waits."""
+        """Make a sequence of steps of all runs; a run whose observation is due earlier waits."""
         for k in running:
             if self.todo[k] == 0:
                 self.todo[k] = self.planned[k] = self.runs[k].plan(BATCH)
@@ -256,7 +256,7 @@ class _Together:
             self.runs[k].arrive(self.planned[k])
 
     def _stretch(self, running: list[int]) -> int:
-        """Steps to the next look that do most in a second: a look costs time, and so do scenarios that wait for it."""
+        """Number of steps with the most work per second; observations cost time, and so do runs that wait."""
         todo = np.array([self.todo[k] for k in running])
         particles = np.array([len(self.jobs[k].particles) for k in running])
         choices = np.unique(todo)
@@ -265,7 +265,7 @@ class _Together:
         return int(choices[np.argmax(done / seconds)])
 
     def _outcome(self, k: int) -> Result | RunoutError | None:
-        """What run k has come to; None while it goes on."""
+        """Outcome of run k; None while it continues."""
         run, job = self.runs[k], self.jobs[k]
         if failure := self.batch.failure(k):
             return StabilityError(failure)

@@ -15,7 +15,7 @@ from runout.model.surface import Surface
 
 GIGABYTE = 1e9
 # cells around the first node of a square of two cells by two, west and south, there, and east and north; and above and below:
-# what the index of backend scan holds, and that of hash, whose particles move one cell between two sorts
+# extent of the index of scan, and of hash, whose particles move one cell between two sorts
 REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
 EXCHANGED = 248  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
 BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it

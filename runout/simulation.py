@@ -216,7 +216,7 @@ def build_scene(
 ) -> tuple[Scene, Particles]:
     """Scene and particles of a scenario; parameters as in :func:`simulate`.
 
-    ``accept`` is asked before the particles are made, and refuses with an error what is too large.
+    ``accept`` is called before the particles are made; it raises an error if the scene is too large.
     """
     from runout.initial_stress import InitialStress, pressed_by
     from runout.release.arrangement import default_particles

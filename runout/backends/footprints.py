@@ -147,7 +147,7 @@ def _box_sums(scene: Scene, particles: Particles, lattice: Lattice) -> np.ndarra
 
 
 def _box_shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndarray:
-    """Shares (n, count) of intervals of ``width`` [m] around x (n,) [m] in cells; what lies beyond is of the outer ones."""
+    """Shares (n, count) of intervals of ``width`` [m] around x (n,) [m] in cells; outer cells include parts beyond the ends."""
     edges = np.array([-np.inf, *(cell * np.arange(1, count)), np.inf])
     covered = np.minimum(x[:, None] + 0.5 * width, edges[1:]) - np.maximum(x[:, None] - 0.5 * width, edges[:-1])
     return np.maximum(covered, 0.0) / width  # type: ignore[no-any-return]
@@ -200,7 +200,7 @@ def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tup
 
 
 def _inside(values: np.ndarray, first: int, count: int) -> tuple[int, np.ndarray]:
-    """First cell and values (n, ...) of a lattice of ``count`` cells; what lies beyond its ends is mirrored at them."""
+    """First cell and values (n, ...) of a lattice of ``count`` cells; values beyond its ends are mirrored."""
     place = np.arange(first, first + len(values))
     if place[0] >= 0 and place[-1] < count:
         return first, values

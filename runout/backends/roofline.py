@@ -42,7 +42,7 @@ def _multiply_add(x, a, b, passes):
 
 
 def copy_bandwidth(threads: int, repetitions: int = 5) -> float:
-    """Bandwidth of a copy of arrays larger than the caches [bytes/s]: what is read and what is written, best of ``repetitions``."""
+    """Bandwidth of a copy of arrays larger than the caches [bytes/s]: bytes read plus bytes written, best of ``repetitions``."""
     source, target = np.ones(COPIED, np.float32), np.zeros(COPIED, np.float32)
     return 2 * source.nbytes / _best(lambda: _copy(source, target), threads, repetitions)
 

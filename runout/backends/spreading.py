@@ -76,7 +76,7 @@ def cover(volume: Any, span: Any, one: float, covered: Any):
 
 
 def confine(rest: Any, span: Any, covered: Any, total: Any):
-    """Keep of ``total`` (rows, columns, lanes) what lies where the flow covers cells, and add the ``rest``."""
+    """Keep the part of ``total`` (rows, columns, lanes) in cells that the flow covers, and add the ``rest``."""
     for i in prange(total.shape[0]):
         for j in range(span[i, 0], span[i, 1]):
             for k in range(total.shape[2]):

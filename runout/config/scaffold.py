@@ -87,7 +87,7 @@ def _existing(path: Path, what: str) -> Path:
 
 
 def _first_settings(folder: Path, dem: Path | str, release: Path, thickness: str | None) -> dict[str, Any]:
-    """Settings to start from: what the inputs say, and ordinary values for the rest."""
+    """Initial settings: values from the inputs, and common values for the others."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "site"
     is_sample = str(dem).startswith("matplotlib:")
     cell = _cell_size(str(dem) if is_sample else _existing(Path(dem), "elevation"), release)

@@ -153,7 +153,7 @@ def _solved(problem: Problem, full: bool, repeats: int, progress: Callable[[floa
 
 
 def _first(problem: Problem, points: Sequence[Point]) -> float:
-    """Wall time that compiling, or loading what was compiled, adds to the first run of each precision [s]."""
+    """Wall time [s] of compiling or loading kernels in the first run of each precision."""
     seconds, seen = 0.0, set()
     for point in points:
         kind = (point.variation.backend, point.variation.scene.get("precision", "float32"))
@@ -170,7 +170,7 @@ def _first(problem: Problem, points: Sequence[Point]) -> float:
 
 
 def _marked(curve: Sequence[Mapping[str, Any]], best: Sequence[bool]) -> list[dict[str, Any]]:
-    """The points of a curve with what the table shows: on the front or not by work, and DoE = -log10(error times seconds)."""
+    """Points of a curve for the table: whether each is on the front by work, and DoE = -log10(error times seconds)."""
     return [
         {**p, "front": is_best, "doe": float(-np.log10(p["error"] * p["seconds"]))} for p, is_best in zip(curve, best, strict=True)
     ]

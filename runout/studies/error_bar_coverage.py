@@ -116,7 +116,7 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float) -> dict[str, Any]
 
 
 def main(out: Path) -> None:
-    """Measure all ladders; write the record after each, so that a broken run keeps what it has, and the page at the end."""
+    """Measure all sequences of grids. The record is written after each, so that an interrupted run keeps its results."""
     from runout.io.atomic import write_json
     from runout.studies.error_bar_page import page
 

@@ -171,7 +171,7 @@ def _panel(axes: Any, problem: Mapping[str, Any], styles: Mapping[str, Mapping[s
 
 
 def _presets(presets: Sequence[Mapping[str, Any]]) -> str:
-    """Section with what the presets of accuracy gave; nothing where they were not run."""
+    """Section on the presets of accuracy; empty if they were not run."""
     if not presets:
         return ""
     heads = ("site", "preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]")

@@ -132,7 +132,7 @@ def fall_on_a_bed(cell_size: float = 2.0, end_time: float = 30.0) -> Made:
 
 
 def measure(scenes: Mapping[str, Made], repeats: int = REPEATS) -> dict[str, Any]:
-    """All rows, with what they were measured on; the scenes by the names that the switches call them."""
+    """All rows with machine and versions; ``scenes`` by the names that the switches use."""
     scene, particles, control = scenes["flowing"]
     follow(scene, particles, replace(control, end_time=1e-3 * control.end_time))  # compile
     rows = [compared(*scenes[switch.scene], switch, repeats) for switch in SWITCHES]

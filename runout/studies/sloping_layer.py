@@ -69,7 +69,7 @@ class Layer:
         return scene, particles
 
     def _plane(self, raster: Raster) -> Surface:
-        """The ground; its lattice is as coarse as a plane allows, so that it is no part of what is measured."""
+        """The ground; its lattice is as coarse as possible, so that it does not affect the measurement."""
         x = np.linspace(0.0, raster.columns * SPACING, 8)
         y = np.linspace(0.0, raster.rows * SPACING, 8)
         slope = 0.0 if self.aligned else math.tan(SLOPE)

@@ -161,7 +161,7 @@ def _named(name: str) -> Case:
 
 
 def _write(findings: Sequence[Finding], cases: Sequence[str], code: Mapping[str, Any], out: Path) -> None:
-    """Page, tables, figure and at last the record of what is finished, each as a whole."""
+    """Write page, tables, figure and finally the record, each completely or not at all."""
     command = " ".join(["runout verify", *cases, *(["--full"] if code["full"] else []), "--out DIR"])
     content = {**as_json(findings, code["full"]), **code, "command": command}
     written = page(content).write(out)

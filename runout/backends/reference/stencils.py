@@ -52,7 +52,7 @@ class Stencils:
         return np.einsum("pnk,pnj->pkj", values[self.node], self.slope)
 
     def average(self, share: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Mean (nodes, 1) over particles of values (n,), each with its weight times its share (n,); zero where nobody is."""
+        """Mean (nodes, 1) over particles of values (n,), each with its weight times its share (n,); zero without particles."""
         return quotient(self.scatter((share * values)[:, None]), self.scatter(share[:, None]))
 
     def _sums(self, parts: np.ndarray, chosen: Any = slice(None)) -> np.ndarray:

@@ -11,8 +11,8 @@ from runout.model.scene import STANDARD_GRAVITY, Scene
 from runout.release import stagger
 from runout.studies.stability_cases.layout import EDGE, NARROW, Layout
 
-LIMITS = {  # largest value of what is measured
-    "mass": 1e-12,  # change of mass with what has escaped, over the mass
+LIMITS = {  # largest measured value
+    "mass": 1e-12,  # relative change of mass, including escaped mass
     "momentum": 1.0,  # defect over its tolerance
     "energy": 1e-3,  # rise of all energy over the drop of potential energy
     "speed": 1.0,  # of a particle over its bound

@@ -99,7 +99,7 @@ def sampled(count: int = SAMPLES) -> Iterator[tuple[str, Layout]]:
 
 
 def named(choice: dict[str, Any]) -> str:
-    """Words for what a layout changes."""
+    """Text of the changes of a layout."""
     return ", ".join(f"{name} = {value}" for name, value in choice.items()) or "as it is"
 
 

@@ -50,7 +50,7 @@ def standing(cells: int, offset: float) -> dict[str, float]:
 
 
 def measure(full: bool) -> list[Result]:
-    """Orders on a node and off it, and what the lowest half cell carries."""
+    """Orders with the ground on a node and off it, and the stress of the lowest half cell."""
     cells = (8, 16, 32, 64) if full else (8, 16, 32)
     results: list[Result] = []
     for offset in (0.0, 0.37):
