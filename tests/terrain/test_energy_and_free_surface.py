@@ -124,3 +124,11 @@ def test_slopes_of_a_curved_free_surface_are_those_at_the_place():
     east, north = surface.slopes(at_x, at_y)
     np.testing.assert_allclose(east, 0.002 * (at_x - 50.0), atol=1e-6)
     np.testing.assert_allclose(north, 0.004 * (at_y - 20.0), atol=1e-6)
+
+
+def test_the_energy_line_begins_at_the_highest_point_of_the_mass():
+    thickness = np.zeros((41, 41))
+    thickness[20, 20:22] = 10.0, 1.0
+    reach = prepare.reachable(Terrain.from_array(np.zeros((41, 41)), 1.0), thickness, np.radians(45.0))
+    columns = np.flatnonzero(reach[20])
+    assert 20 - columns[0] == columns[-1] - 21 == 11  # 10 m high at 45 degrees, and one cell more
