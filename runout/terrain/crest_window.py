@@ -10,7 +10,7 @@ from runout.terrain.prepare import below_energy_line
 MARGIN = 4  # cells of the raster around what the masses may reach
 LARGEST = 250_000  # cells in the window
 LARGEST_TABLE = 2_000_000  # nodes in the window
-FINE = 0.25  # cells of the raster: crests stand well enough on nodes that lie no farther apart without a table of their own
+FINE = 0.2  # cells of the raster: crests stand well enough on nodes that lie no farther apart without a table of their own
 
 Box = tuple[tuple[int, int], tuple[int, int]]  # first cell and the one behind the last, east and north
 

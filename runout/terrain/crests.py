@@ -4,6 +4,7 @@ A spline rounds off what is two or three cells wide. How much depends on where t
 azimuth, which no formula along one axis at a time can see.
 """
 
+import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -14,12 +15,15 @@ from runout.physics import bspline
 WIDEST = 5  # cells of one elevation across a crest
 BESIDE = 3  # cells within which the ground falls on both sides of a crest
 LOWEST, HIGHEST = 0.05, 0.15  # cells of the grid: crests below the one are left alone, from the other on kept wholly
+LEVEL = 1e-4  # of the height of a crest: differences between its cells that rounding makes
+LEAST_TRUST = 0.05  # in a crest whose tilt is uncertain
 WITHIN = 0.005  # of the height of a crest; smaller misses are left alone
 LARGEST = 0.25  # of the height of a crest; the most that it is moved
 ASIDE = 0.75  # cells of the raster between a crest of the raster and that of the surface, at most
 APART = 4  # half cells that the crests of two neighbouring rows may lie apart
 LEAST = 0.2  # of the squared weights that move a coefficient by the whole mean miss
-SEARCH, SWEEPS = 3, 10  # steps to the crest of the surface, and corrections of its height
+SEARCH, SWEEPS = 6, 10  # steps to the crest of the surface, and corrections of its height
+RELAXATION = 1.75  # of each correction; stable below 2
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,10 @@ class Crests:
         1 at an edge, 0 on smooth ground, which the surface follows anyway.
     tilt : ndarray
         Slope of the ground under it along the axis [1].
+    trust : ndarray
+        How much the point counts beside others [1].
+    is_lid : ndarray of bool
+        The surface may be lower there (in a channel higher): the edge of a wide crest.
     cell : ndarray
         Size of the cell along the axis [m].
     """
@@ -51,6 +59,8 @@ class Crests:
     height: np.ndarray
     weight: np.ndarray
     tilt: np.ndarray
+    trust: np.ndarray
+    is_lid: np.ndarray
     cell: np.ndarray
 
     @classmethod
@@ -65,11 +75,13 @@ class Crests:
             return cls(*(np.zeros(0) for _ in fields(cls)))
         parts = []
         for axis, (cell, other) in enumerate((cell_size, cell_size[::-1])):
+            steps = 1 + math.ceil((1.0 - 1e-9) * other / spacing)
             for sign in (1.0, -1.0):
-                place, elevation, height, weight, tilt = _along(sign * np.moveaxis(z, axis, 0), spacing)
+                place, found = _along(sign * np.moveaxis(z, axis, 0), spacing, steps)
+                elevation, height, weight, tilt, trust, is_lid = found
                 along, across = corner[axis] + (place[0] + 0.5) * cell, corner[1 - axis] + (place[1] + 0.5) * other
                 fixed = (np.full(len(weight), value) for value in (axis, cell))
-                signed = (sign * elevation, sign * height, weight, sign * tilt / cell)
+                signed = (sign * elevation, sign * height, weight, sign * tilt / cell, trust, is_lid > 0.0)
                 parts.append((next(fixed), along, across, *signed, next(fixed)))
         return cls(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
@@ -101,12 +113,13 @@ def kept(surface: Surface, crests: Crests) -> Surface:
     low, high = c - room, c + room
     for _ in range(SWEEPS):
         along, reached, nodes, share = search.climb(c, along)
-        off = aim - reached
+        off = np.where(crests.is_lid & ((aim - reached) * crests.height > 0.0), 0.0, aim - reached)
+        share = np.where(crests.is_lid & (off == 0.0), 0.0, share)
         miss = np.sign(off) * np.maximum(np.abs(off) - WITHIN * np.abs(crests.height), 0.0)
         sums, shares = (np.bincount(nodes.ravel(), v.ravel(), len(c)) for v in (share * miss, share))
         moves = sums != 0.0
         n = np.flatnonzero(moves)
-        c[n] = np.clip(c[n] + sums[n] / np.maximum(shares[n], LEAST), low[n], high[n])
+        c[n] = np.clip(c[n] + RELAXATION * sums[n] / np.maximum(shares[n], LEAST), low[n], high[n])
         beside = moves[nodes].any(axis=0)
         if not beside.any():
             break
@@ -152,7 +165,7 @@ class _Search:
         most = ASIDE * self.crests.cell
         moved = np.clip(along + step, self.crests.along - most, self.crests.along + most)
         reached = (own * values).sum(axis=0) - self.crests.tilt * (along - self.crests.along)
-        return moved, reached, nodes.reshape(12, -1), (own[:, None] * self.share).reshape(12, -1) ** 2
+        return moved, reached, nodes.reshape(12, -1), (own[:, None] * self.share).reshape(12, -1) ** 2 * self.crests.trust
 
 
 def _slope(rises: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -160,77 +173,106 @@ def _slope(rises: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.where(t < 0.5, rises[1] + (t - 0.5) * (rises[1] - rises[0]), rises[1] + (t - 0.5) * (rises[2] - rises[1]))
 
 
-def _along(z: np.ndarray, spacing: float) -> tuple[np.ndarray, ...]:
-    """Crests along axis 0 of elevations (n, m) [m]: places (2, k) [cells], elevations, heights [m], weights, tilts [m/cell] (k,).
+def _along(z: np.ndarray, spacing: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Crests along axis 0 of elevations (n, m) [m]: places (2, k) [cells], and values (6, k).
 
-    A crest is one to :data:`WIDEST` cells of one elevation; its place is their middle. Between two rows it runs straight.
+    These are the elevations, heights [m], weights, tilts [m/cell], trust and whether it is a lid. A crest is one to :data:`WIDEST`
+    cells of one elevation over the tilt of the ground; its place is their middle. Between two rows it runs straight, with a point
+    at each of so many ``steps``.
     """
     n, m = z.shape
     rows = np.pad(z, ((WIDEST, WIDEST), (0, 0)), mode="edge")
-    at = [rows[k : k + n] for k in range(WIDEST - BESIDE, 2 * WIDEST + 1)]  # the cell itself and those before and after
-    before, after = z - np.min(at[:BESIDE], axis=0), z - np.min(at[BESIDE + 1 : 2 * BESIDE + 1], axis=0)
-    rough = 1.0 - smoothness_along(z)
-    halves = np.zeros((5, 2 * n + WIDEST, m))  # elevation, height, weight, tilt and place at half cells, where a crest is
-    flat = z > at[BESIDE - 1]
-    for wide in range(WIDEST):
-        i, j = np.nonzero(flat & (z > at[BESIDE + 1 + wide]))
-        k = np.minimum(i + wide, n - 1)
-        height = np.minimum(before[i, j], after[k, j])
-        tilt = _tilt(rows, i, k, j, height)
-        height += BESIDE * np.abs(tilt)  # on the side where the ground rises
-        aside, more = _middle(rows, i, k, j, height, tilt)
-        weight = np.minimum(rough[i, j], rough[k, j])
-        halves[:, i + k, j] = z[i, j] + more + tilt * aside, height, weight, tilt, 0.5 * (i + k) + aside
-        flat &= z == at[BESIDE + 1 + wide]
-    halves = halves[:, : 2 * n]
-    halves[2] *= np.clip((halves[1] / spacing - LOWEST) / (HIGHEST - LOWEST), 0.0, 1.0)
+    rises, rough = np.diff(rows, axis=0), 1.0 - smoothness_along(z)
+    halves = np.zeros((7, 2 * n, m))  # elevation, height, weight, tilt, trust, lid and place at half cells, where a crest is
+    edges: list[tuple[np.ndarray, np.ndarray]] = []
+    for wide in range(min(WIDEST, n)):
+        first, j = _bulges(rises, rough, wide)
+        tilt, doubt = _tilt(rows, first, first + wide, j)
+        fall, height = _over_tilt(rows, first, first + wide, j, tilt)
+        is_level = (height > 0.0) & (fall > LEVEL * height)
+        for k in range(1, wide + 1):
+            is_level &= np.abs(rows[first + WIDEST + k, j] - z[first, j] - k * tilt) <= LEVEL * height
+        first, j, tilt, height, doubt = (values[is_level] for values in (first, j, tilt, height, doubt))
+        last = first + wide
+        place = 0.5 * (first + last) + _aside(rows, first, last, j, height, tilt)
+        weight = np.minimum(rough[first, j], rough[last, j])
+        weight *= np.clip((height / spacing - LOWEST) / (HIGHEST - LOWEST), 0.0, 1.0)
+        trust = np.clip(1.0 - BESIDE * doubt / height, LEAST_TRUST, 1.0)
+        halves[:, first + last, j] = z[first, j] + tilt * (place - first), height, weight, tilt, trust, 0.0 * trust, place
+        for edge in (first, last) if wide > 1 else ():
+            edges.append((np.stack([edge, j]), np.stack([z[edge, j], height, weight, tilt, trust, np.ones(len(j))])))
     crest = halves[2] > 0.0
     i, j = np.nonzero(crest)
-    found = [(np.stack([halves[4, i, j], j]), halves[:4, i, j])]
-    found += [_between(z, halves, crest, apart) for apart in range(-APART, APART + 1)]
+    found = [(np.stack([halves[-1, i, j], j]), halves[:-1, i, j]), *edges]
+    found += [_between(z, halves, crest, apart, steps) for apart in range(-APART, APART + 1)]
     places, values = (np.concatenate(part, axis=1) for part in zip(*found, strict=True))
-    return places, *values
+    some = values[2] > 0.0
+    return places[:, some], values[:, some]
 
 
-def _tilt(rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Slope [m/cell] of the ground under crests from their ``first`` to their ``last`` cell: the least between several feet.
+def _bulges(rises: np.ndarray, rough: np.ndarray, wide: int) -> tuple[np.ndarray, np.ndarray]:
+    """First cells (2, k) of all that may be crests of ``wide + 1`` cells: the ground rises more before it and less behind it.
 
-    ``rows`` reach :data:`WIDEST` cells farther at both ends. At most a part of the height: a cliff beside a crest is no tilt.
+    ``rises`` are those from each cell to the next one [m], with :data:`WIDEST` more at both ends.
     """
-    reach = range(BESIDE, WIDEST + 1)
-    feet = np.stack([(rows[last + WIDEST + k, j] - rows[first + WIDEST - k, j]) / (last - first + 2 * k) for k in reach])
-    least = np.maximum(feet.min(axis=0), 0.0) + np.minimum(feet.max(axis=0), 0.0)
-    return np.clip(least, -LARGEST * height, LARGEST * height)  # type: ignore[no-any-return]
+    count = len(rough) - wide
+    part = [rises[WIDEST - 1 + k : WIDEST - 1 + k + count] for k in range(wide + 2)]
+    may = (part[0] > part[-1]) & (np.minimum(rough[:count], rough[wide:]) > 0.0)
+    for inner in part[1:-1]:
+        may &= (part[0] > inner) & (inner > part[-1])
+    first, j = np.nonzero(may)
+    return first, j
 
 
-def _middle(
-    rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray, height: np.ndarray, tilt: np.ndarray
+def _tilt(rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope [m/cell] of the ground under crests from their ``first`` to their ``last`` cell, and how uncertain it is [m/cell].
+
+    The least of the slopes between two feet on each side, 0 if they have two signs: a cliff beside a crest is no tilt. It is
+    certain where both are the same, and where both sides fall alike. ``rows`` reach :data:`WIDEST` cells farther at both ends.
+    """
+    before = 0.5 * (rows[first + WIDEST - BESIDE, j] - rows[first, j])
+    after = 0.5 * (rows[last + 2 * WIDEST, j] - rows[last + WIDEST + BESIDE, j])
+    tilt = np.maximum(np.minimum(before, after), 0.0) + np.minimum(np.maximum(before, after), 0.0)
+    return tilt, np.minimum(np.abs(before - after), np.abs(before + after))
+
+
+def _over_tilt(
+    rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray, tilt: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far [cells] the middle of crests lies from that of their highest cells: towards neighbours that tilted ground lowers.
+    """How much [m] the ground falls over a tilt beside what may be crests, on the side where it is less: at once and farther on."""
+    top = rows[first + WIDEST, j], rows[last + WIDEST, j]
+    before = [top[0] - rows[first + WIDEST - k, j] - k * tilt for k in range(1, BESIDE + 1)]
+    after = [top[1] - rows[last + WIDEST + k, j] + k * tilt for k in range(1, BESIDE + 1)]
+    return np.minimum(before[0], after[0]), np.minimum(np.max(before, axis=0), np.max(after, axis=0))
 
-    Then how much [m] such a neighbour is higher over the tilted ground.
-    """
-    aside, more = np.zeros(len(first)), np.zeros(len(first))
+
+def _aside(
+    rows: np.ndarray, first: np.ndarray, last: np.ndarray, j: np.ndarray, height: np.ndarray, tilt: np.ndarray
+) -> np.ndarray:
+    """How far [cells] the middle of crests lies from that of their highest cells: towards neighbours that are little lower."""
+    aside = np.zeros(len(first))
     for cell, sign in ((last, 1), (first, -1)):
         share = 0.5 * sign
         for k in (1, 2):
             lower = rows[cell + WIDEST, j] + sign * k * tilt - rows[cell + WIDEST + sign * k, j]
-            more = np.clip(-lower, more, LARGEST * height) if k == 1 else more
             share = share * np.clip(1.0 - lower / (LARGEST * height), 0.0, 1.0)
             aside = aside + share
-    return aside, more
+    return aside
 
 
-def _between(z: np.ndarray, halves: np.ndarray, crest: np.ndarray, apart: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points half-way between crests of neighbouring rows that are ``apart`` half cells, if the raster is no gap there."""
+def _between(z: np.ndarray, halves: np.ndarray, crest: np.ndarray, apart: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points between crests of neighbouring rows that are ``apart`` half cells, at each of ``steps``, if no gap is there."""
     first, last = max(0, -apart), len(crest) - max(0, apart)
     i, j = np.nonzero(crest[first:last, :-1] & crest[first + apart : last + apart, 1:])
     i += first
-    pair = np.stack([halves[:, i, j], halves[:, i + apart, j + 1]])
-    values = np.stack([pair[:, 0].mean(axis=0), pair[:, 1].min(axis=0), pair[:, 2].min(axis=0), pair[:, 3].mean(axis=0)])
-    place = pair[:, 4].mean(axis=0)
-    low = np.clip(place.astype(np.int64), 0, len(z) - 2)
-    share = place - low
-    here = 0.5 * ((1.0 - share) * (z[low, j] + z[low, j + 1]) + share * (z[low + 1, j] + z[low + 1, j + 1]))
-    through = here >= values[0] - LARGEST * values[1]
-    return np.stack([place, j + 0.5])[:, through], values[:, through]
+    here, there = halves[:, i, j], halves[:, i + apart, j + 1]
+    share = np.arange(1, steps)[:, None] / steps  # of the way
+    along = here[[0, 3, 6], None] + share * (there - here)[[0, 3, 6], None]  # (3, steps - 1, k)
+    least = np.minimum(here, there)[[1, 2, 4, 5]]
+    place, middle = along[2], 0.5 * (here[6] + there[6])
+    low = np.clip(middle.astype(np.int64), 0, len(z) - 2)
+    beyond = middle - low
+    ground = 0.5 * ((1.0 - beyond) * (z[low, j] + z[low, j + 1]) + beyond * (z[low + 1, j] + z[low + 1, j + 1]))
+    through = ground >= 0.5 * (here[0] + there[0]) - LARGEST * least[0]
+    values = np.stack(np.broadcast_arrays(along[0], least[0], least[1], along[1], least[2], least[3]))[..., through]
+    return np.stack([place, np.broadcast_to(j + share, place.shape)])[..., through].reshape(2, -1), values.reshape(len(values), -1)

@@ -13,9 +13,11 @@ from runout.physics import heightfield, tensors
 from runout.terrain import crests
 from runout.terrain.crest_window import Box, Mass, most_cells, needs_table, window
 from runout.terrain.fill import continued
+from runout.terrain.ground_store import GroundStore, content_key
 from runout.terrain.prepare import require_known
 
 BEYOND = 3  # nodes beyond the cells whose crests are corrected
+GROUNDS = GroundStore()
 STENCIL = 4.0  # cells of the grid from which the surface at a point is made
 # the one formula there with a square root, for arrays
 _normal_z = FunctionType(heightfield.normal_z.__code__, {**heightfield.normal_z.__globals__, "math": np})
@@ -30,13 +32,20 @@ def sliding_surface(
     ``mass`` may come; without one everywhere. Elsewhere, and on rasters beyond :data:`runout.terrain.crest_window.LARGEST` cells
     far from the mass, crests are as that surface has them; the surface has no step there. On nodes so close together that
     :func:`runout.terrain.crest_window.needs_table` is false, the crests are those of the raster's lattice, true to 3 %. Contact,
-    releases and maps of the ground take the same surface. Other parameters and errors are those of :func:`raster_surface`.
+    releases and maps of the ground take the same surface; the last few are kept by their content
+    (:mod:`runout.terrain.ground_store`). Other parameters and errors are those of :func:`raster_surface`.
     """
     means, sizes, count = _means(terrain, thickness_excavated, spacing)
-    surface, grid = _through(means, sizes, count), (float(spacing[0]), float(spacing[1]))
+    grid = float(spacing[0]), float(spacing[1])
     box, top = _extent(terrain, thickness_excavated, mass, count)
     box = window(means, sizes, box, top, mass.angle if mass else 0.0, most_cells(sizes, grid))
-    cells = tuple(slice(*sides) for sides in box)
+    key = content_key(means, np.array([*sizes, *grid]), np.array([count, *box]))
+    return GROUNDS.get(key, lambda: _with_crests(_through(means, sizes, count), means, box, grid))
+
+
+def _with_crests(surface: Surface, means: np.ndarray, box: Box, grid: tuple[float, float]) -> NodalSurface:
+    """The surface of elevations ``means`` (nx, ny) [m] on the nodes of a grid, with crests corrected in a box of its cells."""
+    cells, sizes = tuple(slice(*sides) for sides in box), surface.spacing
     corner = box[0][0] * sizes[0], box[1][0] * sizes[1]
     found = crests.Crests.of(means[cells], sizes, min(grid), corner)
     middle = corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2
