@@ -10,7 +10,8 @@ import numpy as np
 
 from runout.model.nodal_surface import NodalSurface
 
-KEPT = 4  # grounds, up to 24 MB each
+KEPT = 4  # grounds
+LARGEST = 100e6  # bytes of all that are kept beside the last one
 
 
 def content_key(*arrays: np.ndarray) -> bytes:
@@ -31,7 +32,7 @@ class _Place:
 
 
 class GroundStore:
-    """Grounds by the content that they are made of; the last :data:`KEPT` that were asked for."""
+    """Grounds by the content that they are made of: the last :data:`KEPT` that were asked for, within :data:`LARGEST` bytes."""
 
     def __init__(self) -> None:
         self._places: OrderedDict[bytes, _Place] = OrderedDict()
@@ -42,9 +43,14 @@ class GroundStore:
         with self._lock:
             place = self._places.setdefault(key, _Place())
             self._places.move_to_end(key)
-            while len(self._places) > KEPT:
+            while len(self._places) > 1 and (len(self._places) > KEPT or self._bytes() > LARGEST):
                 self._places.popitem(last=False)
         with place.lock:
             if place.ground is None:
                 place.ground = make()
             return place.ground
+
+    def _bytes(self) -> int:
+        """Memory of all grounds but the last one."""
+        grounds = [place.ground for place in list(self._places.values())[:-1]]
+        return sum(g.surface.coefficients.nbytes + g.change.nbytes for g in grounds if g is not None)

@@ -77,3 +77,10 @@ def test_ground_that_failed_is_made_anew_and_old_ones_are_forgotten(made, monkey
     again = sdf.sliding_surface(terrain(), None, (2.0, 2.0))
     assert again is not first
     np.testing.assert_array_equal(again.change, first.change)
+
+
+def test_grounds_of_huge_rasters_are_not_kept_beside_the_last_one(made, monkeypatch):
+    monkeypatch.setattr(ground_store, "LARGEST", 8 * 30 * 30)
+    for bump in (0.0, 1.0, 1.0, 0.0):
+        sdf.sliding_surface(terrain(bump), None, (2.0, 2.0))
+    assert len(made) == 3
