@@ -24,7 +24,7 @@ from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
 from runout.backends.scan.index import Index
-from runout.backends.scan.kernels import forget_types, kernels_for
+from runout.backends.scan.kernels import entries_for
 from runout.backends.scan.raster_sums import Summed
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.state import SELDOM, Store, capacity, reserve, stamp_of
@@ -73,7 +73,7 @@ class ScanBackend:
             raise StabilityError("positions or velocities of the particles are not finite; check the input")
         if not (particles.mass > 0).all():
             raise StabilityError("a particle has no mass; every particle needs a positive mass")
-        self.scene, self.k, self.counters = scene, kernels_for(scene), Counters()
+        self.scene, self.k, self.counters = scene, entries_for(scene), Counters()
         self.gradients = GradientTransfer(scene) if uses_gradient_transfer(scene) else None
         self.workers.divide(len(particles))
         self.totals = Totals(float(np.sqrt((particles.velocity**2).sum(1).max(initial=0.0))))
@@ -128,7 +128,6 @@ class ScanBackend:
         contacts = former.contacts if former else None
         self.workspace = w = Workspace.of(b, schedule, self.scene.dtype, t.domain, self.scene.sleep_speed > 0, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
-        forget_types(k)
         if ground is not None:
             surface, c = ground.surface, t.constants
             origin, size = tuple(map(float, surface.origin)), tuple(map(float, surface.spacing))
@@ -245,7 +244,7 @@ class ScanBackend:
     def restore(self, scene: Scene, state: State) -> None:
         """Go on from a state of the same scene."""
         self.load(scene, Particles.zeros(0))
-        parts = checkpoint.restored(scene, state)
+        self.k, parts = entries_for(scene), checkpoint.restored(scene, state)
         self.tables = parts.tables
         self._change_step(float(state["packed_dt"]))  # while there is no particle: the records hold that step already
         self.store, self.totals, self.counters = parts.store, parts.totals, parts.counters

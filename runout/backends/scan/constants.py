@@ -72,4 +72,5 @@ def _zones(scene: Scene, real: Any) -> Zones | None:
     if not zones:
         return None
     masses = np.column_stack([scene.friction, scene.strengths]).astype(real)
-    return Zones(zones.factor.astype(real), zones.coefficient.astype(real), np.array(zones.cell_size), masses)
+    factor, coefficient = (np.ascontiguousarray(values, real) for values in (zones.factor, zones.coefficient))
+    return Zones(factor, coefficient, np.array(zones.cell_size), masses)

@@ -156,7 +156,8 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, grid, asleep, 
     each block that reads it also adds to it.
     """
     rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
-    cursors, lent = arenas.cursors, arenas.lent
+    cursors = arenas.cursors
+    lent = arenas.lent
     _start(cursors)
     for thread in prange(len(schedule.cuts) - 1):
         for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):

@@ -1,5 +1,6 @@
 """Additional kernels and arrays of a step with transfer apic or aflip, or with F-bar."""
 
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ from runout.model.scene import Scene
 from runout.physics import transfers
 
 
+@cache
 def without_gradients(real: Any) -> Gradients:
     """What the packed transfer passes in their place."""
     return Gradients(np.zeros((0, 16), real), real(0), np.zeros((0, 16), real), real(0))

@@ -350,12 +350,14 @@ def _total_motion(motion, changed, nown):
 def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, moves, domain, step, gradients, buffers):
     """One step of all particles; afterwards the particles of a block lie in the order of the cells in which they started.
 
-    ``nodes`` (nall, 256) hold the new velocities. Fills ``moves`` and lists in ``particles.listed`` the particles that change
-    their cell. ``gradients`` are used where GRADIENT_TRANSFER is set. Returns what :func:`_total_motion` sums.
+    ``nodes`` (nall, 256) hold the new velocities. Fills ``moves`` and lists the particles that change their cell. Returns sums.
     """
     rec, state, particle_index, label = particles.rec, particles.state, particles.particle_index, particles.label
     mats, s, cells, averaged, keeps = step.mats, step.slopes, step.cells, gradients.averaged, gradients.keeps
-    leaving, shifted, changed, motion = moves.leaving, moves.shifted, moves.changed, moves.motion
+    leaving = moves.leaving
+    shifted = moves.shifted
+    changed = moves.changed
+    motion = moves.motion
     for thread in prange(len(cuts) - 1):
         records, states = buffers.rec[thread], buffers.state[thread]
         labels, of_cell = buffers.particle_index[thread], buffers.cell[thread]

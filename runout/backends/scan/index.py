@@ -265,7 +265,10 @@ def _number(corner, table, number, i, j, k):
 
 def link_blocks(corner, table, number, blocks):
     """Set the neighbours of all blocks by number: ``up``, ``down`` and ``around``."""
-    nown, bxyz, up, down, around = blocks.nown, blocks.bxyz, blocks.up, blocks.down, blocks.around
+    nown, bxyz = blocks.nown, blocks.bxyz
+    up = blocks.up
+    down = blocks.down
+    around = blocks.around
     for b in prange(blocks.nall):
         i = bxyz[b, 0]
         j = bxyz[b, 1]

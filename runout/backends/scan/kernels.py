@@ -56,14 +56,7 @@ BY_GRADIENTS = (
     gradients,
 )  # of transfers other than the packed one, and of F-bar
 SOURCES = (*PHYSICS, *COMMON, domain, grid_to_particles, *LANES, precompile)
-OF_A_STEP = (
-    "particles_to_nodes",
-    "particles_to_nodes_over_ground",
-    "solve_contacts",
-    "grid_to_particles",
-    "make_way",
-    "settle",
-)  # called in every step, with arrays of the backend alone
+BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
 _MADE: dict[tuple[str, Law, bool, str], SimpleNamespace] = {}
 
 
@@ -73,7 +66,7 @@ class Entry:
     Parameters
     ----------
     kernel : callable
-        Compiled by numba. All calls until :func:`forget_types` have arguments of the same types.
+        Compiled by numba. All calls have arguments of the same types.
     """
 
     def __init__(self, kernel: Any):
@@ -95,11 +88,10 @@ class Entry:
         return self.compiled(*arguments)
 
 
-def forget_types(kernels: SimpleNamespace) -> None:
-    """Look up the types of arguments anew, after arrays have been made."""
-    for name in OF_A_STEP:
-        if isinstance(kernel := getattr(kernels, name), Entry):
-            kernel.compiled = None
+def entries_for(scene: Scene) -> SimpleNamespace:
+    """Kernels for one load of a scene: arrays that the backend makes for it have the same types in every call."""
+    made = vars(kernels_for(scene))
+    return SimpleNamespace(**{name: kernel if name in BY_TYPES else Entry(kernel) for name, kernel in made.items()})
 
 
 def kernels_for(scene: Scene) -> SimpleNamespace:
@@ -123,5 +115,4 @@ def _bound(scene: Scene) -> SimpleNamespace:
     }
     own = binding.kernels(groups, stencil, domain, grid_to_particles, sources=LANES, **names)
     more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
-    made = vars(more) | vars(common) | vars(own)
-    return SimpleNamespace(**(made | {name: Entry(made[name]) for name in OF_A_STEP}))
+    return SimpleNamespace(**(vars(more) | vars(common) | vars(own)))

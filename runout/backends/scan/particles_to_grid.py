@@ -317,7 +317,9 @@ def particles_to_nodes(particles, blocks, schedule, giving, arenas, nodes, dv):
     invalid.
     """
     rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
-    values, number, reached, cursors = arenas.values, arenas.number, arenas.reached, arenas.cursors
+    values, cursors = arenas.values, arenas.cursors
+    number = arenas.number
+    reached = arenas.reached
     _start(cursors)
     for thread in prange(len(schedule.cuts) - 1):
         for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):

@@ -13,7 +13,9 @@ AWAKE = 13  # the block itself among its neighbours
 
 def count_calm(blocks, moves, sleep, slow2):
     """Count the steps in a row in which no particle of a block was fast and none entered; a block that a particle enters wakes."""
-    held, motion, arrivals, asleep, calm = blocks.held, moves.motion, moves.arrivals, sleep.asleep, sleep.calm
+    held, motion, arrivals = blocks.held, moves.motion, moves.arrivals
+    asleep = sleep.asleep
+    calm = sleep.calm
     for b in prange(blocks.nown):
         if held[b] == 0 or arrivals[b] > 0:
             asleep[b] = False
@@ -28,7 +30,8 @@ def choose_sleepers(blocks, moves, sleep, fast2):
     A block falls asleep only in a step in which none of its particles changes its cell: they lie in the order of their cells then.
     """
     held, around, motion, changed = blocks.held, blocks.around, moves.motion, moves.changed
-    asleep, calm, falling = sleep.asleep, sleep.calm, sleep.falling
+    asleep, calm = sleep.asleep, sleep.calm
+    falling = sleep.falling
     for b in prange(blocks.nown):
         falling[b] = 0
         if held[b] == 0:
@@ -63,7 +66,9 @@ def change_sleepers(nown, sleep):
 
 def share_work(blocks, sleep):
     """Set the particles that move, those of blocks awake, and those that give to nodes: of their neighbours too."""
-    held, around, asleep, moving, giving = blocks.held, blocks.around, sleep.asleep, sleep.moving, sleep.giving
+    held, around, asleep = blocks.held, blocks.around, sleep.asleep
+    moving = sleep.moving
+    giving = sleep.giving
     for b in prange(blocks.nown):
         moving[b] = 0 if asleep[b] else held[b]
         giving[b] = moving[b]
@@ -76,7 +81,8 @@ def share_work(blocks, sleep):
 
 def put_to_rest(particles, blocks, falling, mats, dt, h):
     """Take the velocity of the particles that fall asleep: their records hold the stress alone."""
-    rec, state, order, particle_index = particles.rec, particles.state, particles.order, particles.particle_index
+    state, order, particle_index = particles.state, particles.order, particles.particle_index
+    rec = particles.rec
     first, label = blocks.first, particles.label
     slopes = moment_slope(dt, h[0]), moment_slope(dt, h[1]), moment_slope(dt, h[2])
     for b in prange(blocks.nown):

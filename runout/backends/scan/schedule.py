@@ -12,6 +12,7 @@ nodes that it reaches are summed.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -65,12 +66,12 @@ class Schedule:
         late = due[-1] + (len(nodes) - due[-1]) * parts // threads
         return cls(cuts, due, nodes, over, owners, STRIP * parts, late, np.zeros(threads + 1, np.int64))
 
-    @property
+    @cached_property
     def early(self) -> Pass:
         """The pass over all owners."""
         return Pass(len(self.owners), self.cuts, self.due, self.nodes, self.over, self.owners)
 
-    @property
+    @cached_property
     def late(self) -> Pass:
         """The pass without owners that sums the nodes that wait, when all threads are done."""
         return Pass(0, self.late_cuts, self.late_due, self.nodes, self.late_over, self.owners)

@@ -2,10 +2,8 @@
 
     slots        | block 4: held | free |   hole   | block 0: held | free | block 9: ... |  reserve  |
                  ^ first[4]              capacity[4] slots in all
-
     order        slots of the particles of a block by cell:   cell 0   | cell 1 | ... | cell 63
                                                    first + starts[b, 0]  ...            first + starts[b, 64]
-
     listed       | slot, neighbour, cell of those that leave ->        <- slot, old cell, cell of those that shift |
                  ^ first[b]                                                                first[b] + held[b] - 1 ^
 
@@ -281,12 +279,10 @@ def _list_anew(cell, order, starts, b, first, end, listed, leaving, shifted):
 
 
 def settle(particles, blocks, cuts, moves):
-    """Move particles into their new blocks, and update the lists of blocks with changes.
-
-    Returns the number of particles, in all and in the fullest block.
-    """
+    """Move particles into their new blocks, and update the lists; returns how many there are in all and in the fullest block."""
     cell, order, listed = particles.cell, particles.order, particles.listed
-    starts, first, held, around, nown = blocks.starts, blocks.first, blocks.held, blocks.around, blocks.nown
+    starts, first, around, nown = blocks.starts, blocks.first, blocks.around, blocks.nown
+    held = blocks.held
     arrivals, changed, before = moves.arrivals, moves.changed, moves.before
     for thread in prange(len(cuts) - 1):
         for b in range(np.uint64(cuts[thread]), np.uint64(cuts[thread + 1])):
@@ -322,7 +318,10 @@ def give_slots(blocks):
 
 def hand_over_slots(old, numbers, new):
     """Give the particles and slots of the ``old`` blocks that hold some to the ``new`` blocks with their ``numbers``."""
-    first, capacity, held, starts = new.first, new.capacity, new.held, new.starts
+    first = new.first
+    capacity = new.capacity
+    held = new.held
+    starts = new.starts
     for b in prange(old.nown):
         if old.starts[b, CELLS] > 0:
             d = numbers[b]
@@ -391,7 +390,9 @@ def packed_end(blocks):
 
 def mark_slots(particles, blocks):
     """Set the cells of the slots and their order where particles lie sorted by cell."""
-    cell, order, starts, first = particles.cell, particles.order, blocks.starts, blocks.first
+    starts, first = blocks.starts, blocks.first
+    cell = particles.cell
+    order = particles.order
     for b in prange(blocks.nown):
         for c in range(CELLS):
             for p in range(first[b] + starts[b, c], first[b] + starts[b, c + 1]):

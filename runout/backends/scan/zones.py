@@ -17,7 +17,8 @@ def take_zones(particles, blocks, contacts, corner, h, zones):
     Until then, contacts hold the number of their release instead of a friction.
     """
     rec, cell, listed = particles.rec, particles.cell, particles.listed
-    measured, place, touching, bxyz, first = contacts.measured, contacts.place, contacts.touching, blocks.bxyz, blocks.first
+    place, touching, bxyz, first = contacts.place, contacts.touching, blocks.bxyz, blocks.first
+    measured = contacts.measured
     factor, coefficient, size, masses = zones.factor, zones.coefficient, zones.cell_size, zones.masses
     for b in prange(blocks.nown):
         for t in range(touching[b]):
