@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -102,14 +102,28 @@ class Result:
             add_map(dataset, name, self.terrain.where_known(np.array(frames)), ("time",))
         return dataset
 
-    def to_netcdf(self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None) -> None:
-        """Write maps, ledger and snapshots to one file, completely or not at all."""
+    def to_netcdf(
+        self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None, *, reached_only: bool = False
+    ) -> None:
+        """Write maps, ledger and snapshots to one file, completely or not at all.
+
+        With ``reached_only`` the maps hold the rows and columns that the flow reached; their place is in the attributes, that
+        of the whole raster in the group ``raster``.
+        """
         from runout.io.netcdf import write
 
-        groups = {"ledger": self.ledger}
+        maps, groups = self._reached() if reached_only else (self.maps, {})
+        groups["ledger"] = self.ledger
         if self.snapshots:
             groups["snapshots"] = self.snapshot_maps()
-        write(self.maps.assign_attrs(dict(attrs or {})), path, groups=groups)
+        write(maps.assign_attrs(dict(attrs or {})), path, groups=groups)
+
+    def _reached(self) -> "tuple[xr.Dataset, dict[str, xr.Dataset]]":
+        """Maps on the part of the raster that the flow reached, and the group that tells the place of the whole."""
+        from runout.io.member_maps import RASTER, cut_to_reached
+
+        terrain, fields, attributes, raster = cut_to_reached(self.terrain, self.fields)
+        return replace(self, terrain=terrain, fields=fields).maps.assign_attrs(attributes), {RASTER: raster}
 
     def _attributes(self) -> dict[str, Any]:
         run = {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}

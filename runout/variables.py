@@ -95,6 +95,7 @@ _MEMBER_MAPS = {
 
 _TERRAIN_MAPS = {
     "elevation": Variable("m", "ground elevation", "surface_altitude", cell_methods="area: mean"),
+    "elevation_known": Variable("1", "whether the cell has an elevation (1) or not (0)", dtype="uint8", valid_min=0, valid_max=1),
     "ground_slope": Variable("degree", "slope of the ground", "ground_slope_angle", valid_min=0.0, valid_max=90.0),
     "release_thickness": _positive("m", "thickness of the release, vertical", comment="before any sampled factor"),
 }

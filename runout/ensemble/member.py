@@ -244,4 +244,4 @@ def _write(site: "Site", member: Member, result: "Result", results: Path) -> Non
         "site": site.name,
     }
     with whole_file(member.file(results)) as temporary:
-        result.to_netcdf(temporary, attrs=attributes)
+        result.to_netcdf(temporary, attrs=attributes, reached_only=True)

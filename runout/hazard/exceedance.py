@@ -1,23 +1,31 @@
-"""Exceedance probabilities, percentiles and extremes over the members of an ensemble."""
+"""Exceedance probabilities, percentiles and extremes over the members of an ensemble, whose files are read once.
 
-from collections.abc import Mapping, Sequence
+The files come one after another. The values of each go by tiles of the raster into a :class:`runout.hazard.tiles.TileStore`;
+then the statistics of each tile are made of the values of all members. Where no member arrives there is no tile.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.errors import StorageError
+from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
+from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
+from runout.io.member_maps import Block, MemberMaps
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
-BLOCK_BYTES = 256 * 1024**2  # of all members' values in memory at once
-_SMALLEST_BLOCK = 16  # rows
-_ROUNDING = 1e-12  # summed weights of equal members reach 1/2 exactly
-_COPIES = 4  # the stack, its wet columns, their order and their summed weights
+__all__ = ["QUANTITIES", "Quantity", "aggregate", "effective_sample_size", "normalised", "weighted_percentiles"]
+
+MEMORY_BYTES = 64 * 1024**2  # of an aggregation, beside the maps that it makes
+_LARGEST_SIDE = 32  # cells of a tile; parts of the raster in the files begin on multiples of it
+_BYTES_PER_CELL = 128  # of the memory, for each cell of a block: five maps, their tiles, and the batch beside them
+_COPIES, _WEIGHTED_COPIES = 3, 12  # of a tile's values: as read and sorted; with order, summed weights and their comparison
 
 
 @dataclass(frozen=True)
@@ -36,20 +44,24 @@ QUANTITIES = {
 }
 
 
+_DEPOSIT = Quantity("deposit_thickness", "deposit_thickness_percentile", "peak_deposit_thickness")
+
+
 def aggregate(
     members: Sequence[Path],
     weights: Sequence[float] | np.ndarray,
     thresholds: Mapping[str, Sequence[float]],
     percentiles: Sequence[float],
     *,
-    block_bytes: int = BLOCK_BYTES,
+    memory_bytes: int = MEMORY_BYTES,
+    folder: Path | None = None,
+    each: Callable[[int, MemberMaps], None] | None = None,
 ) -> "xr.Dataset":
-    """Hazard maps of the members' files, on their grid.
+    """Hazard maps of the members' files, on their raster; every file is opened once.
 
-    Members are read in blocks of rows, so that memory is bounded by ``block_bytes`` and the maps themselves. Probability
-    is the summed weight of the members whose maximum reaches the threshold, with the standard error
-    ``sqrt(p (1 - p) / N_eff)``, ``N_eff = 1 / sum(w^2)``; a percentile is the smallest value at which the summed
-    weight reaches it. A cell that any member leaves undefined (NaN) is undefined.
+    Memory is bounded by ``memory_bytes`` and the maps themselves. Probability is the summed weight of the members whose
+    maximum reaches the threshold, with the standard error ``sqrt(p (1 - p) / N_eff)``, ``N_eff = 1 / sum(w^2)``; a percentile
+    is the smallest value at which the summed weight reaches it. A cell that any member leaves undefined (NaN) is undefined.
 
     Parameters
     ----------
@@ -62,112 +74,155 @@ def aggregate(
         is that of inundation. Without thresholds a quantity has its percentiles and peak only.
     percentiles : sequence of float
         Percentiles [percent], 0 to 100.
+    memory_bytes : int
+        8 MiB at least are used.
+    folder : Path, optional
+        Where a temporary file goes, 16 bytes for each cell and member where a member arrives; by default that of the first file.
+    each : callable, optional
+        Called with the place in ``members`` and the open file of every member.
 
     Raises
     ------
     StorageError
-        If a member's file cannot be read, lacks a map, or lies on another grid than the first.
+        If a member's file cannot be read, lacks a map, or lies on another grid than the first, or the disk is full.
     ValueError
         If there are no members, the weights do not fit, or there is no threshold of thickness.
     """
     if len(thresholds.get("thickness", ())) == 0:
         raise ValueError("no threshold of the flow thickness is given; inundation needs one, for example 0.1 m")
     w = normalised(weights, len(members))
-    dataset = _empty(members[0], thresholds, percentiles, w)
-    _require_one_grid(members, dataset)
-    rows = _rows_per_block(len(members), dataset.sizes["x"], block_bytes)
-    for first in range(0, dataset.sizes["y"], rows):
-        block = slice(first, min(first + rows, dataset.sizes["y"]))
-        for name in thresholds:
-            _aggregate_quantity(dataset, members, w, name, block)
-        _aggregate_deposit(dataset, members, w, block)
-        arrival = _stack(members, "arrival_time", block)
-        dataset["first_arrival_time"][block] = np.fmin.reduce(arrival, axis=0)
-    dataset["inundation_probability"][:] = dataset["thickness_exceedance_probability"].values[0]
-    return dataset
+    side = _side(w, memory_bytes)
+    with TileStore(folder or Path(members[0]).parent, len(thresholds) + 1, side**2, memory_bytes // 4) as store:
+        for number, path in enumerate(members):
+            with MemberMaps(path) as member:
+                if number == 0:
+                    maps = _Maps(_empty(member.grid(), thresholds, percentiles, w), tuple(thresholds), w, store, side)
+                    maps.leave_out(member.known())
+                member.require_grid(maps.dataset, Path(members[0]).name)
+                if each is not None:
+                    each(number, member)
+                for block in member.blocks(memory_bytes // _BYTES_PER_CELL):
+                    maps.take(number, block)
+        store.finish()
+        for tile in store:
+            maps.place(tile)
+    return maps.finished()
 
 
-def normalised(weights: Sequence[float] | np.ndarray, count: int) -> np.ndarray:
-    """Weights (count,) of sum 1."""
-    w = np.asarray(weights, dtype=np.float64)
-    if count == 0 or w.shape != (count,):
-        raise ValueError(f"{count} members and {w.size} weights; at least one member, and a weight for each, are needed")
-    if not (np.isfinite(w).all() and w.min() >= 0 and w.sum() > 0):
-        raise ValueError(f"weights range from {w.min():g} to {w.max():g}; they must be finite, not negative, and not all 0")
-    return w / w.sum()
+def _side(weights: np.ndarray, memory_bytes: int) -> int:
+    """Cells along a side of a tile, a power of two, so that the values of all members of one map fit into half of the memory."""
+    copies = _COPIES if equal(weights) else _WEIGHTED_COPIES
+    cells = memory_bytes / 2 / (len(weights) * np.dtype(np.float32).itemsize * copies)
+    return int(min(_LARGEST_SIDE, 2 ** max(0, int(np.log2(max(cells, 1.0))) // 2)))
 
 
-def effective_sample_size(weights: np.ndarray) -> float:
-    """Number of equally weighted members that would be as certain, 1 / sum(w^2), for weights of sum 1."""
-    return float(1.0 / np.sum(np.square(weights)))
+class _Maps:
+    """The maps while they are made; NaN in those of the peaks marks cells that a member leaves undefined.
 
-
-def weighted_percentiles(values: np.ndarray, weights: np.ndarray, percentiles: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Percentiles (k, cells) over the first axis of ``values`` (members, cells), for weights of sum 1.
-
-    The smallest value at which the summed weight reaches the percentile (the inverted distribution function).
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        All maps at zero.
+    names : tuple of str
+        Quantities with thresholds or percentiles.
+    weights : ndarray (members,)
+        Of sum 1.
+    store : TileStore
+        Values of the maps of ``names`` and of the deposit.
+    side : int
+        Cells along a side of a tile.
     """
-    order = np.argsort(values, axis=0)
-    reached = np.cumsum(weights[order], axis=0)
-    ranks = [np.argmax(reached >= q / 100.0 - _ROUNDING, axis=0) for q in percentiles]
-    index = np.stack([np.take_along_axis(order, rank[None], axis=0)[0] for rank in ranks])
-    return np.take_along_axis(values, index, axis=0)
 
+    def __init__(self, dataset: "xr.Dataset", names: tuple[str, ...], weights: np.ndarray, store: TileStore, side: int):
+        self.dataset, self.names, self.weights, self.store, self.side = dataset, names, weights, store, side
+        self.quantities = (*(QUANTITIES[name] for name in names), _DEPOSIT)
+        self.maps = {str(name): array.values for name, array in dataset.data_vars.items()}
+        self.shape = (dataset.sizes["y"], dataset.sizes["x"])
+        self.across = -(-self.shape[1] // side)
+        self.limits = {name: self._limits(name) for name in names}
 
-def _aggregate_quantity(dataset: "xr.Dataset", members: Sequence[Path], w: np.ndarray, name: str, block: slice) -> None:
-    quantity = QUANTITIES[name]
-    stack = _stack(members, quantity.member_map, block)
-    wet, unknown = _wet_and_unknown(stack)
-    values = stack[:, wet]
-    if f"{name}_threshold" in dataset.coords:
-        limits = dataset[f"{name}_threshold"].values.astype(stack.dtype)
-        p = np.stack([np.clip(w @ (values >= limit), 0.0, 1.0) for limit in limits])
-        error = np.sqrt(p * (1.0 - p) / effective_sample_size(w))
-        _place(dataset, f"{name}_exceedance_probability", p, wet, unknown, block)
-        _place(dataset, f"{name}_exceedance_standard_error", error, wet, unknown, block)
-    _place(dataset, quantity.percentile, weighted_percentiles(values, w, dataset["percentile"].values), wet, unknown, block)
-    _place(dataset, quantity.peak, values.max(axis=0), wet, unknown, block)
-    if name == "thickness":
-        _place(dataset, "members_reached", (values >= limits[0]).sum(axis=0), wet, unknown, block)
+    def _limits(self, name: str) -> np.ndarray:
+        dimension = f"{name}_threshold"
+        return self.dataset[dimension].values.astype(np.float32) if dimension in self.dataset.coords else np.empty(0, np.float32)
 
+    def leave_out(self, known: np.ndarray | None) -> None:
+        """Mark the cells without elevation."""
+        if known is not None:
+            for quantity in self.quantities:
+                self.maps[quantity.peak][~known] = np.nan
 
-def _aggregate_deposit(dataset: "xr.Dataset", members: Sequence[Path], w: np.ndarray, block: slice) -> None:
-    stack = _stack(members, "deposit_thickness", block)
-    wet, unknown = _wet_and_unknown(stack)
-    values = stack[:, wet]
-    quantiles = weighted_percentiles(values, w, dataset["percentile"].values)
-    _place(dataset, "deposit_thickness_percentile", quantiles, wet, unknown, block)
-    _place(dataset, "mean_deposit_thickness", w @ values, wet, unknown, block)
-    _place(dataset, "peak_deposit_thickness", values.max(axis=0), wet, unknown, block)
+    def take(self, member: int, block: Block) -> None:
+        """Store the tiles of a block of a member in which anything is above 0, and keep the first arrivals."""
+        place = (block.rows, block.columns)
+        first = self.maps["first_arrival_time"][place]
+        np.fmin(first, block.maps["arrival_time"], out=first)
+        layers = [block.maps[quantity.member_map] for quantity in self.quantities]
+        for quantity, layer in zip(self.quantities, layers, strict=True):
+            if np.isnan(layer.min()):
+                self.maps[quantity.peak][place][np.isnan(layer)] = np.nan
+        rows, columns, values = reached_tiles(layers, self.side)
+        if len(rows):
+            numbers = (block.rows.start // self.side + rows) * self.across + block.columns.start // self.side + columns
+            self.store.add(member, numbers, values)
 
+    def place(self, tile: int) -> None:
+        """Put the statistics of a tile into the maps."""
+        given = self.store.members_of(tile)
+        for k, quantity in enumerate(self.quantities):
+            values = CellValues(self.store.values_of(tile, k), given, self.weights)
+            self._put(tile, quantity.percentile, values.percentiles(self.dataset["percentile"].values))
+            if quantity is _DEPOSIT:
+                self._put(tile, "mean_deposit_thickness", values.mean)
+            else:
+                self._put_exceedance(tile, self.names[k], values)
+            self._put(tile, quantity.peak, np.where(np.isnan(self._cells(tile, quantity.peak)), np.nan, values.peak))
 
-def _wet_and_unknown(stack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (rows, columns) that any member reaches, and those that any member leaves undefined."""
-    unknown = np.isnan(stack).any(axis=0)
-    return (stack > 0).any(axis=0) & ~unknown, unknown
+    def _put_exceedance(self, tile: int, name: str, values: CellValues) -> None:
+        """Counts, probabilities and their standard errors; cells that no member reaches keep 0."""
+        wet = values.peak > 0
+        for k, limit in enumerate(self.limits[name]):
+            p = np.where(wet, values.probability(limit), 0.0)
+            error = np.sqrt(p * (1.0 - p) / effective_sample_size(self.weights))
+            self._put(tile, f"{name}_exceedance_probability", p, k)
+            self._put(tile, f"{name}_exceedance_standard_error", error, k)
+            if name == "thickness" and k == 0:
+                self._put(tile, "inundation_probability", p)
+                self._put(tile, "members_reached", np.where(wet, values.count(limit), 0))
 
+    def _put(self, tile: int, name: str, values: np.ndarray, index: int | None = None) -> None:
+        layers = self.maps[name] if index is None else self.maps[name][index]
+        target = layers[..., *self._place_of(tile)]
+        target[...] = values.reshape(*values.shape[:-1], self.side, self.side)[..., : target.shape[-2], : target.shape[-1]]
 
-def _place(dataset: "xr.Dataset", name: str, values: np.ndarray, wet: np.ndarray, unknown: np.ndarray, block: slice) -> None:
-    target = dataset[name].values[..., block, :]
-    target[..., wet] = values
-    target[..., unknown] = np.nan if target.dtype.kind == "f" else VARIABLES[name].fill
+    def _cells(self, tile: int, name: str) -> np.ndarray:
+        """Values of a map in the cells of a tile (cells,); 0 beyond the raster."""
+        cells = np.zeros((self.side, self.side), np.float32)
+        found = self.maps[name][self._place_of(tile)]
+        cells[: found.shape[0], : found.shape[1]] = found
+        return cells.ravel()
 
+    def _place_of(self, tile: int) -> tuple[slice, slice]:
+        row, column = (self.side * number for number in divmod(tile, self.across))
+        return slice(row, row + self.side), slice(column, column + self.side)
 
-def _stack(members: Sequence[Path], name: str, block: slice) -> np.ndarray:
-    return np.stack([netcdf.read_rows(path, name, block) for path in members])
-
-
-def _rows_per_block(members: int, columns: int, block_bytes: int) -> int:
-    rows = block_bytes // (members * columns * np.dtype(np.float32).itemsize * _COPIES)
-    whole_chunks = rows - rows % netcdf.CHUNK
-    return int(whole_chunks or max(rows, _SMALLEST_BLOCK))
+    def finished(self) -> "xr.Dataset":
+        """The maps, without values where a member leaves a cell undefined."""
+        of_some = {"thickness": ("inundation_probability", "members_reached"), "deposit_thickness": ("mean_deposit_thickness",)}
+        for name, quantity in zip((*self.names, "deposit_thickness"), self.quantities, strict=True):
+            unknown = np.isnan(self.maps[quantity.peak])
+            if not unknown.any():
+                continue
+            exceedance = (f"{name}_exceedance_probability", f"{name}_exceedance_standard_error")
+            for product in {*exceedance, quantity.percentile, *of_some.get(name, ())} & set(self.maps):
+                target = self.maps[product]
+                target[..., unknown] = np.nan if target.dtype.kind == "f" else VARIABLES[product].fill
+        return self.dataset
 
 
 def _empty(
-    first: Path, thresholds: Mapping[str, Sequence[float]], percentiles: Sequence[float], weights: np.ndarray
+    dataset: "xr.Dataset", thresholds: Mapping[str, Sequence[float]], percentiles: Sequence[float], weights: np.ndarray
 ) -> "xr.Dataset":
-    """All maps at zero on the grid of the first member."""
-    dataset = netcdf.read_grid(first)
+    """All maps at zero on the raster of ``dataset``, which has nothing but its place."""
     shape = (dataset.sizes["y"], dataset.sizes["x"])
     dataset = dataset.assign_coords(percentile=np.unique(np.asarray(percentiles, np.float64)))
     for name, limits in thresholds.items():
@@ -180,18 +235,9 @@ def _empty(
             netcdf.add_map(dataset, product, np.zeros((dataset.sizes[dimension], *shape), np.float32), (dimension,))
     for name in (*(QUANTITIES[name].percentile for name in thresholds), "deposit_thickness_percentile"):
         netcdf.add_map(dataset, name, np.zeros((dataset.sizes["percentile"], *shape), np.float32), ("percentile",))
-    for name in ("inundation_probability", "mean_deposit_thickness", "peak_deposit_thickness", "first_arrival_time"):
+    for name in ("inundation_probability", "mean_deposit_thickness", "peak_deposit_thickness"):
         netcdf.add_map(dataset, name, np.zeros(shape, np.float32))
+    netcdf.add_map(dataset, "first_arrival_time", np.full(shape, np.nan, np.float32))
     netcdf.add_map(dataset, "members_reached", np.zeros(shape, np.int32))
     dataset["effective_sample_size"] = effective_sample_size(weights)
     return dataset
-
-
-def _require_one_grid(members: Sequence[Path], dataset: "xr.Dataset") -> None:
-    for path in members[1:]:
-        grid = netcdf.read_grid(path)
-        if not (np.array_equal(grid["x"], dataset["x"]) and np.array_equal(grid["y"], dataset["y"])):
-            raise StorageError(
-                f"{path}: its grid ({grid.sizes['y']} rows, {grid.sizes['x']} columns) is not that of {members[0].name}; "
-                "the elevation raster has changed in between, remove the file and run the ensemble again"
-            )

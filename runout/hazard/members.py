@@ -1,7 +1,8 @@
 """Which members of an ensemble are valid, and their maps stacked into one file."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,14 +13,15 @@ from runout.ensemble.member import failure_file, member_file
 from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.atomic import read_json, storage_error, whole_file
+from runout.io.grid import grid_coordinates
+from runout.io.member_maps import MEMBER_MAPS, MemberMaps
+from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import netCDF4
     import pandas as pd
     import xarray as xr
-
-MEMBER_MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
 
 
 @dataclass(frozen=True)
@@ -84,11 +86,14 @@ class Ensemble:
         }
 
 
-def write_members(ensemble: Ensemble, path: str | os.PathLike[str], attrs: Mapping[str, Any]) -> Path:
-    """The path, after writing every planned member's maps as one realization each, with the table of parameters.
+@contextmanager
+def members_file(
+    ensemble: Ensemble, path: str | os.PathLike[str], terrain: Terrain, attrs: Mapping[str, Any]
+) -> Iterator[Callable[[int, MemberMaps], None]]:
+    """Block that writes the maps of every planned member as one realization each, with the table of parameters.
 
-    Maps are copied member by member, so that one layer is in memory at a time; those of members that failed or have not
-    run hold no values.
+    It gives a function for the place of a valid member among them and its open file, which copies the maps one by one, so that
+    one layer is in memory at a time; those of members that failed or have not run hold no values.
 
     Raises
     ------
@@ -97,21 +102,45 @@ def write_members(ensemble: Ensemble, path: str | os.PathLike[str], attrs: Mappi
     """
     import netCDF4
 
-    skeleton = member_table(ensemble).assign_attrs(attrs)
+    skeleton = member_table(ensemble, terrain).assign_attrs(attrs)
+    places = [index for index, member in enumerate(ensemble.table.index) if member in ensemble.files]
+    known = None if np.isfinite(terrain.elevation).all() else np.isfinite(terrain.elevation)
     with netcdf.LOCK, whole_file(path) as temporary:
         netcdf.write(skeleton, temporary)
+        with _written(path):
+            file = netCDF4.Dataset(temporary, "a")
+            for name in MEMBER_MAPS:
+                _add_layers(file, name)
+
+        def copy(number: int, member: MemberMaps) -> None:
+            for name in MEMBER_MAPS:
+                layer = member.layer(name, known)
+                if layer.shape != terrain.shape:
+                    raise StorageError(f"{member.path}: its grid is not that of the other members; remove it and run again")
+                with _written(path):
+                    file[name][places[number]] = np.ma.masked_invalid(layer)
+
         try:
-            with netCDF4.Dataset(temporary, "a") as file:
-                for name in MEMBER_MAPS:
-                    _copy_layers(file, name, ensemble)
-        except RuntimeError as cause:  # what the netCDF library makes of a full disk
-            raise storage_error(path, cause) from cause
-    return Path(path)
+            yield copy
+        finally:
+            with _written(path):
+                file.close()
 
 
-def member_table(ensemble: Ensemble) -> "xr.Dataset":
-    """Sampled parameters, weight, seed, status and reason of failure over ``realization``, on the members' grid."""
-    dataset = netcdf.read_grid(next(iter(ensemble.files.values())))
+@contextmanager
+def _written(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Block in which the netCDF library writes to a file."""
+    try:
+        yield
+    except RuntimeError as cause:  # what the library makes of a full disk
+        raise storage_error(path, cause) from cause
+
+
+def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":
+    """Sampled parameters, weight, seed, status and reason of failure over ``realization``, on the raster."""
+    import xarray as xr
+
+    dataset = xr.Dataset(coords=grid_coordinates(terrain))
     dataset = dataset.assign_coords(realization=ensemble.table.index.to_numpy(np.int32))
     for column in ensemble.table.columns:
         if column not in VARIABLES:
@@ -124,7 +153,7 @@ def member_table(ensemble: Ensemble) -> "xr.Dataset":
     return dataset
 
 
-def _copy_layers(file: "netCDF4.Dataset", name: str, ensemble: Ensemble) -> None:
+def _add_layers(file: "netCDF4.Dataset", name: str) -> None:
     variable = VARIABLES[name]
     rows, columns = len(file.dimensions["y"]), len(file.dimensions["x"])
     chunks = (1, min(netcdf.CHUNK, rows), min(netcdf.CHUNK, columns))
@@ -141,13 +170,6 @@ def _copy_layers(file: "netCDF4.Dataset", name: str, ensemble: Ensemble) -> None
     layers.setncatts(variable.attributes() | {"valid_min": np.float32(0.0)})
     if "crs" in file.variables:
         layers.grid_mapping = "crs"
-    for index, member in enumerate(ensemble.table.index):
-        if member not in ensemble.files:
-            continue
-        layer = netcdf.read_rows(ensemble.files[member], name, slice(None))
-        if layer.shape != (rows, columns):
-            raise StorageError(f"{ensemble.files[member]}: its grid is not that of the other members; remove it and run again")
-        layers[index] = np.ma.masked_invalid(layer)
 
 
 def _stated_reason(path: Path) -> str | None:

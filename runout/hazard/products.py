@@ -1,7 +1,7 @@
 """The products of an ensemble: hazard.nc, members.nc, maps/*.tif with styles, outlines.gpkg and run.json."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -10,11 +10,12 @@ import numpy as np
 from runout.errors import PartialEnsembleError, StorageError
 from runout.hazard.exceedance import QUANTITIES, aggregate
 from runout.hazard.maps import OWN_MAP, write_maps
-from runout.hazard.members import Ensemble, write_members
+from runout.hazard.members import Ensemble, members_file
 from runout.hazard.outline_style import outline_styles
 from runout.io import netcdf
 from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
+from runout.io.member_maps import MemberMaps
 from runout.io.provenance import file_record, provenance
 from runout.io.vector import write_outlines
 from runout.model.depth_resolution import worst
@@ -76,11 +77,13 @@ def write_products(
     terrain = site.terrain()
     releases = site.releases(terrain)
     origin = _origin(site, ensemble, terrain, releases)
-    hazard = hazard_dataset(site, ensemble, terrain, releases, _attributes(site, ensemble, origin))
+    attributes = _attributes(site, ensemble, origin)
+    hazard, resolution = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
+    origin |= {"resolution": resolution} if resolution else {}
     outdated = _earlier_products(results)
     paths = [
         netcdf.write(hazard, results / "hazard.nc"),
-        write_members(ensemble, results / "members.nc", hazard.attrs | {"title": f"{_title(site)}: members of the ensemble"}),
+        results / "members.nc",
         *write_maps(hazard, results / "maps"),
         _write_outlines(hazard, ensemble, site, terrain, releases, results / "outlines.gpkg"),
     ]
@@ -90,10 +93,39 @@ def write_products(
     return paths
 
 
+def _write_members(
+    site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], attrs: Mapping[str, Any], path: Path
+) -> "tuple[xr.Dataset, dict[str, float]]":
+    """The content of ``hazard.nc`` and the worst resolution of a member, after writing ``members.nc``.
+
+    The file of each member is opened once.
+    """
+    resolution: dict[str, float] = {}
+    title = f"{_title(site)}: members of the ensemble"
+    with members_file(ensemble, path, terrain, netcdf.global_attributes(terrain, title) | dict(attrs)) as copy:
+
+        def each(number: int, member: MemberMaps) -> None:
+            resolution.update(worst([resolution, member.attributes]))
+            copy(number, member)
+
+        hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
+    return hazard, resolution
+
+
 def hazard_dataset(
-    site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], attrs: Mapping[str, Any]
+    site: "Site",
+    ensemble: Ensemble,
+    terrain: Terrain,
+    releases: Sequence[Release],
+    attrs: Mapping[str, Any],
+    *,
+    folder: Path | None = None,
+    each: Callable[[int, MemberMaps], None] | None = None,
 ) -> "xr.Dataset":
-    """The content of ``hazard.nc``: maps over the valid members, counts, terrain and release."""
+    """The content of ``hazard.nc``: maps over the valid members, counts, terrain and release.
+
+    ``folder`` and ``each`` are those of :func:`runout.hazard.exceedance.aggregate`.
+    """
     settings = site.settings.hazard
     thresholds = {name: getattr(settings, f"{name}_thresholds") for name in QUANTITIES}
     maps = {
@@ -102,10 +134,10 @@ def hazard_dataset(
         "release_thickness": terrain.where_known(np.sum([release.thickness for release in releases], axis=0)),
     }
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
-    over_members = aggregate(list(ensemble.files.values()), ensemble.weights, thresholds, settings.percentiles)
+    files = list(ensemble.files.values())
+    over_members = aggregate(files, ensemble.weights, thresholds, settings.percentiles, folder=folder, each=each)
     if not (np.array_equal(over_members["x"], dataset["x"]) and np.array_equal(over_members["y"], dataset["y"])):
-        first = next(iter(ensemble.files.values()))
-        raise StorageError(f"{first}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")
+        raise StorageError(f"{files[0]}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")
     return dataset.merge(over_members, join="exact", compat="override", combine_attrs="override").assign(ensemble.counts())
 
 
@@ -144,8 +176,6 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     state = ensemble.counts() | {"failures": {str(m): reason for m, reason in ensemble.failed.items()}, "not_run": ensemble.missing}
     zones = site.friction_zones(terrain)
     changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
-    resolution = worst(netcdf.read_attributes(path) for path in ensemble.files.values())
-    origin |= {"resolution": resolution} if resolution else {}
     stated = stated_metadata(site)
     origin |= {"metadata": stated} if stated else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}

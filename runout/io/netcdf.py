@@ -130,23 +130,8 @@ def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset"
     """
     import xarray as xr
 
-    with _reading(path, f"group {group} " if group else ""):
+    with reading(path, f"group {group} " if group else ""):
         return xr.load_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_timedelta=False)
-
-
-def read_grid(path: str | os.PathLike[str]) -> "xr.Dataset":
-    """Coordinates of a file of maps: ``x``, ``y``, ``crs`` and, if present, ``longitude`` and ``latitude``.
-
-    Raises
-    ------
-    StorageError
-        If there is no such file, or it is not NetCDF.
-    """
-    import xarray as xr
-
-    with _reading(path), xr.open_dataset(path, engine="netcdf4", decode_coords="all", decode_timedelta=False) as dataset:
-        wanted = [name for name in ("x", "y", "crs", "longitude", "latitude") if name in dataset.variables]
-        return xr.Dataset(coords={name: dataset.variables[name].load() for name in wanted})
 
 
 def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -159,7 +144,7 @@ def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     import netCDF4
 
-    with _reading(path), netCDF4.Dataset(path) as file:
+    with reading(path), netCDF4.Dataset(path) as file:
         return {name: file.getncattr(name) for name in file.ncattrs()}
 
 
@@ -177,27 +162,13 @@ def unreadable(path: str | os.PathLike[str]) -> str | None:
     return None
 
 
-def read_rows(path: str | os.PathLike[str], name: str, rows: slice) -> np.ndarray:
-    """Some rows (rows, columns) of one map of a file; NaN for missing values.
-
-    Raises
-    ------
-    StorageError
-        If there is no such file or map, or it is not NetCDF.
-    """
-    import netCDF4
-
-    with _reading(path, f"{name} "), netCDF4.Dataset(path) as file:
-        return np.ma.filled(file[name][rows], np.nan)
-
-
 @contextmanager
-def _reading(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
+def reading(path: str | os.PathLike[str], part: str = "") -> Iterator[None]:
     """Context that holds the lock of the netCDF library and converts its errors into a StorageError."""
     try:
         with LOCK:
             yield
-    except (OSError, IndexError, RuntimeError) as cause:
+    except (OSError, IndexError, KeyError, RuntimeError) as cause:
         raise StorageError(f"{path}: {part}cannot be read ({cause}); remove the file and run again") from cause
 
 

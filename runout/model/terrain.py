@@ -1,6 +1,6 @@
 """Terrain: a checked elevation raster with its place on the map."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -112,6 +112,12 @@ class Terrain:
     def where_known(self, values: np.ndarray, otherwise: float = np.nan) -> np.ndarray:
         """Values (..., rows, columns) on the cells that have an elevation, another on those that have none."""
         return np.where(np.isnan(self.elevation), otherwise, values)
+
+    def part(self, rows: slice, columns: slice) -> "Terrain":
+        """Some rows and columns, in their place on the map; both slices state where they start and stop."""
+        west = self.west + columns.start * self.cell_size[0]
+        south = self.south + (self.shape[0] - rows.stop) * self.cell_size[1]
+        return replace(self, elevation=self.elevation[rows, columns], west=west, south=south)
 
     @property
     def frame(self) -> LocalFrame:

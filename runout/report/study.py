@@ -113,12 +113,13 @@ def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -
     import pandas as pd
 
     from runout.io import netcdf
+    from runout.io.member_maps import read_maps
 
     figures, ledgers = {}, {}
     for member in table.index[table["status"] == "valid"]:
         path = _existing(member_file(results, member))
         ledgers[member] = netcdf.read(path, "ledger")
-        figures[member] = member_figures(netcdf.read(path), ledgers[member], hazard)
+        figures[member] = member_figures(read_maps(path), ledgers[member], hazard)
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 

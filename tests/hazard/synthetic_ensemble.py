@@ -11,6 +11,7 @@ import shapely
 
 from runout.io import netcdf
 from runout.io.atomic import write_json
+from runout.io.member_maps import RASTER, cut_to_reached
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 
@@ -52,6 +53,14 @@ def write_member(folder: Path, number: int, terrain: Terrain) -> Path:
     """The member's file as a run of the ensemble leaves it."""
     maps = netcdf.map_dataset(terrain, member_maps(number), title=f"member {number}", attrs={"member_key": f"key {number}"})
     return netcdf.write(maps, folder / f"{number:04d}.nc")
+
+
+def write_part(folder: Path, number: int, terrain: Terrain, maps: dict[str, np.ndarray]) -> Path:
+    """The member's file with the part of the raster that its flow reached."""
+    part, cut, attributes, raster = cut_to_reached(terrain, maps)
+    known = {name: part.where_known(values) for name, values in cut.items()}
+    dataset = netcdf.map_dataset(part, known, title=f"member {number}", attrs=attributes)
+    return netcdf.write(dataset, folder / f"{number:04d}.nc", groups={RASTER: raster})
 
 
 @dataclass(frozen=True)

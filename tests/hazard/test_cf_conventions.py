@@ -4,7 +4,7 @@ import netCDF4
 import pytest
 import xarray as xr
 from compliance_checker.runner import CheckSuite, ComplianceChecker
-from synthetic_ensemble import Products, make_terrain, member_maps
+from synthetic_ensemble import Products, make_terrain, member_maps, write_part
 
 from runout.io import netcdf
 from runout.variables import VARIABLES
@@ -26,6 +26,12 @@ def test_a_member_file_passes_the_strict_checker(crs: str | None, tmp_path: Path
     dataset = netcdf.map_dataset(make_terrain(crs), member_maps(1), title="member 1", attrs={"member_key": "abc"})
     path = netcdf.write(dataset, tmp_path / "0001.nc", groups={"ledger": ledger})
     report = checker_report(path, tmp_path / "report.txt")
+    assert "All tests passed!" in report, report
+
+
+@pytest.mark.parametrize("crs", ["EPSG:32616", "EPSG:5514", None])
+def test_a_member_file_with_a_part_of_the_raster_passes_the_strict_checker(crs: str | None, tmp_path: Path) -> None:
+    report = checker_report(write_part(tmp_path, 1, make_terrain(crs), member_maps(1)), tmp_path / "report.txt")
     assert "All tests passed!" in report, report
 
 

@@ -1,14 +1,12 @@
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_ensemble import CELL, MARKER, SHAPE, make_terrain, member_maps, write_member
+from synthetic_ensemble import MARKER, SHAPE, make_terrain, member_maps, write_member
 
 from runout.errors import StorageError
-from runout.hazard import exceedance
 from runout.hazard.exceedance import aggregate, effective_sample_size, normalised, weighted_percentiles
 from runout.io import netcdf
 from runout.model.terrain import Terrain
@@ -92,21 +90,6 @@ def test_a_heavier_member_counts_for_more(members: list[Path]) -> None:
     assert light["members_reached"].values[row, column] == 1
 
 
-def test_blocks_of_rows_change_nothing_and_bound_what_is_read(members: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = aggregate(members, [1, 2, 3, 4], THRESHOLDS, PERCENTILES)
-    read, most = netcdf.read_rows, []
-
-    def watched(path: Path, name: str, rows: slice) -> np.ndarray:
-        most.append(rows.stop - rows.start)
-        return read(path, name, rows)
-
-    monkeypatch.setattr(exceedance.netcdf, "read_rows", watched)
-    in_blocks = aggregate(members, [1, 2, 3, 4], THRESHOLDS, PERCENTILES, block_bytes=1)
-    assert max(most) == 16 < SHAPE[0]
-    for name in whole.data_vars:
-        np.testing.assert_array_equal(in_blocks[name], whole[name])
-
-
 def test_a_cell_that_a_member_leaves_undefined_is_undefined(tmp_path: Path) -> None:
     terrain = make_terrain()
     holed = {**member_maps(1), "max_speed": np.where(np.indices(SHAPE)[0] == 4, np.nan, member_maps(1)["max_speed"])}
@@ -150,32 +133,3 @@ def test_inundation_needs_a_threshold(members: list[Path]) -> None:
 def test_equal_weights_count_as_many_members() -> None:
     assert effective_sample_size(normalised([2.0] * 8, 8)) == pytest.approx(8.0)
     assert effective_sample_size(normalised([1.0, 0.0], 2)) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(("count", "columns"), [(40, 300), (7, 5000), (500, 90)])
-def test_a_block_has_as_many_rows_as_its_bytes_allow(count: int, columns: int) -> None:
-    """Up to a chunk of the files: so many values of every member, and what is made of them; not one row more would fit."""
-    row = count * columns * 4 * exceedance._COPIES
-    assert exceedance._rows_per_block(count, columns, 100 * row) == 100
-    assert exceedance._rows_per_block(count, columns, 101 * row - 1) == 100
-    assert exceedance._rows_per_block(count, columns, row) == exceedance._SMALLEST_BLOCK
-    assert exceedance._rows_per_block(count, columns, (2 * netcdf.CHUNK + 40) * row) == 2 * netcdf.CHUNK
-    assert exceedance._rows_per_block(count, columns, (netcdf.CHUNK - 1) * row) == netcdf.CHUNK - 1
-
-
-def test_memory_of_an_aggregation_does_not_grow_with_the_raster(members: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Values above 0 in every cell of every member, in place of those of the files, beside the maps themselves."""
-    block_bytes, sides = 2 * 1024**2, (128, 512)
-    rng = np.random.default_rng(0)
-    monkeypatch.setattr(netcdf, "read_rows", lambda path, name, rows: rng.random((rows.stop - rows.start, 64), np.float32))
-    monkeypatch.setattr(exceedance, "_require_one_grid", lambda members, dataset: None)
-    extra = []
-    for side in sides:
-        terrain = Terrain(np.zeros((side, 64)), CELL)
-        monkeypatch.setattr(netcdf, "read_grid", lambda path, t=terrain: netcdf.map_dataset(t, {}, title="grid"))
-        tracemalloc.start()
-        maps = aggregate(members * 16, [1] * 64, THRESHOLDS, PERCENTILES, block_bytes=block_bytes)
-        extra.append(tracemalloc.get_traced_memory()[1] - maps.nbytes)
-        tracemalloc.stop()
-    assert max(extra) < 3.0 * block_bytes
-    assert extra[1] < 1.5 * extra[0]

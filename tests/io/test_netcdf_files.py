@@ -11,6 +11,7 @@ import xarray as xr
 from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.grid import geo_transform, grid_mapping
+from runout.io.member_maps import MemberMaps, read_maps
 from runout.model.terrain import Terrain
 
 
@@ -131,22 +132,16 @@ def test_many_threads_can_write_and_read_at_once(terrain: Terrain, maps: dict, t
         assert list(threads.map(write_and_read, range(12))) == list(range(12))
 
 
-def test_rows_are_read_without_the_rest(terrain: Terrain, maps: dict, tmp_path: Path) -> None:
-    path = netcdf.write(netcdf.map_dataset(terrain, maps, title="t"), tmp_path / "m.nc")
-    np.testing.assert_array_equal(netcdf.read_rows(path, "elevation", slice(5, 9)), terrain.elevation[5:9].astype(np.float32))
-    assert set(netcdf.read_grid(path).variables) <= {"x", "y", "crs"}
-
-
 def test_unreadable_files_are_named_with_a_remedy(terrain: Terrain, maps: dict, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged.nc"
     damaged.write_bytes(b"no NetCDF")
-    for reader in (netcdf.read, netcdf.read_grid, lambda path: netcdf.read_rows(path, "max_speed", slice(0, 1))):
+    for reader in (netcdf.read, netcdf.read_attributes, read_maps):
         with pytest.raises(StorageError, match=r"damaged\.nc.*cannot be read.*run again"):
             reader(damaged)
         with pytest.raises(StorageError, match=r"absent\.nc.*cannot be read"):
             reader(tmp_path / "absent.nc")
     path = netcdf.write(netcdf.map_dataset(terrain, maps, title="t"), tmp_path / "m.nc")
-    with pytest.raises(StorageError, match=r"m\.nc: max_speed cannot be read"):
-        netcdf.read_rows(path, "max_speed", slice(0, 1))
+    with MemberMaps(path) as member, pytest.raises(StorageError, match=r"m\.nc: max_speed cannot be read"):
+        member.layer("max_speed", None)
     with pytest.raises(StorageError, match=r"m\.nc: group ledger cannot be read"):
         netcdf.read(path, "ledger")

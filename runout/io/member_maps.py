@@ -1,0 +1,217 @@
+"""Maps of one member in its file: the part of the raster that its flow reached, and where that part lies in the raster."""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.errors import StorageError
+from runout.io import netcdf
+from runout.io.grid import grid_coordinates
+from runout.io.window import NEVER_BELOW, Part
+from runout.model.terrain import Terrain
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MEMBER_MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
+RASTER = "raster"  # group with the place of the whole raster, in files that hold a part of it
+STEP = 64  # cells; parts begin and end on multiples of it
+SMALLEST_BLOCK = netcdf.CHUNK  # rows, and columns
+_PLACE = ("x", "y", "crs", "longitude", "latitude")
+_SHIFT = 1e-6  # of a cell, by which coordinates of a part may differ from those of the raster
+_ATTRIBUTES = ("first_row", "first_column", "raster_rows", "raster_columns")
+
+
+@dataclass(frozen=True)
+class Block:
+    """Maps of one member in a rectangle of the raster.
+
+    Attributes
+    ----------
+    rows, columns : slice
+        Of the raster.
+    maps : mapping of str to ndarray (rows, columns)
+        float32; NaN where there is no value.
+    """
+
+    rows: slice
+    columns: slice
+    maps: Mapping[str, np.ndarray]
+
+
+def reached_part(maps: Mapping[str, np.ndarray]) -> Part:
+    """The part of a raster with all cells in which a map is above 0, between multiples of :data:`STEP`; all where none is."""
+    reached = np.any([np.nan_to_num(values) > 0 for values in maps.values()], axis=0)
+    if not reached.any():
+        return Part(0, 0, *reached.shape)
+    row, rows = _steps(reached.any(axis=1))
+    column, columns = _steps(reached.any(axis=0))
+    return Part(row, column, rows, columns)
+
+
+def _steps(reached: np.ndarray) -> tuple[int, int]:
+    """First place and number of places along an axis, three at least."""
+    places = np.flatnonzero(reached)
+    first = min(int(places[0]), reached.size - NEVER_BELOW) // STEP * STEP
+    return first, min(-(-int(places[-1] + 1) // STEP) * STEP, reached.size) - first
+
+
+def cut_to_reached(
+    terrain: Terrain, maps: Mapping[str, np.ndarray]
+) -> "tuple[Terrain, dict[str, np.ndarray], dict[str, np.int32], xr.Dataset]":
+    """The part of a raster that a flow reached.
+
+    Returns
+    -------
+    terrain : Terrain
+        The part.
+    maps : dict of str to ndarray
+        Maps on the part.
+    attributes : dict of str to int
+        Attributes that tell the file's reader where the part lies.
+    raster : xarray.Dataset
+        Content of the group :data:`RASTER`: the place of the whole raster, and which cells have an elevation unless all have.
+    """
+    import xarray as xr
+
+    part = reached_part({name: terrain.where_known(values) for name, values in maps.items()})
+    attributes = dict(zip(_ATTRIBUTES, map(np.int32, (part.row, part.column, *terrain.shape)), strict=True))
+    raster = xr.Dataset(coords=grid_coordinates(terrain))
+    known = np.isfinite(terrain.elevation)
+    if not known.all():
+        netcdf.add_map(raster, "elevation_known", known)
+    return terrain.part(*part.slices), {name: values[part.slices] for name, values in maps.items()}, attributes, raster
+
+
+class MemberMaps:
+    """The open file of a member, for the block of a ``with`` statement; it holds the whole raster, or a part of it.
+
+    Parameters
+    ----------
+    path : path
+        File with the maps of :data:`MEMBER_MAPS`.
+
+    Attributes
+    ----------
+    attributes : dict
+        Global attributes of the file.
+    shape : tuple of int
+        Rows and columns of the raster.
+    part : Part
+        Rows and columns that the file holds.
+
+    Raises
+    ------
+    StorageError
+        From all methods, if the file cannot be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        import netCDF4
+
+        self.path = Path(path)
+        with netcdf.reading(path):
+            self.file = netCDF4.Dataset(path)
+            self.file.set_auto_maskandscale(False)
+            self.attributes: dict[str, Any] = self.file.__dict__
+            dimensions = self.file.dimensions
+        rows, columns = (len(dimensions[name]) if name in dimensions else 0 for name in netcdf.MAP_DIMS)
+        self.is_part = set(_ATTRIBUTES) <= set(self.attributes)
+        row, column, *shape = (int(self.attributes[name]) for name in _ATTRIBUTES) if self.is_part else (0, 0, rows, columns)
+        self.part, self.shape = Part(row, column, rows, columns), (shape[0], shape[1])
+
+    def __enter__(self) -> "MemberMaps":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        with netcdf.LOCK:
+            self.file.close()
+
+    def grid(self) -> "xr.Dataset":
+        """Place of the whole raster: ``x``, ``y``, ``crs`` and, where the file has them, ``longitude`` and ``latitude``."""
+        import xarray as xr
+
+        with netcdf.reading(self.path, "coordinates "):
+            store = xr.backends.NetCDF4DataStore(self.file.groups[RASTER] if self.is_part else self.file)
+            dataset = xr.open_dataset(store, decode_coords="all", decode_timedelta=False)
+            wanted = [name for name in _PLACE if name in dataset.variables]
+            return xr.Dataset(coords={name: dataset.variables[name].load() for name in wanted})
+
+    def known(self) -> np.ndarray | None:
+        """Cells of the whole raster that have an elevation, (rows, columns) of bool; None if the file names none that have not."""
+        with netcdf.reading(self.path, "cells with an elevation "):
+            raster = self.file.groups[RASTER] if self.is_part else None
+            return raster["elevation_known"][:] == 1 if raster and "elevation_known" in raster.variables else None
+
+    def require_grid(self, grid: "xr.Dataset", first: str) -> None:
+        """StorageError if the file lies on another raster than that of ``grid``, which is that of the file ``first``."""
+        with netcdf.reading(self.path, "coordinates "):
+            held = [self.file[name][:] for name in netcdf.MAP_DIMS]
+        expected = [grid[name].values for name in netcdf.MAP_DIMS]
+        if self.shape == tuple(axis.size for axis in expected) and all(
+            np.allclose(axis, whole[part], rtol=0.0, atol=_SHIFT * abs(whole[1] - whole[0]))
+            for axis, whole, part in zip(held, expected, self.part.slices, strict=True)
+        ):
+            return
+        raise StorageError(
+            f"{self.path}: its grid ({self.shape[0]} rows, {self.shape[1]} columns) is not that of {first}; "
+            "the elevation raster has changed in between, remove the file and run the ensemble again"
+        )
+
+    def blocks(self, cells: int) -> Iterator[Block]:
+        """What the file holds, each cell once, in blocks of at most ``cells`` cells or of one chunk of the file."""
+        wide = max(SMALLEST_BLOCK, cells // SMALLEST_BLOCK // SMALLEST_BLOCK * SMALLEST_BLOCK)
+        for row in range(0, self.part.rows, SMALLEST_BLOCK):
+            rows = slice(row, min(row + SMALLEST_BLOCK, self.part.rows))
+            for column in range(0, self.part.columns, wide):
+                columns = slice(column, min(column + wide, self.part.columns))
+                maps = {name: self._values(name, rows, columns) for name in MEMBER_MAPS}
+                yield Block(_moved(rows, self.part.row), _moved(columns, self.part.column), maps)
+
+    def layer(self, name: str, known: np.ndarray | None) -> np.ndarray:
+        """One map on the whole raster: no arrival and 0 beyond the part, NaN there on cells that are not ``known``."""
+        values = self._values(name, slice(None), slice(None))
+        if not self.is_part:
+            return values
+        whole = np.full(self.shape, np.nan if name == "arrival_time" else 0.0, np.float32)
+        if known is not None:
+            whole[~known] = np.nan
+        whole[self.part.slices] = values
+        return whole
+
+    def _values(self, name: str, rows: slice, columns: slice) -> np.ndarray:
+        """Values of a map in a rectangle of what the file holds; NaN where there is none."""
+        with netcdf.reading(self.path, f"{name} "):
+            values: np.ndarray = np.asarray(self.file[name][rows, columns], np.float32)
+        least = VARIABLES[name].valid_min
+        below = values < (-np.inf if least is None else least)  # fill values among them
+        if below.any():
+            values[below] = np.nan
+        return values
+
+
+def _moved(span: slice, by: int) -> slice:
+    return slice(span.start + by, span.stop + by)
+
+
+def read_maps(path: str | os.PathLike[str]) -> "xr.Dataset":
+    """Maps of a member on the whole raster.
+
+    Raises
+    ------
+    StorageError
+        If there is no such file, or it is not that of a member.
+    """
+    with MemberMaps(path) as member:
+        if not member.is_part:
+            return netcdf.read(path)
+        dataset, known = member.grid(), member.known()
+        for name in MEMBER_MAPS:
+            netcdf.add_map(dataset, name, member.layer(name, known))
+    return dataset
