@@ -244,4 +244,5 @@ def _write(site: "Site", member: Member, result: "Result", results: Path) -> Non
         "site": site.name,
     }
     with whole_file(member.file(results)) as temporary:
-        result.to_netcdf(temporary, attrs=attributes, reached_only=True)
+        partly = "reached_only" in signature(result.to_netcdf).parameters  # results of other solvers may hold whole rasters
+        result.to_netcdf(temporary, attrs=attributes, **({"reached_only": True} if partly else {}))

@@ -76,7 +76,7 @@ class FakeResult:
     def __init__(self, value, threads):
         self.value, self.threads, self.device = value, threads, "cpu"
 
-    def to_netcdf(self, path, attrs=None, *, reached_only=False):
+    def to_netcdf(self, path, attrs=None):
         import xarray as xr
 
         environment = {"numba_threads": os.environ.get("NUMBA_NUM_THREADS", "unset"), "pid": os.getpid()}
