@@ -31,7 +31,7 @@ class Result:
     resolution : Resolution
         Cells through the depth of the flow and numerical viscosity.
     start : mapping
-        Initial stress and basal friction, :meth:`runout.model.scene.Scene.start_attributes`.
+        Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`.
     """
 
     terrain: Terrain

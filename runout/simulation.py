@@ -218,6 +218,7 @@ def build_scene(
 
     ``accept`` is called before the particles are made; it raises an error if the scene is too large.
     """
+    from runout import stiffness
     from runout.initial_stress import InitialStress, pressed_by
     from runout.release.arrangement import default_particles
     from runout.release.known import onto_known_ground
@@ -228,20 +229,21 @@ def build_scene(
     releases = [release] if isinstance(release, Release) else list(release)
     if not releases:
         raise ReleaseError("no release is given; at least one is needed")
-    materials = [r.material or material for r in releases]
     checked("basal_friction_angle", basal_friction_angle, error=ConfigError)
     angles = [math.radians(basal_friction_angle) if r.basal_friction_angle is None else r.basal_friction_angle for r in releases]
     if not all(0 <= a <= math.radians(60) for a in angles):
         worst = max(angles, key=lambda a: abs(a - 0.5))
         raise ConfigError(f"basal_friction_angle is {math.degrees(worst):g} deg; it must lie between 0 and 60 deg")
-    for r, m in zip(releases, materials, strict=True):
-        m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     spacing = spacing_of(cell_size)
     if particles_per_cell is None:
         basal = math.radians(basal_friction_angle)
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
-    strength = basal_strength.strengths(materials, spacing[2])
+    given = [r.material or material for r in releases]
+    strength = basal_strength.strengths(given, spacing[2])
+    materials = stiffness.chosen_moduli(given, releases, angles, strength, friction_zones)
+    for r, m in zip(releases, materials, strict=True):
+        m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     dug = [r.excavation for r in releases]
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(angles, strength, friction_zones))
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
@@ -249,7 +251,7 @@ def build_scene(
         accept(expected_extent(releases, surface.surface, spacing, particles_per_axis(particles_per_cell)))
     raster, friction = Raster(*terrain.shape, terrain.cell_size), tuple(math.tan(a) for a in angles)
     scene = Scene(
-        spacing, surface, raster, tuple(materials), friction, cfl=cfl, precision=precision, transfer=transfer,
+        spacing, surface, raster, materials, friction, cfl=cfl, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
         unknown=open_edge.unknown_cells(terrain), strength=strength, initial_stress=InitialStress.of(initial_stress),
     )  # fmt: skip

@@ -4,11 +4,12 @@ from collections.abc import Iterable
 from dataclasses import MISSING
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator
+from annotated_types import Ge, Gt, Le
+from pydantic import AfterValidator, PlainSerializer, WrapValidator
 
 from runout.config.distributions import plausible_degrees, quantity
 from runout.model.limits import Range
-from runout.model.parameters import Parameter
+from runout.model.parameters import AUTO, Parameter
 
 _WORDS: Any = Literal
 
@@ -28,12 +29,20 @@ def _type(p: Parameter) -> Any:
         return _WORDS[tuple(word.value for word in p.choices)]  # plain text in the settings, as in the file
     if p.valid is None:
         return bool
+    if p.is_automatic:
+        low = Gt(p.valid.low) if p.valid.open_low else Ge(p.valid.low)
+        return Annotated[float, low, Le(p.valid.high), WrapValidator(_auto_or), PlainSerializer(lambda value: value)]
     return Annotated[float, AfterValidator(plausible_degrees)] if p.is_angle else float
+
+
+def _auto_or(value: Any, number: Any) -> Any:
+    """The word for a number that the run chooses, or the number that the other checks make of a value."""
+    return value if isinstance(value, str) and value == AUTO else number(value)
 
 
 def _field(p: Parameter) -> Any:
     default = ... if p.default is MISSING else p.default.value if p.choices else p.default
     words = f": {', '.join(p.choices)}" if p.choices else ""
-    bounds: Any = p.valid.bounds() if p.valid else {}
+    bounds: Any = p.valid.bounds() if p.valid and not p.is_automatic else {}  # those of _type hold for the number alone
     unit, hint = (p.valid.unit, p.valid.hint) if p.valid else ("", "")
     return quantity(p.description + words, default, unit=unit, hint=hint, **bounds)

@@ -12,6 +12,7 @@ from runout.config.material import known_law, parameters_model, sampled_ranges, 
 from runout.config.schema import RemoteFile, SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
+from runout.model.parameters import AUTO
 
 CHOSEN: dict[str, Any] = {  # models of the tags of tagged unions
     **{f"<{name}>": model for name, model in DISTRIBUTIONS.items()},
@@ -132,7 +133,8 @@ def _wrong_value(kind: str, context: Mapping[str, Any], value: Any, text: str, f
     """What is wrong with a value, and the remedy."""
     unit, hint = _extra(field, "unit"), _extra(field, "hint")
     if kind in WANTED:
-        return f"{shown(value)}; {WANTED[kind]} is needed", _number_fix(value, unit)
+        word = f" or {AUTO}" if field and field.default == AUTO else ""
+        return f"{shown(value)}; {WANTED[kind]}{word} is needed", _number_fix(value, unit)
     if kind == "literal_error" and field:
         return f"{value!r} is not known", choice_fix(value, _choices(field.annotation))
     if any(bound in context for bound in BOUNDS):

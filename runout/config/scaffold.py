@@ -97,7 +97,7 @@ def _first_settings(folder: Path, dem: Path | str, release: Path, thickness: str
         "title": name,
         "terrain": {"dem": str(dem) if is_sample else f"inputs/{_input_name(Path(dem), 'dem')}"},
         "release": [_first_release(release, thickness)],
-        "material": {"density": 2000.0, "youngs_modulus": 5e7, "friction_angle_deg": 32.0},
+        "material": {"density": 2000.0, "friction_angle_deg": 32.0},
         "basal_friction_angle_deg": 20.0,
         "simulation": {"cell_size": cell, "end_time": 120.0},
         "ensemble": {"members": 8, "seed": 1, "parameters": {"basal_friction_angle_deg": angle}},

@@ -21,6 +21,7 @@ from runout.io.vector import write_outlines
 from runout.model.depth_resolution import worst
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.stiffness import RECORDED, extremes
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
 
@@ -78,8 +79,8 @@ def write_products(
     releases = site.releases(terrain)
     origin = _origin(site, ensemble, terrain, releases)
     attributes = _attributes(site, ensemble, origin)
-    hazard, resolution = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
-    origin |= {"resolution": resolution} if resolution else {}
+    hazard, of_members = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
+    origin |= {name: values for name, values in of_members.items() if values}
     outdated = _earlier_products(results)
     paths = [
         netcdf.write(hazard, results / "hazard.nc"),
@@ -95,21 +96,23 @@ def write_products(
 
 def _write_members(
     site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequence[Release], attrs: Mapping[str, Any], path: Path
-) -> "tuple[xr.Dataset, dict[str, float]]":
-    """The content of ``hazard.nc`` and the worst resolution of a member, after writing ``members.nc``.
+) -> "tuple[xr.Dataset, dict[str, Any]]":
+    """The content of ``hazard.nc``, and worst resolution and extremes of stiffness of the members, after writing ``members.nc``.
 
     The file of each member is opened once.
     """
     resolution: dict[str, float] = {}
+    stiffness: list[dict[str, Any]] = []
     title = f"{_title(site)}: members of the ensemble"
     with members_file(ensemble, path, terrain, netcdf.global_attributes(terrain, title) | dict(attrs)) as copy:
 
         def each(number: int, member: MemberMaps) -> None:
             resolution.update(worst([resolution, member.attributes]))
+            stiffness.append({name: member.attributes[name] for name in RECORDED if name in member.attributes})
             copy(number, member)
 
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
-    return hazard, resolution
+    return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}
 
 
 def hazard_dataset(

@@ -9,10 +9,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 from runout.errors import MaterialError
 from runout.model.limits import Range, checked_within
+
+AUTO: Literal["auto"] = "auto"  # in the place of a number that the run chooses
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Parameter:
     choices : type of StrEnum or None
         Values of a choice; None for a number or a switch.
     default : object
-        Default value; ``dataclasses.MISSING`` for a required parameter.
+        Default value; ``dataclasses.MISSING`` for a required parameter, :data:`AUTO` for a number that the run chooses.
     typical : object
         Value for examples and tests; the default if there is one.
     sampled : bool
@@ -55,6 +57,11 @@ class Parameter:
         """Whether the parameter is an angle in degrees."""
         return self.valid is not None and self.valid.degrees
 
+    @property
+    def is_automatic(self) -> bool:
+        """Whether :data:`AUTO` may stand in the place of the number."""
+        return isinstance(self.default, str) and self.default == AUTO and self.valid is not None
+
     def si(self, value: Any) -> float:
         """The value as a number in SI units and radians; choices have no such value."""
         return math.radians(value) if self.is_angle else float(value)
@@ -67,6 +74,8 @@ class Parameter:
         MaterialError
             If it is not valid; states name, value, and range or choices.
         """
+        if self.is_automatic and isinstance(value, str) and value == AUTO:
+            return AUTO
         if self.valid:
             checked_within(self.valid, self.name, value, error=MaterialError)
             return value
@@ -103,10 +112,10 @@ def parameter(
         Valid range, both ends included unless ``open_low``.
     unit : str
         SI, or ``deg``; empty for a pure number.
-    default : float, optional
-        Default value; a parameter without one is required.
+    default : float or "auto", optional
+        Default value; a parameter without one is required. With :data:`AUTO` the run chooses the number.
     typical : float, optional
-        Value for examples and tests; required if there is no default.
+        Value for examples and tests; required if the default is no number.
     open_low : bool
         ``low`` itself is not valid.
     degrees : bool
@@ -147,8 +156,10 @@ def numpydoc(law: type) -> str:
 
 
 def _documented(p: Parameter) -> Iterator[str]:
-    kind = "float" if p.valid else p.choices.__name__ if p.choices else "bool"
-    known = "" if p.default is MISSING else f", default {p.default:g}" if p.valid else f", default {p.default}"
+    number = "float or 'auto'" if p.is_automatic else "float"
+    kind = number if p.valid else p.choices.__name__ if p.choices else "bool"
+    plain = p.valid is None or p.is_automatic
+    known = "" if p.default is MISSING else f", default {p.default}" if plain else f", default {p.default:g}"
     unit = f" [{p.valid.unit or '1'}], {p.valid.words()}" if p.valid else ""
     yield f"    {p.name} : {kind}{known}"
     yield f"        {p.description[0].upper()}{p.description[1:]}{unit}."

@@ -181,11 +181,17 @@ class Scene:
         return tuple(map(geostatic.acting_friction, self.friction, self.strengths))
 
     def start_attributes(self) -> dict[str, Any]:
-        """Initial stress, and friction coefficients [1] by release, stated and acting outside all zones, for the record."""
+        """What a run starts with, for the record.
+
+        Initial stress; by release friction coefficients [1], stated and acting outside all zones, Young's modulus [Pa], stated or
+        chosen, and speed of pressure waves [m/s].
+        """
         return {
             "initial_stress": str(self.initial_stress),
             "basal_friction": [float(f) for f in self.friction],
             "acting_basal_friction": [float(f) for f in self.acting_friction],
+            "youngs_modulus": [m.modulus for m in self.materials],
+            "wave_speed": [m.wave_speed for m in self.materials],
         }
 
     def friction_at(self, release: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

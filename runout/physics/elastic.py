@@ -43,6 +43,11 @@ def wave_speed(lam: Any, mu: Any, density: Any):
     return math.sqrt((lam + real(2.0) * mu) / density)
 
 
+def youngs_modulus(c: Any, density: Any, nu: Any):
+    """Young's modulus [Pa] with which pressure waves have the speed ``c`` [m/s]: inverse of :func:`wave_speed`."""
+    return density * c * c * (real(1.0) + nu) * (real(1.0) - real(2.0) * nu) / (real(1.0) - nu)
+
+
 def trial_strain(B: Any, L: Any):
     """B after a step with velocity gradient times dt ``L``: B + G + G^T + G L^T with G = L (I + B).
 

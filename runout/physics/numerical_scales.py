@@ -1,5 +1,6 @@
 """What the grid cannot resolve: the viscosity of the transfers, and how long a shear through the depth of a flow survives it."""
 
+import math
 from typing import Any
 
 from runout.physics.tensors import real
@@ -13,6 +14,15 @@ def numerical_viscosity(h: Any, wave_length: Any, dt: Any, keeps: Any):
     """
     ratio = h / wave_length
     return real(0.95) * (real(1.0) - keeps) * ratio * ratio * h * h / dt
+
+
+def artificial_wave_speed(k: Any, v: Any, g: Any, H: Any, strain: Any):
+    """Speed of pressure waves [m/s] of a flow whose stiffness is chosen: c = max(k v, sqrt(g H/strain)).
+
+    ``k`` times the speed ``v`` [m/s] of the flow, or as many as keep the strain of a column of height ``H`` [m] under its weight.
+    Stiffer material takes more steps, and each step damps; measured on six problems (docs/decisions, accuracy and time step).
+    """
+    return max(k * v, math.sqrt(g * H / strain))
 
 
 def decay_time(viscosity: Any, wave_length: Any):

@@ -1,7 +1,7 @@
 """Particles of releases: seeded, terrain-following, with the exact volume and mass."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
@@ -90,7 +90,7 @@ def _local_outline(release: Release) -> Any:
 
 def sample_particles(
     releases: list[Release],
-    materials: list[Material],
+    materials: Sequence[Material],
     surface: Surface | NodalSurface,
     spacing: tuple[float, float, float],
     particles_per_cell: int | tuple[int, int, int] = 8,

@@ -12,6 +12,7 @@ from runout.report.members import FIGURES
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
+from runout.stiffness import sentence_of
 from runout.variables import PRINTED, VARIABLES
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 BOOKKEEPING = ("weight", "seed", "status", "failure_reason")
 # entries of run.json that the report prints in another place
-ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes", "metadata", "resolution")
+ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes", "metadata", "resolution", "stiffness")
 ABBREVIATIONS = {
     "crs": "CRS",
     "dem": "DEM",
@@ -300,6 +301,7 @@ def provenance(run: dict[str, Any]) -> dict[str, Any]:
     inputs = [entry for entry in run.get("inputs", []) if isinstance(entry, dict)]
     rest = {k: v for k, v in run.items() if k not in ELSEWHERE}
     rest |= {"members": run["ensemble"]["statement"]} if "ensemble" in run else {}
+    rest |= {"stiffness of the members": sentence_of(run["stiffness"])} if run.get("stiffness") else {}
     rest |= {k: ", ".join(f"{n} {_value('', e)}" for n, e in v.items()) for k, v in rest.items() if isinstance(v, dict)}
     return {"inputs": inputs, "lines": _lines(rest), "changes": run.get("changes", [])}
 

@@ -7,28 +7,47 @@ import numpy as np
 
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY
-from runout.terrain.fill import filled
-from runout.terrain.prepare import reachable
+from runout.terrain.prepare import below_energy_line
 
 
-def largest_speed(releases: Sequence[Release], angle: float) -> float:
-    """Estimate of the largest speed [m/s] of masses against friction of ``angle`` [rad].
+def largest_speed(releases: Sequence[Release], angles: Sequence[float]) -> float:
+    """Estimate of the largest speed [m/s] of masses, each against friction of its angle [rad].
 
     v^2 = 2 g (line - ground) below the energy line (Heim 1932) from the centre of each mass, with distances in plan from
-    there, on the cells that the masses can reach. On two sites flows reached 0.61 to 0.95 of it (docs/theory).
+    there, on the cells that the masses can reach. On nine flows the fastest particle had 0.91 to 1.09 of it (docs/theory).
 
     Parameters
     ----------
     releases : sequence of Release
         On one terrain.
-    angle : float
-        Friction angle [rad] that acts at the base.
+    angles : sequence of float
+        Smallest friction angle [rad] that acts at the base of each.
     """
     terrain = releases[0].terrain
-    reach = reachable(terrain, np.sum([r.thickness for r in releases], axis=0), angle)
-    ground = filled(terrain.elevation, terrain.cell_size) - np.sum([r.excavation for r in releases], axis=0)
-    fall = max(_fall(ground, r, reach, math.tan(angle)) for r in releases)
+    known = np.isfinite(terrain.elevation)  # all cells under the masses: a run refuses others
+    ground = np.where(known, terrain.elevation, 0.0) - np.sum([r.excavation for r in releases], axis=0)
+    mass = np.sum([r.thickness for r in releases], axis=0)
+    reach = _reach(np.where(known, ground, np.inf), mass, terrain.cell_size, min(angles)) & known
+    fall = max(_fall(ground, r, reach, math.tan(angle)) for r, angle in zip(releases, angles, strict=True))
     return math.sqrt(2.0 * STANDARD_GRAVITY * fall)
+
+
+def _reach(ground: np.ndarray, thickness: np.ndarray, cell_size: tuple[float, float], angle: float) -> np.ndarray:
+    """Cells that masses can reach by the energy line from their highest point, as :func:`runout.terrain.prepare.reachable`.
+
+    Distances count from the box of the masses, which is simpler than from their outline, and reaches no less.
+    """
+    (dx, dy), mass = cell_size, thickness > 0
+    north, east = _aside(thickness.sum(axis=1), dy), _aside(thickness.sum(axis=0), dx)
+    heights = (ground + thickness)[mass]
+    top = float(heights[np.isfinite(heights)].max(initial=-np.inf))
+    return below_energy_line(ground, mass, np.hypot(north[:, None], east), top, angle, cell_size)
+
+
+def _aside(thickness: np.ndarray, size: float) -> np.ndarray:
+    """Distance [m] of rows or columns of ``size`` [m] from those with some thickness."""
+    cells, inside = np.arange(len(thickness)), np.flatnonzero(thickness)
+    return size * np.maximum(np.maximum(inside[0] - cells, cells - inside[-1]), 0)
 
 
 def _fall(ground: np.ndarray, release: Release, reach: np.ndarray, friction: float) -> float:

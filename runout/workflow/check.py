@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import ConfigError, InputError, MaterialError, RunoutError
-from runout.workflow import check_physics
+from runout.workflow import check_physics, check_stiffness
 
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.model.depth_resolution import DepthResolution
     from runout.model.friction import FrictionZones
+    from runout.model.materials import Material
     from runout.model.release import Release
     from runout.model.terrain import Terrain
+    from runout.stiffness import Stiffness
 
-LARGEST_STRAIN = 0.01  # elastic strain under the weight of the release
 MOST_TRAPPED = 0.05  # largest share of a release trapped in its scar without a warning
 
 
@@ -34,6 +35,7 @@ class Findings:
     terrain: "Terrain | None" = None
     releases: "list[Release]" = field(default_factory=list)
     zones: "FrictionZones | None" = None
+    stiffness: "list[Stiffness]" = field(default_factory=list)  # of the site as stated, then of each member
 
     def note(self, error: RunoutError) -> None:
         """Add an error, or each of the problems that it lists."""
@@ -67,9 +69,9 @@ def inspect(checked: "Path | Site") -> Findings:
     _read_zones(found, readable, found.terrain)
     _inspect_overlaps(found, found.terrain)
     if found.site is not None:
-        _inspect_resolution(found, found.site)
         _inspect_obstacles(found, found.site, found.terrain)
         try:
+            _inspect_resolution(found, found.site)
             _inspect_reach(found, found.site, found.terrain)
             found.warnings += check_physics.warnings(found.site, found.releases, found.zones)
         except MaterialError as error:  # of a member
@@ -134,10 +136,11 @@ def _inspect_resolution(found: Findings, site: "Site") -> None:
         return
     grid = site.grid(found.releases)
     spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3)
-    for release in found.releases:
+    found.stiffness = check_stiffness.site_stiffness(site, found.releases, found.zones)
+    found.warnings += check_stiffness.warnings(found.stiffness)
+    for release, material in zip(found.releases, found.stiffness[0].materials, strict=True):
         found.problems += _too_coarse(release, spacing)
-        found.warnings += _too_thin(release, depth_resolution(release, site, grid))
-        found.warnings += _too_soft(release, site)
+        found.warnings += _too_thin(release, depth_resolution(release, material, site, grid))
         found.warnings += _trapped(release, site)
 
 
@@ -165,14 +168,14 @@ def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
         yield f"release {release.name}: {area}; set simulation.cell_size to {finer:.2g} or less"
 
 
-def depth_resolution(release: "Release", site: "Site", grid: "dict[str, Any]") -> "DepthResolution":
-    """Depth resolution of a release at its greatest thickness, with the time step of the material at rest."""
+def depth_resolution(release: "Release", material: "Material", site: "Site", grid: "dict[str, Any]") -> "DepthResolution":
+    """Depth resolution of a release at its greatest thickness, with the time step of its material at rest."""
     from runout.model.depth_resolution import DepthResolution
     from runout.model.scene import Raster, Scene
 
     stated, (rows, columns) = site.settings.simulation, release.thickness.shape
     spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3).tolist()
-    raster, material = Raster(rows, columns, release.terrain.cell_size), release.material or site.material()
+    raster = Raster(rows, columns, release.terrain.cell_size)
     scene = Scene(
         tuple(spacing), None, raster, (material,), (0.0,), cfl=grid["cfl"], transfer=stated.transfer, flip_ratio=stated.flip_ratio
     )
@@ -188,17 +191,6 @@ def _too_thin(release: "Release", found: "DepthResolution") -> Iterator[str]:
             f"release {release.name}: {found.cells_through_depth:.1f} cells through its greatest thickness of {found.depth:.3g} m; "
             f"below {FEWEST_CELLS} numerical viscosity slows the flow ({found.numerical_viscosity:.2g} m2/s stop shear through the "
             f"depth in {found.shear_decay_time:.2g} s), cell_size <= {finer:.2g} m in the vertical avoids it"
-        )
-
-
-def _too_soft(release: "Release", site: "Site") -> Iterator[str]:
-    material = release.material or site.material()
-    strain = material.density * 9.81 * release.thickness.max() / material.youngs_modulus
-    if strain > LARGEST_STRAIN:
-        stiff = material.youngs_modulus * strain / LARGEST_STRAIN
-        yield (
-            f"release {release.name}: its weight strains it by {100 * strain:.1f} %; above 1 % the stiffness affects the run-out; "
-            f"youngs_modulus >= {stiff:.2g} Pa avoids it"
         )
 
 

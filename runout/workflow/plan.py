@@ -105,7 +105,7 @@ def forecast(
     members, largest, together = _planned(site, left, workers)
     memory: list[float] = []  # one number, known before the particles are made
     particles, steps, seconds = _calibrated(site, largest, progress, lambda needed: memory.append(_fitting(site, needed, together)))
-    work = seconds * sum(_relative_work(member.parameters, largest.parameters) for member in members)
+    work = seconds * float(_relative_work(site, members, largest).sum())
     disk = 2.0 * len(members) * MEMBER_MAPS * 4 * site.terrain().elevation.size  # members/*.nc and members.nc, before compression
     disk += together * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]
     total = work if together == 1 else START_SECONDS + CROWDING * max(work / together, seconds)
@@ -176,13 +176,17 @@ def _largest(members: "Sequence[Member]") -> "Member":
     return sorted(among, key=lambda m: m.parameters.get("basal_friction_angle_deg", 0.0))[len(among) // 2]
 
 
-def _relative_work(parameters: Mapping[str, float], reference: Mapping[str, float]) -> float:
-    """Particle-steps of a member relative to those of the reference: ratio of volume times wave speed."""
+def _relative_work(site: "Site", members: "Sequence[Member]", reference: "Member") -> np.ndarray:
+    """Particle-steps (members,) relative to those of the reference: ratio of volume times wave speed."""
+    from runout.workflow.check_stiffness import VOLUME, member_stiffness
 
-    def ratio(name: str) -> float:
-        return parameters[name] / reference[name] if name in parameters else 1.0
-
-    return ratio("release_volume_factor") * math.sqrt(ratio("youngs_modulus") / ratio("density"))
+    if len(members) == 1 and members[0] == reference:
+        return np.ones(1)
+    data, samples = site.data(), [member.parameters for member in (*members, reference)]
+    waves = np.array([s.wave_speed for s in member_stiffness(site, data.releases, data.friction_zones, samples)])
+    volumes = np.array([sample.get(VOLUME, 1.0) for sample in samples])
+    work: np.ndarray = volumes * waves
+    return work[:-1] / work[-1]
 
 
 def _calibrated(

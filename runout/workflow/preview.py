@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from runout.config.site import Site, SiteData
+    from runout.workflow.check import Findings
 
 
 def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
@@ -42,13 +43,14 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     from runout.config.site import SiteData
 
     data = SiteData(found.releases[0].terrain, tuple(found.releases), found.zones)
-    return _print_plan(console, found.site, data, out, device)
+    return _print_plan(console, found, found.site, data, out, device)
 
 
-def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | None, device: str | None) -> int:
+def _print_plan(console: "Console", found: "Findings", site: "Site", data: "SiteData", out: Path | None, device: str | None) -> int:
     from rich.text import Text
 
     from runout.accuracy import lines
+    from runout.workflow import check_stiffness
     from runout.workflow.check import depth_resolution
     from runout.workflow.plan import forecast
     from runout.workflow.status import print_stages
@@ -56,12 +58,14 @@ def _print_plan(console: "Console", site: "Site", data: "SiteData", out: Path | 
 
     study = Study.of(site if device is None else site.on_device(device), out)
     grid = site.member_arguments(data=data)
-    for release in data.releases:
+    for release, material in zip(data.releases, found.stiffness[0].materials, strict=True):
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}"
         edge = f", {release.edge} edge" if release.outline is not None else ""
         console.print(f"release {release.name}: {volume}{edge}, up to {release.thickness.max():.3g} m thick", markup=False)
-        console.print(f"release {release.name}: {depth_resolution(release, study.site, grid).statement()}", markup=False)
+        console.print(f"release {release.name}: {depth_resolution(release, material, study.site, grid).statement()}", markup=False)
     for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):
+        console.print(line, markup=False)
+    for line in check_stiffness.lines(site.material(), found.stiffness):
         console.print(line, markup=False)
     print_stages(console, study)
     try:

@@ -65,14 +65,23 @@ def test_jacksboro_release_is_what_its_script_draws():
 
 
 @pytest.mark.parametrize("name", ["jacksboro", "frank_slide", "cascades_2021"])
-def test_stiffness_of_a_site_is_in_proportion_to_its_mass(name, request):
+def test_stiffness_of_a_site_is_chosen_by_its_flow_and_its_mass(name, request):
+    """Waves at least four times as fast as the energy line, strain at most 2 %, and one of the two no more than that."""
+    from runout.workflow.check_stiffness import member_stiffness
+
     if name != "jacksboro":
         monkeypatch = request.getfixturevalue("monkeypatch")
         monkeypatch.setenv("RUNOUT_DATA", str(request.getfixturevalue("data_folder")))
     site = read_site(SITES / name)
-    material = site.material()
-    thickest = max(release.thickness.max() for release in site.releases(site.terrain()))
-    assert material.density * GRAVITY * thickest / material.youngs_modulus < 0.01
+    assert site.settings.material.youngs_modulus == "auto"
+    slow, fast = member_stiffness(
+        site, site.releases(site.terrain()), None, [{"basal_friction_angle_deg": 19.0}, {"basal_friction_angle_deg": 10.0}]
+    )
+    for found in (slow, fast):
+        assert found.wave_ratio > 3.99
+        assert found.weight_strain < 0.0201
+        assert found.wave_ratio < 4.05 or found.weight_strain > 0.0195
+    assert fast.wave_speed >= slow.wave_speed
 
 
 def test_frank_slide_raster_is_the_sliding_surface(data_folder, monkeypatch):

@@ -33,15 +33,15 @@ def test_speed_is_that_of_the_fall_below_the_energy_line_at_the_foot_of_a_plane(
     """The centre lies in column 10, half a row off the cells beside it; the foot in column 39."""
     along = (39 - 10) * CELL[0]
     line = centre + FALL * along - FRICTION * math.hypot(along, CELL[1] / 2)
-    speed = largest_speed([pile(plane, placement)], math.atan(FRICTION))
+    speed = largest_speed([pile(plane, placement)], [math.atan(FRICTION)])
     assert speed == pytest.approx(math.sqrt(2 * 9.80665 * line), rel=1e-3)
 
 
 def test_speed_of_several_masses_is_that_of_the_fastest_and_none_moves_on_level_ground(plane):
     high, low = pile(plane, Placement.ON_SURFACE), pile(plane, Placement.ON_SURFACE, columns=slice(30, 33))
-    together, alone = largest_speed([low, high], math.atan(FRICTION)), largest_speed([high], math.atan(FRICTION))
+    together, alone = largest_speed([low, high], [math.atan(FRICTION)] * 2), largest_speed([high], [math.atan(FRICTION)])
     assert together == pytest.approx(alone, rel=1e-9)
-    assert largest_speed([low], math.atan(FRICTION)) < 0.7 * alone
+    assert largest_speed([low], [math.atan(FRICTION)]) < 0.7 * alone
 
 
 def test_free_surface_of_an_excavated_mass_is_the_ground(plane):

@@ -111,7 +111,7 @@ def test_thin_and_soft_releases_are_warned_of(tmp_path):
     found = inspect(write_site(tmp_path / "ramp"))
     (thin,) = [warning for warning in found.warnings if "0.8 cells through its greatest thickness of 8 m" in warning]
     assert "m2/s stop shear through the depth in 0.4" in thin
-    assert any("strains it by 7.8 %" in warning for warning in found.warnings)
+    assert any("the weight of 8 m strains the release by 5.8 %" in warning for warning in found.warnings)
 
 
 def test_a_run_over_its_budget_is_refused_with_both_numbers(tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""`runout check` on the physics: which friction acts at the base, and whether waves outrun the flow."""
+"""`runout check` on the physics: which friction acts at the base, and how fast a mass may become."""
 
 import json
 import math
@@ -61,16 +61,9 @@ def test_the_energy_line_gives_the_speed_of_a_point_mass():
     thickness = np.zeros(terrain.shape)
     thickness[12, 0] = 0.01
     drop = (245.0 - 0.5 * 10.0) * (math.tan(math.radians(30)) - math.tan(math.radians(20)))  # centres of cells, 5 to 245 m east
-    found = largest_speed([runout.Release(thickness, terrain)], math.radians(20.0))
+    found = largest_speed([runout.Release(thickness, terrain)], [math.radians(20.0)])
     assert found == pytest.approx(math.sqrt(2 * 9.81 * drop), rel=0.01)
-    assert largest_speed([runout.Release(thickness, terrain)], math.radians(40.0)) < 0.1 * found
-
-
-def test_waves_that_are_less_than_ten_times_as_fast_as_the_flow_are_a_warning(tmp_path):
-    (said,) = warned(tmp_path / "soft", SITE, "pressure waves of 36.7 m/s")
-    stiffer = float(said.split("youngs_modulus >= ")[1].split(" Pa")[0])
-    assert warned(tmp_path / "stiff", SITE.replace("2.0e+6", f"{1.05 * stiffer:.3e}"), "pressure waves") == []
-    assert len(warned(tmp_path / "less", SITE.replace("2.0e+6", f"{0.9 * stiffer:.3e}"), "pressure waves")) == 1
+    assert largest_speed([runout.Release(thickness, terrain)], [math.radians(40.0)]) < 0.1 * found
 
 
 def test_run_json_and_members_record_the_start_and_the_friction_that_acts(finished_site):

@@ -30,7 +30,7 @@ def waves(cells: int, v: Variation) -> Outcome:
     p.affine[:, 0, 0] = solution.velocity_gradient(X, 0)[:, 0]
     pushed = replace(v, backend="reference", scene={**v.scene, "precision": "float64"})  # the one that takes a body force
     march = March(free_scene(h, material), p, pushed, (2 * cells, 1, 1))
-    speed = AMPLITUDE * np.pi * np.sqrt(material.youngs_modulus / material.density)
+    speed = AMPLITUDE * np.pi * np.sqrt(material.modulus / material.density)
     steps, dt = equal_steps(0.02, march.scene.stable_step(float(speed)))
     errors = []
     for _ in range(steps):
@@ -46,7 +46,7 @@ def column(cells: int, v: Variation) -> Outcome:
     h, n = LENGTH / cells, v.per_axis
     floor = (10 + OFFSET) * h
     Y = (np.arange(n * cells) + 0.5) * h / n
-    stretch, exact, height = standing_column(Y, LENGTH, WEIGHT, MATERIAL.youngs_modulus)
+    stretch, exact, height = standing_column(Y, LENGTH, WEIGHT, MATERIAL.modulus)
     side = np.full_like(Y, (np.floor(LENGTH / h) + 0.5) * h)
     p = filled(np.column_stack([side, side, floor + height]), h, MATERIAL.density, h**3 / n)
     p.strain[:, 2] = stretch**2 - 1
@@ -59,7 +59,7 @@ def column(cells: int, v: Variation) -> Outcome:
         march.step(dt)
         q = march.engine.particles()
         now = np.sqrt(1 + q.strain[:, 2].astype(float))
-        errors.append(np.abs(MATERIAL.youngs_modulus * np.log(now) / now - exact).mean() / (WEIGHT * LENGTH))
+        errors.append(np.abs(MATERIAL.modulus * np.log(now) / now - exact).mean() / (WEIGHT * LENGTH))
         tops.append(q.position(np.full(3, h))[-1, 2] - floor)
     return march.outcome(float(np.mean(errors)), float(np.mean(tops)))
 

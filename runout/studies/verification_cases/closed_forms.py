@@ -80,7 +80,7 @@ class AxisAlignedWave:
     amplitude: tuple[float, float, float]
 
     def _phases(self, X: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
-        c = np.sqrt(self.material.youngs_modulus / self.material.density)
+        c = np.sqrt(self.material.modulus / self.material.density)
         phase = np.pi * (np.array([0.0, 2 / 3, 4 / 3]) + c * t)
         A = np.array(self.amplitude)
         return A * np.sin(np.pi * X), A * np.cos(np.pi * X), np.sin(phase), np.pi * c * np.cos(phase)
@@ -109,7 +109,7 @@ class AxisAlignedWave:
         """b (n, 3) [m/s2] that the motion needs: acceleration less the divergence of P_i = tau_i/F_i over rho."""
         m, F, u = self.material, self.stretch(X, t), self.displacement(X, t)
         tau = m.lame_lambda * np.log(F.prod(axis=1))[:, None] + 2 * m.shear_modulus * np.log(F)
-        inertia = -m.youngs_modulus / m.density
+        inertia = -m.modulus / m.density
         return np.pi**2 * u * (inertia + (m.lame_lambda + 2 * m.shear_modulus - tau) / (m.density * F**2))
 
 
@@ -131,7 +131,7 @@ class Vortex:
         s = np.where(np.abs(R - 1) < 0.25, R - 1, 0.25)
         h, dh = (1 - 16 * s**2) ** 2, -64 * s * (1 - 16 * s**2)
         ddh = np.where(np.abs(R - 1) < 0.25, 3072 * s**2 - 64, 0.0)
-        rate = np.pi * np.sqrt(self.material.youngs_modulus / self.material.density)
+        rate = np.pi * np.sqrt(self.material.modulus / self.material.density)
         swing = self.amplitude * np.array([np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)])
         return R, h, dh, ddh, swing
 

@@ -23,7 +23,7 @@ def standing(cells: int, offset: float) -> dict[str, float]:
     """
     h, floor = LENGTH / cells, (10 + offset) * LENGTH / cells
     Y = (np.arange(2 * cells) + 0.5) * h / 2
-    stretch, exact, height = standing_column(Y, LENGTH, WEIGHT, MATERIAL.youngs_modulus)
+    stretch, exact, height = standing_column(Y, LENGTH, WEIGHT, MATERIAL.modulus)
     side = np.full_like(Y, (np.floor(LENGTH / h) + 0.5) * h)
     p = filled(np.column_stack([side, side, floor + height]), h, MATERIAL.density, h**3 / 2)
     p.strain[:, 2] = stretch**2 - 1
@@ -36,7 +36,7 @@ def standing(cells: int, offset: float) -> dict[str, float]:
         engine.step(dt)
         q = engine.particles()
         now = np.sqrt(1 + q.strain[:, 2])
-        stress = MATERIAL.youngs_modulus * np.log(now) / now
+        stress = MATERIAL.modulus * np.log(now) / now
         errors.append(np.abs(stress - exact) / (WEIGHT * LENGTH))
         base.append(stress[0] / exact[0])
     z = q.position(np.full(3, h))[:, 2] - floor

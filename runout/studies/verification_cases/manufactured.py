@@ -42,7 +42,7 @@ def wave_error(cells: int, amplitude: float, axes: int = 1, per_cell: int = 2, s
     waves = AxisAlignedWave(STIFF, tuple(amplitude if k < axes else 0.0 for k in range(3)))  # type: ignore[arg-type]
     h, sides = 1 / cells, [np.arange(2 * cells * per_cell) + 0.5 if k < axes else np.array([per_cell / 2]) for k in range(3)]
     X = np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 3) * h / per_cell
-    top_speed = amplitude * np.pi * np.sqrt(STIFF.youngs_modulus / STIFF.density)
+    top_speed = amplitude * np.pi * np.sqrt(STIFF.modulus / STIFF.density)
     steps, dt = equal_steps(0.02, 0.4 * h / (STIFF.wave_speed + top_speed))
     early = -dt / 2 if staggered else 0.0
     p = filled(BASE + X + waves.displacement(X, 0), h, STIFF.density, h**3 / per_cell**axes)

@@ -109,7 +109,7 @@ def measure(full: bool) -> list[Result]:
 CASE = Case(
     "float32",
     "single precision",
-    f"The same steps in float32 and float64: bodies of U4, U5 and T1 ({BOX.youngs_modulus:g} Pa), and the sand layer of the "
+    f"The same steps in float32 and float64: bodies of U4, U5 and T1 ({BOX.modulus:g} Pa), and the sand layer of the "
     "benchmark (4000 particles, four cells deep). Differences are relative; free fall is held against its closed form",
     measure,
 )

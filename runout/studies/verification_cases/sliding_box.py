@@ -136,7 +136,7 @@ def prestressed(
     stress = np.zeros((len(p), 3, 3))
     stress[:, 2, 2] = -material.density * GRAVITY * np.cos(slope) * depth
     stress[:, 0, 2] = stress[:, 2, 0] = material.density * (GRAVITY * np.sin(slope) - acceleration) * depth
-    E, nu = material.youngs_modulus, material.poisson_ratio
+    E, nu = material.modulus, material.poisson_ratio
     strain = ((1 + nu) * stress - nu * np.trace(stress, axis1=1, axis2=2)[:, None, None] * np.eye(3)) / E
     strain = np.einsum("ai,pab,bj->pij", frame, strain, frame)
     for k, h in enumerate(strain):
@@ -186,7 +186,7 @@ def bounds(plane: Plane) -> list[Result]:
 def near_the_friction_angle(full: bool) -> list[Result]:
     """One degree above the friction angle: a rigid block without coupling (nu = 0), and nearer to one the stiffer the box is."""
     error = {
-        (nu, factor): summary(Plane(16.0, 37.0, body=replace(BOX, poisson_ratio=nu, youngs_modulus=factor * BOX.youngs_modulus)))
+        (nu, factor): summary(Plane(16.0, 37.0, body=replace(BOX, poisson_ratio=nu, youngs_modulus=factor * BOX.modulus)))
         for nu, factor in ((0.0, 1), (0.3, 1), (0.3, 10), *(((0.3, 100),) if full else ()))
     }
     found = {key: float(one["relative_displacement_error"] or 0.0) for key, one in error.items()}

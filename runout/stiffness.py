@@ -1,0 +1,107 @@
+"""Stiffness of a run whose Young's modulus is auto: that of pressure waves a few times as fast as its flow, and no stiffer."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from runout.model.basal_strength import least_angle
+from runout.model.friction import FrictionZones
+from runout.model.materials import Material
+from runout.model.release import Release
+from runout.model.scene import STANDARD_GRAVITY
+
+RECORDED = ("youngs_modulus", "wave_speed")  # by release, among the attributes of a run
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Stiffness of the materials of a run, and what it is measured by.
+
+    Attributes
+    ----------
+    materials : tuple of Material
+        One per release, each with a number as Young's modulus.
+    flow_speed : float
+        Largest speed that the flow may reach [m/s], by the energy line; 0 where every modulus was stated.
+    thickness : float
+        Largest thickness of the releases [m].
+    """
+
+    materials: tuple[Material, ...]
+    flow_speed: float
+    thickness: float
+
+    @property
+    def wave_speed(self) -> float:
+        """Speed of pressure waves in the softest material [m/s]."""
+        return min(m.wave_speed for m in self.materials)
+
+    @property
+    def wave_ratio(self) -> float:
+        """:attr:`wave_speed` over that of the flow [1]; infinite for a mass that does not move."""
+        return self.wave_speed / self.flow_speed if self.flow_speed > 0 else float("inf")
+
+    @property
+    def weight_strain(self) -> float:
+        """Largest elastic strain of the releases under their own weight [1]."""
+        return max(m.weight_strain_of(self.thickness, STANDARD_GRAVITY) for m in self.materials)
+
+
+def stiffness(
+    materials: Sequence[Material],
+    releases: Sequence[Release],
+    angles: Sequence[float],
+    strength: Sequence[float],
+    zones: FrictionZones | None = None,
+) -> Stiffness:
+    """Stiffness of a run, with the moduli that are auto chosen (:meth:`runout.model.materials.Material.chosen`).
+
+    The speed of the flow is that of :func:`runout.terrain.energy_line.largest_speed`: by the energy line from the centre of each
+    mass against the least friction that acts on it anywhere; the fastest of the releases counts for all of them, and so does the
+    thickest.
+
+    Parameters
+    ----------
+    materials : sequence of Material
+        One per release.
+    releases : sequence of Release
+    angles : sequence of float
+        Basal friction angle of each release [rad].
+    strength : sequence of float
+        Largest friction coefficient [1] that each mass passes on to the ground.
+    zones : FrictionZones, optional
+    """
+    from runout.terrain.energy_line import largest_speed
+
+    acting = [least_angle([angle], [s], zones) for angle, s in zip(angles, strength, strict=True)]
+    speed = largest_speed(releases, acting)
+    thickness = max(float(r.thickness.max()) for r in releases)
+    return Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in materials), speed, thickness)
+
+
+def chosen_moduli(
+    materials: Sequence[Material],
+    releases: Sequence[Release],
+    angles: Sequence[float],
+    strength: Sequence[float],
+    zones: FrictionZones | None = None,
+) -> tuple[Material, ...]:
+    """The ``materials`` with numbers as moduli, as in :func:`stiffness`; nothing is computed where all are stated."""
+    if all(not isinstance(m.youngs_modulus, str) for m in materials):
+        return tuple(materials)
+    return stiffness(materials, releases, angles, strength, zones).materials
+
+
+def extremes(runs: Iterable[Mapping[str, Any]]) -> dict[str, list[float]]:
+    """Smallest and largest Young's modulus [Pa] and speed of pressure waves [m/s] of the attributes of runs; empty without any."""
+    told = [attributes for attributes in runs if set(RECORDED) <= set(attributes)]
+    values = {name: np.concatenate([np.atleast_1d(np.asarray(a[name], float)) for a in told]) for name in RECORDED if told}
+    return {name: [float(v.min()), float(v.max())] for name, v in values.items()}
+
+
+def sentence_of(found: Mapping[str, Sequence[float]]) -> str:
+    """What :func:`extremes` has found, in words."""
+    modulus, speed = (" to ".join(f"{x:.3g}" for x in dict.fromkeys(found[name])) for name in RECORDED)
+    return f"Young's modulus {modulus} Pa, pressure waves of {speed} m/s"

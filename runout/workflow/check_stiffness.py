@@ -1,0 +1,105 @@
+"""Stiffness of a site's members: which modulus, how fast its waves are, how far its weight strains it, and whether that will do."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout.model.parameters import AUTO
+from runout.model.scene import STANDARD_GRAVITY
+from runout.stiffness import Stiffness
+from runout.terrain.energy_line import largest_speed
+from runout.workflow.check_physics import Sample, bases_of, materials_of, samples_of
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.model.friction import FrictionZones
+    from runout.model.materials import Material
+    from runout.model.release import Release
+
+LEAST_RATIO = 3.0  # speed of pressure waves over that of the flow below which compression shows in run-out and overtopping
+LARGEST_STRAIN = 0.03  # by the own weight, above which the stiffness shows in every flow
+EXACT = 5  # friction angles at which the energy line is drawn; between them v^2 is nearly linear in the friction
+VOLUME = "release_volume_factor"
+
+
+def member_stiffness(
+    site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None", samples: "Sequence[Sample]"
+) -> list[Stiffness]:
+    """Stiffness of members with some sampled parameters, from ``releases`` of unchanged volume.
+
+    Their outlines do not change; a thicker mass counts as fast as the thinner one.
+
+    Raises
+    ------
+    MaterialError
+        If the parameters of a member make no material.
+    """
+    speeds = np.max(
+        [_speeds(r, base.acting(zones)) for r, base in zip(releases, bases_of(site, releases, samples), strict=True)], 0
+    )
+    thickest, found = max(float(r.thickness.max()) for r in releases), []
+    for sample, material, speed in zip(samples, materials_of(site, samples), speeds.tolist(), strict=True):
+        thickness = thickest * float(sample.get(VOLUME, 1.0))
+        own = [r.material or material for r in releases]
+        found.append(Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in own), speed, thickness))
+    return found
+
+
+def _speeds(release: "Release", angles: np.ndarray) -> np.ndarray:
+    """Largest speed (members,) [m/s] of a release against friction of ``angles`` (members,) [rad]."""
+    distinct = np.unique(angles)
+    if len(distinct) > EXACT:
+        distinct = np.arctan(np.linspace(math.tan(distinct[0]), math.tan(distinct[-1]), EXACT))
+    squares = [largest_speed([release], [angle]) ** 2 for angle in distinct.tolist()]
+    return np.sqrt(np.interp(np.tan(angles), np.tan(distinct), squares))  # type: ignore[no-any-return]
+
+
+def site_stiffness(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None") -> list[Stiffness]:
+    """Stiffness of the site as it is stated, without sampled parameters, then of each member."""
+    return member_stiffness(site, releases, zones, [{}, *samples_of(site)])
+
+
+def warnings(found: "Sequence[Stiffness]") -> Iterator[str]:
+    """What is wrong with stated moduli: waves hardly faster than the flow, or a mass that its own weight compresses."""
+    soft = min(found, key=lambda s: s.wave_ratio)
+    auto = f"youngs_modulus: {AUTO} avoids it"
+    if soft.wave_ratio < 0.99 * LEAST_RATIO:
+        yield (
+            f"pressure waves of {soft.wave_speed:.3g} m/s are only {soft.wave_ratio:.2g} times as fast as the flow may become, "
+            f"{soft.flow_speed:.3g} m/s (energy line from the centre of the release, least friction); below {LEAST_RATIO:g} times "
+            f"the stiffness shows in the run-out, {auto}"
+        )
+    strained = max(found, key=lambda s: s.weight_strain)
+    if strained.weight_strain > LARGEST_STRAIN:
+        yield (
+            f"the weight of {strained.thickness:.3g} m strains the release by {100 * strained.weight_strain:.1f} %; above "
+            f"{100 * LARGEST_STRAIN:g} % the stiffness shows in the run-out, {auto}"
+        )
+
+
+def lines(material: "Material", found: "Sequence[Stiffness]") -> list[str]:
+    """What ``runout check`` says: modulus, waves over flow, strain by the weight; of the site as stated, and of its members."""
+    own, *members = found
+    ratio = f"{own.wave_ratio:.2g} times the flow of {own.flow_speed:.3g} m/s (energy line)"
+    waves = f"pressure waves of {own.wave_speed:.3g} m/s, {ratio}, strain by weight {100 * own.weight_strain:.2g} %"
+    said = [f"stiffness youngs_modulus {own.materials[0].modulus:.3g} Pa ({_why(own, material)}): {waves}"]
+    moduli = [s.materials[0].modulus for s in members]
+    if moduli and min(moduli) < max(moduli):
+        said.append(f"          members: {min(moduli):.3g} to {max(moduli):.3g} Pa")
+    if material.youngs_modulus != AUTO:
+        chosen = replace(material, youngs_modulus=AUTO).chosen(own.flow_speed, own.thickness, STANDARD_GRAVITY)
+        fewer = (own.wave_speed + own.flow_speed) / (chosen.wave_speed + own.flow_speed)
+        said.append(f"          auto would take {chosen.modulus:.3g} Pa: {fewer:.2g} times fewer steps")
+    return said
+
+
+def _why(own: Stiffness, material: "Material") -> str:
+    """What set the modulus."""
+    if material.youngs_modulus != AUTO:
+        return "stated"
+    if own.wave_ratio > 1.02 * material.wave_ratio:
+        return f"auto, set by weight_strain {material.weight_strain:g}"
+    return f"auto, set by wave_ratio {material.wave_ratio:g}"
