@@ -20,7 +20,7 @@ from runout.io.atomic import write_json
 from runout.studies.error_cases.choice import BASE, REPEATED_BELOW, Outcome, Variation
 from runout.studies.error_cases.curve import cost_at, fitted, on_front
 from runout.studies.error_cases.presets import at_hand, measured_presets
-from runout.studies.error_cases.problems import FINEST_SMALL, PROBLEMS, Problem, on_terrain
+from runout.studies.error_cases.problems import PROBLEMS, Problem
 from runout.studies.error_page import page, rows
 from runout.studies.grid_index import GridIndex
 from runout.studies.verification_cases.column_collapse import measured_surface
@@ -30,6 +30,7 @@ LOGGER = logging.getLogger("runout.work_precision")
 SCHEMA = 1
 FILE = "work_precision.json"
 PRESETS_COARSER = 4.0  # cell size of presets in the small study, relative to the presets
+REPEATS = 2  # runs of each point in the full study
 COARSE = 2  # number of grids of a slow variation; one in the small study
 
 
@@ -84,27 +85,33 @@ def measured(
         LOGGER.warning("F5 is left out: RUNOUT_DATA names no folder with the digitised experiment")
         chosen = [problem for problem in chosen if problem.name != "F5"]
     chosen = [problem for problem in chosen if at_hand(problem.site)]
-    done, code = [], versions()
+    done = []
     for k, problem in enumerate(chosen):
         started = time.perf_counter()
         done.append(_solved(_sized(problem, full), full, repeats, _part(progress, k, len(chosen))))
         LOGGER.info("%s: %.0f s", problem.name, time.perf_counter() - started)
+    presets = measured_presets(1.0 if full else PRESETS_COARSER) if any(p.name == "terrain" for p in chosen) else []
+    return recorded(done, presets, full)
+
+
+def recorded(problems: Sequence[Mapping[str, Any]], presets: Sequence[Mapping[str, Any]], full: bool) -> dict[str, Any]:
+    """The record of problems, each as :func:`measured` describes it, and presets."""
     return {
         "schema": SCHEMA,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "full": full,
         "machine": machine(),
-        "versions": code,
+        "versions": versions(),
         "seed": 0,
-        "problems": done,
-        "presets": measured_presets(1.0 if full else PRESETS_COARSER) if any(p.name == "terrain" for p in chosen) else [],
+        "problems": list(problems),
+        "presets": list(presets),
     }
 
 
 def command(out: Path | None, full: bool = False) -> None:
     """Command ``runout bench --error``: measures, prints the table, and writes page, tables, figure and JSON to ``out``."""
     with log.progress("bench") as bar:
-        content = measured(full=full, repeats=2 if full else 1, progress=bar)
+        content = measured(full=full, repeats=REPEATS if full else 1, progress=bar)
     log.output().print(rows(content), markup=False)
     if out is None:
         return
@@ -124,8 +131,7 @@ def _named(name: str) -> Problem:
 
 def _sized(problem: Problem, full: bool) -> Problem:
     """The problem with the reference for its size."""
-    small_terrain = problem.site and not full
-    return replace(problem, measure=on_terrain(FINEST_SMALL, problem.site)) if small_terrain else problem
+    return replace(problem, measure=problem.quick) if problem.quick and not full else problem
 
 
 def _solved(problem: Problem, full: bool, repeats: int, progress: Callable[[float], None]) -> dict[str, Any]:

@@ -37,7 +37,8 @@ class Variation:
     scene : mapping
         Fields of :class:`runout.model.scene.Scene` that change: ``cfl``, ``precision``.
     arguments : mapping
-        Arguments of ``runout.simulate`` that change besides, on real terrain.
+        What changes besides on real terrain: arguments of ``runout.simulate``, parameters of the material, and ``flat``, by how
+        much a cell is wider than high.
     backend : str
         Of runout, or :data:`NODES`.
     slow : bool
@@ -66,6 +67,16 @@ ELASTIC = ("U9", "T1", "T5")  # U7 is a matter of the reference backend alone
 TERRAIN = ("terrain", "fine_terrain")
 THINNING = ("F3", *TERRAIN)
 FLOWS = (*THINNING, "F5")
+SET_BY_FLOW = (*TERRAIN, "coulomb_only")  # where the speed of the flow decides how stiff the mass is; on the others its weight does
+SET_BY_WEIGHT = ("terrain_25", "fine_terrain_20")
+STIFFNESS = (
+    Variation("waves 3 times the flow", arguments={"wave_ratio": 3.0}, only_on=SET_BY_FLOW),
+    Variation("waves 5 times the flow", arguments={"wave_ratio": 5.0}, only_on=SET_BY_FLOW),
+    Variation("waves 10 times the flow", arguments={"wave_ratio": 10.0}, only_on=(*SET_BY_FLOW, *SET_BY_WEIGHT)),
+    Variation("strain by weight 1 %", arguments={"weight_strain": 0.01}, only_on=SET_BY_WEIGHT),
+    Variation("strain by weight 3 %", arguments={"weight_strain": 0.03}, only_on=SET_BY_WEIGHT),
+)
+FEW = (BASE.name, *(v.name for v in STIFFNESS), "CFL 0.4", "transfer apic", "transfer aflip")  # of the problems that rank stiffness
 VARIATIONS = (
     BASE,
     Variation("1 particle per axis", per_axis=1, upwards=1),
@@ -75,6 +86,7 @@ VARIATIONS = (
     Variation("2 x 2 x 4 particles", upwards=UPWARDS, only_on=("F5",)),
     Variation("3 x 3 x 1 particles", per_axis=3, upwards=1, only_on=THINNING),
     Variation("1 x 1 x 8 particles", per_axis=1, upwards=8, only_on=FLOWS),
+    *STIFFNESS,
     Variation("CFL 0.2", scene={"cfl": 0.2}),
     Variation("CFL 0.4", scene={"cfl": 0.4}),
     Variation("CFL 0.5", scene={"cfl": 0.5}),

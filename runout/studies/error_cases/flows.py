@@ -1,28 +1,24 @@
 """F3, F5 and real terrain: flows of sand against a closed form, an experiment and a finer grid."""
 
 import time
-from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from runout import log
 from runout.accuracy import choices
 from runout.release.arrangement import particles_for
 from runout.result import Result
 from runout.simulation import simulate
 from runout.studies.convergence import quantities
-from runout.studies.error_cases.choice import March, Outcome, Variation
+from runout.studies.error_cases.choice import BASE, March, Outcome, Variation
+from runout.studies.error_cases.terrains import SITE, site_arguments
 from runout.studies.grid_index import relative_l1
-from runout.studies.recorded_sites import with_vertical_edges
 from runout.studies.verification_cases import column_collapse, flow, spreading_cap
 from runout.studies.verification_cases.dam_breaks import as_one, columns, relative
 
-SITES = Path(__file__).parents[3] / "sites"
-SITE, FINE_SITE = "jacksboro", "frank_slide"
-FLOW_TIME, BASAL_ANGLE = 60.0, 15.0  # [s], [deg] of the flow on real terrain
+MATERIAL = ("wave_ratio", "weight_strain")  # what a variation changes of the material
+Reference = tuple[str, float] | float  # preset and how much larger its cells are, or the size of a cell [m]
 MAP = "max_flow_thickness"
 RODS_TIME = 0.7  # [s], when the rods are at rest
 SLICE = (0, flow.ACROSS, 0)  # [cells] after which the grid of a slice repeats
@@ -61,20 +57,14 @@ def rods(cells: int, v: Variation) -> Outcome:
     return march.outcome(np.sqrt(np.mean(off**2)) / column_collapse.HEIGHT, float(front))
 
 
-@cache
-def site_arguments(site: str = SITE) -> Mapping[str, Any]:
-    """Arguments of ``runout.simulate`` for an example site, up to 60 s."""
-    with log.muted():
-        arguments = with_vertical_edges(SITES / site).member_arguments()
-    return {**arguments, "basal_friction_angle": BASAL_ANGLE, "end_time": FLOW_TIME, "stop": False, "threads": 1}
-
-
 def flowed(cell: float, v: Variation, site: str = SITE) -> tuple[Result, float, float]:
     """Run of a site with cells of ``cell`` [m], its processor time without setup [s], and its wall time in all [s]."""
-    changed = {name: value for name, value in v.arguments.items() if name != "flat"}
+    changed = {name: value for name, value in v.arguments.items() if name not in ("flat", *MATERIAL)}
     high = cell / v.arguments.get("flat", 1.0)
     particles = None if v.upwards is None else v.particles
     given = {"particles_per_cell": particles, "backend": v.backend, "device": "cpu", **v.scene, **changed}
+    stiffness = {name: value for name, value in v.arguments.items() if name in MATERIAL}
+    given |= {"material": replace(site_arguments(site)["material"], **stiffness)} if stiffness else {}
     arguments = {**site_arguments(site), "cell_size": (cell, cell, high), **given}
     started, processor = time.perf_counter(), time.process_time()
     result = simulate(**arguments)
@@ -89,6 +79,12 @@ def at_preset(name: str, coarser: float = 1.0, site: str = SITE) -> tuple[Result
     return flowed(coarser * grid["cell_size"], Variation(name, scene={"cfl": grid["cfl"]}), site)
 
 
+@cache
+def at_reference(reference: Reference, site: str = SITE) -> Result:
+    """The run that errors are measured from, with the choices of the defaults."""
+    return at_preset(*reference, site)[0] if isinstance(reference, tuple) else flowed(reference, BASE, site)[0]
+
+
 def distance(one: Result, other: Result) -> float:
     """Relative L1 distance of two maps of flow thickness."""
     return relative_l1(one.fields[MAP], other.fields[MAP])
@@ -99,10 +95,10 @@ def runout_of(result: Result, site: str = SITE) -> float:
     return quantities(result, site_arguments(site)["release"], ())["f99"]
 
 
-def terrain(cell: float, v: Variation, reference: tuple[str, float], site: str = SITE) -> Outcome:
-    """Relative L1 of the map of flow thickness against that of a preset (:func:`at_preset`); value: run-out of 99 % [m]."""
+def terrain(cell: float, v: Variation, reference: Reference, site: str = SITE) -> Outcome:
+    """Relative L1 of the map of flow thickness against that of a finer run (:func:`at_reference`); value: run-out of 99 % [m]."""
     result, seconds, wall = flowed(cell, v, site)
-    error, front = distance(result, at_preset(*reference, site)[0]), runout_of(result, site)
+    error, front = distance(result, at_reference(reference, site)), runout_of(result, site)
     series, setup = result.series, result.timing["setup"]
     work = (result.n_particles, result.steps, result.n_particles * result.steps, int(np.max(series["active_blocks"])))
     return Outcome(error, front, *work, seconds, wall - setup, setup, float("nan"))

@@ -1,19 +1,18 @@
 """Errors of each preset of accuracy on real terrain: distance from a finer run plus the remaining error of that run."""
 
 import logging
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from runout.accuracy import PRESETS
 from runout.config.fetch import DATA_FOLDER
-from runout.studies.error_cases.flows import FINE_SITE, SITE, at_preset, distance, runout_of
+from runout.studies.error_cases.flows import at_preset, distance, runout_of
+from runout.studies.error_cases.terrains import FINE_SITE, FLOWS, SITE, data_folder
 from runout.studies.grid_index import HIGHEST_ORDER, LOWEST_ORDER, SAFETY
 
 LOGGER = logging.getLogger("runout.work_precision")
-RASTERS = "frank_slide_1903"  # where below RUNOUT_DATA those of the second site lie
+PRESET_SITES = (SITE, FINE_SITE)
 HALF = 0.5  # cells of the run that errors are measured from over those of the finest preset; the two before differ as much
 
 
@@ -35,18 +34,20 @@ def measured_presets(coarser: float = 1.0) -> list[dict[str, Any]]:
     Errors: distance from the finest with half its cells plus what that has left. ``coarser`` makes the cells of all larger, for a
     small study.
     """
-    return [row for site in (SITE, FINE_SITE) if at_hand(site) for row in _on_site(site, coarser)]
+    return [row for site in PRESET_SITES if at_hand(site) for row in presets_on(site, coarser)]
 
 
 def at_hand(site: str) -> bool:
     """Whether the rasters of a site are available; logs a warning if not."""
-    if site != FINE_SITE or (Path(os.environ.get(DATA_FOLDER) or os.devnull) / RASTERS).is_dir():
+    needed = FLOWS[site].rasters if site else ""
+    if not needed or (data_folder() / needed).is_dir():
         return True
     LOGGER.warning("%s is left out: %s names no folder with its rasters", site, DATA_FOLDER)
     return False
 
 
-def _on_site(site: str, coarser: float) -> list[dict[str, Any]]:
+def presets_on(site: str, coarser: float = 1.0) -> list[dict[str, Any]]:
+    """:func:`measured_presets` on one site."""
     runs = {name: at_preset(name, coarser, site) for name in PRESETS}
     finest = at_preset(list(PRESETS)[-1], HALF * coarser, site)[0]
     results = [run[0] for run in runs.values()]

@@ -1,14 +1,15 @@
-"""The problems of error against time: U7, U9, T1, T5, F3, F5 and a flow on real terrain, each on successively finer grids."""
+"""The problems of error against time: U7, U9, T1, T5, F3, F5 and flows on real terrain, each on successively finer grids."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from runout.studies.error_cases import flows, solids
-from runout.studies.error_cases.choice import VARIATIONS, Outcome, Variation, selectable
+from runout.studies.error_cases.choice import FEW, VARIATIONS, Outcome, Variation, selectable
+from runout.studies.error_cases.terrains import FINE_SITE, SITE
 
 Measure = Callable[[Any, Variation], Outcome]
-FINEST, FINEST_SMALL = ("high", 0.5), ("screening", 1.5)  # reference on real terrain: preset, factor of its cells
+FINEST, FINER, FINEST_SMALL = ("high", 0.5), ("high", 1.0), ("screening", 1.5)  # reference on terrain: preset, factor of its cells
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,11 @@ class Problem:
         Outcome on one grid with one variation.
     remark : str
     site : str
-        Of a flow on real terrain.
+        Of a flow on real terrain, one of :data:`runout.studies.error_cases.terrains.FLOWS`.
+    quick : callable, optional
+        ``measure`` of the small study, where it differs.
+    choices : tuple of str
+        Names of the variations that are measured; all of them when empty.
     """
 
     name: str
@@ -39,6 +44,8 @@ class Problem:
     measure: Measure
     remark: str = ""
     site: str = ""
+    quick: Measure | None = None
+    choices: tuple[str, ...] = ()
 
     def cell(self, grid: float) -> float:
         """Size of a cell [m]."""
@@ -46,11 +53,12 @@ class Problem:
 
     def variations(self) -> list[Variation]:
         """Variations that this version of runout measures on this problem."""
-        return [v for v in VARIATIONS if selectable(v) and (not v.only_on or self.name in v.only_on)]
+        known = [v for v in VARIATIONS if selectable(v) and (not v.only_on or self.name in v.only_on)]
+        return [v for v in known if not self.choices or v.name in self.choices]
 
 
-def on_terrain(reference: tuple[str, float], site: str = flows.SITE) -> Measure:
-    """:func:`flows.terrain` against a preset and how much coarser it is."""
+def on_terrain(reference: flows.Reference, site: str = SITE) -> Measure:
+    """:func:`flows.terrain` against a reference."""
     return lambda cell, v: flows.terrain(cell, v, reference, site)
 
 
@@ -126,7 +134,8 @@ PROBLEMS: dict[str, Problem] = {
             measure=on_terrain(FINEST),
             remark="Against the preset high with cells half as wide: what is common to that run and another one does not "
             "show. Whole simulations with observers; the DEM has cells of 83 m.",
-            site=flows.SITE,
+            site=SITE,
+            quick=on_terrain(FINEST_SMALL),
         ),
         Problem(
             name="fine_terrain",
@@ -135,9 +144,49 @@ PROBLEMS: dict[str, Problem] = {
             length=0.0,
             small=(113.0, 80.0),
             full=(56.6, 40.0, 28.3),
-            measure=on_terrain(FINEST, flows.FINE_SITE),
+            measure=on_terrain(FINEST, FINE_SITE),
             remark="As before; the DEM has cells of 20 m, finer than those of the runs.",
-            site=flows.FINE_SITE,
+            site=FINE_SITE,
+            quick=on_terrain(FINEST_SMALL, FINE_SITE),
+        ),
+        Problem(
+            name="terrain_25",
+            title="jacksboro near equilibrium (25 degrees), 60 s",
+            error="map of flow thickness, relative L1",
+            length=0.0,
+            small=(80.0,),
+            full=(56.6, 40.0, 28.3),
+            measure=on_terrain(FINER, "jacksboro_25"),
+            remark="Against the preset high. The weight decides the stiffness.",
+            site="jacksboro_25",
+            quick=on_terrain(FINEST_SMALL, "jacksboro_25"),
+            choices=FEW,
+        ),
+        Problem(
+            name="fine_terrain_20",
+            title="frank_slide with 20 degrees, 60 s",
+            error="map of flow thickness, relative L1",
+            length=0.0,
+            small=(113.0,),
+            full=(80.0, 56.6, 40.0),
+            measure=on_terrain(FINER, "frank_slide_20"),
+            remark="As before.",
+            site="frank_slide_20",
+            quick=on_terrain(FINEST_SMALL, "frank_slide_20"),
+            choices=FEW,
+        ),
+        Problem(
+            name="coulomb_only",
+            title="ISeeSnow CoulombOnly, 60 s",
+            error="map of flow thickness, relative L1",
+            length=0.0,
+            small=(40.0,),
+            full=(14.1, 10.0, 7.07),
+            measure=on_terrain(3.54, "coulomb_only"),
+            remark="1.5 m of snow; against cells half as wide as the finest.",
+            site="coulomb_only",
+            quick=on_terrain(28.3, "coulomb_only"),
+            choices=FEW,
         ),
     )
 }
