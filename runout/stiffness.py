@@ -1,5 +1,6 @@
 """Stiffness of a run whose Young's modulus is auto: that of pressure waves a few times as fast as its flow, and no stiffer."""
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from runout.model.materials import Material
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY
 
+LOGGER = logging.getLogger(__name__)
 RECORDED = ("youngs_modulus", "wave_speed")  # by release, among the attributes of a run
 
 
@@ -47,6 +49,11 @@ class Stiffness:
     def weight_strain(self) -> float:
         """Largest elastic strain of the releases under their own weight [1]."""
         return max(m.weight_strain_of(self.thickness, STANDARD_GRAVITY) for m in self.materials)
+
+    def statement(self) -> str:
+        """Waves, flow and strain in a sentence without a beginning and an end."""
+        flow = f"{self.wave_ratio:.2g} times the flow of {self.flow_speed:.3g} m/s (energy line)"
+        return f"pressure waves of {self.wave_speed:.3g} m/s, {flow}, strain by weight {100 * self.weight_strain:.2g} %"
 
 
 def stiffness(
@@ -91,7 +98,10 @@ def chosen_moduli(
     """The ``materials`` with numbers as moduli, as in :func:`stiffness`; nothing is computed where all are stated."""
     if all(not isinstance(m.youngs_modulus, str) for m in materials):
         return tuple(materials)
-    return stiffness(materials, releases, angles, strength, zones).materials
+    found = stiffness(materials, releases, angles, strength, zones)
+    moduli = ", ".join(dict.fromkeys(f"{m.modulus:.3g}" for m in found.materials))
+    LOGGER.info("youngs_modulus %s Pa: %s", moduli, found.statement())
+    return found.materials
 
 
 def extremes(runs: Iterable[Mapping[str, Any]]) -> dict[str, list[float]]:

@@ -83,9 +83,7 @@ def warnings(found: "Sequence[Stiffness]") -> Iterator[str]:
 def lines(material: "Material", found: "Sequence[Stiffness]") -> list[str]:
     """What ``runout check`` says: modulus, waves over flow, strain by the weight; of the site as stated, and of its members."""
     own, *members = found
-    ratio = f"{own.wave_ratio:.2g} times the flow of {own.flow_speed:.3g} m/s (energy line)"
-    waves = f"pressure waves of {own.wave_speed:.3g} m/s, {ratio}, strain by weight {100 * own.weight_strain:.2g} %"
-    said = [f"stiffness youngs_modulus {own.materials[0].modulus:.3g} Pa ({_why(own, material)}): {waves}"]
+    said = [f"stiffness youngs_modulus {own.materials[0].modulus:.3g} Pa ({_why(own, material)}): {own.statement()}"]
     moduli = [s.materials[0].modulus for s in members]
     if moduli and min(moduli) < max(moduli):
         said.append(f"          members: {min(moduli):.3g} to {max(moduli):.3g} Pa")

@@ -161,9 +161,11 @@ def arguments_of(tmp_path, text=AUTO, sample=None):
     return runout.read_site(write_site(tmp_path / "site", text)).member_arguments(sample)
 
 
-def test_yaml_and_python_choose_alike_and_the_recorded_number_gives_the_same_bits(tmp_path):
+def test_yaml_and_python_choose_alike_and_the_recorded_number_gives_the_same_bits(tmp_path, caplog):
     arguments = arguments_of(tmp_path) | {"end_time": 3.0}
-    by_yaml = runout.simulate(**arguments)
+    with caplog.at_level("INFO", "runout"):
+        by_yaml = runout.simulate(**arguments)
+    assert f"youngs_modulus {by_yaml.start['youngs_modulus'][0]:.3g} Pa: pressure waves of" in caplog.text
     python = replace(arguments["material"], youngs_modulus="auto")
     by_python = runout.simulate(**arguments | {"material": python})
     stated = replace(arguments["material"], youngs_modulus=by_yaml.maps.attrs["youngs_modulus"][0])
