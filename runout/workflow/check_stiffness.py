@@ -70,13 +70,13 @@ def warnings(found: "Sequence[Stiffness]") -> Iterator[str]:
         yield (
             f"pressure waves of {soft.wave_speed:.3g} m/s are only {soft.wave_ratio:.2g} times as fast as the flow may become, "
             f"{soft.flow_speed:.3g} m/s (energy line from the centre of the release, least friction); below {LEAST_RATIO:g} times "
-            f"the stiffness shows in the run-out, {auto}"
+            f"the stiffness affects the run-out; {auto}"
         )
     strained = max(found, key=lambda s: s.weight_strain)
     if strained.weight_strain > LARGEST_STRAIN:
         yield (
             f"the weight of {strained.thickness:.3g} m strains the release by {100 * strained.weight_strain:.1f} %; above "
-            f"{100 * LARGEST_STRAIN:g} % the stiffness shows in the run-out, {auto}"
+            f"{100 * LARGEST_STRAIN:g} % the stiffness affects the run-out; {auto}"
         )
 
 
