@@ -4,8 +4,7 @@ from collections.abc import Iterable
 from dataclasses import MISSING
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, Gt, Le
-from pydantic import AfterValidator, PlainSerializer, WrapValidator
+from pydantic import AfterValidator, Field, PlainSerializer, WrapValidator
 
 from runout.config.distributions import plausible_degrees, quantity
 from runout.model.limits import Range
@@ -30,8 +29,8 @@ def _type(p: Parameter) -> Any:
     if p.valid is None:
         return bool
     if p.is_automatic:
-        low = Gt(p.valid.low) if p.valid.open_low else Ge(p.valid.low)
-        return Annotated[float, low, Le(p.valid.high), WrapValidator(_auto_or), PlainSerializer(lambda value: value)]
+        bounds: Any = p.valid.bounds() if p.valid else {}
+        return Annotated[float, Field(**bounds), WrapValidator(_auto_or), PlainSerializer(lambda value: value)]
     return Annotated[float, AfterValidator(plausible_degrees)] if p.is_angle else float
 
 
