@@ -32,6 +32,10 @@ class Session:
 Injected = Annotated[Session, Parameter(parse=False)]
 SiteArgument = Annotated[Path, Parameter(help="Folder of the site, or its site.yaml.")]
 Workers = Annotated[int | None, Parameter(name="--workers", help="Members that run at once [default: one per core].")]
+Threads = Annotated[
+    int | None,
+    Parameter(name="--threads", help="Threads of each member [default: cores over members at once]."),
+]
 RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
 Device = Annotated[str | None, Parameter(help="cpu, cuda:0, or auto: a GPU if there is one [default: what site.yaml says].")]
 Force = Annotated[bool, Parameter(name="--force", negative="", help="Run even if nothing has changed.")]
@@ -71,6 +75,7 @@ def run(
     site: SiteArgument,
     *,
     workers: Workers = None,
+    threads: Threads = None,
     device: Device = None,
     retry_failed: RetryFailed = False,
     force: Force = False,
@@ -79,7 +84,8 @@ def run(
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
     from runout.workflow.hazard_map import STAGES
 
-    return _stages(site, STAGES, session, workers=workers, device=device, retry_failed=retry_failed, force=force)
+    choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed, "force": force}
+    return _stages(site, STAGES, session, **choices)
 
 
 def terrain(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
@@ -93,10 +99,16 @@ def release(site: SiteArgument, *, force: Force = False, session: Injected) -> i
 
 
 def ensemble(
-    site: SiteArgument, *, workers: Workers = None, device: Device = None, retry_failed: RetryFailed = False, session: Injected
+    site: SiteArgument,
+    *,
+    workers: Workers = None,
+    threads: Threads = None,
+    device: Device = None,
+    retry_failed: RetryFailed = False,
+    session: Injected,
 ) -> int:
     """Run the remaining members; write results/members/."""
-    return _stages(site, ("ensemble",), session, workers=workers, device=device, retry_failed=retry_failed)
+    return _stages(site, ("ensemble",), session, workers=workers, threads=threads, device=device, retry_failed=retry_failed)
 
 
 def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:

@@ -224,6 +224,7 @@ class SimulationSettings(Settings):
     stop_when_at_rest: bool = quantity("stop earlier when the mass has come to rest", True)
     backend: Literal["scan", "hash", "reference"] = quantity("scan (CPU), hash (GPU) or reference (slow, for tests)", "scan")
     device: str = quantity("cpu, or cuda:0 for the first GPU", "cpu", pattern=r"^(cpu|cuda(:\d+)?)$", hint="cpu or cuda:0")
+    threads: int | None = quantity("threads of each member on the CPU [default: cores over members at once]", None, ge=1)
     precision: Literal["float32", "float64"] = quantity("float32 or float64", "float32")
     transfer: Literal["mls", "apic", "aflip"] = quantity(
         "between particles and grid: mls (fastest), apic (by gradients of the weights) or aflip (damps less)",

@@ -317,6 +317,7 @@ class Site:
             content["material"]["source"] = law.source
         place = content["simulation"]
         del place["device"]
+        place.pop("threads", None)
         if place["backend"] != "reference":
             place["backend"] = "sparse"
         return content

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from runout.ensemble.member import Member, members_folder, plan_members, simulate_alone, simulate_together
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.ensemble.worker import Group, Task
-from runout.ensemble.workers import Outcome, in_process, in_workers, workers_for
+from runout.ensemble.workers import Outcome, Share, in_process, in_workers, share_of
 from runout.ensemble.written import Written
 from runout.errors import DiskFullError, InputError, RunoutError
 from runout.io.fingerprint import Unchanged
@@ -92,7 +92,7 @@ def run_ensemble(
     results: Path,
     *,
     workers: int | None = None,
-    threads_per_worker: int = 1,
+    threads: int | None = None,
     progress: Callable[[EnsembleProgress], None] | None = None,
     retry_failed: bool = False,
     simulate: "Callable[..., Result] | None" = None,
@@ -111,8 +111,8 @@ def run_ensemble(
     workers : int, optional
         Members at the same time, at most one per core. Default: one per GPU on GPUs, else as many as the cores allow. 1 runs
         in this process.
-    threads_per_worker : int
-        Threads of each simulation.
+    threads : int, optional
+        Threads of each simulation. Default: the cores divided by the members at the same time.
     progress : callable, optional
         Called in this process at the start, after every member, and periodically while members run.
     retry_failed : bool
@@ -134,13 +134,13 @@ def run_ensemble(
         remove_stale(folder)
         tally = _Tally(members, results, retry_failed, progress, inputs)
         if tally.waiting:
-            number, devices = workers_for(site.settings.simulation.device, workers, threads_per_worker)
-            task, groups = _work(site, tally.waiting, results, simulate, number, threads_per_worker, bool(devices))
-            LOGGER.info("%d of %d members to simulate, %d at a time", len(tally.waiting), len(members), min(number, len(groups)))
-            if number == 1:
-                run = in_process(task, groups, tally.advance, devices)
+            share = share_of(site.settings.simulation.device, len(tally.waiting), workers, threads)
+            task, groups = _work(site, tally.waiting, results, simulate, share)
+            LOGGER.info("%d of %d members to simulate, %s", len(tally.waiting), len(members), share)
+            if share.in_process:
+                run = in_process(task, groups, tally.advance, share.devices)
             else:
-                run = in_workers(task, groups, number, threads_per_worker, tally.advance, devices)
+                run = in_workers(task, groups, share, tally.advance)
             try:
                 with closing(run) as outcomes:
                     tally.collect(outcomes)
@@ -156,15 +156,21 @@ def _work(
     waiting: list[Member],
     results: Path,
     simulate: "Callable[..., Result] | None",
-    workers: int,
-    threads: int,
-    on_gpus: bool,
+    share: Share,
 ) -> tuple[Task, list[Group]]:
     """Task for the members, and groups of members. On hash, the members of a group share kernel launches; one group per worker."""
-    if simulate is None and (on_gpus or site.settings.simulation.backend == "hash"):
-        return partial(simulate_together, site, results=results), dealt(waiting, workers)
-    task = partial(simulate_alone, site, results=results, simulate=simulate, threads=threads)
-    return task, [(member,) for member in waiting]
+    if simulate is None and (share.devices or site.settings.simulation.backend == "hash"):
+        return partial(simulate_together, site, results=results), dealt(waiting, share.workers)
+    task = partial(simulate_alone, site, results=results, simulate=simulate, threads=share.threads)
+    return task, [(member,) for member in longest_first(waiting)]
+
+
+def longest_first(members: list[Member]) -> list[Member]:
+    """Members in the order in which they are started: the largest volume first, of those the least friction.
+
+    A long member that starts last would leave the other cores idle.
+    """
+    return sorted(members, key=lambda m: (-_volume_factor(m), m.parameters.get("basal_friction_angle_deg", 0.0), m.number))
 
 
 def dealt(members: list[Member], workers: int) -> list[Group]:

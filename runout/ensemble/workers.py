@@ -52,8 +52,45 @@ def worker_count(workers: int | None, threads_per_worker: int) -> int:
     return most if workers is None else min(workers, most)
 
 
-def workers_for(device: str, workers: int | None, threads_per_worker: int) -> tuple[int, tuple[str, ...]]:
-    """Number of workers for members on a ``device``, by default one per GPU, and the GPUs that they share.
+@dataclass(frozen=True)
+class Share:
+    """How members share a machine.
+
+    Attributes
+    ----------
+    workers : int
+        Members at the same time.
+    threads : int
+        Threads of each member.
+    devices : tuple of str
+        GPUs that the workers share; empty on the CPU.
+    in_process : bool
+        Whether members run in this process, one after the other.
+    """
+
+    workers: int
+    threads: int
+    devices: tuple[str, ...] = ()
+    in_process: bool = False
+
+    def __str__(self) -> str:
+        threads = f", {self.threads} threads each" if self.threads > 1 and not self.devices else ""
+        return f"{self.workers} at a time{threads}"
+
+
+def share_of(device: str, members: int, workers: int | None = None, threads: int | None = None) -> Share:
+    """How ``members`` share the cores of a machine, or its GPUs.
+
+    Parameters
+    ----------
+    device : str
+        Device of the site.
+    members : int
+        Members to simulate, at least 1.
+    workers : int, optional
+        Members at the same time. Default: one per GPU on GPUs, else one per core.
+    threads : int, optional
+        Threads of each member. Default: the cores divided by the members at the same time. Results do not depend on it.
 
     Raises
     ------
@@ -61,7 +98,9 @@ def workers_for(device: str, workers: int | None, threads_per_worker: int) -> tu
         If a number is below 1, or the device does not exist.
     """
     devices = devices_of(device)
-    return worker_count(workers or len(devices) or None, threads_per_worker), devices
+    allowed = worker_count(workers or len(devices) or None, threads or 1)
+    number = min(allowed, members)
+    return Share(number, threads or max(1, machine.core_count() // number), devices, in_process=allowed == 1)
 
 
 def in_process(
@@ -80,26 +119,21 @@ def _outcomes(group: Group, ended: Done) -> Iterator[Outcome]:
 
 
 def in_workers(
-    task: Task,
-    groups: Sequence[Group],
-    workers: int,
-    threads: int,
-    advance: Callable[[int, float], None],
-    devices: Sequence[str] = (),
+    task: Task, groups: Sequence[Group], share: Share, advance: Callable[[int, float], None]
 ) -> Generator[Outcome, None, None]:
-    """Outcomes of ``task`` for every member as they arrive, run in worker processes of ``threads`` threads each.
+    """Run ``task`` for every member in worker processes; yield the outcomes in the order in which they finish.
 
-    ``advance`` is called in this thread with number and fraction of a running member. The workers share the GPUs
-    ``devices``, each keeping to one.
+    ``advance`` is called in this thread with the number of a running member and its fraction. Each worker uses one of the GPUs.
 
     Raises
     ------
     DeviceError
         If no worker process can be started.
     """
-    workers = min(workers, len(groups))
+    workers = min(share.workers, len(groups))
     memory = int(MEMORY_SHARE * machine.memory_bytes() / workers)
-    with _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _Workforce(task, workers, tuple(devices), memory) as force:
+    variables = dict.fromkeys(THREAD_VARIABLES, str(share.threads))
+    with _environment(variables), _Workforce(task, workers, share.devices, memory) as force:
         yield from _feed(force, groups, advance)
 
 

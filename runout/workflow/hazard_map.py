@@ -45,6 +45,7 @@ def run(
     stages: Sequence[str] = STAGES,
     *,
     workers: int | None = None,
+    threads: int | None = None,
     force: bool = False,
     retry_failed: bool = False,
     device: str | None = None,
@@ -59,6 +60,8 @@ def run(
         Names from :data:`STAGES`.
     workers : int or None
         Members that run at the same time; one per core if None.
+    threads : int or None
+        Threads of each member; if None those of site.yaml, else the cores divided by the members at the same time.
     force : bool
         Run the stages even if they are up to date; finished members are not run again.
     retry_failed : bool
@@ -72,7 +75,7 @@ def run(
         If an input cannot be used, the device does not exist, the remaining members exceed the budget, or no member is done.
     """
     try:
-        study = Study.open(site_path, out, workers, retry_failed, device)
+        study = Study.open(site_path, out, workers, retry_failed, device, threads)
     except ConfigError:
         if "ensemble" in stages:
             _inspected(Path(site_path))  # its message lists the problems of the inputs as well
@@ -163,6 +166,7 @@ def make_members(study: Study) -> Iterable[Path]:
             study.site,
             study.results,
             workers=study.workers,
+            threads=study.threads,
             progress=lambda state: bar(state.fraction),
             retry_failed=study.retry_failed,
         )

@@ -153,11 +153,11 @@ def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> N
 def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[list[Member], Member, int]":
     """Members ``left``, the largest of them, and how many run at the same time."""
     from runout.ensemble.member import plan_members
-    from runout.ensemble.workers import workers_for
+    from runout.ensemble.workers import share_of
 
     wanted = set(left)
     members = [member for member in plan_members(site) if member.number in wanted]
-    return members, _largest(members), min(workers_for(site.settings.simulation.device, workers, 1)[0], len(members))
+    return members, _largest(members), share_of(site.settings.simulation.device, len(members), workers).workers
 
 
 def duration(seconds: float) -> str:

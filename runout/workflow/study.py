@@ -40,6 +40,7 @@ class Study:
     results: Path
     workers: int | None = None
     retry_failed: bool = False
+    threads: int | None = None
     _watched: Unchanged | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -50,6 +51,7 @@ class Study:
         workers: int | None = None,
         retry_failed: bool = False,
         device: str | None = None,
+        threads: int | None = None,
     ) -> "Study":
         """Study of a site folder or site.yaml; results go to ``out``, by default to ``results`` in the site folder.
 
@@ -58,13 +60,14 @@ class Study:
         from runout.config.site import read_site
 
         site = read_site(Path(site_path))
-        return cls.of(site if device is None else site.on_device(device), out, workers, retry_failed)
+        study = cls.of(site if device is None else site.on_device(device), out)
+        return replace(study, workers=workers, retry_failed=retry_failed, threads=threads or site.settings.simulation.threads)
 
     @classmethod
-    def of(cls, site: "Site", out: Path | None = None, workers: int | None = None, retry_failed: bool = False) -> "Study":
+    def of(cls, site: "Site", out: Path | None = None) -> "Study":
         """The study of a site; its results go to ``out``, or to ``results`` of the site."""
         results = Path(out) if out else site.folder / "results"
-        return cls(replace(site, known=KnownFiles(results / "inputs.json")), results, workers, retry_failed)
+        return cls(replace(site, known=KnownFiles(results / "inputs.json")), results)
 
     @cached_property
     def record(self) -> StageRecord:

@@ -15,7 +15,7 @@ from netCDF4 import Dataset
 
 from runout.ensemble import machine, workers
 from runout.ensemble.member import Member, design_file, plan_members, store_design, stored_key
-from runout.ensemble.run import dealt, run_ensemble
+from runout.ensemble.run import dealt, longest_first, run_ensemble
 from runout.ensemble.status import standings
 from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
@@ -291,6 +291,42 @@ def test_more_workers_than_cores_are_not_started(two_cores, caplog):
     assert workers.worker_count(None, 2) == workers.worker_count(None, 8) == 1
     with pytest.raises(ConfigError, match="workers is 0"):
         workers.worker_count(0, 1)
+
+
+@pytest.mark.parametrize(
+    ("members", "stated", "expected"),
+    [
+        (32, {}, (8, 1)),
+        (8, {}, (8, 1)),
+        (3, {}, (3, 2)),
+        (1, {}, (1, 8)),
+        (32, {"workers": 2}, (2, 4)),
+        (32, {"threads": 4}, (2, 4)),
+        (1, {"threads": 3}, (1, 3)),
+        (32, {"workers": 1}, (1, 8)),
+    ],
+)
+def test_members_share_all_cores(monkeypatch, members, stated, expected):
+    monkeypatch.setattr(machine, "core_count", lambda: 8)
+    share = workers.share_of("cpu", members, **stated)
+    assert (share.workers, share.threads) == expected
+    assert share.in_process == (stated.get("workers") == 1)
+    assert share.workers * share.threads <= 8
+
+
+def test_a_single_large_member_gets_all_cores(tmp_path, two_cores):
+    place = site(tmp_path, members=1)
+    run(place, workers=None)
+    assert attributes(place, 0)["threads"] == 2
+    assert attributes(place, 0)["numba_threads"] == "2"
+
+
+def test_the_longest_members_start_first():
+    def member(number, volume, angle):
+        return Member(number, {"release_volume_factor": volume, ANGLE: angle}, 0, "")
+
+    members = [member(0, 1.0, 20.0), member(1, 2.0, 30.0), member(2, 2.0, 15.0), member(3, 0.5, 10.0)]
+    assert [m.number for m in longest_first(members)] == [2, 1, 0, 3]
 
 
 def test_members_on_all_gpus_are_spread_one_process_a_gpu(tmp_path, two_cores, monkeypatch):
