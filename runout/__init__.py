@@ -1,7 +1,7 @@
 """Runout assessment of landslides, rock-ice avalanches and debris flows with a sparse material point method.
 
 The public names are listed in ``__all__``; they are imported on first use, so that ``import runout`` stays quick. The classes
-of the material laws are among them: each file of :mod:`runout.materials` brings its own.
+of the material and friction laws are among them: each file of :mod:`runout.materials` and :mod:`runout.friction` brings its own.
 """
 
 from runout import ending
@@ -21,6 +21,8 @@ _HOME = {
     "Material": "runout.model.materials",
     "parameter": "runout.model.parameters",
     "register_law": "runout.model.laws",
+    "BasalFriction": "runout.model.basal_friction",
+    "register_friction": "runout.model.friction_laws",
     "FrictionZones": "runout.model.friction",
     "Particles": "runout.model.particles",
     "Scene": "runout.model.scene",
@@ -42,8 +44,8 @@ _HOME = {
 
 def _homes() -> dict[str, str]:
     """Module of every public name, those of the laws included."""
-    laws = import_module("runout.model.laws")
-    return {**_HOME, **laws.public_names()}
+    laws, frictions = import_module("runout.model.laws"), import_module("runout.model.friction_laws")
+    return {**_HOME, **laws.public_names(), **frictions.public_names()}
 
 
 def __getattr__(name: str) -> Any:

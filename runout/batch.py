@@ -25,6 +25,7 @@ from runout.backends.protocol import (
 )
 from runout.errors import CapacityError, RunoutError, StabilityError
 from runout.memory import Extent, MemoryForecast, available_bytes
+from runout.model.basal_friction import USUAL_ANGLE
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.scene import Scene
@@ -122,7 +123,7 @@ class _Job:
         times = tuple(sorted(given.pop("snapshot_times", ())))
         control = RunControl(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
         found: list[Extent] = []
-        scene, particles = build_scene(**{"basal_friction_angle": 20.0, **given}, accept=found.append)
+        scene, particles = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append)
         needed = bytes_on_device(found[0].particles, found[0].nodes_on_device, scene.precision, scene.transfer, scene.f_bar)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed)

@@ -112,12 +112,13 @@ def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
     ground = scene.ground
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
     transfer = (scene.transfer, scene.flip_ratio, scene.f_bar, scene.sleep_speed)
-    digest.update(scene.law.source.encode())
+    digest.update((scene.law.source + scene.basal.law.source).encode())
     lattice = ground and (ground.surface.spacing, ground.surface.origin, ground.first)
     digest.update(repr((plain, transfer, scene.contact_band, lattice)).encode())
     arrays = [ground.surface.coefficients, ground.change] if ground else []
     if scene.friction_zones:
-        arrays += [scene.friction_zones.factor, scene.friction_zones.coefficient]
+        zones = scene.friction_zones
+        arrays += [zones.factor, zones.coefficient, *(part for name in sorted(zones.replaced) for part in zones.replaced[name])]
     if scene.unknown is not None:
         arrays += [scene.unknown]
     for values in (*arrays, *vars(particles).values()):

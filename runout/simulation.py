@@ -16,6 +16,7 @@ from runout.checkpoint import EVERY, Checkpoint, checkpoint_for, run_key
 from runout.errors import ConfigError, ReleaseError
 from runout.memory import Extent, expected_extent, expected_memory, require_memory
 from runout.model import basal_strength
+from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.depth_resolution import FEWEST_CELLS, DepthResolution, flow_depth
 from runout.model.friction import FrictionZones
 from runout.model.limits import checked, spacing_of
@@ -72,7 +73,8 @@ def simulate(
     release: Release | Sequence[Release],
     material: Material,
     *,
-    basal_friction_angle: float = 20.0,
+    basal_friction_angle: float = USUAL_ANGLE,
+    basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     cell_size: float | tuple[float, float, float] | None = None,
     particles_per_cell: int | tuple[int, int, int] | None = None,
@@ -108,6 +110,8 @@ def simulate(
         Material of every release without a material of its own.
     basal_friction_angle : float
         Coulomb friction angle at the ground [deg], 0 to 60, for every release without an angle of its own.
+    basal_friction : BasalFriction, optional
+        Law of friction at the ground and its parameters, instead of that angle.
     friction_zones : FrictionZones, optional
         Zones where the ground multiplies or replaces the friction, see :meth:`runout.FrictionZones.from_vector`.
     cell_size : float or (dx, dy, dz)
@@ -173,7 +177,7 @@ def simulate(
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones, initial_stress=initial_stress,
-        accept=lambda extent: require_memory(
+        basal_friction=basal_friction, accept=lambda extent: require_memory(
             expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar), engine, memory_gb
         ),
     )  # fmt: skip
@@ -210,6 +214,7 @@ def build_scene(
     flip_ratio: float = 0.95,
     f_bar: bool = False,
     sleep_speed: float = 0.0,
+    basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     initial_stress: str = "at_rest",
     accept: Callable[[Extent], None] | None = None,
@@ -229,31 +234,27 @@ def build_scene(
     releases = [release] if isinstance(release, Release) else list(release)
     if not releases:
         raise ReleaseError("no release is given; at least one is needed")
-    checked("basal_friction_angle", basal_friction_angle, error=ConfigError)
-    angles = [math.radians(basal_friction_angle) if r.basal_friction_angle is None else r.basal_friction_angle for r in releases]
-    if not all(0 <= a <= math.radians(60) for a in angles):
-        worst = max(angles, key=lambda a: abs(a - 0.5))
-        raise ConfigError(f"basal_friction_angle is {math.degrees(worst):g} deg; it must lie between 0 and 60 deg")
+    basal = basal_friction or math.radians(checked("basal_friction_angle", basal_friction_angle, error=ConfigError))
+    frictions = basal_strength.frictions_under(releases, basal)
     spacing = spacing_of(cell_size)
     if particles_per_cell is None:
-        basal = math.radians(basal_friction_angle)
         particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
     prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
     given = [r.material or material for r in releases]
     strength = basal_strength.strengths(given, spacing[2])
-    materials = stiffness.chosen_moduli(given, releases, angles, strength, friction_zones)
+    materials = stiffness.chosen_moduli(given, releases, frictions, strength, friction_zones)
     for r, m in zip(releases, materials, strict=True):
         m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
     dug = [r.excavation for r in releases]
-    mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(angles, strength, friction_zones))
+    mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(frictions, strength, friction_zones))
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     if accept:
         accept(expected_extent(releases, surface.surface, spacing, particles_per_axis(particles_per_cell)))
-    raster, friction = Raster(*terrain.shape, terrain.cell_size), tuple(math.tan(a) for a in angles)
+    friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     scene = Scene(
-        spacing, surface, raster, materials, friction, cfl=cfl, precision=precision, transfer=transfer,
-        flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
-        unknown=open_edge.unknown_cells(terrain), strength=strength, initial_stress=InitialStress.of(initial_stress),
+        spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,
+        transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
+        strength=strength, unknown=open_edge.unknown_cells(terrain), initial_stress=InitialStress.of(initial_stress),
     )  # fmt: skip
     press = pressed_by(scene, releases)
     particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed, press=press)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.model.basal_friction import BasalFriction
 from runout.model.basal_strength import least_angle
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
@@ -59,7 +60,7 @@ class Stiffness:
 def stiffness(
     materials: Sequence[Material],
     releases: Sequence[Release],
-    angles: Sequence[float],
+    frictions: Sequence[BasalFriction | float],
     strength: Sequence[float],
     zones: FrictionZones | None = None,
 ) -> Stiffness:
@@ -74,15 +75,15 @@ def stiffness(
     materials : sequence of Material
         One per release.
     releases : sequence of Release
-    angles : sequence of float
-        Basal friction angle of each release [rad].
+    frictions : sequence of BasalFriction or float
+        Basal friction of each release, or its angle [rad].
     strength : sequence of float
         Largest friction coefficient [1] that each mass passes on to the ground.
     zones : FrictionZones, optional
     """
     from runout.terrain.energy_line import largest_speed
 
-    acting = [least_angle([angle], [s], zones) for angle, s in zip(angles, strength, strict=True)]
+    acting = [least_angle([friction], [s], zones) for friction, s in zip(frictions, strength, strict=True)]
     speed = largest_speed(releases, acting)
     thickness = max(float(r.thickness.max()) for r in releases)
     return Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in materials), speed, thickness)
@@ -91,14 +92,14 @@ def stiffness(
 def chosen_moduli(
     materials: Sequence[Material],
     releases: Sequence[Release],
-    angles: Sequence[float],
+    frictions: Sequence[BasalFriction | float],
     strength: Sequence[float],
     zones: FrictionZones | None = None,
 ) -> tuple[Material, ...]:
     """The ``materials`` with numbers as moduli, as in :func:`stiffness`; nothing is computed where all are stated."""
     if all(not isinstance(m.youngs_modulus, str) for m in materials):
         return tuple(materials)
-    found = stiffness(materials, releases, angles, strength, zones)
+    found = stiffness(materials, releases, frictions, strength, zones)
     moduli = ", ".join(dict.fromkeys(f"{m.modulus:.3g}" for m in found.materials))
     LOGGER.info("youngs_modulus %s Pa: %s", moduli, found.statement())
     return found.materials

@@ -1,8 +1,8 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
-``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law, and
-``{law-classes}`` their classes; ``{variables} max_speed ...`` lists variables of the products; ``{presets}`` the presets of
-accuracy.
+``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
+``{friction-laws}`` those of every friction law, and ``{law-classes}`` their classes; ``{variables} max_speed ...`` lists variables
+of the products; ``{presets}`` the presets of accuracy.
 """
 
 from typing import Any
@@ -45,14 +45,32 @@ class LawTables(SphinxDirective):
         return nodes
 
 
+class FrictionLawTables(SphinxDirective):
+    """For each friction law of runout what it is, and a table of its keys in site.yaml."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the tables."""
+        from runout.config.friction import BLOCK
+        from runout.model.friction_laws import FRICTIONS
+
+        nodes = []
+        for law in FRICTIONS.of_runout():
+            model, sampled = BLOCK.settings_of(law), {p.key for p in law.parameters if p.sampled}
+            nodes += self.parse_text_to_nodes(f"`law: {law.name}`. {model.__doc__}")
+            rows = [[*_setting_row(name, field), "yes" if name in sampled else ""] for name, field in model.model_fields.items()]
+            nodes += _table(self, ["key", "unit", "default", "range", "meaning", "sampled"], rows)
+        return nodes
+
+
 class LawClasses(SphinxDirective):
     """The classes that the files of runout's laws define."""
 
     def run(self) -> list[Any]:
         """Nodes of their documentation."""
-        from runout.model.laws import public_names
+        from runout.model import friction_laws, laws
 
-        text = "\n".join(f"```{{eval-rst}}\n.. autoclass:: runout.{name}\n```\n" for name in public_names())
+        names = [*laws.public_names(), *friction_laws.public_names()]
+        text = "\n".join(f"```{{eval-rst}}\n.. autoclass:: runout.{name}\n```\n" for name in names)
         return self.parse_text_to_nodes(text)  # type: ignore[no-any-return]
 
 
@@ -134,6 +152,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("settings", SettingsTable)
     app.add_directive("laws", LawTables)
+    app.add_directive("friction-laws", FrictionLawTables)
     app.add_directive("law-classes", LawClasses)
     app.add_directive("variables", VariablesTable)
     app.add_directive("presets", PresetsTable)

@@ -13,12 +13,14 @@ import hashlib
 import inspect
 import os
 import tempfile
+from collections import namedtuple
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
+from runout.model.friction_laws import FrictionLaw
 from runout.model.law_source import functions_of_law
 from runout.model.laws import Law
 from runout.physics import (
@@ -83,13 +85,32 @@ def _bind_law(
     law: Law, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
 ) -> SimpleNamespace:
     """``update`` of a law and its steps, ``step`` and ``step_small``; a material that never yields has the steps of elasticity."""
+    functions = [*(functions_of_law(law.update) if law.update else ()), law.step, law.step_small]
+    own = _bind_own(law, functions, names, compiled, compile_one)
+    return SimpleNamespace(update=own.get(law.update), step=own[law.step], step_small=own[law.step_small])
+
+
+def _bind_friction(
+    law: FrictionLaw, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
+) -> SimpleNamespace:
+    """``resistance`` of a law of basal friction, as it is and ``at_base``, and the ``impulse`` of a contact that follows it."""
+    functions: list[Any] = list(dict.fromkeys([*functions_of_law(law.resistance), law.at_base, law.impulse]))
+    own = _bind_own(law, functions, names, compiled, compile_one)
+    return SimpleNamespace(resistance=own[law.resistance], at_base=own[law.at_base], impulse=own[law.impulse])
+
+
+def _bind_own(
+    law: Law | FrictionLaw, functions: list[FunctionType], names: Mapping[str, Any], compiled: Mapping[FunctionType, Any],
+    compile_one: Callable[[FunctionType], Any],
+) -> dict[Any, Any]:  # fmt: skip
+    """What is compiled already and the functions of a law, each after what it calls."""
     own: dict[Any, Any] = dict(compiled)
-    for function in [*(functions_of_law(law.update) if law.update else ()), law.step, law.step_small]:
+    for function in functions:
         if function not in own:
             copy = rebound(function, names, own)
             copy.__qualname__ = f"{function.__name__}_{law.name}_{law.fingerprint}"  # part of the key of compiled code
             own[function] = compile_one(copy)
-    return SimpleNamespace(update=own.get(law.update), step=own[law.step], step_small=own[law.step_small])
+    return own
 
 
 class NumbaBinding:
@@ -117,7 +138,7 @@ class NumbaBinding:
         inline = numba.njit(**self.inlined)
         spaces, self._compiled = _bind(PHYSICS, names, inline)
         self.names = names
-        self._laws: dict[Law, SimpleNamespace] = {}
+        self._laws: dict[Law | FrictionLaw, SimpleNamespace] = {}
         self.__dict__.update(vars(spaces))
 
     def law(self, law: Law) -> SimpleNamespace:
@@ -126,6 +147,15 @@ class NumbaBinding:
             import numba
 
             self._laws[law] = _bind_law(law, self.names, self._compiled, numba.njit(**self.inlined))
+        return self._laws[law]
+
+    def friction(self, law: FrictionLaw) -> SimpleNamespace:
+        """Compiled functions of a law of basal friction, and ``record``, which makes a record of its numbers."""
+        if law not in self._laws:
+            import numba
+
+            self._laws[law] = _bind_friction(law, self.names, self._compiled, numba.njit(**self.inlined))
+            self._laws[law].record = namedtuple("record", law.fields)  # type: ignore[misc]
         return self._laws[law]
 
     def kernels(self, *modules: ModuleType, sources: tuple[ModuleType, ...] = (), **names: Any) -> SimpleNamespace:
@@ -188,6 +218,7 @@ def warp_binding(real: Any) -> SimpleNamespace:
     spaces, compiled = _bind(PHYSICS, names, compile_one)
     spaces.names, spaces.compiled = names, compiled
     spaces.law = cache(lambda law: _bind_law(law, names, compiled, compile_one))
+    spaces.friction = cache(lambda law: _bind_friction(law, names, compiled, compile_one))
     return spaces
 
 
@@ -218,9 +249,10 @@ def warp_kernels(
     return space
 
 
-def law_record(law: Law, real: Any) -> Any:
-    """Warp struct of the parameter record of a law."""
-    return warp_record(law.name, law.fields, real)
+def law_record(law: Law | FrictionLaw, real: Any) -> Any:
+    """Warp struct of the record of a law."""
+    kind = "friction_" if isinstance(law, FrictionLaw) else ""
+    return warp_record(kind + law.name, law.fields, real)
 
 
 @cache

@@ -9,6 +9,7 @@ import numpy as np
 
 from runout import __version__
 from runout.config.fetch import locate
+from runout.config.friction import ANGLE, KEY, sampled_ranges
 from runout.errors import DemError
 from runout.io.opening import BYTES_PER_CELL
 from runout.io.provenance import checksum
@@ -76,7 +77,7 @@ def needed_extent(site: "Site") -> DerivedExtent | None:
     if header.cells <= LARGEST_WHOLE:
         return None
     boxes = [release_bounds(release, site.folder, header) for release in site.settings.release]
-    if not boxes or "basal_friction_angle_deg" not in site.settings.model_fields_set:
+    if not boxes or not {ANGLE, KEY} & site.settings.model_fields_set:
         unknown = "and site.yaml does not say yet where masses may get"
         raise DemError(f"{header.source}: {_too_many(header)}, {unknown}; {_state(header)}")
     low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
@@ -185,17 +186,16 @@ def _least_friction(site: "Site", terrain: "Terrain", releases: "list[Release]")
     from runout.errors import ZoneError
     from runout.model.basal_strength import least_angle, strengths
 
-    common = math.radians(_support(site, "basal_friction_angle_deg", site.settings.basal_friction_angle_deg)[0])
     sampled = site.settings.ensemble.parameters
+    lowest = {name: sampled[name].support()[0] for name in sampled_ranges(site.friction.law) if name in sampled}
     weakest = site.material({name: sampled[name].support()[0] for name in ("friction_angle_deg", "cohesion") if name in sampled})
-    angles = [common if r.basal_friction_angle is None else r.basal_friction_angle for r in releases]
     height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
     strength = strengths([r.material or weakest for r in releases], height)
     try:
         zones = site.friction_zones(terrain)
     except ZoneError:  # no zone lies within this extent; Site.friction_zones reports faults on the final extent
         zones = None
-    return least_angle(angles, strength, zones)
+    return least_angle(site.friction.of_releases(releases, lowest), strength, zones)
 
 
 def _support(site: "Site", name: str, otherwise: float) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from pydantic.fields import FieldInfo
 
 from runout.config.distributions import DISTRIBUTIONS
 from runout.config.document import Document, Location
+from runout.config.friction import BLOCK, KEY, own_model, stated_law
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
 from runout.config.schema import RemoteFile, SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
@@ -69,10 +70,21 @@ def _looked_up(location: Location, document: Document) -> tuple[type[BaseModel],
             model = CHOSEN.get(str(part), model)
         elif isinstance(part, str):
             field = model.model_fields.get(part)
-            law = known_law(document.value(("material",)))
-            inner = parameters_model(law) if part == "parameters" else inner_model(field.annotation) if field else None
-            model = settings_of(law) if part == "material" and law else inner or model
+            inner = inner_model(field.annotation) if field else None
+            model = _model_of_laws(part, model, document) or inner or model
     return model, field
+
+
+def _model_of_laws(part: str, model: type[BaseModel], document: Document) -> type[BaseModel] | None:
+    """The model of a key that depends on the laws of a file; None for any other key."""
+    law, friction = known_law(document.value(("material",))), stated_law(document.values)
+    if part == "parameters":
+        return parameters_model(law, friction)
+    if part == "material":
+        return settings_of(law) if law else None
+    if part == KEY and friction:
+        return BLOCK.settings_of(friction) if model is SiteSettings else own_model(friction)  # type: ignore[no-any-return]
+    return None
 
 
 def inner_model(annotation: Any) -> type[BaseModel] | None:
@@ -103,9 +115,12 @@ def _sections(document: Document) -> dict[str, Iterable[str]]:
     inner = {name: inner_model(field.annotation) for name, field in SiteSettings.model_fields.items()}
     fields = {name: model.model_fields for name, model in inner.items() if model}
     law = known_law(document.value(("material",)))
-    known: dict[str, Iterable[str]] = {"ensemble.parameters": sampled_ranges(law)}
+    friction = stated_law(document.values)
+    known: dict[str, Iterable[str]] = {"ensemble.parameters": sampled_ranges(law, friction)}
     if law:
         known["material"] = settings_of(law).model_fields
+    if friction and KEY in document.values:
+        known[KEY] = BLOCK.settings_of(friction).model_fields
     return {"": SiteSettings.model_fields, **fields, **known}
 
 

@@ -8,9 +8,17 @@ from typing import Any
 from pydantic import ValidationError
 
 from runout.config.document import Document, Location, read_document, shortened
+from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.material import foreign_parameters, known_law
 from runout.config.problems import problems_of
-from runout.config.schema import SAMPLE_DEMS, SiteSettings, device_conflicts, release_conflicts, zone_conflicts
+from runout.config.schema import (
+    SAMPLE_DEMS,
+    SiteSettings,
+    device_conflicts,
+    friction_conflicts,
+    release_conflicts,
+    zone_conflicts,
+)
 from runout.errors import ConfigError, Problem
 from runout.io.boundary import exists, kind_of, names_in
 from runout.io.georeference import file_named_by
@@ -34,8 +42,8 @@ def load(path: Path | str) -> SiteSettings:
     settings = None
     if isinstance(document.values, dict):
         try:
-            law = known_law(document.value(("material",)))
-            settings = SiteSettings.model_validate(document.values, context={"law": law})
+            laws = {"law": known_law(document.value(("material",))), "friction": stated_law(document.values)}
+            settings = SiteSettings.model_validate(document.values, context=laws)
         except ValidationError as error:
             problems += problems_of(error, document)
         problems += [*_contradictions(document), *_missing_files(document, file.parent), *_coordinate_system(document)]
@@ -99,14 +107,30 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         if names[i] in names[:i]:
             place: Location = ("release", i, "name")
             yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
-        if "basal_friction_angle_deg" in release and "basal_friction_angle_deg" in sampled:
-            place = ("release", i, "basal_friction_angle_deg")
-            yield document.problem(place, "the ensemble samples this angle too", "remove one of the two")
+        yield from _own_friction(document, ("release", i), release, sampled)
     for i, zone in enumerate(_overlays(document, "friction_zones")):
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
-    for key, message, fix in foreign_parameters(document.value(("material",)), sampled):
+        yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
+    site = document.values if isinstance(document.values, dict) else {}
+    for key, message, fix in friction_conflicts({k: v for k, v in site.items() if v is not None}):
+        yield document.problem((key,), message, fix)
+    for key, message, fix in foreign_parameters(document.value(("material",)), stated_law(document.values), sampled):
         yield document.problem(("ensemble", "parameters", key), message, fix)
+
+
+def _own_friction(document: Document, place: Location, given: dict[str, Any], sampled: dict[str, Any]) -> Iterator[Problem]:
+    """Friction of a release or a zone that the law of the site does not have, or that the ensemble samples too."""
+    law, own = stated_law(document.values), given.get(KEY)
+    if ANGLE in given and law and ANGLE not in sampled_ranges(law):
+        names = ", ".join(p.key for p in law.parameters)
+        message = f"the friction law {law.name} has no friction angle"
+        yield document.problem((*place, ANGLE), message, f"write {KEY}: {{...}} with parameters of that law: {names}")
+    if ANGLE in given and ANGLE in sampled:
+        yield document.problem((*place, ANGLE), "the ensemble samples this angle too", "remove one of the two")
+    for key in own if isinstance(own, dict) else ():
+        if f"{PREFIX}{key}" in sampled:
+            yield document.problem((*place, KEY, key), "the ensemble samples this parameter too", "remove one of the two")
 
 
 def _overlays(document: Document, key: str) -> list[dict[str, Any]]:

@@ -15,13 +15,13 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from runout.config.extent import VECTOR_SUFFIXES
-from runout.config.material import settings_of
+from runout.config.friction import BLOCK as FRICTION_BLOCK
+from runout.config.material import BLOCK
 from runout.config.problems import inner_model
 from runout.config.read import FILE_NAME, nearest_file
 from runout.config.schema import SiteSettings
 from runout.config.thickness_attribute import thickness_of
 from runout.errors import InputError
-from runout.model.laws import LAWS
 
 RASTER_SUFFIXES = (".tif", ".tiff", ".asc", ".nc", ".img", ".vrt", ".flt", ".bil")
 SIDE_SUFFIXES = (".shx", ".dbf", ".prj", ".cpg", ".tfw", ".hdr", ".aux.xml")
@@ -155,7 +155,9 @@ def _block(values: Mapping[str, Any], model: type[BaseModel], indent: str) -> It
             yield ""
         yield from _comment(field, indent)
         value = values.get(name)
-        inner = settings_of(LAWS.find(value["law"])) if name == "material" and value else inner_model(field.annotation)
+        block = {"material": BLOCK, "basal_friction": FRICTION_BLOCK}.get(name)
+        named = block and isinstance(value, dict) and "law" in value
+        inner = block.settings_of(block.known_law(value)) if block and named else inner_model(field.annotation)  # type: ignore[attr-defined]
         if value is None:
             yield f"{indent}# {name}: {_example(field)}".rstrip()
         elif name == "parameters":

@@ -15,6 +15,8 @@ from runout.config.distributions import (
     refuse,
     shape,
 )
+from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
+from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.metadata import METADATA, MetadataSettings
 from runout.config.quantities import (
@@ -29,22 +31,31 @@ from runout.config.quantities import (
     Thickness,
 )
 from runout.config.remote import RemoteFile
+from runout.model.friction_laws import DEFAULT_FRICTION
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
+OwnFriction = Annotated[dict[str, float], BeforeValidator(own_parameters(attributes=False))]
+ZoneFriction = Annotated[dict[str, float | str], BeforeValidator(own_parameters(attributes=True))]
 InputFile = Annotated[Text | Annotated[RemoteFile, Tag("<block>")], Discriminator(shape)]
 
 
 def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
     """Conflicts between keys of a friction zone."""
-    both = {"factor", "basal_friction_angle_deg"} <= given.keys()
-    if both or not {"factor", "basal_friction_angle_deg"} & given.keys():
-        said = (
-            "factor and basal_friction_angle_deg are both given" if both else "neither factor nor basal_friction_angle_deg is given"
-        )
-        yield "", said, "give one of them: factor multiplies the friction of the mass, the angle replaces it"
+    stated = [key for key in ("factor", ANGLE, KEY) if key in given]
+    if len(stated) != 1:
+        said = f"{stated[0]} and {stated[1]} are both given" if stated else f"neither factor nor {ANGLE} is given"
+        yield "", said, f"give one of them: factor multiplies the friction of the mass, the angle or {KEY} replaces it"
+
+
+def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+    """No basal friction, or two of them."""
+    if {ANGLE, KEY} <= given.keys():
+        yield KEY, f"{ANGLE} is given too", "remove one of the two"
+    elif not {ANGLE, KEY} & given.keys():
+        yield ANGLE, "required key is missing", f"add it: friction angle of the mass on the ground [deg]; or {KEY}: {{law: ...}}"
 
 
 class ZoneSettings(Settings):
@@ -64,6 +75,12 @@ class ZoneSettings(Settings):
         None,
         unit="deg",
         examples=[30.0],
+    )
+
+    basal_friction: ZoneFriction | None = quantity(
+        "replaces these parameters of the law of friction in these zones; numbers or attributes that hold them",
+        None,
+        examples=[{"friction_angle_deg": 30.0}],
     )
 
     @model_validator(mode="after")
@@ -113,7 +130,8 @@ class TerrainSettings(Settings):
     )
     friction_zones: list[ZoneSettings] | None = quantity(
         "list of zones with another basal friction (forest, bedrock, snow): polygons of a vector file, with "
-        "factor, which multiplies the friction coefficient of the mass, or basal_friction_angle_deg, which replaces its angle",
+        "factor, which multiplies the friction coefficients of the mass, or basal_friction_angle_deg, which replaces its angle, or "
+        "basal_friction, which replaces parameters of its law",
         None,
         min_length=1,
         examples=[[{"polygons": "inputs/zones.gpkg", "factor": 1.5}]],
@@ -133,6 +151,8 @@ def release_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
     elif unused := {"thickness", "edge", "layer"} & given.keys() if raster else {"sign"} & given.keys():
         for key in sorted(unused):
             yield key, f"has no meaning with {'a raster' if raster else 'polygons'}", "remove it"
+    if {ANGLE, KEY} <= given.keys():
+        yield KEY, f"{ANGLE} is given too", "remove one of the two"
 
 
 def device_conflicts(given: Mapping[str, Any]) -> Iterator[Conflict]:
@@ -191,6 +211,9 @@ class ReleaseSettings(Settings):
     )
     basal_friction_angle_deg: FrictionAngle | None = quantity(
         "friction angle under this mass only, or the attribute of the polygons that holds it", None, unit="deg", examples=[15.0]
+    )
+    basal_friction: OwnFriction | None = quantity(
+        "parameters of the law of friction under this mass only", None, examples=[{"friction_angle_deg": 15.0}]
     )
 
     @model_validator(mode="after")
@@ -263,7 +286,7 @@ class EnsembleSettings(Settings):
     members: int = quantity("number of scenarios; powers of 2 cover the parameters evenly", 1, ge=1, le=100_000)
     seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
-        f"sampled parameters: {', '.join(sampled_ranges())} (of the material those that its law has); "
+        f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material and friction have); "
         "each uniform {low, high}, normal {mean, standard_deviation, low, high}, "
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},
@@ -317,10 +340,22 @@ class SiteSettings(Settings):
     terrain: TerrainSettings = quantity("the terrain")
     release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
     material: Annotated[SerializeAsAny[MaterialSettings], BeforeValidator(validated_material)] = quantity("the material")
-    basal_friction_angle_deg: Degrees = limited("basal_friction_angle", "friction angle of the mass on the ground")
+    basal_friction_angle_deg: Degrees | None = limited(
+        "basal_friction_angle", "friction angle of the mass on the ground", None, examples=[20.0]
+    )
+    basal_friction: Annotated[SerializeAsAny[FrictionSettings], BeforeValidator(FRICTION_BLOCK.validated)] | None = quantity(
+        "instead of basal_friction_angle_deg: law of friction of the mass on the ground and its parameters",
+        None,
+        examples=[{"law": DEFAULT_FRICTION, "friction_angle_deg": 20.0}],
+    )
     simulation: SimulationSettings = quantity("how each member is computed")
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())
     budget: BudgetSettings | None = quantity(
         "a run that is forecast to need more is refused", None, examples=[{"hours": 1.0, "memory_gb": 8.0, "disk_gb": 2.0}]
     )
+
+    @model_validator(mode="after")
+    def _one_friction(self) -> "SiteSettings":
+        _raise_first(friction_conflicts(self.model_dump(include={ANGLE, KEY}, exclude_none=True)))
+        return self

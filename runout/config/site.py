@@ -1,6 +1,5 @@
 """A site: its folder, its settings, and the terrain, releases and zones that they define."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,6 +12,7 @@ from runout.config.fetch import locate
 from runout.config.material import sampled_ranges
 from runout.config.read import load, site_file
 from runout.config.schema import ReleaseSettings, SiteSettings
+from runout.config.site_friction import SiteFriction
 from runout.errors import ConfigError, InputError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
@@ -131,9 +131,8 @@ class Site:
             return None
         from runout.terrain.zones import read_zones, together
 
-        return together(
-            [read_zones(locate(z.polygons, self.folder), terrain, **z.model_dump(exclude={"polygons"})) for z in stated]
-        )
+        given, law = [(z, z.model_dump(exclude={"polygons"})) for z in stated], self.friction.law.name
+        return together([read_zones(locate(z.polygons, self.folder), terrain, law=law, **choices) for z, choices in given])
 
     def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
         """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
@@ -166,7 +165,7 @@ class Site:
 
     def _scaled(self, releases: "Sequence[Release]", sample: Mapping[str, float] | None) -> "list[Release]":
         factor = self._known(sample).get("release_volume_factor", 1.0)
-        return [r.scaled(factor) for r in releases] if factor != 1.0 else list(releases)
+        return [r.scaled(factor) if factor != 1.0 else r for r in self.friction.under(releases, self._known(sample))]
 
     def data(self) -> SiteData:
         """All that the inputs hold, read once for many members.
@@ -186,6 +185,11 @@ class Site:
         """The material; sampled parameters replace the stated ones."""
         return self.settings.material.material(self._known(sample))
 
+    @property
+    def friction(self) -> SiteFriction:
+        """Basal friction of members and releases."""
+        return SiteFriction(self.settings)
+
     def member_arguments(self, sample: Mapping[str, float] | None = None, data: SiteData | None = None) -> dict[str, Any]:
         """Arguments of :func:`runout.simulate` for one member.
 
@@ -201,7 +205,6 @@ class Site:
         data = data or self.data()
         stated = self.settings.simulation
         grid = self._grid
-        angle = sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg)
         count = _fixed(stated.particles_per_cell)
         if count is None:
             count = self.default_particles(data, grid["cell_size"], sampled)
@@ -209,7 +212,7 @@ class Site:
             "terrain": data.terrain,
             "release": self._scaled(data.releases, sampled),
             "material": self.material(sampled),
-            "basal_friction_angle": float(angle),
+            **self.friction.arguments(sampled),
             "friction_zones": data.friction_zones,
             "cell_size": _fixed(grid["cell_size"]),
             "particles_per_cell": count,
@@ -246,9 +249,9 @@ class Site:
         from runout.release.arrangement import default_particles
 
         sampled = self._known(sample)
-        angle = math.radians(sampled.get("basal_friction_angle_deg", self.settings.basal_friction_angle_deg))
         height = cell_size[2] if isinstance(cell_size, Sequence) else cell_size
-        return default_particles(self._scaled(data.releases, sampled), self.material(sampled), angle, height, data.friction_zones)
+        releases, basal = self._scaled(data.releases, sampled), self.friction.of_run(sampled)
+        return default_particles(releases, self.material(sampled), basal, height, data.friction_zones)
 
     @cached_property
     def _grid(self) -> dict[str, Any]:
@@ -315,6 +318,8 @@ class Site:
         content, law = self._stated(), LAWS.find(self.settings.material.law)
         if law.source:
             content["material"]["source"] = law.source
+        if self.friction.law.source:
+            content["basal_friction"]["source"] = self.friction.law.source
         place = content["simulation"]
         del place["device"]
         place.pop("threads", None)
@@ -351,7 +356,7 @@ class Site:
         """The sampled parameters; an unknown name is refused."""
         if not sample:  # a site with an invalid material block has no material
             return {}
-        ranges = sampled_ranges(LAWS.find(self.settings.material.law))
+        ranges = sampled_ranges(LAWS.find(self.settings.material.law), self.friction.law)
         unknown = [name for name in sample if name not in ranges and name not in ROW_EXTRAS]
         if unknown:
             raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")

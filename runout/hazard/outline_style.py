@@ -12,7 +12,8 @@ _OBSTACLE = "#6b4a2b"
 _ZONE = "#22282f"
 _PROBABILITY_RAMP = "YlOrRd"
 _OBSTACLE_LABEL = "if(\"height_m\" < 0, '', '+') || \"height_m\" || ' m'"
-_ZONE_LABEL = 'if("factor" is null, round("basal_friction_angle_deg", 1) || \'°\', \'friction times \' || "factor")'
+_REPLACED = "coalesce(round(\"basal_friction_angle_deg\", 1) || '°', attribute(@feature, 'parameters'))"
+_ZONE_LABEL = f'if("factor" is null, {_REPLACED}, \'friction times \' || "factor")'
 
 
 def outline_styles() -> dict[str, str]:

@@ -12,7 +12,8 @@ from runout.io.boundary import exists, names_in
 from runout.io.opening import open_vector
 from runout.io.polygon_overlap import cut, overlaps_of
 from runout.io.polygon_reproject import polygons_on_terrain
-from runout.model.limits import checked
+from runout.model.limits import checked, checked_within
+from runout.model.parameters import Parameter
 from runout.model.terrain import Terrain
 
 NAMED = 5  # pairs that a message names
@@ -75,6 +76,18 @@ class PolygonLayer:
         values = self.numbers(given, key or quantity.replace("_", " "))
         for number, value in enumerate(values, 1):
             checked(quantity, float(value), place=place, key=f"attribute {given!r} of polygon {number}", error=ReleaseError)
+        return values
+
+    def within(self, given: float | str, parameter: Parameter) -> np.ndarray:
+        """Values (n,) of a parameter of a law: one number for all polygons, or of an attribute; errors as of :meth:`stated`."""
+        assert parameter.valid is not None  # a number
+        if not isinstance(given, str):
+            what = f"{self.source}: {parameter.key}"
+            return np.full(len(self.polygons), checked_within(parameter.valid, what, given, error=ReleaseError))
+        values = self.numbers(given, parameter.key)
+        for number, value in enumerate(values.tolist(), 1):
+            what = f"{self.source}: attribute {given!r} of polygon {number}"
+            checked_within(parameter.valid, what, value, error=ReleaseError)
         return values
 
     def numeric_attributes(self) -> str:

@@ -1,5 +1,6 @@
 """Writes outlines of releases, inundation, obstacles and friction zones to a GeoPackage, with styles."""
 
+import json
 import math
 import os
 import warnings
@@ -146,6 +147,7 @@ def _zone_frame(terrain: Terrain, zones: FrictionZones) -> "gpd.GeoDataFrame":
         {
             "factor": zone.get("factor"),
             "basal_friction_angle_deg": math.degrees(math.atan(zone["coefficient"])) if "coefficient" in zone else None,
+            **({"parameters": json.dumps(zone["parameters"])} if "parameters" in zone else {}),
             "geometry": _multi(zone["geometry"]),
         }
         for zone in zones.zones

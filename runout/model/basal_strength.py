@@ -5,8 +5,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from runout.errors import ConfigError
+from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
+from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Scene
 from runout.physics import geostatic
 
@@ -20,17 +23,36 @@ def strengths(materials: Sequence[Material], height: float) -> tuple[float, ...]
     return tuple(m.shear_strength(m.density * STANDARD_GRAVITY * height) for m in materials)
 
 
-def least_angle(angles: Sequence[float], strength: Sequence[float], zones: FrictionZones | None = None) -> float:
-    """Smallest friction angle [rad] that acts on any cell, of masses with basal ``angles`` [rad] and ``strength`` [1]."""
-    ground = [zones.least_angle(angle) if zones else angle for angle in angles]
+def frictions_under(releases: Sequence[Release], basal: BasalFriction | float) -> list[BasalFriction | float]:
+    """Basal friction under each release, or its friction angle [rad]; ``basal`` is that of the run.
+
+    Raises
+    ------
+    ConfigError
+        If an angle is out of its range.
+    """
+    frictions = [r.friction_on(basal) for r in releases]
+    angles = [f for f in frictions if isinstance(f, float)]
+    if not all(0 <= a <= math.radians(60) for a in angles):
+        worst = max(angles, key=lambda a: abs(a - 0.5))
+        raise ConfigError(f"basal_friction_angle is {math.degrees(worst):g} deg; it must lie between 0 and 60 deg")
+    return frictions
+
+
+def least_angle(frictions: Sequence[BasalFriction | float], strength: Sequence[float], zones: FrictionZones | None = None) -> float:
+    """Smallest friction angle [rad] that acts on any cell at any speed, of masses with basal ``frictions`` and ``strength`` [1].
+
+    A number is a friction angle [rad].
+    """
+    ground = [zones.least_angle(f) if zones else math.atan(f.least) if isinstance(f, BasalFriction) else f for f in frictions]
     return min(min(g, math.atan(s)) for g, s in zip(ground, strength, strict=True))
 
 
 def sentences(scene: Scene, names: Sequence[str]) -> Iterator[str]:
     """Which friction acts, for each release (by ``names``) that meets ground stronger than its material."""
-    for name, stated, strength in zip(names, scene.friction, scene.strengths, strict=True):
-        zones = scene.friction_zones
-        strongest = float(zones.at_cells(stated).max()) if zones else stated
+    zones = scene.friction_zones
+    for name, friction, stated, strength in zip(names, scene.friction, scene.resting_friction, scene.strengths, strict=True):
+        strongest = float(zones.coefficients(friction)[:, 0].max()) if zones else stated
         if strongest > strength:
             yield sentence(name, strongest, strength, in_zones=strongest > stated)
 

@@ -1,14 +1,18 @@
 """Zones of the ground that change the basal friction: forest, bedrock, snow, a channel."""
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from runout.errors import ConfigError
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.model.terrain import Terrain
 from runout.physics.contact import zone_friction
 
@@ -18,7 +22,8 @@ class FrictionZones:
     """How the ground changes the basal friction coefficient of the mass above it, on the cells of the elevation raster.
 
     In a cell it is ``factor`` times the coefficient of the release plus ``coefficient``: a zone that replaces friction has the
-    factor 0. On cells that its border cuts both are means by area.
+    factor 0. On cells that its border cuts both are means by area. A factor multiplies all friction coefficients of a law; other
+    numbers of a law are ``replaced`` by name.
 
     Parameters
     ----------
@@ -34,6 +39,9 @@ class FrictionZones:
         Where they come from.
     changes : tuple of str
         What was changed on the way in, one sentence each.
+    replaced : dict of str to pair of ndarray (nx, ny)
+        For each number of a law of friction (:meth:`BasalFriction.numbers`) that zones replace, the part [1] that is left of that
+        of the mass, and what zones add.
     """
 
     factor: np.ndarray
@@ -42,6 +50,8 @@ class FrictionZones:
     zones: tuple[dict[str, Any], ...] = ()
     source: str = ""
     changes: tuple[str, ...] = ()
+    replaced: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    _kinds: dict[str, Kinds] = field(default_factory=dict, init=False, repr=False, compare=False)  # by law, once asked for
 
     def __post_init__(self) -> None:
         if self.factor.ndim != 2 or self.factor.shape != self.coefficient.shape:
@@ -59,11 +69,15 @@ class FrictionZones:
         factor: float | str | None = None,
         basal_friction_angle_deg: float | str | None = None,
         layer: str | None = None,
-    ) -> "FrictionZones":
+        *,
+        basal_friction: Mapping[str, float | str] | None = None,
+        law: str | None = None,
+    ) -> FrictionZones:
         """Zones of the polygons of a GeoPackage, Shapefile or GeoJSON.
 
-        Either ``factor`` [1] multiplies the friction of the mass in all of them, or ``basal_friction_angle_deg`` [deg] replaces it;
-        each is a number or the name of an attribute. ``layer`` is needed if the file has several.
+        Either ``factor`` [1] multiplies the friction of the mass in all of them, or ``basal_friction_angle_deg`` [deg] replaces
+        it, or ``basal_friction`` replaces parameters of the friction ``law``, by their keys in site.yaml. Each value is a number or
+        the name of an attribute. ``layer`` is needed if the file has several.
 
         Raises
         ------
@@ -72,40 +86,81 @@ class FrictionZones:
         """
         from runout.terrain.zones import read_zones
 
-        return read_zones(path, terrain, factor=factor, basal_friction_angle_deg=basal_friction_angle_deg, layer=layer)
+        angle, own = basal_friction_angle_deg, basal_friction
+        return read_zones(path, terrain, factor=factor, basal_friction_angle_deg=angle, basal_friction=own, layer=layer, law=law)
 
     def statement(self) -> str:
         """One sentence on what the zones are."""
         area = sum(zone["geometry"].area for zone in self.zones)
         factors = sorted(zone["factor"] for zone in self.zones if "factor" in zone)
         angles = sorted(math.degrees(math.atan(zone["coefficient"])) for zone in self.zones if "coefficient" in zone)
+        own = [(key, value) for zone in self.zones for key, value in zone.get("parameters", {}).items()]
         said = [f"friction times {factors[0]:.3g} to {factors[-1]:.3g}"] if factors else []
         said += [f"friction angle {angles[0]:.3g} to {angles[-1]:.3g} deg"] if angles else []
+        for name in dict.fromkeys(key for key, _ in own):
+            values = [value for key, value in own if key == name]
+            said.append(f"{name} {min(values):.3g} to {max(values):.3g}")
         return f"friction zones: {len(self.zones)} on {area:.4g} m2; {', '.join(said)}"
 
-    def at(self, friction: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Coefficients [1] of masses with ``friction`` [1] at local positions x, y [m]; beyond the rim those of the rim."""
-        i, j = (
-            np.clip(np.floor(place / size).astype(np.int64), 0, count - 1)
-            for place, size, count in zip((x, y), self.cell_size, self.factor.shape, strict=True)
-        )
-        return zone_friction(friction, self.factor[i, j], self.coefficient[i, j])  # type: ignore[no-any-return]
+    def changes_of(self, law: FrictionLaw, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Factor and own value (nx, ny) of a number of a law in each cell."""
+        is_coefficient = name in law.friction.coefficients
+        factor, own = (self.factor, self.coefficient) if is_coefficient else (np.ones_like(self.factor), np.zeros_like(self.factor))
+        if name not in self.replaced:
+            return factor, own
+        kept, mine = self.replaced[name]
+        return np.maximum(factor + (kept - 1.0), 0.0), own + mine
 
-    def least_angle(self, angle: float) -> float:
-        """Smallest friction angle [rad] on any cell of a mass with ``angle`` [rad]."""
-        return math.atan(self.at_cells(math.tan(angle)).min())
+    def kinds(self, law: FrictionLaw) -> Kinds:
+        """The kinds of ground that there are for a law of friction."""
+        if law.name not in self._kinds:
+            self._kinds[law.name] = Kinds.of([self.changes_of(law, name) for name in law.numbers])
+        return self._kinds[law.name]
 
-    def at_cells(self, friction: float) -> np.ndarray:
-        """Coefficients (n,) [1] of a mass with ``friction`` [1] on cells of every kind there is."""
-        factor, own = self._kinds
-        return zone_friction(friction, factor, own)  # type: ignore[no-any-return]
+    def coefficients(self, friction: BasalFriction | float) -> np.ndarray:
+        """Friction coefficients (kinds, n) [1], those at rest first, of a mass on cells of every kind there is."""
+        law, numbers = numbers_of(friction)
+        kinds = self.kinds(law)
+        found = zone_friction(np.array(numbers), kinds.factor, kinds.own)[kinds.first :]
+        return found[:, [law.numbers.index(name) for name in law.friction.coefficients]]  # type: ignore[no-any-return]
 
-    @cached_property
-    def _kinds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Distinct pairs of factor and own coefficient (n,) of the cells."""
-        inside = (self.factor != 1.0) | (self.coefficient != 0.0)
-        pairs = np.column_stack([self.factor[inside], self.coefficient[inside]])
-        if not inside.all():
-            pairs = np.concatenate([pairs, [[1.0, 0.0]]])
-        kinds = np.unique(pairs, axis=0)
-        return kinds[:, 0], kinds[:, 1]
+    def least_angle(self, friction: BasalFriction | float) -> float:
+        """Smallest friction angle [rad] on any cell of a mass with a friction, or with a friction angle [rad]."""
+        return math.atan(self.coefficients(math.tan(friction) if isinstance(friction, float) else friction).min())
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """Kinds of ground: cells in which a zone changes the numbers of a law alike.
+
+    Attributes
+    ----------
+    kind : ndarray (nx, ny) of int32
+        Of each cell; 0 outside all zones.
+    factor, own : ndarray (kinds, numbers)
+        What multiplies each number of a law, and what is added then.
+    """
+
+    kind: np.ndarray
+    factor: np.ndarray
+    own: np.ndarray
+
+    @classmethod
+    def of(cls, changes: Sequence[tuple[np.ndarray, np.ndarray]]) -> Kinds:
+        """The kinds of cells with the factors and own values (nx, ny) of each number."""
+        inside = np.logical_or.reduce([(factor != 1.0) | (own != 0.0) for factor, own in changes])
+        columns = np.array([pair[k][inside] for k in range(2) for pair in changes]).reshape(2 * len(changes), -1)
+        code = np.zeros(columns.shape[1], np.int64)
+        for column in columns:
+            _, number = np.unique(column, return_inverse=True)
+            _, code = np.unique(code * (number.max(initial=0) + 1) + number, return_inverse=True)
+        _, first = np.unique(code, return_index=True)
+        kind = np.zeros(inside.shape, np.int32)
+        kind[inside] = 1 + code
+        factor, own = columns[:, first].T.reshape(-1, 2, len(changes)).transpose(1, 0, 2)
+        return cls(kind, np.vstack([np.ones(len(changes)), factor]), np.vstack([np.zeros(len(changes)), own]))
+
+    @property
+    def first(self) -> int:
+        """Number of the first kind that a cell has."""
+        return int(self.kind.min())

@@ -2,11 +2,9 @@
 
 import inspect
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
 from functools import cached_property
-from inspect import isclass
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +12,7 @@ from runout.errors import MaterialError
 from runout.model.law_source import fingerprint, functions_of_law, require_shared_subset
 from runout.model.materials import Material
 from runout.model.parameters import Parameter, numpydoc, parameters_of
-from runout.model.registry import Registry
+from runout.model.registry import Registry, classes_in
 from runout.physics import elastic, plastic
 
 if TYPE_CHECKING:
@@ -46,6 +44,11 @@ class Law:
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters."""
         return parameters_of(self.material)
+
+    @property
+    def declaration(self) -> type[Material]:
+        """The class that declares its parameters."""
+        return self.material
 
     @property
     def is_of_runout(self) -> bool:
@@ -163,9 +166,7 @@ def _require_declared(law: Law) -> None:
 
 def public_names() -> dict[str, str]:
     """Module of each class that the files of runout's laws define, by its name."""
-    modules = [sys.modules[law.material.__module__] for law in LAWS.of_runout()]
-    classes = [(module.__name__, value) for module in modules for value in vars(module).values() if isclass(value)]
-    return {value.__name__: home for home, value in classes if value.__module__ == home}
+    return classes_in(law.material.__module__ for law in LAWS.of_runout())
 
 
 def law_of(material: Material) -> Law:

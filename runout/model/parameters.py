@@ -6,7 +6,7 @@ checks, documentation and tests read the declarations with :func:`parameters_of`
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass
 from enum import StrEnum
 from typing import Any, Literal
@@ -66,26 +66,26 @@ class Parameter:
         """The value as a number in SI units and radians; choices have no such value."""
         return math.radians(value) if self.is_angle else float(value)
 
-    def checked(self, value: Any) -> Any:
+    def checked(self, value: Any, error: Callable[[str], Exception] = MaterialError) -> Any:
         """The value converted to its type.
 
         Raises
         ------
-        MaterialError
+        error
             If it is not valid; states name, value, and range or choices.
         """
         if self.is_automatic and isinstance(value, str) and value == AUTO:
             return AUTO
         if self.valid:
-            checked_within(self.valid, self.name, value, error=MaterialError)
+            checked_within(self.valid, self.name, value, error=error)
             return value
         if self.choices:
             try:
                 return self.choices(value)
             except ValueError:
-                raise MaterialError(f"{self.name} is {value!r}; choose one of {', '.join(self.choices)}") from None
+                raise error(f"{self.name} is {value!r}; choose one of {', '.join(self.choices)}") from None
         if not isinstance(value, bool):
-            raise MaterialError(f"{self.name} is {value!r}; it must be True or False")
+            raise error(f"{self.name} is {value!r}; it must be True or False")
         return value
 
 

@@ -7,9 +7,11 @@ name, so that a broken package harms only those who use it. No file of a site ca
 
 import importlib
 import pkgutil
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from inspect import isclass
 from typing import Generic, TypeVar
 
 Entry = TypeVar("Entry")
@@ -97,6 +99,12 @@ class Registry(Generic[Entry]):
 def modules_of(package: str) -> tuple[str, ...]:
     """Names of the modules of a package, sorted."""
     return tuple(sorted(module.name for module in pkgutil.iter_modules(importlib.import_module(package).__path__)))
+
+
+def classes_in(homes: Iterable[str]) -> dict[str, str]:
+    """Module of each class that imported modules define, by its name."""
+    classes = [(home, value) for home in homes for value in vars(sys.modules[home]).values() if isclass(value)]
+    return {value.__name__: home for home, value in classes if value.__module__ == home}
 
 
 def _origin(entry: EntryPoint) -> str:

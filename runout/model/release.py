@@ -9,6 +9,7 @@ import numpy as np
 
 from runout.errors import ReleaseError, member_of
 from runout.model.arrays import real_array
+from runout.model.basal_friction import BasalFriction
 from runout.model.limits import LIMITS
 from runout.model.materials import Material
 from runout.model.terrain import Terrain
@@ -57,6 +58,8 @@ class Release:
         Below the surface or on top of it.
     basal_friction_angle : float or None
         Replaces the friction angle of the run for this mass [rad].
+    basal_friction : BasalFriction or None
+        Replaces the basal friction of the run for this mass.
     material : Material or None
         Replaces the material of the run for this mass.
     name, source : str
@@ -83,6 +86,7 @@ class Release:
     edge: Edge = Edge.VERTICAL
     body: Any = None
     deepest: np.ndarray | None = None
+    basal_friction: BasalFriction | None = None
 
     def __post_init__(self) -> None:
         t = real_array(self.thickness, f"{self.source}: thickness", ReleaseError)
@@ -169,6 +173,12 @@ class Release:
         from runout.release.read import release_from_array
 
         return release_from_array(thickness, terrain, placement=placement, **choices)
+
+    def friction_on(self, otherwise: BasalFriction | float) -> BasalFriction | float:
+        """Basal friction under this mass, or its friction angle [rad]: its own, or that of the run."""
+        if self.basal_friction is not None:
+            return self.basal_friction
+        return otherwise if self.basal_friction_angle is None else self.basal_friction_angle
 
     def scaled(self, factor: float) -> "Release":
         """Release with the same outline and ``factor`` times the volume.

@@ -9,7 +9,9 @@ import numpy as np
 
 from runout.accuracy import CFL
 from runout.errors import ConfigError, StabilityError
+from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
+from runout.model.ground_friction import GroundFriction
 from runout.model.laws import Law, law_of
 from runout.model.limits import LARGEST_CFL, checked, is_number
 from runout.model.materials import Material
@@ -49,8 +51,8 @@ class Scene:
         Cells of the elevation raster. Its outline and its ``unknown`` cells bound the domain: what leaves it is booked as escaped.
     materials : tuple of Material
         One per release, all of one law.
-    friction : tuple of float
-        Basal friction coefficient tan(angle) per release [1].
+    friction : tuple of float or BasalFriction
+        Basal friction per release, all of one law; a number is a Coulomb coefficient tan(angle) [1].
     strength : tuple of float
         Largest friction coefficient that the mass of each release passes on to the ground [1], see
         :meth:`runout.model.materials.Material.shear_strength`; empty for no limit.
@@ -82,7 +84,7 @@ class Scene:
     surface: Surface | NodalSurface | None
     raster: Raster
     materials: tuple[Material, ...]
-    friction: tuple[float, ...]
+    friction: tuple[BasalFriction | float, ...]
     gravity: tuple[float, float, float] = (0.0, 0.0, -STANDARD_GRAVITY)
     cfl: float = CFL
     precision: str = "float32"
@@ -126,6 +128,7 @@ class Scene:
         if zones and (zones.factor.shape, zones.cell_size) != ((raster.columns, raster.rows), raster.cell_size):
             cells = f"{zones.factor.shape} of {zones.cell_size} m"
             raise ConfigError(f"friction zones have cells {cells}, the terrain {raster}; read them on the same terrain")
+        _ = self.basal  # refuses what does not fit together
         if self.unknown is not None and self.unknown.shape != (raster.columns, raster.rows):
             raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
 
@@ -175,31 +178,38 @@ class Scene:
         """:attr:`strength` of every release, infinite where there is no limit."""
         return self.strength or (math.inf,) * len(self.friction)
 
+    @cached_property
+    def basal(self) -> GroundFriction:
+        """Friction of the ground on the releases, as contact reads it."""
+        return GroundFriction(self.friction, self.strengths, self.friction_zones)
+
+    @property
+    def resting_friction(self) -> tuple[float, ...]:
+        """Friction coefficient of the ground at rest per release [1], outside all zones."""
+        return tuple(f.at_rest if isinstance(f, BasalFriction) else float(f) for f in self.friction)
+
     @property
     def acting_friction(self) -> tuple[float, ...]:
-        """Friction coefficient per release [1] that acts outside all zones: that of the ground, at most that of the mass."""
-        return tuple(map(geostatic.acting_friction, self.friction, self.strengths))
+        """Friction coefficient at rest per release [1] that acts outside all zones: of the ground, at most that of the mass."""
+        return tuple(map(geostatic.acting_friction, self.resting_friction, self.strengths))
 
     def start_attributes(self) -> dict[str, Any]:
         """What a run starts with, for the record.
 
-        Initial stress; by release friction coefficients [1], stated and acting outside all zones, Young's modulus [Pa], stated or
-        chosen, and speed of pressure waves [m/s].
+        Initial stress; by release friction coefficients at rest [1], stated and acting outside all zones, Young's modulus [Pa],
+        stated or chosen, and speed of pressure waves [m/s].
         """
         return {
             "initial_stress": str(self.initial_stress),
-            "basal_friction": [float(f) for f in self.friction],
+            "basal_friction": list(self.resting_friction),
             "acting_basal_friction": [float(f) for f in self.acting_friction],
             "youngs_modulus": [m.modulus for m in self.materials],
             "wave_speed": [m.wave_speed for m in self.materials],
         }
 
     def friction_at(self, release: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Friction coefficients (n,) [1] that act on masses of a ``release`` (n,) at local positions (n,) [m]."""
-        if not self.friction_zones:
-            return np.array(self.acting_friction, np.float64)[release]
-        ground = self.friction_zones.at(np.array(self.friction, np.float64)[release], x, y)
-        return np.minimum(ground, np.array(self.strengths, np.float64)[release])
+        """Friction coefficients at rest (n,) [1] that act on masses of a ``release`` (n,) at local positions (n,) [m]."""
+        return self.basal.at_rest()[self.basal.rows(release, x, y)]
 
     def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether local positions (n,) [m] lie in the domain: on a cell of the raster that has an elevation."""

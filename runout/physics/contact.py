@@ -1,5 +1,7 @@
 """Frictional contact of a particle with the ground: one impulse per contact particle.
 
+A law of basal friction (:mod:`runout.friction`) states what resists sliding, :func:`law_resistance`; the solve is one for all.
+
 The impulse acts on the grid before velocities return to the particles. Everything is per particle: the velocity u that
 the particle would receive, the normal n, the gap, and the lumped compliance A = sum_n w_n S_n / m_n [1/kg] where S_n is
 the sum of the weights of all contact particles at node n.
@@ -52,28 +54,58 @@ def normal_target(un: Any, gap: Any, dt: Any):
     return target
 
 
-def impulse(u: Any, n: Any, gap: Any, compliance: Any, friction: Any, dt: Any, given: Any):
-    """Impulse [N s] of the ground on a particle in a step: unilateral, with Coulomb friction on the whole tangential vector.
+def law_resistance(normal: Any, slip: Any, dt: Any, basal: Any):
+    """What the ground sets against sliding: a steady impulse [N s], and a drag [kg/m], see :func:`impulse`.
+
+    Here that of a ground without friction; the ``resistance`` of a law stands in its place where kernels are compiled.
+    """
+    return real(0.0), real(0.0)
+
+
+def limited_resistance(normal: Any, slip: Any, dt: Any, basal: Any):
+    """:func:`law_resistance` with a steady part that is at most what the mass above passes on, ``basal.strength`` [1]."""
+    steady, drag = law_resistance(normal, slip, dt, basal)
+    return min(steady, basal.strength * normal), drag
+
+
+def slip_after(free: Any, resistance: Any):
+    """Speed [m/s] that drag leaves: the root s >= 0 of s + resistance s^2 = free; ``resistance`` [s/m], both >= 0.
+
+    Implicit, so that drag never reverses the motion, however long the step; written without cancellation.
+    """
+    return real(2.0) * free / (real(1.0) + math.sqrt(real(1.0) + real(4.0) * resistance * free))
+
+
+def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any):
+    """Impulse [N s] of the ground on a particle in a step: unilateral, with friction on the whole tangential vector.
 
     One sweep of projected Jacobi iteration (Moreau and Jean 1996) that starts from the impulse ``given`` [N s], which the
     velocity ``u`` contains already; :func:`warm_start` takes it from the step before. Lumped compliances correct what all
     neighbours share in one sweep and what differs between them in several, so that sweeps of a static load go on over the steps.
 
-    Normal: u.n is brought to :func:`normal_target`; the total never pulls. Tangential: sticks if the friction cone admits the
-    total, else slides (Coulomb).
+    Normal: u.n is brought to :func:`normal_target`; the total never pulls. Tangential: sticks if the steady impulse R of the law
+    admits the total, else slides against R + drag dt s^2, where s is the speed that is left (:func:`slip_after`). ``basal`` are the
+    numbers of the law; it takes the slip speed of ``u``.
     """
     un = dot(u, n)
     held = dot(given, n)
     normal = held + (normal_target(un - compliance * held, gap, dt) - un) / compliance
     if normal <= real(0.0):
         return vec(real(0.0), real(0.0), real(0.0))
-    tx = given[0] - held * n[0] - (u[0] - un * n[0]) / compliance
-    ty = given[1] - held * n[1] - (u[1] - un * n[1]) / compliance
-    tz = given[2] - held * n[2] - (u[2] - un * n[2]) / compliance
+    ux = u[0] - un * n[0]
+    uy = u[1] - un * n[1]
+    uz = u[2] - un * n[2]
+    tx = given[0] - held * n[0] - ux / compliance
+    ty = given[1] - held * n[1] - uy / compliance
+    tz = given[2] - held * n[2] - uz / compliance
     along = math.sqrt(tx * tx + ty * ty + tz * tz)
+    steady, drag = law_resistance(normal, math.sqrt(ux * ux + uy * uy + uz * uz), dt, basal)
     s = real(1.0)
-    if along > friction * normal:
-        s = friction * normal / along
+    if along > steady:
+        s = steady / along
+        if drag > real(0.0):
+            left = slip_after(compliance * (along - steady), compliance * drag * dt)
+            s = (steady + drag * dt * left * left) / along
     return vec(normal * n[0] + s * tx, normal * n[1] + s * ty, normal * n[2] + s * tz)
 
 

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from runout.accuracy import PARTICLES_PER_CELL
+from runout.model.basal_friction import BasalFriction
+from runout.model.basal_strength import least_angle
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.release import Release
@@ -22,7 +24,11 @@ HELD = 2.0  # ratio of friction to slope above which friction holds a mass
 
 
 def default_particles(
-    releases: Sequence[Release], material: Material, angle: float, height: float, zones: FrictionZones | None = None
+    releases: Sequence[Release],
+    material: Material,
+    basal: BasalFriction | float,
+    height: float,
+    zones: FrictionZones | None = None,
 ) -> tuple[int, int, int]:
     """Default particles per cell (px, py, pz) of a run.
 
@@ -31,8 +37,8 @@ def default_particles(
     releases : sequence of Release
     material : Material
         Material of the releases without one of their own.
-    angle : float
-        Basal friction angle [rad] of the releases without one of their own.
+    basal : BasalFriction or float
+        Basal friction of the releases without one of their own, or its angle [rad].
     height : float
         Height of a cell [m].
     zones : FrictionZones, optional
@@ -41,9 +47,9 @@ def default_particles(
     cells = min((r.volume / r.area for r in releases), default=0.0) / height
     if cells < THICK:
         return PARTICLES_PER_CELL
-    angles = [angle if r.basal_friction_angle is None else r.basal_friction_angle for r in releases]
-    basal = zones.least_angle(min(angles)) if zones else min(angles)
-    friction = min(math.tan(basal), *((r.material or material).internal_friction for r in releases))
+    frictions = [r.friction_on(basal) for r in releases]
+    least = least_angle(frictions, [math.inf] * len(frictions), zones)
+    friction = min(math.tan(least), *((r.material or material).internal_friction for r in releases))
     return particles_for(cells, _steepest(releases, friction), friction)
 
 

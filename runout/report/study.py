@@ -142,6 +142,9 @@ def zone_label(feature: Mapping[str, Any]) -> str:
     factor = float(feature["factor"]) if feature["factor"] is not None else math.nan
     if math.isfinite(factor):
         return f"friction \u00d7 {number(factor)}"
+    own = feature.get("parameters")
+    if isinstance(own, str):
+        return ", ".join(f"{key.replace('_', ' ')} {number(value)}" for key, value in json.loads(own).items())
     return f"friction {number(float(feature['basal_friction_angle_deg']))}°"
 
 

@@ -1,17 +1,20 @@
 """Friction zones of the polygons in vector files."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from runout.errors import ReleaseError, ZoneError
 from runout.io.polygon_overlap import OVERLAP
-from runout.io.polygons import read_polygons, without_overlap
+from runout.io.polygons import PolygonLayer, read_polygons, without_overlap
 from runout.model.friction import FrictionZones
+from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
 from runout.model.terrain import Terrain
 from runout.terrain.overlay import on_cells
 
@@ -24,7 +27,9 @@ def read_zones(
     *,
     factor: float | str | None = None,
     basal_friction_angle_deg: float | str | None = None,
+    basal_friction: Mapping[str, float | str] | None = None,
     layer: str | None = None,
+    law: str | None = None,
 ) -> FrictionZones:
     """Zones of the polygons of a vector file; parameters as in :meth:`runout.model.friction.FrictionZones.from_vector`.
 
@@ -36,12 +41,17 @@ def read_zones(
         With the place, the value and the remedy.
     """
     source = Path(path)
-    if (factor is None) == (basal_friction_angle_deg is None):
-        raise ZoneError(f"{source}: give factor, which multiplies friction, or basal_friction_angle_deg, which replaces it")
+    if sum(stated is not None for stated in (factor, basal_friction_angle_deg, basal_friction)) != 1:
+        raise ZoneError(
+            f"{source}: give factor, which multiplies friction, or basal_friction_angle_deg, which replaces it, or basal_friction, "
+            "which replaces parameters of its law"
+        )
     try:
         polygons = read_polygons(source, terrain, layer, "friction zone")
+        if basal_friction is not None:
+            return _warned(_of_parameters(polygons, basal_friction, FRICTIONS.find(law or DEFAULT_FRICTION), terrain))
         if basal_friction_angle_deg is None:
-            assert factor is not None  # one of the two is given
+            assert factor is not None  # one of them is given
             values = polygons.stated(factor, "friction_factor", "factor")
         else:
             values = polygons.stated(basal_friction_angle_deg, "basal_friction_angle", "basal_friction_angle_deg")
@@ -50,9 +60,7 @@ def read_zones(
         raise ZoneError(str(error)) from error
     if basal_friction_angle_deg is not None:
         values = np.tan(np.radians(values))
-    covered, weighted, kept = on_cells(parts, values, terrain)
-    if not kept:
-        raise ZoneError(f"{source}: no friction zone lies on the terrain {terrain.source}; check the coordinate system of both")
+    covered, weighted, kept = _on_terrain(source, parts, values, terrain)
     outside = np.maximum(1.0 - covered, 0.0)
     multiplies = basal_friction_angle_deg is None
     found = FrictionZones(
@@ -63,6 +71,42 @@ def read_zones(
         str(source),
         polygons.changes + overlaps,
     )
+    return _warned(found)
+
+
+def _of_parameters(polygons: PolygonLayer, stated: Mapping[str, float | str], law: FrictionLaw, terrain: Terrain) -> FrictionZones:
+    """Zones that replace parameters of a law of friction; ``stated`` by their keys in site.yaml."""
+    of_law = {p.key: (p, number) for p, number in zip(law.parameters, law.numbers, strict=True)}
+    unknown = [key for key in stated if key not in of_law]
+    if unknown:
+        raise ZoneError(f"{polygons.source}: the friction law {law.name} has no {unknown[0]}; choose among {', '.join(of_law)}")
+    values = {key: polygons.within(given, of_law[key][0]) for key, given in stated.items()}
+    _, kind = np.unique(np.column_stack(list(values.values())), axis=0, return_inverse=True)
+    parts, overlaps = without_overlap(polygons, kind.ravel().astype(float), "friction", ". friction")
+    ones, replaced = np.ones((terrain.shape[1], terrain.shape[0])), {}
+    for key, value in values.items():
+        parameter, number = of_law[key]
+        numbers = [replace(law.example, **{parameter.name: v}).numbers()[number] for v in value.tolist()]
+        covered, weighted, _ = _on_terrain(polygons.source, parts, np.array(numbers), terrain)
+        replaced[number] = np.maximum(1.0 - covered, 0.0), weighted
+    _, _, kept = _on_terrain(polygons.source, parts, np.arange(len(parts)), terrain)
+    zones = [{"geometry": part, "parameters": {key: float(v[int(i)]) for key, v in values.items()}} for part, i in kept]
+    changes = polygons.changes + overlaps
+    return FrictionZones(ones, np.zeros_like(ones), terrain.cell_size, tuple(zones), str(polygons.source), changes, replaced)
+
+
+def _on_terrain(
+    source: Path, parts: np.ndarray, values: np.ndarray, terrain: Terrain
+) -> tuple[np.ndarray, np.ndarray, list[tuple[Any, float]]]:
+    """:func:`runout.terrain.overlay.on_cells`; ZoneError if no part lies on the terrain."""
+    covered, weighted, kept = on_cells(parts, values, terrain)
+    if not kept:
+        raise ZoneError(f"{source}: no friction zone lies on the terrain {terrain.source}; check the coordinate system of both")
+    return covered, weighted, kept
+
+
+def _warned(found: FrictionZones) -> FrictionZones:
+    """The zones, after a warning of each of their changes."""
     for change in found.changes:
         log.warning(change)
     return found
@@ -95,4 +139,15 @@ def together(parts: Sequence[FrictionZones]) -> FrictionZones:
         tuple(zone for part in parts for zone in part.zones),
         ", ".join(part.source for part in parts),
         tuple(change for part in parts for change in part.changes),
+        _replaced_in(parts),
     )
+
+
+def _replaced_in(parts: Sequence[FrictionZones]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """What zones of several files replace: the parts that are left of the numbers of the mass, and what is added."""
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for part in parts:
+        for name, (kept, own) in part.replaced.items():
+            before, added = found.get(name, (np.ones_like(kept), np.zeros_like(own)))
+            found[name] = np.maximum(before + (kept - 1.0), 0.0), added + own
+    return found

@@ -196,6 +196,7 @@ def _too_thin(release: "Release", found: "DepthResolution") -> Iterator[str]:
 
 def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     """Warn of mass that cannot slide out of its scar, for the stated release or, if there is none, for the worst member."""
+    from runout.config.friction import sampled_ranges
     from runout.ensemble.design import member_table
     from runout.model.release import Edge, Placement
     from runout.release.outlets import trapped_share
@@ -203,11 +204,11 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
     if release.placement is Placement.ON_SURFACE:
         return
     members = member_table(site.settings.ensemble)
-    own, stated = release.basal_friction_angle, math.radians(site.settings.basal_friction_angle_deg)
-    angles = members.get("basal_friction_angle_deg", np.degrees([stated]))
-    worst = math.radians(float(np.max(angles))) if own is None else own
+    stated = _resting_angle(release, site, {})
+    sampled = [name for name in members if name in sampled_ranges(site.friction.law)]
+    worst = max((_resting_angle(release, site, row) for row in members[sampled].to_dict("records")), default=stated)
     largest = float(np.max(members.get("release_volume_factor", 1.0)))
-    for factor, angle in dict.fromkeys([(1.0, stated if own is None else own), (largest, worst)]):
+    for factor, angle in dict.fromkeys([(1.0, stated), (largest, worst)]):
         scaled = release.scaled(factor) if factor != 1.0 else release
         below, held = trapped_share(scaled, 0.0), trapped_share(scaled, angle)
         if max(below, held) > MOST_TRAPPED:
@@ -220,6 +221,12 @@ def _trapped(release: "Release", site: "Site") -> Iterator[str]:
                 f"this mass is trapped unless the rest carries it along; {fix} avoids it"
             )
             return
+
+
+def _resting_angle(release: "Release", site: "Site", sample: "dict[Any, Any]") -> float:
+    """Basal friction angle [rad] at rest of a release in a member."""
+    (friction,) = site.friction.of_releases([release], sample)
+    return friction if isinstance(friction, float) else math.atan(friction.at_rest)
 
 
 def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:

@@ -7,30 +7,36 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.config.friction import sampled_ranges
+from runout.config.material import OF_THE_RUN
 from runout.model.basal_strength import least_angle, sentence, strengths
 
 if TYPE_CHECKING:
     from runout.config.site import Site
+    from runout.model.basal_friction import BasalFriction
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
     from runout.model.release import Release
 
 Sample = Mapping[str, float]  # sampled parameters of a member, by name
-AT_BASE = "basal_friction_angle_deg"
 
 
 @dataclass(frozen=True)
 class Bases:
-    """Basal friction of the ground and strength of the mass under one release, each (members,) [1]."""
+    """Friction under one release in all members, coefficient of the ground at rest and strength of the mass, (members,) [1].
+
+    A number in place of a friction is its angle [rad].
+    """
 
     name: str
+    frictions: "list[BasalFriction | float]"
     ground: np.ndarray
     strength: np.ndarray
 
     def acting(self, zones: "FrictionZones | None") -> np.ndarray:
         """Smallest friction angle (members,) [rad] that acts on it on any ground."""
-        bases = zip(np.arctan(self.ground).tolist(), self.strength.tolist(), strict=True)
-        return np.array([least_angle([angle], [strength], zones) for angle, strength in bases])
+        bases = zip(self.frictions, self.strength.tolist(), strict=True)
+        return np.array([least_angle([friction], [strength], zones) for friction, strength in bases])
 
 
 def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None") -> Iterator[str]:
@@ -50,7 +56,7 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
 def least_friction(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
     """Smallest friction angle [rad] that acts at the base of any release in any member and zone."""
     if not releases:
-        return math.radians(site.settings.basal_friction_angle_deg)
+        return least_angle([site.friction.of_run({})], [math.inf])
     return min(float(base.acting(zones).min()) for base in bases_of(site, releases))
 
 
@@ -58,13 +64,13 @@ def bases_of(site: "Site", releases: "Sequence[Release]", samples: "Sequence[Sam
     """Friction and strength at the base of each release, for members with these parameters; for all members by default."""
     samples = samples_of(site) if samples is None else samples
     height = float(np.broadcast_to(np.asarray(site.grid(releases)["cell_size"], float), 3)[2])
-    angles = [float(sample.get(AT_BASE, site.settings.basal_friction_angle_deg)) for sample in samples]
-    ground, own = np.tan(np.radians(angles)), np.array(strengths(materials_of(site, samples), height))
+    own = np.array(strengths(materials_of(site, samples), height))
+    members = [site.friction.of_releases(releases, sample) for sample in samples]
     bases = []
-    for r in releases:
-        friction = ground if r.basal_friction_angle is None else np.full_like(ground, math.tan(r.basal_friction_angle))
+    for r, frictions in zip(releases, map(list, zip(*members, strict=True)), strict=True):
+        ground = np.array([math.tan(f) if isinstance(f, float) else f.at_rest for f in frictions])
         strength = own if r.material is None else np.full_like(own, strengths([r.material], height)[0])
-        bases.append(Bases(r.name, friction, strength))
+        bases.append(Bases(r.name, frictions, ground, strength))
     return bases
 
 
@@ -78,17 +84,22 @@ def samples_of(site: "Site") -> list[dict[str, float]]:
 
 def materials_of(site: "Site", samples: "Sequence[Sample]") -> "list[Material]":
     """Material of each member; one object if none of its parameters is sampled."""
-    if samples and not set(samples[0]) - {AT_BASE, "release_volume_factor"}:
+    if samples and not set(samples[0]) - {*sampled_ranges(site.friction.law), *OF_THE_RUN}:
         return [site.material()] * len(samples)
     return [site.material(sample) for sample in samples]
 
 
 def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str]:
     """Sentence on the friction in effect if the ground is stronger than the mass of a release in some members."""
-    ground = np.array([zones.at_cells(f).max() for f in base.ground.tolist()]) if zones else base.ground
+    ground = np.array([_strongest(f, zones) for f in base.frictions]) if zones else base.ground
     limited = np.flatnonzero(ground > base.strength)
     if not len(limited):
         return
     k = limited[np.argmax(ground[limited] / base.strength[limited])]
     said = sentence(base.name, float(ground[k]), float(base.strength[k]), in_zones=bool(ground[k] > base.ground[k]))
     yield said if len(ground) == 1 else f"{said} (member {k}; so in {len(limited)} of {len(ground)} members)"
+
+
+def _strongest(friction: "BasalFriction | float", zones: "FrictionZones") -> float:
+    """Largest coefficient at rest [1] in any zone of a friction, or of a friction angle [rad]."""
+    return float(zones.coefficients(math.tan(friction) if isinstance(friction, float) else friction)[:, 0].max())

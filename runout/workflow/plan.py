@@ -170,10 +170,17 @@ def duration(seconds: float) -> str:
 
 
 def _largest(members: "Sequence[Member]") -> "Member":
-    """Member with the median friction angle among those with the largest volume."""
+    """Member with the median basal friction among those with the largest volume."""
     largest = max(m.parameters.get("release_volume_factor", 1.0) for m in members)
     among = [m for m in members if m.parameters.get("release_volume_factor", 1.0) == largest]
-    return sorted(among, key=lambda m: m.parameters.get("basal_friction_angle_deg", 0.0))[len(among) // 2]
+    return sorted(among, key=_friction_of)[len(among) // 2]
+
+
+def _friction_of(member: "Member") -> list[float]:
+    """Sampled parameters of the basal friction of a member."""
+    from runout.config.friction import PREFIX
+
+    return [value for name, value in sorted(member.parameters.items()) if name.startswith(PREFIX)]
 
 
 def _relative_work(site: "Site", members: "Sequence[Member]", reference: "Member") -> np.ndarray:
@@ -225,12 +232,14 @@ def _calibrated(
 def _scene(
     arguments: Mapping[str, Any], accept: Callable[[MemoryForecast], None] = lambda needed: None
 ) -> "tuple[Scene, Particles]":
+    from runout.model.basal_friction import USUAL_ANGLE
     from runout.simulation import build_scene
 
     engine = _engine(arguments)
     cells = arguments["terrain"].elevation.size
     precision = arguments.get("precision", "float32")
-    given = {name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
+    stated = {name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
+    given = {"basal_friction_angle": USUAL_ANGLE, **stated}
     chosen = arguments.get("transfer", "mls"), arguments.get("f_bar", False)
     return build_scene(**given, accept=lambda extent: accept(expected_memory(extent, cells, precision, engine, *chosen)))
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 HEAD = ("name", "title", "description", "metadata")
-FLOW = ("terrain", "release", "material", "basal_friction_angle_deg", "simulation", "ensemble")
+FLOW = ("terrain", "release", "material", "basal_friction_angle_deg", "basal_friction", "simulation", "ensemble")
 PLAN = (
     Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
     Stage("release", "read and check the release", ("name", "terrain", "release")),

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS
 
 wp = pytest.importorskip("warp")
-kernels_of = pytest.importorskip("runout.backends.hash.kernels").compiled_kernels
+compiled_kernels = pytest.importorskip("runout.backends.hash.kernels").compiled_kernels
 
 ARCHITECTURE = 90
+COULOMB = FRICTIONS.find("coulomb")
 REGISTERS, FRAME = 0x2F, 0x11  # attributes of the section .nv.info of a cubin
 LARGEST = {  # registers a thread of the kernels that take the time; the others need at most 112
     "float32": {"particles_to_grid": 168, "grid_to_particles": 128, "sum_blocks": 128, "cut_tiles": 128},
@@ -68,7 +70,7 @@ def require_within(kernels, modules, folder, registers, spilled):
 @pytest.mark.parametrize("gradient_transfer", [False, True])
 def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient_transfer):
     """A group is one argument; every driver passes 4096 bytes to a kernel, of which warp needs some for the launch."""
-    kernels = vars(kernels_of(LAWS.find("drucker_prager"), "float64", False, False, gradient_transfer))
+    kernels = vars(compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float64", False, False, gradient_transfer))
     arguments = {name: k.adj.args for name, k in kernels.items() if isinstance(k, wp.Kernel)}
     groups, array = vars(kernels["groups"]).values(), ctypes.sizeof(wp.empty(0, dtype=wp.int32, device="cpu").__ctype__())
     sizes = {name: [g.ctype for a in some for g in groups if a.type is g] for name, some in arguments.items()}
@@ -79,7 +81,7 @@ def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precision, tmp_path):
-    kernels = kernels_of(LAWS.find("drucker_prager"), precision, False)
+    kernels = compiled_kernels(LAWS.find("drucker_prager"), COULOMB, precision, False)
     assert require_within(kernels, kernels.modules, tmp_path, LARGEST[precision], SPILLED[precision]) > 20
 
 
@@ -87,8 +89,8 @@ def test_kernels_build_for_sm_90_within_their_registers_and_do_not_spill(precisi
 def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_packed_one(precision, tmp_path):
     """Only what differs: the rest is the packed form's own, which stays as it was."""
     plain, gradient_transfer = (
-        kernels_of(LAWS.find("drucker_prager"), precision, False),
-        kernels_of(LAWS.find("drucker_prager"), precision, False, False, True),
+        compiled_kernels(LAWS.find("drucker_prager"), COULOMB, precision, False),
+        compiled_kernels(LAWS.find("drucker_prager"), COULOMB, precision, False, False, True),
     )
     assert gradient_transfer.modules[: len(plain.modules)] == plain.modules
     more = gradient_transfer.modules[len(plain.modules) :]
@@ -101,6 +103,6 @@ def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_p
 def test_deterministic_kernels_those_of_friction_zones_and_of_another_law_build_too(
     law, ordered, zoned, gradient_transfer, tmp_path
 ):
-    for module, _lanes in kernels_of(LAWS.find(law), "float32", ordered, zoned, gradient_transfer).modules:
+    for module, _lanes in compiled_kernels(LAWS.find(law), COULOMB, "float32", ordered, zoned, gradient_transfer).modules:
         paths = wp.compile_aot_module(module, device=None, arch=ARCHITECTURE, module_dir=tmp_path, use_ptx=True)
         assert all(".version" in path.read_text()[:2000] for path in paths)

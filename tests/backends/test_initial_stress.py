@@ -148,7 +148,9 @@ def test_the_acting_friction_is_the_lesser_of_ground_and_mass():
     place = np.random.default_rng(1).uniform(0, 70, (2, 200))
     release = np.arange(200) % 2
     found = scene_of_two(random_zones()).friction_at(release, *place)
-    ground = random_zones().at(np.array([0.4, 0.25])[release], *place)
+    z = random_zones()
+    i, j = (np.clip(np.floor(x / d).astype(int), 0, n - 1) for x, d, n in zip(place, z.cell_size, z.factor.shape, strict=True))
+    ground = z.factor[i, j] * np.array([0.4, 0.25])[release] + z.coefficient[i, j]
     np.testing.assert_array_equal(found, np.minimum(ground, np.array([0.3, 0.35])[release]))
     assert (found < ground).any()
     with pytest.raises(ConfigError, match="1 strengths for 2 releases"):

@@ -56,7 +56,7 @@ def test_what_is_compiled_is_not_another_tree_in_the_working_folder(monkeypatch,
     (tmp_path / "runout").mkdir()
     (tmp_path / "runout" / "__init__.py").write_text("raise SystemExit(3)")
     monkeypatch.chdir(tmp_path)
-    assert precompile._warm_up_elsewhere((SAND,), "float32", "plain")
+    assert precompile._warm_up_elsewhere(scene(materials=(SAND,), precision="float32"), "plain")
 
 
 def test_sources_that_were_installed_anew_are_compiled_anew(monkeypatch, tmp_path):

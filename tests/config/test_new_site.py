@@ -57,7 +57,7 @@ def every_field(model, path=()):
     for name, field in model.model_fields.items():
         yield (*path, name), field
         inner = inner_model(field.annotation)
-        if inner and name not in ("dem", "raster", "material", "parameters"):
+        if inner and name not in ("dem", "raster", "material", "basal_friction", "parameters"):
             yield from every_field(inner, (*path, name))
 
 

@@ -20,3 +20,15 @@ def installed(tmp_path):
     (metadata / "entry_points.txt").write_text("[runout.laws]\nherschel_bulkley = herschel_bulkley\n")
     (folder / "herschel_bulkley.py").write_text((EXAMPLES / "herschel_bulkley.py").read_text())
     return folder
+
+
+@pytest.fixture
+def installed_friction(tmp_path):
+    """The same for a law of friction."""
+    folder = tmp_path / "installed"
+    metadata = folder / "weakening-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: weakening\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[runout.friction]\nvelocity_weakening = velocity_weakening\n")
+    (folder / "velocity_weakening.py").write_text((EXAMPLES / "velocity_weakening.py").read_text())
+    return folder

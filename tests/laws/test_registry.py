@@ -17,18 +17,16 @@ import numpy as np
 import pytest
 import xarray as xr
 from herschel_bulkley import HerschelBulkley
-from pydantic import ValidationError, create_model
 from ramp_site import SITE, write_site
 from scenes import scene
 
 import runout
 from runout.backends.compile import numba_binding
 from runout.checkpoint import run_key
-from runout.config.declared import declared_fields, sampled_in
-from runout.config.distributions import Settings
 from runout.errors import ConfigError, MaterialError
+from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS
-from runout.model.parameters import parameter, parameters_of
+from runout.model.parameters import parameter
 from runout.model.particles import Particles
 from runout.model.registry import modules_of
 from runout.physics.tensors import real, scaled
@@ -49,14 +47,16 @@ def python(*command, path):
 
 
 def test_only_the_file_of_a_law_names_it():
-    """What a new law of runout touches beside its file: a test, and a line of theory. One constant names the default."""
-    words = {word for law in LAWS.of_runout() for word in (law.name, law.material.__name__, f"{LAWS.package}.{law.name}")}
-    own = {ROOT / "runout" / "materials" / f"{law.name}.py" for law in LAWS.of_runout()}
+    """What a new law of runout touches beside its file: a test, and a line of theory. A constant of each kind names the default."""
+    kinds = {LAWS: "materials", FRICTIONS: "friction"}
+    laws = [(kind, law) for kind in kinds for law in kind.of_runout()]
+    words = {word for kind, law in laws for word in (law.name, law.declaration.__name__, f"{kind.package}.{law.name}")}
+    own = {ROOT / "runout" / kinds[kind] / f"{law.name}.py" for kind, law in laws}
     studies = ROOT / "runout" / "studies"  # each is about some law
     files = [*(ROOT / "runout").rglob("*.py"), *(ROOT / "docs" / "_ext").glob("*.py")]
     python_files = [file for file in files if file not in own and studies not in file.parents]
     named = [(file.name, word) for file in python_files for word in words_of(ast.parse(file.read_text())) if word in words]
-    assert sorted(set(named)) == [("material.py", "drucker_prager")]
+    assert sorted(set(named)) == [("friction_laws.py", "coulomb"), ("material.py", "drucker_prager")]
 
 
 def words_of(tree):
@@ -72,10 +72,10 @@ def words_of(tree):
 
 def test_every_law_has_a_line_of_theory_and_is_public():
     theory = (ROOT / "docs" / "theory.md").read_text()
-    for law in LAWS.of_runout():
+    for law in (*LAWS.of_runout(), *FRICTIONS.of_runout()):
         assert re.search(rf"`(law: )?{law.name}`", theory)
-        assert getattr(runout, law.material.__name__) is law.material
-        assert law.material.__name__ in runout.__all__
+        assert getattr(runout, law.declaration.__name__) is law.declaration
+        assert law.declaration.__name__ in runout.__all__
 
 
 def test_settings_of_a_law_from_outside_derive_from_its_declarations(tmp_path):
@@ -242,33 +242,3 @@ def loaded(name, path, monkeypatch):
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
     return module
-
-
-def test_another_kind_of_law_has_the_same_declarations_and_registry(tmp_path, monkeypatch):
-    """What a law of basal friction needs: a registry of its folder, and settings and samples from its declared parameters."""
-    folder = tmp_path / "frictions"
-    folder.mkdir()
-    (folder / "__init__.py").write_text("")
-    (folder / "coulomb.py").write_text(
-        "from dataclasses import dataclass\n"
-        "from runout.model.parameters import parameter\n"
-        "import holder\n"
-        "@dataclass(frozen=True, kw_only=True)\n"
-        "class Coulomb:\n"
-        "    angle: float = parameter('basal angle', unit='deg', low=0, high=60, typical=20.0, degrees=True, sampled=True)\n"
-        "holder.FRICTIONS.add('coulomb', 'frictions.coulomb.Coulomb', Coulomb)\n"
-    )
-    (tmp_path / "holder.py").write_text(
-        "from runout.errors import ConfigError\nfrom runout.model.registry import Registry\n"
-        "FRICTIONS = Registry('basal friction', 'frictions', 'runout.frictions', ConfigError)\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    holder = importlib.import_module("holder")
-    coulomb = holder.FRICTIONS.find("coulomb")
-    model = create_model("CoulombSettings", __base__=Settings, **declared_fields(parameters_of(coulomb)))
-    assert model.model_validate({"angle_deg": 25.0}).angle_deg == 25.0
-    with pytest.raises(ValidationError, match="suspiciously small"):
-        model.model_validate({"angle_deg": 0.4})
-    assert sampled_in(parameters_of(coulomb))["angle_deg"].high == 60
-    with pytest.raises(ConfigError, match="'voelmy' is no basal friction; choose one of coulomb"):
-        holder.FRICTIONS.find("voelmy")

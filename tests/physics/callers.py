@@ -10,9 +10,10 @@ from typing import Any
 import numba
 import numpy as np
 import warp as wp
-from parity_cases import CASES, LENGTH, Case, law_cases
+from parity_cases import CASES, LENGTH, Case, home_of, law_cases
 
 from runout.backends.compile import numba_binding, warp_binding, warp_record
+from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
 WARP_TYPES = {"s": "real", "v": "vec", "y": "sym", "t": "tens", "i": "wp.int32", "k": "wp.int64"}
@@ -29,11 +30,22 @@ def plain(case: Case, arguments: list[np.ndarray]) -> np.ndarray:
     rows = []
     for p in range(len(arguments[0])):
         row = [a[p].tolist() for a in arguments]
-        values = [r[0] if LENGTH[kind] == 1 else tuple(r) for r, kind in zip(row, case.arguments, strict=False)]
-        result = case.function(*values, *([material] if "m" in case.arguments else []))
+        values = [r[0] if LENGTH[kind] == 1 else tuple(r) for r, kind in zip(row, kinds_of(case), strict=True)]
+        result = case.function(*with_record(case, values, material))
         parts = result if len(case.results) > 1 else (result,)
         rows.append(np.concatenate([np.atleast_1d(part) for part in parts]))
     return np.array(rows, np.int64 if integral(case) else np.float64)
+
+
+def kinds_of(case: Case) -> str:
+    """Kinds of the arguments besides the record."""
+    return case.arguments.replace("m", "")
+
+
+def with_record(case: Case, values: list, record: Any) -> list:
+    """Arguments with the record in its place."""
+    rest = iter(values)
+    return [record if kind == "m" else next(rest) for kind in case.arguments]
 
 
 def through_numba(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:
@@ -57,7 +69,7 @@ def through_warp(case: Case, arguments: list[np.ndarray], real: type) -> np.ndar
     types = {"s": scalar, "i": wp.int32, "k": wp.int64, **{c: getattr(kernels, WARP_TYPES[c]) for c in "vyt"}}
     inputs = [
         wp.array(_typed(a, real) if LENGTH[kind] > 1 else _typed(a, real)[:, 0], dtype=types[kind], device="cpu")
-        for a, kind in zip(arguments, case.arguments, strict=False)
+        for a, kind in zip(arguments, kinds_of(case), strict=True)
     ]
     n = len(arguments[0])
     out = wp.array(_results(case, n, real), device="cpu")
@@ -76,10 +88,10 @@ def _typed(a: np.ndarray, real: type) -> np.ndarray:
 def _numba_source(case: Case) -> str:
     names = [f"a{k}" for k in range(len(case.samplers))]
     values = []
-    for name, kind in zip(names, case.arguments, strict=False):
+    for name, kind in zip(names, kinds_of(case), strict=True):
         parts = [f"{name}[p, {k}]" for k in range(LENGTH[kind])]
         values.append(parts[0] if len(parts) == 1 else f"({', '.join(parts)})")
-    values += ["material[0]"] if "m" in case.arguments else []
+    values = with_record(case, values, "material[0]")
     lines = [f"def run({', '.join(names)}, material, out):", "    for p in range(len(out)):", f"        r = f({', '.join(values)})"]
     place = 0
     for k, kind in enumerate(case.results):
@@ -91,11 +103,11 @@ def _numba_source(case: Case) -> str:
 
 
 @cache
-def _warp_kernels(real: type, law: Law | None) -> ModuleType:
+def _warp_kernels(real: type, law: Law | FrictionLaw | None) -> ModuleType:
     """A module with one kernel per case of physics, or of a law; warp reads its source from a file."""
     wp.config.quiet = True
     cases = law_cases(law) if law else CASES
-    name = law.name if law else "physics"
+    name = home_of(law) if law else "physics"
     path = Path(mkdtemp(prefix="runout-parity-")) / f"parity_kernels_{name}_{real.__name__}.py"
     path.write_text("import warp as wp\n" + "\n".join(_warp_source(case) for case in cases))
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -113,15 +125,16 @@ def _warp_kernels(real: type, law: Law | None) -> ModuleType:
 
 def _function(binding: Any, case: Case):
     if case.law:
-        return getattr(binding.law(case.law), case.function.__name__)
+        own = binding.friction(case.law) if isinstance(case.law, FrictionLaw) else binding.law(case.law)
+        return getattr(own, case.function.__name__)
     return getattr(getattr(binding, case.function.__module__.rsplit(".", 1)[-1]), case.function.__name__)
 
 
 def _warp_source(case: Case) -> str:
     names = [f"a{k}" for k in range(len(case.samplers))]
-    typed = [f"{name}: wp.array(dtype={WARP_TYPES[kind]})" for name, kind in zip(names, case.arguments, strict=False)]
+    typed = [f"{name}: wp.array(dtype={WARP_TYPES[kind]})" for name, kind in zip(names, kinds_of(case), strict=True)]
     out = "wp.int64" if integral(case) else "real"
-    values = [f"{name}[p]" for name in names] + (["material"] if "m" in case.arguments else [])
+    values = with_record(case, [f"{name}[p]" for name in names], "material")
     parts = [f"r{k}" for k in range(len(case.results))]
     lines = [
         "@wp.kernel(enable_backward=False)",

@@ -1,7 +1,7 @@
 """One case per function of physics: the kinds of its arguments and results, and random arguments in its range.
 
 Kinds: ``s`` real, ``v`` vector, ``y`` symmetric tensor, ``t`` tensor, ``i`` 32-bit integer, ``k`` 63-bit key, ``b`` truth,
-``m`` record of material parameters.
+``m`` record of parameters of a material or of friction.
 """
 
 from collections.abc import Callable
@@ -10,6 +10,7 @@ from types import FunctionType
 
 import numpy as np
 
+from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 from runout.physics import (
     blocks,
@@ -27,7 +28,7 @@ from runout.physics import (
 )
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
-MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6}
+MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5}
 TIME_STEP = 1e-3
 SINGLE_PRECISION_OF_A_LAW = 3e-5  # strains a hundred times beyond yield leave a small difference of large numbers
 Sampler = Callable[[np.random.Generator, int], np.ndarray]
@@ -40,16 +41,18 @@ class Case:
     results: str
     samplers: tuple[Sampler, ...]
     single_precision: float = 1e-6  # difference from float64, relative to the largest result
-    law: Law | None = None  # whose function it is
+    law: Law | FrictionLaw | None = None  # whose function it is
 
     @property
     def name(self) -> str:
-        home = self.law.name if self.law else self.function.__module__.rsplit(".", 1)[-1]
+        home = home_of(self.law) if self.law else self.function.__module__.rsplit(".", 1)[-1]
         return f"{home}_{self.function.__name__}"
 
     @property
     def material(self) -> dict[str, float]:
         """Record of parameters."""
+        if isinstance(self.law, FrictionLaw):
+            return {name: float(value) for name, value in self.law.friction.acting(self.law.example.numbers(), 0.5).items()}
         record = self.law.example.record() if self.law else MATERIAL
         return {**record, "time_step": TIME_STEP} if "time_step" in record else record
 
@@ -57,6 +60,11 @@ class Case:
         """Arguments (n, length) without the material record."""
         rng = np.random.default_rng(seed)
         return [draw(rng, n).reshape(n, -1) for draw in self.samplers]
+
+
+def home_of(law: Law | FrictionLaw) -> str:
+    """Name of a law among those of both kinds."""
+    return f"friction_{law.name}" if isinstance(law, FrictionLaw) else law.name
 
 
 def between(low: float, high: float, length: int = 1) -> Sampler:
@@ -113,6 +121,8 @@ vector, strain, modulus, ratio = between(-3.0, 3.0, 3), spread(0.005, 6), betwee
 rate = spread(0.005, 9)
 step, speed, block = between(1e-4, 1e-2), between(0.0, 50.0), whole(-(2**20), 2**20 - 1)
 
+OF_A_CONTACT = (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.01, 0.1), vector)
+
 CASES = [
     Case(tensors.dot, "vv", "s", (vector, vector)),
     Case(tensors.trace, "y", "s", (tensor,)),
@@ -165,12 +175,10 @@ CASES = [
     Case(geostatic.slope_stress, "sssss", "y", (modulus, number, number, angle, angle)),
     Case(contact.in_contact, "ssss", "b", (between(-0.1, 0.1), between(-5.0, 5.0), step, between(0.001, 0.02))),
     Case(contact.normal_target, "sss", "s", (between(-5.0, 5.0), between(-0.1, 0.1), between(1e-3, 1e-2))),
-    Case(
-        contact.impulse,
-        "vvssssv",
-        "v",
-        (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.0, 1.0), between(0.01, 0.1), vector),
-    ),
+    Case(contact.law_resistance, "sssm", "ss", (between(0.0, 5.0), speed, step)),
+    Case(contact.limited_resistance, "sssm", "ss", (between(0.0, 5.0), speed, step)),
+    Case(contact.slip_after, "ss", "s", (speed, between(0.0, 10.0))),
+    Case(contact.impulse, "vvssmsv", "v", OF_A_CONTACT),
     Case(contact.approach_speed, "vssss", "s", (vector, number, number, step, step)),
     Case(contact.reach, "ssss", "s", (between(0.1, 2.0), speed, step, between(0.001, 0.02))),
     Case(contact.zone_friction, "sss", "s", (angle, angle, angle)),
@@ -237,8 +245,11 @@ CASES = [
 ]
 
 
-def law_cases(law: Law) -> list[Case]:
-    """The return mapping of a law and the steps that a kernel makes of it."""
+def law_cases(law: Law | FrictionLaw) -> list[Case]:
+    """The return mapping of a law and the steps that a kernel makes of it; the resistance of a law of friction and its impulse."""
+    if isinstance(law, FrictionLaw):
+        resistance = Case(law.resistance, "sssm", "ss", (between(0.0, 5.0), speed, step), law=law)
+        return [resistance, Case(law.impulse, "vvssmsv", "v", OF_A_CONTACT, law=law)]
     returns = [(law.update, "ysm", "yss", (loaded, remembered))] if law.update else []
     steps = [
         (law.step, "ytsm", "yyss", (loaded, rate, remembered)),

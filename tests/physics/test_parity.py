@@ -6,9 +6,10 @@ from callers import integral, plain, through_numba, through_warp
 from parity_cases import CASES, law_cases
 
 from runout.backends.compile import CONSTRUCTORS, PHYSICS, functions_of
+from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS
 
-ALL_CASES = [*CASES, *(case for law in LAWS.of_runout() for case in law_cases(law))]
+ALL_CASES = [*CASES, *(case for law in (*LAWS.of_runout(), *FRICTIONS.of_runout()) for case in law_cases(law))]
 every_case = pytest.mark.parametrize("case", ALL_CASES, ids=lambda case: case.name)
 compilers = pytest.mark.parametrize("compiled", [through_numba, through_warp])
 

@@ -63,7 +63,7 @@ class Batch:
         with ThreadPoolExecutor() as pool:
             self.accounts = list(pool.map(account_of, scenes))
         also = any(s.friction_zones for s in given), gradient_transfer.uses_gradient_transfer(given[0])
-        kernels = compiled_kernels(given[0].law, given[0].precision, deterministic, *also)
+        kernels = compiled_kernels(given[0].law, given[0].basal.law, given[0].precision, deterministic, *also)
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)
         self.since_sort, self.sorting = 0, False

@@ -41,6 +41,7 @@ from runout.backends.hash.layout import (
     TILE,
     TOUCHED,
     ZONED,
+    Frictions,
     Nodes,
     Reals,
     Rows,
@@ -53,7 +54,7 @@ from runout.backends.hash.layout import (
     sums9,
 )
 from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_bases, _set_near_bases
-from runout.backends.hash.zones import _friction_in_zone
+from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
@@ -127,21 +128,21 @@ def _contact_velocity(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
     return vec(u[0], u[1], u[2]), u[3]
 
 
-def _friction_in_cell(blocks: BlockGroup, scenes: SceneGroup, friction: Any, scene: int, b: int, c: int, f: Vector):
-    """Friction coefficient where zones of the ground change that of the mass, at offset ``f`` in a cell of a block."""
+def _kind_in_cell(blocks: BlockGroup, scenes: SceneGroup, scene: int, b: int, c: int, f: Vector):
+    """Kind of ground at offset ``f`` in a cell of a block."""
     x = 4 * blocks.coordinates[b, 0] + (c >> 4)
     y = 4 * blocks.coordinates[b, 1] - scenes.shift[scene] + ((c >> 2) & 3)
-    return _friction_in_zone(scenes, friction, scene, x, y, f)
+    return _kind_of_ground(scenes, scene, x, y, f)
 
 
 def _push(
     particles: ParticleGroup, ground: GroundGroup, constants: Constants, tile: Tile, near: int, c: int, p: int, f: Vector,
-    friction: Any, dt: Any, given: Vector,
+    basal: Any, dt: Any, given: Vector,
 ):  # fmt: skip
     """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]; the nodes hold the ``given`` part."""
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, gap = _ground(_around(ground.tiles, near, c), c & 3, f, particles.radius[p], constants.h)
-    push = impulse(u, n, gap, compliance, friction, dt, given)
+    push = impulse(u, n, gap, compliance, basal, dt, given)
     m = particles.rec[MASS, p]
     before = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2])
@@ -229,7 +230,7 @@ def _give_all(tile: Tile, shares: Reals, bases: Tile, q: int):
 
 def solve_contacts(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
-    contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
+    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, friction: Frictions,
 ):  # fmt: skip
     """Compute one impulse per contact particle, and add its change since the detection to the nodes.
 
@@ -274,14 +275,14 @@ def solve_contacts(
                 p = ahead & NOT_NEGATIVE
                 ahead = contacts.pressed[first + wp.min(n + lane_count(), total - 1)]
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-                mu = scenes.friction[wp.max(constants.only, 0)]
+                row_of_friction = wp.max(constants.only, 0)
                 if constants.only < 0:
-                    mu = scenes.friction[int(particles.release[p])]
+                    row_of_friction = int(particles.release[p])
                 if ZONED:
-                    mu = _friction_in_cell(blocks, scenes, mu, s, b, c, f)
+                    row_of_friction = scenes.first_friction[row_of_friction] + _kind_in_cell(blocks, scenes, s, b, c, f)
                 own = particles.number[p]
                 given = _given(particles.forces, own, last, dt)
-                push = _push(particles, ground, constants, tile, place, c, p, f, mu, dt, given)
+                push = _push(particles, ground, constants, tile, place, c, p, f, friction[row_of_friction], dt, given)
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
                 particles.forces[own] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)

@@ -130,9 +130,9 @@ class SceneGroup:
     shift: Ints  # (scenes,) nodes from the origin of the index north to that of the scene
     limits: Doubles2  # (scenes, 2) extent of the domain east and north [cells]
     density: Doubles  # (releases,) [kg/m3]
-    friction: Reals  # (releases,) friction coefficient [1], or row in ``lattice`` where there are zones
-    zones: Rows  # (2 scenes, cells) factor and own coefficient of friction [1] by cell of the raster
-    lattice: Doubles2  # (scenes + releases, 4) cells east, north and their sizes; friction and strength of a release
+    first_friction: Ints  # (releases,) record of friction of a release on its first kind of ground
+    zones: Table2  # (scenes, cells) kind of ground by cell of the raster
+    lattice: Doubles2  # (scenes, 4) cells of the raster east and north, and their sizes [cells of the grid]
 
 
 class SurfaceGroup:

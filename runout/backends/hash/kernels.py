@@ -26,6 +26,7 @@ from runout.backends.hash import (
 )
 from runout.backends.hash.groups import argument_types, groups_of
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
+from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
@@ -58,21 +59,24 @@ def _local_types(real: Any) -> dict[str, Any]:
 _physics = cache(warp_binding)
 
 
-def _bound(law: Law, precision: str, sources: tuple[Any, ...], module_of: Any, **flags: bool) -> SimpleNamespace:
-    """Kernels of source modules for a law and a number type."""
+def _bound(
+    law: Law, friction: FrictionLaw, precision: str, sources: tuple[Any, ...], module_of: Any, **flags: bool
+) -> SimpleNamespace:
+    """Kernels of source modules for laws of material and friction and a number type."""
     real = wp.float32 if precision == "float32" else wp.float64
     physics, wide = _physics(real), _physics(wp.float64)
-    record = law_record(law, real)
+    record, friction_record = law_record(law, real), law_record(friction, real)
     kernels = warp_kernels(
-        physics, sources, module_of, **argument_types(real), **_local_types(real), Materials=wp.array(dtype=record), **flags,
-        law_update=physics.law(law).step,
+        physics, sources, module_of, **argument_types(real), **_local_types(real), Materials=wp.array(dtype=record),
+        Frictions=wp.array(dtype=friction_record), **flags, law_update=physics.law(law).step,
+        impulse=physics.friction(friction).impulse,
         **natives.of(precision),
         first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
         bend_smoothness64=wide.heightfield.bend_smoothness, resampled_coefficient64=wide.heightfield.resampled_coefficient,
         gradient_column64=wide.moments.gradient_column,
         kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
     )  # fmt: skip
-    kernels.record, kernels.groups = record, groups_of(real)
+    kernels.record, kernels.friction_record, kernels.groups = record, friction_record, groups_of(real)
     return kernels
 
 
@@ -90,25 +94,25 @@ def _share_multiprocessor(kernels: SimpleNamespace, blocks: dict[str, tuple[int,
 
 @cache
 def compiled_kernels(
-    law: Law, precision: str, ordered: bool, zoned: bool = False, gradient_transfer: bool = False
+    law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool = False, gradient_transfer: bool = False
 ) -> SimpleNamespace:
-    """Kernels for a law and a number type.
+    """Kernels for laws of material and ``friction`` and a number type.
 
     ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``gradient_transfer``: a transfer other than
     the packed one, or F-bar. ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart
     from the others, because warp compiles a module for every number of lanes.
     """
     if gradient_transfer:
-        plain, own = compiled_kernels(law, precision, ordered, zoned), _gradient_kernels(law, precision, ordered)
+        plain = compiled_kernels(law, friction, precision, ordered, zoned)
+        own = _gradient_kernels(law, friction, precision, ordered)
         return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
-    name = f"{NAME}.{law.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
+    name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
     cells, warps, others = _module(f"{name}.cells", CELL_LANES), _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES)
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
     kernels = _bound(
-        law, precision, (stencil, index, cell_lists, zones, contact_solution, contact_detection, particles_to_grid, deform,
-        grid_to_particles, ground, observe,
-         unknown),
+        law, friction, precision, (stencil, index, cell_lists, zones, contact_solution, contact_detection, particles_to_grid,
+        deform, grid_to_particles, ground, observe, unknown),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         ORDERED=ordered, ZONED=zoned,
     )  # fmt: skip
@@ -118,12 +122,12 @@ def compiled_kernels(
 
 
 @cache
-def _gradient_kernels(law: Law, precision: str, ordered: bool) -> SimpleNamespace:
+def _gradient_kernels(law: Law, friction: FrictionLaw, precision: str, ordered: bool) -> SimpleNamespace:
     """Kernels of gradient transfers that the packed form lacks or has otherwise; the others are not compiled again."""
-    name = f"{NAME}.{law.name}.{precision}" + ".ordered" * ordered + ".general"
+    name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".general"
     cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
     kernels = _bound(
-        law, precision, (stencil, zones, contact_solution, deform, gradients, forces, grid_to_particles),
+        law, friction, precision, (stencil, zones, contact_solution, deform, gradients, forces, grid_to_particles),
         lambda kernel: cells if kernel in GRADIENT_CELL_KERNELS else others if kernel in GRADIENT_KERNELS else unused,
         ORDERED=ordered, GRADIENT_TRANSFER=True, COUNTED_AT_ONCE=False,
     )  # fmt: skip

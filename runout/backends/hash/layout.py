@@ -34,6 +34,7 @@ Doubles: TypeAlias = Any
 Doubles2: TypeAlias = Any
 Longs: TypeAlias = Any
 Materials: TypeAlias = Any
+Frictions: TypeAlias = Any
 Tile: TypeAlias = Any
 
 # vectors and matrices of the compiler that the binding puts in their place: numbers of a node; of 9 or 27 nodes, so many each

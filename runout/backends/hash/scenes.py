@@ -40,6 +40,8 @@ class SceneArrays:
         Nodes from the origin of the index north to each scene; number of its first release among those of all scenes.
     table, materials : (releases,) records
         Parameters of the law, on the host and on the device.
+    friction : (releases times kinds of ground,) records
+        Basal friction of the releases.
     group : SceneGroup
     constants : Constants
     unknown : UnknownCells
@@ -58,14 +60,15 @@ class SceneArrays:
         if many > 1 and many * self.rows >= LARGEST_BLOCK:
             raise CapacityError(f"{many} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
         self.shifts = 4 * self.rows * np.arange(many)
-        zones = Zones(scenes, self.number)
+        zones = Zones(scenes, kernels.friction_record)
+        self.friction = zones.friction
         steps, packed = (wp.zeros(many, dtype=self.number) for _ in range(2))
         left, step_counts = (wp.zeros(many, dtype=wp.int32) for _ in range(2))
         self.group = filled(
             kernels.groups.SceneGroup, self, clock=wp.zeros((many, CLOCK), dtype=self.number), left=left, steps=steps,
             step_counts=step_counts, packed=packed, shift=wp.array(self.shifts.astype(np.int32), dtype=wp.int32),
             limits=wp.array(limits, dtype=wp.float64), density=wp.array(np.array([m.density for m in materials]), dtype=wp.float64),
-            friction=zones.friction, zones=zones.tables[0], lattice=zones.tables[1],
+            first_friction=zones.first_friction, zones=zones.zones, lattice=zones.lattice,
         )  # fmt: skip
         h = wp.types.vector(length=3, dtype=self.number)(*first.spacing)
         band = first.contact_band * min(first.spacing)

@@ -46,8 +46,9 @@ def move_nodes(parts: Parts) -> None:
     status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
     if parts.ground is not None:
         arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
-        for round_, kernel in enumerate((k.find_contacts, k.solve_contacts)):
-            run_each(kernel, n.places, WARP, *arguments)
+        solution = *arguments, parts.scenes.friction
+        for round_, (kernel, inputs) in enumerate(((k.find_contacts, arguments), (k.solve_contacts, solution))):
+            run_each(kernel, n.places, WARP, *inputs)
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
     run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)

@@ -1,4 +1,4 @@
-"""Friction zones of the scenes of a batch as the device holds them; see :mod:`runout.model.friction`."""
+"""Friction of the ground on the releases of a batch, by zones where there are any; see :mod:`runout.model.ground_friction`."""
 
 from __future__ import annotations
 
@@ -11,41 +11,33 @@ import warp as wp
 from runout.backends.hash.groups import SceneGroup
 from runout.backends.hash.layout import Vector
 from runout.model.scene import Scene
-from runout.physics.contact import zone_friction
-from runout.physics.geostatic import acting_friction
-from runout.physics.tensors import real
 
 
 class Zones:
-    """Zones of all scenes, on the device; where there are none, no kernel looks for them.
+    """Friction and zones of all scenes, on the device; where there are no zones, no kernel looks for them.
 
-    Of the two ``tables`` one (2 scenes, cells) holds factors and own coefficients [1] in turn. The other has a row for each scene,
-    then for each release of all scenes: the cells of the raster, their numbers east and north and sizes [cells of the grid], and
-    friction and strength of the mass [1]. Where there are zones, ``friction`` (releases,) has the row of each release instead of a
-    coefficient.
+    ``friction`` has the records of all scenes; the other arrays are fields of
+    :class:`runout.backends.hash.groups.SceneGroup`.
     """
 
-    def __init__(self, scenes: Sequence[Scene], real: Any):
-        found = [scene.friction_zones for scene in scenes]
-        masses = np.array([m for scene in scenes for m in zip(scene.friction, scene.strengths, strict=True)])
-        table, lattice = np.zeros((2 * len(found), max((z.factor.size for z in found if z), default=1))), np.ones((len(found), 4))
-        table[::2] = 1.0
-        for s, (zones, scene) in enumerate(zip(found, scenes, strict=True)):
-            if zones:
-                table[2 * s : 2 * s + 2, : zones.factor.size] = zones.factor.ravel(), zones.coefficient.ravel()
-                lattice[s] = *zones.factor.shape, *(np.array(zones.cell_size) / scene.spacing[:2])
-        lattice = np.concatenate([lattice, np.column_stack([masses, masses])])
-        self.tables = wp.array(table, dtype=real), wp.array(lattice, dtype=wp.float64)
-        acting = np.array([f for scene in scenes for f in scene.acting_friction])
-        self.friction = wp.array(len(found) + np.arange(len(masses)) if any(found) else acting, dtype=real)
+    def __init__(self, scenes: Sequence[Scene], record: Any):
+        found = [scene.basal for scene in scenes]
+        table = np.zeros((len(found), max(1 if basal.kind is None else basal.kind.size for basal in found)), np.int32)
+        lattice = np.ones((len(found), 4))
+        for s, (basal, scene) in enumerate(zip(found, scenes, strict=True)):
+            if basal.kind is not None:
+                table[s, : basal.kind.size] = basal.kind.ravel()
+                lattice[s] = *basal.kind.shape, *(basal.size / scene.spacing[:2])
+        kinds = np.concatenate([np.full(len(basal.numbers), basal.kinds) for basal in found])
+        self.first_friction = wp.array((np.cumsum(kinds) - kinds).astype(np.int32), dtype=wp.int32)
+        self.zones, self.lattice = wp.array(table, dtype=wp.int32), wp.array(lattice, dtype=wp.float64)
+        self.friction = wp.array(np.concatenate([basal.table(scenes[0].dtype) for basal in found]), dtype=record)
 
 
-def _friction_in_zone(scenes: SceneGroup, mass: Any, s: int, x: int, y: int, f: Vector):
-    """Friction coefficient under a particle of scene ``s`` and release ``mass`` (its row) at offset ``f`` from its first node."""
+def _kind_of_ground(scenes: SceneGroup, s: int, x: int, y: int, f: Vector):
+    """Kind of ground under a particle of scene ``s`` at offset ``f`` from its first node."""
     i = int(wp.floor((wp.float64(x) + wp.float64(f[0])) / scenes.lattice[s, 2]))
     j = int(wp.floor((wp.float64(y) + wp.float64(f[1])) / scenes.lattice[s, 3]))
     columns = int(scenes.lattice[s, 0])
     rows = int(scenes.lattice[s, 1])
-    cell = wp.clamp(i, 0, columns - 1) * rows + wp.clamp(j, 0, rows - 1)
-    ground = zone_friction(real(scenes.lattice[int(mass), 0]), scenes.zones[2 * s, cell], scenes.zones[2 * s + 1, cell])
-    return acting_friction(ground, real(scenes.lattice[int(mass), 1]))
+    return scenes.zones[s, wp.clamp(i, 0, columns - 1) * rows + wp.clamp(j, 0, rows - 1)]

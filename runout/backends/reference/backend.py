@@ -17,6 +17,7 @@ from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, StabilityError
+from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -27,10 +28,10 @@ MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx,
 
 
 @cache
-def compiled_loops(law: Law) -> SimpleNamespace:
-    """Loops over particles for one law, float64, without fused operations: bitwise what plain Python gives."""
+def compiled_loops(law: Law, friction: FrictionLaw) -> SimpleNamespace:
+    """Loops over particles for two laws, float64, without fused operations: bitwise what plain Python gives."""
     binding = numba_binding(np.float64, False)
-    return binding.kernels(loops_source, law_step=binding.law(law).step)
+    return binding.kernels(loops_source, law_step=binding.law(law).step, impulse=binding.friction(friction).impulse)
 
 
 def create(threads: int | None = None) -> "ReferenceBackend":
@@ -55,8 +56,8 @@ class ReferenceBackend:
         self.scene = scene
         self.spacing = np.array(scene.spacing, np.float64)
         self.inverse_inertia = bspline.inverse_inertia(self.spacing)
-        self.loops = compiled_loops(scene.law)
-        self.table = scene.law.table(scene.materials)
+        self.loops = compiled_loops(scene.law, scene.basal.law)
+        self.table, self.basal = scene.law.table(scene.materials), scene.basal.table()
         self._p = particles.take(np.argsort(particles.identity, kind="stable"))
         self.particle_volume = footprints.mean_volume(scene, particles)
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
@@ -97,7 +98,7 @@ class ReferenceBackend:
 
     def checkpoint(self) -> State:
         """The state between two steps."""
-        return arrays_of(self, ("table",), "own.") | arrays_of(self._p, (), "p.") | arrays_of(self.counters, (), "done.")
+        return arrays_of(self, ("table", "basal"), "own.") | arrays_of(self._p, (), "p.") | arrays_of(self.counters, (), "done.")
 
     def restore(self, scene: Scene, state: State) -> None:
         """Continue from a state of the same scene."""
@@ -148,8 +149,8 @@ class ReferenceBackend:
         p, impulses, work = self._p.take(chosen), dt * self._p.ground_force[chosen], np.zeros(len(chosen))
         velocity += quotient(stencils.scatter(impulses, chosen), mass)
         u, given = stencils.gather(velocity, chosen), impulses.copy()
-        friction = self.scene.friction_at(p.release, *p.position(self.spacing).T[:2])
-        self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, friction, dt, impulses, work)
+        basal = self.basal[self.scene.basal.rows(p.release, *p.position(self.spacing).T[:2])]
+        self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, basal, dt, impulses, work)
         velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
         self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())

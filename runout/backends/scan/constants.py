@@ -25,6 +25,8 @@ class Tables:
         Time step [s] with whose stress the records are packed; 0 where they hold no stress.
     domain : Domain
     zones : Zones, optional
+    basal : (releases times kinds of ground,) record
+        Records of basal friction. No group has them, so that few kernels depend on the law of friction.
     particle_volume : float
         Mean volume of a particle [m3].
     """
@@ -34,16 +36,15 @@ class Tables:
     packed_dt: float
     domain: Domain
     zones: Zones | None
+    basal: np.ndarray
     particle_volume: float
 
     @classmethod
     def of(cls, scene: Scene, particles: Particles, corner: np.ndarray) -> "Tables":
         """Tables of a scene whose blocks are counted from the node ``corner`` (3,); no time step is set yet."""
         real, spacing = scene.dtype, np.array(scene.spacing)
-        friction = np.array(scene.acting_friction, real)
-        zones = _zones(scene, real)
-        if zones:  # contacts hold the number of their release until take_zones puts a friction in its place
-            friction = np.arange(len(friction)).astype(real)
+        basal = scene.basal.table(real, np.longdouble)  # kernels fuse products and sums
+        friction, zones = _frictions(scene, basal)
         constants = Constants(
             friction=friction, density=np.array([m.density for m in scene.materials], np.float64), h=spacing.astype(real),
             spacing=spacing, gravity=np.array(scene.gravity, np.float64), corner=corner, dv=np.zeros(16, real),
@@ -51,7 +52,7 @@ class Tables:
         none = (real(0),) * 3
         step = TimeStep(scene.law.table(scene.materials, real), real(0), none, none)
         volume = footprints.mean_volume(scene, particles)
-        return cls(constants, step, 0.0, domain_of(scene, corner), zones, volume)
+        return cls(constants, step, 0.0, domain_of(scene, corner), zones, basal, volume)
 
     def set_step(self, scene: Scene, dt: float) -> Any:
         """Set the constants of steps of ``dt`` [s]; returns by how much longer [s] the step is with which records are packed."""
@@ -67,10 +68,12 @@ class Tables:
         return longer
 
 
-def _zones(scene: Scene, real: Any) -> Zones | None:
-    zones = scene.friction_zones
-    if not zones:
-        return None
-    masses = np.column_stack([scene.friction, scene.strengths]).astype(real)
-    factor, coefficient = (np.ascontiguousarray(values, real) for values in (zones.factor, zones.coefficient))
-    return Zones(factor, coefficient, np.array(zones.cell_size), masses)
+def _frictions(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, Zones | None]:
+    """What contacts hold of the friction of each release (releases,) until the zones are looked up, and the zones."""
+    basal, real = scene.basal, scene.dtype
+    alone = len(basal.law.fields) == 1
+    friction = table[basal.law.fields[0]] if alone else np.arange(len(table)).astype(real)
+    if basal.kind is None:
+        return np.ascontiguousarray(friction), None
+    zones = Zones(basal.kind, basal.size, np.ascontiguousarray(friction.reshape(-1, basal.kinds)))
+    return np.arange(len(basal.numbers)).astype(real), zones

@@ -5,7 +5,7 @@ measured in tiles of 64, and those that touch get a row each. The rows of a stri
 the part of the arrays that belongs to the thread; the rows of block b start at ``place[b]``.
 
     rows[r]                         cell in the block | fx | fy | fz
-    measured[r // 16, :, r % 16]    nx | ny | nz | gap [m] | friction | vx | vy | vz [m/s], before the step
+    measured[r // 16, :, r % 16]    nx | ny | nz | gap [m] | friction or row of its record | vx | vy | vz [m/s], before the step
     felt[r]                         compliance [1/kg] | velocity [m/s] that the grid gives; later 0 | change of the impulse
     given[r]                        0 | impulse [N s] that the nodes hold from the start; later work [J] | impulse [N s]
 

@@ -40,6 +40,8 @@ from runout.backends.scan.stencil import (
 from runout.physics.contact import impulse, work
 from runout.physics.tensors import real, vec
 
+ONE_NUMBER = True  # whether a contact holds the friction itself, not the row of a record; the binding decides, and these two
+record = None  # makes a record of the numbers of a law of friction
 local_columns = local_array((4, 16))
 load_felt, store_felt = record_vectors(4)
 load_4_rows, store_4_rows = row_vectors(4, 16)
@@ -68,7 +70,14 @@ def _meet_grid(rows, ready, felt, nodes, row, n):
         store(felt, r * np.uint64(4), _weighted_mean(ready, _place_of(r), around))
 
 
-def _push(t, begun, measured, g, dt):
+def _basal(number, table):
+    """Record of a contact's friction from what the contact holds: the number of the law, or a row of the table of records."""
+    if ONE_NUMBER:
+        return record(number)
+    return table[np.int64(number)]
+
+
+def _push(t, begun, measured, table, g, dt):
     """Replace what 16 contacts feel by the changes of their impulses, and the impulses ``begun`` by work and impulse."""
     for q in range(np.uint64(16)):
         compliance = t[0, q]
@@ -76,7 +85,7 @@ def _push(t, begun, measured, g, dt):
         normal = vec(measured[g, NORMAL, q], measured[g, NORMAL + 1, q], measured[g, NORMAL + 2, q])
         before = vec(measured[g, BEFORE, q], measured[g, BEFORE + 1, q], measured[g, BEFORE + 2, q])
         given = vec(begun[1, q], begun[2, q], begun[3, q])
-        push = impulse(u, normal, measured[g, GAP, q], compliance, measured[g, FRICTION, q], dt, given)
+        push = impulse(u, normal, measured[g, GAP, q], compliance, _basal(measured[g, FRICTION, q], table), dt, given)
         t[0, q] = real(0.0)
         t[1, q] = push[0] - given[0]
         t[2, q] = push[1] - given[1]
@@ -123,7 +132,7 @@ def _total_ground(work, touching, asleep, nown, total):
                 total[k] += work[b, k]
 
 
-def _solve_strip(contacts, grid, up, dt, low, end, count):
+def _solve_strip(contacts, basal, grid, up, dt, low, end, count):
     """Work and impulse of the ``count`` contacts of the owners ``low`` to ``end``, in ``given``; in ``felt`` their changes."""
     rows, felt, given, touching, pressed = contacts.rows, contacts.felt, contacts.given, contacts.touching, contacts.pressed
     nodes = local_nodes(rows)
@@ -143,17 +152,17 @@ def _solve_strip(contacts, grid, up, dt, low, end, count):
     for g in range(row >> 4, (row + count + 15) >> 4):
         store_4_rows(t, 0, load_felt(felt, 64 * g))
         store_4_rows(begun, 0, load_felt(given, 64 * g))
-        _push(t, begun, contacts.measured, g, dt)
+        _push(t, begun, contacts.measured, basal, g, dt)
         store_felt(felt, 64 * g, load_4_rows(t, 0))
         store_felt(given, 64 * g, load_4_rows(begun, 0))
 
 
-def solve_contacts(particles, blocks, schedule, arenas, contacts, grid, asleep, dt, stamp, total):
+def solve_contacts(particles, blocks, schedule, arenas, contacts, basal, grid, asleep, dt, stamp, total):
     """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
-    ``particles.force`` gets the ``stamp`` of this step and the force of the ground, ``contacts.work`` the work and the impulse of
-    each block, ``total`` their sums over the blocks that are not ``asleep``. A node that is due is read by no later strip, since
-    each block that reads it also adds to it.
+    ``basal`` are the records of friction. ``particles.force`` gets the ``stamp`` of this step and the force of the ground,
+    ``contacts.work`` the work and the impulse of each block, ``total`` their sums over the blocks that are not ``asleep``. A node
+    that is due is read by no later strip, since each block that reads it also adds to it.
     """
     rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
     cursors = arenas.cursors
@@ -167,7 +176,7 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, grid, asleep, 
             for b in range(low, end):
                 count += touching[b]
             if count > 0:
-                _solve_strip(contacts, grid.nodes, blocks.up, dt, low, end, count)
+                _solve_strip(contacts, basal, grid.nodes, blocks.up, dt, low, end, count)
                 ready = local_weights(rows)
                 _weigh_four(rows, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
                 for b in range(low, end):

@@ -90,7 +90,8 @@ def push(
     w = workspace
     for schedule in (w.schedule.early, w.schedule.late) if w.schedule.waits else (w.schedule.early,):
         k.solve_contacts(
-            store.particles, blocks, schedule, w.arenas, w.contacts, w.grid, w.sleep.asleep, tables.step.dt, stamp, w.total
-        )
+            store.particles, blocks, schedule, w.arenas, w.contacts, tables.basal, w.grid, w.sleep.asleep, tables.step.dt, stamp,
+            w.total,
+        )  # fmt: skip
     totals.basal_dissipation -= float(w.total[0])
     totals.basal_impulse += w.total[1:4]

@@ -193,7 +193,7 @@ class Contacts(NamedTuple):
     rows, felt, given : (rows, 4) real
         Cell and offset; what the grid gives; impulse that the nodes hold. As many rows for each thread.
     measured : (rows / 16, 8, 16) real
-        Normal, gap, friction and velocity, in tiles of 16 rows.
+        Normal, gap, friction (its number or the row of its record) and velocity, in tiles of 16 rows.
     shares : (places, SHARES) real
         Weights of the contacts of an owner at the nodes that they reach; the last one stays empty.
     touching, candidates, place : (nown,) int64
@@ -291,7 +291,8 @@ class Constants(NamedTuple):
     Attributes
     ----------
     friction : (releases,) real
-        Basal friction [1]; the number of the release where there are friction zones.
+        What contacts hold of the friction of a release: its number, or the row of its record where the law has several; the number
+        of the release where there are friction zones.
     density : (releases,) float64
         [kg/m3]
     h, spacing : (3,) real, (3,) float64
@@ -337,17 +338,17 @@ class Zones(NamedTuple):
 
     Attributes
     ----------
-    factor, coefficient : (nx, ny) real
+    kind : (nx, ny) int32
+        Kind of ground.
     cell_size : (2,) float64
         [m]
-    masses : (releases, 2) real
-        Friction and strength of the releases [1].
+    friction : (releases, kinds) real
+        What contacts hold of the friction of each release on each kind of ground.
     """
 
-    factor: np.ndarray
-    coefficient: np.ndarray
+    kind: np.ndarray
     cell_size: np.ndarray
-    masses: np.ndarray
+    friction: np.ndarray
 
 
 class Domain(NamedTuple):

@@ -27,6 +27,7 @@ from runout.backends.scan import (
     zones,
 )
 from runout.backends.scan.gradient_transfer import uses_gradient_transfer
+from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 from runout.model.scene import Scene
 
@@ -38,13 +39,13 @@ COMMON = (
     index,
     particles_to_grid,
     contact_detection,
-    contact_solution,
     sort,
     observe,
     raster_sums,
     rest,
     zones,
 )  # know no law
+CONTACT = (groups, stencil, particles_to_grid, contact_detection, contact_solution)  # follow a law of friction
 LANES = (vectors, shuffles, memory)
 BY_GRADIENTS = (
     groups,
@@ -55,9 +56,9 @@ BY_GRADIENTS = (
     forces,
     gradients,
 )  # of transfers other than the packed one, and of F-bar
-SOURCES = (*PHYSICS, *COMMON, domain, grid_to_particles, *LANES, precompile)
+SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, grid_to_particles, *LANES, precompile)
 BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
-_MADE: dict[tuple[str, Law, bool, str], SimpleNamespace] = {}
+_MADE: dict[tuple[str, Law, FrictionLaw, bool, str], SimpleNamespace] = {}
 
 
 class Entry:
@@ -95,8 +96,8 @@ def entries_for(scene: Scene) -> SimpleNamespace:
 
 
 def kernels_for(scene: Scene) -> SimpleNamespace:
-    """Kernels for the number type and the law of a scene, made once a process and taken from the cache of compiled code."""
-    key = (scene.precision, scene.law, len(scene.materials) == 1, precompile.variant(scene))
+    """Kernels for the number type and the laws of a scene, made once a process and taken from the cache of compiled code."""
+    key = (scene.precision, scene.law, scene.basal.law, len(scene.materials) == 1, precompile.variant(scene))
     if key not in _MADE:
         precompile.ensure_compiled(scene, (*SOURCES, *BY_GRADIENTS) if uses_gradient_transfer(scene) else SOURCES)
         _MADE[key] = _bound(scene)
@@ -106,7 +107,9 @@ def kernels_for(scene: Scene) -> SimpleNamespace:
 def _bound(scene: Scene) -> SimpleNamespace:
     binding = numba_binding(scene.dtype)
     common = binding.kernels(*COMMON, sources=(*LANES, domain, grid_to_particles))
-    law = binding.law(scene.law)
+    law, friction = binding.law(scene.law), binding.friction(scene.basal.law)
+    of_contact = {"impulse": friction.impulse, "record": friction.record, "ONE_NUMBER": len(scene.basal.law.fields) == 1}
+    solution = binding.kernels(*CONTACT, sources=LANES, **of_contact).solve_contacts
     names = {
         "law_update": law.step,
         "law_update_small": law.step_small,
@@ -115,4 +118,4 @@ def _bound(scene: Scene) -> SimpleNamespace:
     }
     own = binding.kernels(groups, stencil, domain, grid_to_particles, sources=LANES, **names)
     more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
-    return SimpleNamespace(**(vars(more) | vars(common) | vars(own)))
+    return SimpleNamespace(**(vars(more) | vars(common) | vars(own) | {"solve_contacts": solution}))

@@ -21,6 +21,7 @@ import numpy as np
 from runout.backends.compile import cache_root, source_key
 from runout.backends.scan.gradient_transfer import uses_gradient_transfer
 from runout.lifetime import end_with_parent, interrupts_kept
+from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
@@ -49,7 +50,8 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         return
     import locket
 
-    label = f"{scene.law.name} {scene.law.fingerprint} {scene.precision} {len(scene.materials) == 1} {variant(scene)}"
+    laws = f"{scene.law.name} {scene.law.fingerprint} {scene.basal.law.name} {scene.basal.law.fingerprint}"
+    label = f"{laws} {scene.precision} {len(scene.materials) == 1} {variant(scene)}"
     done = cache_root() / f"{source_key(sources, label, *map(_stamp, sources))}.done"
     if done.exists():
         return
@@ -57,7 +59,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
         if done.exists():
             return
         LOGGER.info("compiling for %s in %s; this takes a minute, once", scene.law.name, scene.precision)
-        if _warm_up_elsewhere(scene.materials[:2], scene.precision, variant(scene)):
+        if _warm_up_elsewhere(scene, variant(scene)):
             done.touch()
 
 
@@ -73,9 +75,10 @@ def _stamp(source: ModuleType) -> str:
     return f"{path} {status.st_mtime_ns} {status.st_size}"
 
 
-def _warm_up_elsewhere(materials: tuple[Material, ...], precision: str, kind: str) -> bool:
+def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
     """Whether another process has compiled all kernels."""
-    job = base64.b64encode(pickle.dumps((materials[:2], precision, kind, os.getpid()))).decode()
+    friction = scene.basal.law.example
+    job = base64.b64encode(pickle.dumps((scene.materials[:2], friction, scene.precision, kind, os.getpid()))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
     environment = {**os.environ, WARM_UP: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
     command = [sys.executable, "-P", "-c", f"from {__name__} import warm_up; warm_up()"]
@@ -103,9 +106,9 @@ def _ended(process: "subprocess.Popen[str]") -> str:
 
 def warm_up() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
-    materials, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
+    materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
-    scene, particles = _small_slope(materials, precision)
+    scene, particles = _small_slope(materials, friction, precision)
     for choices in VARIANTS[kind]:
         if "sleep_speed" in choices:
             particles.velocity[:] = 0.0
@@ -128,12 +131,12 @@ def _warm_up(scene: Scene, particles: Particles) -> None:
     free.step(free.stable_step())
 
 
-def _small_slope(materials: tuple[Material, ...], precision: str) -> tuple[Scene, Particles]:
+def _small_slope(materials: tuple[Material, ...], friction: BasalFriction, precision: str) -> tuple[Scene, Particles]:
     """A cube of particles that slides over the edge of a plane."""
     surface = Surface.through(np.fromfunction(lambda i, j: -0.2 * i, (CELLS + 1, CELLS + 1)), (1.0, 1.0))
     zones = FrictionZones(np.ones((CELLS, CELLS)), np.zeros((CELLS, CELLS)), (1.0, 1.0))
     scene = Scene(
-        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, (0.3,) * len(materials), precision=precision,
+        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, (friction,) * len(materials), precision=precision,
         friction_zones=zones,
     )  # fmt: skip
     axis = (np.arange(12) + 0.5) / 2

@@ -7,8 +7,6 @@ from numba import prange
 
 from runout.backends.scan.contact_detection import FRICTION
 from runout.backends.scan.observe import _node_of
-from runout.physics.contact import zone_friction
-from runout.physics.geostatic import acting_friction
 
 
 def take_zones(particles, blocks, contacts, corner, h, zones):
@@ -19,7 +17,7 @@ def take_zones(particles, blocks, contacts, corner, h, zones):
     rec, cell, listed = particles.rec, particles.cell, particles.listed
     place, touching, bxyz, first = contacts.place, contacts.touching, blocks.bxyz, blocks.first
     measured = contacts.measured
-    factor, coefficient, size, masses = zones.factor, zones.coefficient, zones.cell_size, zones.masses
+    kind, size, friction = zones.kind, zones.cell_size, zones.friction
     for b in prange(blocks.nown):
         for t in range(touching[b]):
             p = listed[first[b] + t]
@@ -27,9 +25,7 @@ def take_zones(particles, blocks, contacts, corner, h, zones):
             r = place[b] + t
             i = np.int64(math.floor((x + np.float64(rec[p, 4])) * h[0] / size[0]))
             j = np.int64(math.floor((y + np.float64(rec[p, 8])) * h[1] / size[1]))
-            i = min(max(i, 0), factor.shape[0] - 1)
-            j = min(max(j, 0), factor.shape[1] - 1)
+            i = min(max(i, 0), kind.shape[0] - 1)
+            j = min(max(j, 0), kind.shape[1] - 1)
             g = r >> 4
-            mass = np.int64(measured[g, FRICTION, r & 15])
-            ground = zone_friction(masses[mass, 0], factor[i, j], coefficient[i, j])
-            measured[g, FRICTION, r & 15] = acting_friction(ground, masses[mass, 1])
+            measured[g, FRICTION, r & 15] = friction[np.int64(measured[g, FRICTION, r & 15]), kind[i, j]]

@@ -1,12 +1,13 @@
 """T2, T3, T4: angle at which a box starts to slide, direction of friction, and gap above the ground at rest."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
+from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
-from runout.physics import contact
 from runout.studies.verification_cases import sliding_box
 from runout.studies.verification_cases.bodies import equal_steps, lattice, loaded, particles_at, relaxed
 from runout.studies.verification_cases.closed_forms import GRAVITY, sliding_block, symplectic_excess
@@ -111,7 +112,8 @@ def measure_threshold(full: bool) -> list[Result]:
 
 def measure_oblique(full: bool) -> list[Result]:
     """One particle, and boxes that slide across the grid."""
-    push = contact.impulse((1.0, 1.0, -1.0), (0.0, 0.0, 1.0), 0.0, 1.0, 0.5, 0.01, (0.0, 0.0, 0.0))
+    law, record = FRICTIONS.find(DEFAULT_FRICTION), SimpleNamespace(friction=0.5)
+    push = law.impulse((1.0, 1.0, -1.0), (0.0, 0.0, 1.0), 0.0, 1.0, record, 0.01, (0.0, 0.0, 0.0))
     left = np.array([1.0 + push[0], 1.0 + push[1], -1.0 + push[2]])
     exact = np.sqrt(2) - 0.5
     results: list[Result] = [

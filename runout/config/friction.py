@@ -1,0 +1,96 @@
+"""Settings of basal friction, made from the declarations of its laws."""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+from pydantic import ValidationInfo, create_model, model_validator
+
+from runout.config.declared import declared_fields, sampled_in
+from runout.config.distributions import Settings, quantity, refuse
+from runout.config.law_block import LawBlock, made
+from runout.config.wording import shown
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
+from runout.model.limits import Range
+
+PREFIX = "basal_"  # of the parameters of friction among those of an ensemble
+ANGLE = "basal_friction_angle_deg"  # short form of the parameter of the default law
+KEY = "basal_friction"
+
+
+class FrictionSettings(Settings):
+    """Basal friction: its law and the parameters of that."""
+
+    law: str = quantity("law of friction")
+
+    def friction(self, sample: Mapping[str, float] | None = None, own: Mapping[str, float] | None = None) -> BasalFriction:
+        """The friction, with sampled parameters of an ensemble and then ``own`` ones in the place of the stated ones."""
+        law, sample = FRICTIONS.find(self.law), sample or {}
+        sampled = {p.key: sample[PREFIX + p.key] for p in law.parameters if PREFIX + p.key in sample}
+        values = {**self.model_dump(exclude={"law"}), **sampled, **(own or {})}
+        return law.friction(**{p.name: values[p.key] for p in law.parameters})
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "FrictionSettings":
+        made(self.friction, FRICTIONS.find(self.law).parameters)
+        return self
+
+    def __reduce__(self) -> Any:
+        """Another process gets the class of the law, whose module registers it there."""
+        return _restored, (FRICTIONS.find(self.law).friction, self.model_dump())
+
+
+def _restored(friction: type[BasalFriction], values: dict[str, Any]) -> FrictionSettings:
+    return BLOCK.settings_of(FRICTIONS.find(friction.law)).model_validate(values)  # type: ignore[no-any-return]
+
+
+BLOCK: LawBlock[FrictionLaw] = LawBlock(FRICTIONS, DEFAULT_FRICTION, FrictionSettings)
+
+
+def stated_law(site: Any) -> FrictionLaw | None:
+    """The law of friction of a site.yaml as it is stated; None if it names none that is known."""
+    block = site.get(KEY) if isinstance(site, dict) else None
+    return BLOCK.known_law({} if block is None else block)
+
+
+def sampled_ranges(law: FrictionLaw | None = None) -> dict[str, Range]:
+    """Range of each parameter of friction that an ensemble may sample, by its key: of a law, or of all known laws."""
+    laws = [law] if law else FRICTIONS.known()
+    return {PREFIX + key: valid for each in laws for key, valid in sampled_in(each.parameters).items()}
+
+
+@cache
+def own_model(law: FrictionLaw) -> type[Settings]:
+    """Settings of parameters that a release or a zone states in the place of those of the site; each may be left out."""
+    fields: dict[str, Any] = {}
+    for key, (kind, field) in declared_fields(law.parameters).items():
+        field.default = None
+        fields[key] = (kind | None, field)
+    return create_model(f"Own{law.friction.__name__}", __base__=Settings, **fields)
+
+
+def own_parameters(attributes: bool) -> Callable[[Any, ValidationInfo], Any]:
+    """Check of a block of own parameters; with ``attributes`` a value may be the name of one.
+
+    The context of the validation may hold the ``friction`` law; that of the parameters counts otherwise.
+    """
+
+    def checked(block: Any, info: ValidationInfo) -> Any:
+        if not isinstance(block, dict):
+            raise refuse(f"{shown(block)}; a block is needed", "write {parameter: value, ...}")
+        if not block:
+            raise refuse("states no parameter", "add one of its law, or remove it")
+        law = (info.context or {}).get("friction") or _law_with(block)
+        fields = own_model(law).model_fields
+        named = {key for key, value in block.items() if attributes and isinstance(value, str) and key in fields}
+        numbers = own_model(law).model_validate({key: value for key, value in block.items() if key not in named})
+        return {key: value if key in named else getattr(numbers, key) for key, value in block.items()}
+
+    return checked
+
+
+def _law_with(block: Mapping[str, Any]) -> FrictionLaw:
+    """The known law that has the parameters of a block; the default where none has."""
+    having = (law for law in FRICTIONS.known() if set(block) <= {p.key for p in law.parameters})
+    return next(having, FRICTIONS.find(DEFAULT_FRICTION))

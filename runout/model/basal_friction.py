@@ -1,0 +1,51 @@
+"""Basal friction: what every law of friction at the ground answers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from runout.errors import ConfigError
+from runout.model.parameters import parameters_of
+
+USUAL_ANGLE = 20.0  # [deg] of a run that states no friction
+
+
+@dataclass(frozen=True, kw_only=True)
+class BasalFriction:
+    """Base of every law of friction between a mass and the ground.
+
+    A law adds its parameters as fields (:mod:`runout.model.parameters`), names its friction coefficients and is registered with its
+    resistance by :func:`runout.register_friction`. A value out of its range is a ConfigError.
+    """
+
+    law: ClassVar[str] = ""  # name in site.yaml
+    coefficients: ClassVar[tuple[str, ...]] = ()  # those of `numbers` that are friction coefficients [1], that at rest first
+
+    def __post_init__(self) -> None:
+        for p in parameters_of(type(self)):
+            object.__setattr__(self, p.name, p.checked(getattr(self, p.name), ConfigError))
+
+    def numbers(self) -> dict[str, float]:
+        """What zones change, by name: one number for each parameter, in their order; by default in SI units and radians."""
+        return {p.name: p.si(getattr(self, p.name)) for p in parameters_of(type(self))}
+
+    @classmethod
+    def acting(cls, numbers: Mapping[str, Any], strength: Any) -> dict[str, Any]:
+        """What ``resistance`` reads, by name, from :meth:`numbers` as zones change them; numbers or arrays of them.
+
+        By default these and ``strength`` [1], the most that the mass passes on to the ground; contact limits the steady part of
+        the resistance to it.
+        """
+        return {**numbers, "strength": np.asarray(strength)}
+
+    @property
+    def at_rest(self) -> float:
+        """Friction coefficient at rest [1]."""
+        return self.numbers()[self.coefficients[0]]
+
+    @property
+    def least(self) -> float:
+        """Smallest friction coefficient at any speed [1]."""
+        return min(self.numbers()[name] for name in self.coefficients)
