@@ -131,7 +131,9 @@ class NumbaBinding:
         self.options: dict[str, Any] = {"error_model": "numpy", "boundscheck": False}
         if contract:
             self.options["fastmath"] = {"contract"}
-        self.inlined: dict[str, Any] = {**self.options, "forceinline": True, "_nrt": False}  # they make no array: none is counted
+        # only kernels call them, not Python or C: no wrappers, whose code for groups of arrays is long; and they make no array
+        alone = {"forceinline": True, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        self.inlined: dict[str, Any] = {**self.options, **alone}
         names = {"real": real, "i64": numba.int64, "prange": numba.prange}
         for name in CONSTRUCTORS:
             names[name] = numba.njit(forceinline=True, **self.options)(getattr(tensors, name))
@@ -169,6 +171,7 @@ class NumbaBinding:
 
         labels = (f"contract={self.contract}", *(f"{k}={_label(v)}" for k, v in sorted(names.items())))
         key = source_key((*PHYSICS, *modules, *sources), self.real.__name__, *labels)
+        own: dict[str, Any] = {**self.options, "cache": True, "no_cfunc_wrapper": True}  # called from Python, never from C
         inline = numba.njit(**self.inlined)
         compiled = dict(self._compiled)
         space = SimpleNamespace()
@@ -180,7 +183,7 @@ class NumbaBinding:
                         compiled[function] = inline(copy)
                     else:
                         parallel = "prange" in function.__code__.co_names
-                        compiled[function] = numba.njit(parallel=parallel, cache=True, **self.options)(copy)
+                        compiled[function] = numba.njit(parallel=parallel, **own)(copy)
                         setattr(space, function.__name__, compiled[function])
         return space
 

@@ -11,6 +11,7 @@ from runout.backends.compile import cache_root
 from runout.backends.scan import precompile
 from runout.backends.scan.backend import ScanBackend
 from runout.backends.scan.kernels import kernels_for
+from runout.model.particles import Particles
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,24 @@ def test_no_kernel_is_compiled_in_the_process_that_runs_it(precision, index, tra
     assert compiled_here == []
     assert {"grid_to_particles", "particles_to_nodes_over_ground", "solve_contacts"} <= set(loaded)
     assert ("take_gradients" in loaded) == bool(transfer)
+
+
+def test_kernels_compiled_ahead_have_the_types_of_a_run():
+    """They are called without particles; a run with particles must find them in the cache."""
+    ground = plane(slope_x=-0.5, height=30.0)
+    a_scene = scene(ground, materials=(SAND,), precision="float32")
+    engine = ScanBackend()
+    engine.load(a_scene, box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), SAND.density, surface=ground))
+    for _ in range(40):
+        engine.step(engine.stable_step())
+    engine.ledger(), engine.particles()
+    kernels = vars(kernels_for(a_scene))
+    of_the_run = {name: set(kernel.signatures) for name, kernel in kernels.items() if kernel.signatures}
+    assert {"grid_to_particles", "settle", "make_way", "sum_blocks", "unpack", "change_step"} <= set(of_the_run)
+    empty = ScanBackend()
+    empty.load(a_scene, Particles.zeros(0))
+    empty.pass_second_half(a_scene.stable_step(1.0))
+    assert {name: set(kernels[name].signatures) for name in of_the_run} == of_the_run
 
 
 def test_what_is_cached_is_not_compiled_again(monkeypatch):

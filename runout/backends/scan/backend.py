@@ -167,6 +167,16 @@ class ScanBackend:
             sleep.after_step(self.k, self.scene.sleep_speed, dt, *parts)
         clock("sort")
 
+    def pass_second_half(self, dt: float) -> None:
+        """Call the kernels after those of contact, and those of sums: of a scene without particles, to compile them."""
+        self._change_step(dt)
+        self._to_particles(dt)
+        self.totals.moved = True
+        self._sort()
+        self.ledger()
+        self._sum(self.k.sum_escaped, self.workspace.moves.leaving)
+        self.particles()
+
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""
         longer, c = self.tables.set_step(self.scene, dt), self.tables.constants

@@ -1,4 +1,4 @@
-"""Compiles the kernels of a scene in a separate process, so that every run executes the code of the cache.
+"""Compiles the kernels of a scene in separate processes, so that every run executes the code of the cache.
 
 Numba optimises the body of a parallel loop twice: alone, and as a part of its kernel. The process that compiles executes the first,
 the cache holds the second; they round differently where products and sums are fused. A process that compiles would therefore not
@@ -13,6 +13,7 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from subprocess import PIPE
 from types import ModuleType
 from typing import Any
 
@@ -64,8 +65,9 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
 
 
 def variant(scene: Scene) -> str:
-    """Which of the ``VARIANTS`` a scene is."""
-    return "gradient_transfer" if uses_gradient_transfer(scene) else "sleeping" if scene.sleep_speed else "plain"
+    """Which of the ``VARIANTS`` a scene is, and what else it has that some kernels are for: no ground, or friction zones."""
+    kind = "gradient_transfer" if uses_gradient_transfer(scene) else "sleeping" if scene.sleep_speed else "plain"
+    return " ".join((kind, *["free"] * (scene.surface is None), *["zones"] * (scene.friction_zones is not None)))
 
 
 def _stamp(source: ModuleType) -> str:
@@ -81,11 +83,12 @@ def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
     job = base64.b64encode(pickle.dumps((scene.materials[:2], friction, scene.precision, kind, os.getpid()))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
     environment = {**os.environ, WARM_UP: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
-    command = [sys.executable, "-P", "-c", f"from {__name__} import warm_up; warm_up()"]
+    kernels = ("warm_up", "warm_up_ahead")[: len(os.sched_getaffinity(0))]
+    commands = [[sys.executable, "-P", "-c", f"from {__name__} import {name}; {name}()"] for name in kernels]
     try:
         with interrupts_kept():
-            process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        said = _ended(process)
+            process, *others = [subprocess.Popen(c, env=environment, stdout=PIPE, stderr=PIPE, text=True) for c in commands]
+        said = _ended(process, others)
     except OSError as error:
         LOGGER.debug("no process to compile in: %s", error)
         return False
@@ -94,28 +97,51 @@ def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
     return process.returncode == 0
 
 
-def _ended(process: "subprocess.Popen[str]") -> str:
-    """The error output of a process, after it has ended; it is killed if this process is interrupted."""
+def _ended(process: "subprocess.Popen[str]", others: "list[subprocess.Popen[str]]") -> str:
+    """The error output of a process, after it has ended; ``others`` then end, and all of them if this process is interrupted."""
     with process:
         try:
             return process.communicate()[1]
         except BaseException:
             process.kill()
             raise
+        finally:
+            for other in others:
+                other.kill()
+                other.communicate()
+
+
+def _job() -> tuple[Scene, Particles, str]:
+    """The small scene, its particles and the kind of scene of a process that compiles; the process ends with its parent."""
+    materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
+    end_with_parent(parent)
+    scene, particles = _small_slope(materials, friction, precision)
+    return (scene if "zones" in kind else replace(scene, friction_zones=None)), particles, kind
 
 
 def warm_up() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
-    materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
-    end_with_parent(parent)
-    scene, particles = _small_slope(materials, friction, precision)
-    for choices in VARIANTS[kind]:
+    scene, particles, kind = _job()
+    for choices in VARIANTS[kind.split()[0]]:
         if "sleep_speed" in choices:
             particles.velocity[:] = 0.0
-        _warm_up(replace(scene, **choices), particles)
+        _warm_up(replace(scene, **choices), particles, free="free" in kind)
 
 
-def _warm_up(scene: Scene, particles: Particles) -> None:
+def warm_up_ahead() -> None:
+    """Compile the kernels of the second half of a step in another process meanwhile: they are called without particles.
+
+    The first process finds them in the cache.
+    """
+    from runout.backends.scan.backend import ScanBackend
+
+    scene, _, kind = _job()
+    engine = ScanBackend(threads=1)
+    engine.load(replace(scene, **VARIANTS[kind.split()[0]][0]), Particles.zeros(0))
+    engine.pass_second_half(scene.stable_step(SPEED))
+
+
+def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
     from runout.backends.scan.backend import ScanBackend
 
     engine = ScanBackend(threads=1)
@@ -126,9 +152,10 @@ def _warm_up(scene: Scene, particles: Particles) -> None:
             engine.ledger(), engine.columns(), engine.flow_columns()
     engine.particles()
     ScanBackend(threads=1).restore(scene, engine.checkpoint())
-    free = ScanBackend(threads=1, index="dense")
-    free.load(replace(scene, surface=None), particles)
-    free.step(free.stable_step())
+    dense = ScanBackend(threads=1, index="dense")
+    dense.load(replace(scene, surface=None) if free else scene, particles)
+    if free:
+        dense.step(dense.stable_step())
 
 
 def _small_slope(materials: tuple[Material, ...], friction: BasalFriction, precision: str) -> tuple[Scene, Particles]:
