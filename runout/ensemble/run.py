@@ -140,7 +140,7 @@ def run_ensemble(
             if share.in_process:
                 run = in_process(task, groups, tally.advance, share.devices)
             else:
-                run = in_workers(task, groups, share, tally.advance)
+                run = in_workers(task, groups, share.workers, share.threads, tally.advance, share.devices)
             try:
                 with closing(run) as outcomes:
                     tally.collect(outcomes)
@@ -162,7 +162,7 @@ def _work(
     if simulate is None and (share.devices or site.settings.simulation.backend == "hash"):
         return partial(simulate_together, site, results=results), dealt(waiting, share.workers)
     task = partial(simulate_alone, site, results=results, simulate=simulate, threads=share.threads)
-    return task, [(member,) for member in longest_first(waiting)]
+    return task, [(member,) for member in (waiting if share.in_process else longest_first(waiting))]
 
 
 def longest_first(members: list[Member]) -> list[Member]:

@@ -119,21 +119,25 @@ def _outcomes(group: Group, ended: Done) -> Iterator[Outcome]:
 
 
 def in_workers(
-    task: Task, groups: Sequence[Group], share: Share, advance: Callable[[int, float], None]
+    task: Task,
+    groups: Sequence[Group],
+    workers: int,
+    threads: int,
+    advance: Callable[[int, float], None],
+    devices: Sequence[str] = (),
 ) -> Generator[Outcome, None, None]:
     """Run ``task`` for every member in worker processes; yield the outcomes in the order in which they finish.
 
-    ``advance`` is called in this thread with the number of a running member and its fraction. Each worker uses one of the GPUs.
+    ``advance`` is called in this thread with the number of a running member and its fraction. Each worker uses one of ``devices``.
 
     Raises
     ------
     DeviceError
         If no worker process can be started.
     """
-    workers = min(share.workers, len(groups))
+    workers = min(workers, len(groups))
     memory = int(MEMORY_SHARE * machine.memory_bytes() / workers)
-    variables = dict.fromkeys(THREAD_VARIABLES, str(share.threads))
-    with _environment(variables), _Workforce(task, workers, share.devices, memory) as force:
+    with _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _Workforce(task, workers, tuple(devices), memory) as force:
         yield from _feed(force, groups, advance)
 
 
