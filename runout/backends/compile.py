@@ -114,7 +114,7 @@ def _bind_own(
 
 
 class NumbaBinding:
-    """Physics compiled by numba for one number type.
+    """Physics compiled by numba for one number type: functions for compiled code, which Python must not call.
 
     Parameters
     ----------
