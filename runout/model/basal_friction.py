@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
 from runout.errors import ConfigError
 from runout.model.parameters import parameters_of
 
@@ -38,6 +36,8 @@ class BasalFriction:
         By default these and ``strength`` [1], the most that the mass passes on to the ground; contact limits the steady part of
         the resistance to it.
         """
+        import numpy as np  # the command starts without it
+
         return {**numbers, "strength": np.asarray(strength)}
 
     @property

@@ -102,6 +102,14 @@ class FrictionZones:
             said.append(f"{name} {min(values):.3g} to {max(values):.3g}")
         return f"friction zones: {len(self.zones)} on {area:.4g} m2; {', '.join(said)}"
 
+    def at(self, friction: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Coefficients [1] of masses with ``friction`` [1] at local positions x, y [m]; beyond the rim those of the rim."""
+        i, j = (
+            np.clip(np.floor(place / size).astype(np.int64), 0, count - 1)
+            for place, size, count in zip((x, y), self.cell_size, self.factor.shape, strict=True)
+        )
+        return zone_friction(friction, self.factor[i, j], self.coefficient[i, j])  # type: ignore[no-any-return]
+
     def changes_of(self, law: FrictionLaw, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Factor and own value (nx, ny) of a number of a law in each cell."""
         is_coefficient = name in law.friction.coefficients

@@ -23,7 +23,7 @@ from test_sparse_equals_dense import CASES, CLAY, run, two_bodies
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
 
-scan = pytest.importorskip("runout.backends.scan.backend")
+workers = pytest.importorskip("runout.backends.scan.workers")
 SPACING = (1.0, 0.7, 0.5)
 WAYS = {
     "apic": {"transfer": "apic"},
@@ -92,7 +92,7 @@ def test_sparse_backends_equal_the_reference_in_float64(way, sparse, ground, ste
 
 @pytest.mark.parametrize("way", ["aflip with F-bar", "packed with F-bar"])  # every kernel that differs
 def test_one_and_two_threads_give_the_same_bits_and_so_does_a_restored_run(monkeypatch, way):
-    monkeypatch.setattr(scan, "PARTICLES_PER_THREAD", 50)
+    monkeypatch.setattr(workers, "PARTICLES_PER_THREAD", 50)
     surface, spacing = CASES["bowl"]
     s, p = sandy(surface, spacing, (0.4, 0.25), **WAYS[way]), two_bodies(surface, spacing)
     (a, row_a, _), (b, row_b, _) = (run(get_backend("scan", threads=n), s, p, 30, 2e-3) for n in (1, 2))

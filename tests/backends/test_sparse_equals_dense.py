@@ -14,7 +14,7 @@ from runout.backends.protocol import get_backend
 from runout.model.particles import Particles
 from runout.model.surface import Surface
 
-scan = pytest.importorskip("runout.backends.scan.backend")
+workers = pytest.importorskip("runout.backends.scan.workers")
 CLAY = replace(SAND, density=1600.0, cohesion=3e3, friction_angle=20.0)
 
 
@@ -83,7 +83,7 @@ def test_scan_in_float32_stays_close_to_the_reference():
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_one_and_two_threads_give_the_same_bits(monkeypatch, precision):
-    monkeypatch.setattr(scan, "PARTICLES_PER_THREAD", 50)
+    monkeypatch.setattr(workers, "PARTICLES_PER_THREAD", 50)
     surface, spacing = CASES["bowl"]
     s = replace(scene(surface, spacing, (SAND, CLAY), (0.4, 0.25)), precision=precision)
     p = two_bodies(surface, spacing)
@@ -100,8 +100,9 @@ def test_four_threads_give_the_bits_of_one():
         import os
         os.sched_getaffinity = lambda process: range(4)
         from scenes import assert_same_numbers
-        from test_sparse_equals_dense import SAND, CASES, CLAY, get_backend, run, scan, scene, single_precision, two_bodies
-        scan.PARTICLES_PER_THREAD = 50
+        from test_sparse_equals_dense import SAND, CASES, CLAY, get_backend, run, scene, single_precision, two_bodies
+        from runout.backends.scan import workers
+        workers.PARTICLES_PER_THREAD = 50
         surface, spacing = CASES["bowl"]
         s, p = single_precision(scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))), two_bodies(surface, spacing)
         one, four = (get_backend("scan", threads=n) for n in (1, 4))

@@ -12,6 +12,7 @@ from runout.config.read import load
 from runout.config.scaffold import commented_yaml, new_site
 from runout.config.schema import SiteSettings
 from runout.errors import DemError, InputError, StorageError
+from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS
 
 
@@ -93,7 +94,7 @@ def test_written_settings_read_back_as_they_were(edited):
 
 def test_every_parameter_that_may_be_sampled_is_named_in_the_comment(site_folder):
     text = commented_yaml(load(site_folder))
-    assert all(name in text for name in sampled_ranges(LAWS.find("granular_flow")))
+    assert all(name in text for name in sampled_ranges(LAWS.find("granular_flow"), FRICTIONS.find("coulomb")))
 
 
 def test_folder_in_use_is_left_as_it_is(site_folder, inputs):

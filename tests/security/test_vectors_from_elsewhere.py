@@ -20,6 +20,7 @@ from runout.model.release import Release
 ROOT = Path(__file__).parents[2]
 OWN_PRODUCTS = {  # modules that open what runout itself wrote
     "runout/io/netcdf.py",
+    "runout/io/member_maps.py",
     "runout/io/geotiff.py",
     "runout/report/study.py",
     "runout/hazard/members.py",

@@ -81,6 +81,16 @@ class ScanBackend:
         self.tables = Tables.of(scene, particles, corner)
         self._place(particles, corner)
 
+    @property
+    def allowed(self) -> int:
+        """Largest number of threads."""
+        return self.workers.allowed
+
+    @property
+    def threads(self) -> int:
+        """Threads that share the loaded particles."""
+        return self.workers.threads
+
     def _place(self, particles: Particles, corner: np.ndarray) -> None:
         """Give every particle a slot, by block and cell. Blocks are counted from the lowest node in use, the ``corner``.
 

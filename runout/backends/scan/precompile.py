@@ -12,6 +12,7 @@ import os
 import pickle
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from subprocess import PIPE
 from types import ModuleType
@@ -97,7 +98,7 @@ def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
     return process.returncode == 0
 
 
-def _ended(process: "subprocess.Popen[str]", others: "list[subprocess.Popen[str]]") -> str:
+def _ended(process: "subprocess.Popen[str]", others: "Sequence[subprocess.Popen[str]]" = ()) -> str:
     """The error output of a process, after it has ended; ``others`` then end, and all of them if this process is interrupted."""
     with process:
         try:
