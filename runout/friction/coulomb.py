@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from math import radians, tan
 from typing import Any, ClassVar
 
-import numpy as np
-
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import register_friction
 from runout.model.limits import LIMITS
@@ -37,6 +35,8 @@ class Coulomb(BasalFriction):
     @classmethod
     def acting(cls, numbers: Mapping[str, Any], strength: Any) -> dict[str, Any]:
         """The coefficient [1], at most what the mass passes on: contact has no need to compare them in every step."""
+        import numpy as np  # the command starts without it
+
         return {"friction": np.minimum(numbers["friction"], strength)}
 
 
