@@ -136,19 +136,36 @@ def _sized(problem: Problem, full: bool) -> Problem:
 
 def _solved(problem: Problem, full: bool, repeats: int, progress: Callable[[float], None]) -> dict[str, Any]:
     """All points of a problem in turns, forwards and backwards, and what its curves say."""
-    sizes = problem.full if full else problem.small
-    points = [
-        Point(problem, v, grid, [], repeats)
-        for v in problem.variations()
-        for grid in (sizes[: COARSE if full else 1] if v.slow else sizes)
-    ]
+    points = points_of(problem, problem.variations(), full, repeats)
     compiling = _first(problem, points)
+    in_turns(points, repeats, progress)
+    curves = {v.name: [p.described() for p in points if p.variation is v] for v in problem.variations()}
+    return assembled(problem, curves, compiling)
+
+
+def points_of(problem: Problem, variations: Sequence[Variation], full: bool, repeats: int) -> list[Point]:
+    """Points of some variations of a problem, without outcomes."""
+    sizes = problem.full if full else problem.small
+    return [
+        Point(problem, v, grid, [], repeats) for v in variations for grid in (sizes[: COARSE if full else 1] if v.slow else sizes)
+    ]
+
+
+def in_turns(points: Sequence[Point], repeats: int, progress: Callable[[float], None] = lambda done: None) -> None:
+    """Run points in turns, forwards and backwards; ``progress`` is called with the finished fraction."""
     for turn in range(repeats):
         for k, point in enumerate(points[:: 1 if turn % 2 == 0 else -1]):
             point.run()
             progress((turn + (k + 1) / len(points)) / repeats)
-            LOGGER.debug("%s, %s, grid %g: %s", problem.name, point.variation.name, point.grid, point.outcomes[-1])
-    curves = {v.name: [p.described() for p in points if p.variation is v] for v in problem.variations()}
+            LOGGER.debug("%s, %s, grid %g: %s", point.problem.name, point.variation.name, point.grid, point.outcomes[-1])
+
+
+def assembled(problem: Problem, curves: Mapping[str, Sequence[Mapping[str, Any]]], compiling: float | None) -> dict[str, Any]:
+    """Entry of the record for a problem: its curves with their fits, Pareto front and costs at equal error.
+
+    ``curves``: described points by the name of the variation; ``compiling``: wall time of compiling [s], None where it was not
+    measured.
+    """
     best = on_front(curves)
     return {
         **{name: getattr(problem, name) for name in ("name", "title", "error", "remark")},

@@ -1,73 +1,117 @@
-"""The full error study with each problem in a process of its own: for a machine with many cores, in minutes.
+"""The full error study with each curve in a process of its own: for a machine with many cores, in minutes.
 
     python tests/benchmarks/error_study.py --out DIR [--workers 16]
 
 Times are processor times on one thread, as in `runout bench --error --full`, which does the same one after the other. The
-longest parts start first. A part that is done is kept in DIR/parts, and a second run does those that are missing. Copy
-DIR/work_precision.json to tests/benchmarks/records/, then run `python -m runout.studies.documentation`.
+references and the presets come first, then the curves. A part that is done is kept in DIR/parts, and a second run does those
+that are missing. Copy DIR/work_precision.json to tests/benchmarks/records/, then run `python -m runout.studies.documentation`.
 """
 
 import argparse
 import json
 import os
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+import pickle
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from runout.io.atomic import write_json
 
-Entries = list[dict[str, Any]]
-LONGEST_FIRST = ("fine_terrain", "terrain", "F3", "F5", "T5", "T1")
+Key = tuple[str, ...]
+Rows = list[dict[str, Any]]
+LONGEST_FIRST = ("fine_terrain", "terrain", "coulomb_only", "T1", "F5", "F3", "T5")
 
 
-def kept(folder: Path, make: Callable[[str], Entries], name: str) -> Entries:
-    """What ``make`` finds for a name, or found in an earlier run."""
-    path = folder / f"{make.__name__}_{name}.json"
+def kept(folder: Path, make: Callable[..., Rows], *key: str) -> Rows:
+    """What ``make`` finds for a key, or found in an earlier run."""
+    path = folder / f"{make.__name__}_{'_'.join(key).replace(' ', '-').replace(',', '')}.json"
     if path.is_file():
         return json.loads(path.read_text(encoding="utf-8"))["entries"]  # type: ignore[no-any-return]
-    found = make(name)
+    started = time.perf_counter()
+    found = make(folder, *key)
     write_json({"entries": found}, path)
+    print(f"{path.stem}: {time.perf_counter() - started:.0f} s", flush=True)
     return found
 
 
-def problem(name: str) -> list[dict[str, Any]]:
-    """One problem in full, as the record has it; nothing where its data are not at hand."""
+def reference(folder: Path, problem: str) -> Rows:
+    """Run that the errors of a problem on terrain are measured from, kept as a file; with the presets of its site."""
+    from runout.studies.error_cases.flows import at_reference
+    from runout.studies.error_cases.presets import PRESET_SITES, presets_on
+
+    p = _problem(problem)
+    result = at_reference(p.measure.reference, p.site)
+    (folder / f"{problem}.pickle").write_bytes(pickle.dumps(result))
+    return presets_on(p.site) if p.site in PRESET_SITES else []
+
+
+def curve(folder: Path, problem: str, variation: str) -> Rows:
+    """Described points of one variation of a problem."""
     from runout.studies import error_against_time as study
+    from runout.studies.error_cases import flows
 
-    study.measured_presets = lambda coarser: []  # they have processes of their own
-    return study.measured([name], full=True, repeats=study.REPEATS)["problems"]  # type: ignore[no-any-return]
+    p = _problem(problem)
+    if p.site:
+        found = pickle.loads((folder / f"{problem}.pickle").read_bytes())
+        flows.at_reference = lambda *_: found  # type: ignore[assignment]
+    points = study.points_of(p, [v for v in p.variations() if v.name == variation], True, study.REPEATS)
+    p.measure(points[0].grid, points[0].variation)  # compiles
+    study.in_turns(points, study.REPEATS)
+    return [point.described() for point in points]
 
 
-def presets(site: str) -> list[dict[str, Any]]:
-    """The presets on one site."""
-    from runout.studies.error_cases.presets import at_hand, presets_on
+def _problem(name: str) -> Any:
+    from runout.studies.error_cases.problems import PROBLEMS
 
-    return presets_on(site) if at_hand(site) else []
+    return PROBLEMS[name.lower()]
+
+
+def run_parts(pool: ProcessPoolExecutor, folder: Path, problems: Mapping[str, Any]) -> tuple[Rows, dict[Key, Rows]]:
+    """Presets, and points by problem and variation; curves on terrain start when their reference is there."""
+    order = sorted(problems, key=lambda n: LONGEST_FIRST.index(n) if n in LONGEST_FIRST else len(LONGEST_FIRST))
+    jobs: dict[Any, Key] = {pool.submit(kept, folder, reference, n): (n,) for n in order if problems[n].site}
+
+    def curves_of(name: str) -> dict[Any, Key]:
+        return {pool.submit(kept, folder, curve, name, v.name): (name, v.name) for v in problems[name].variations()}
+
+    for name in (n for n in order if not problems[n].site):
+        jobs |= curves_of(name)
+    done: dict[Key, Rows] = {}
+    while waiting := [job for job, key in jobs.items() if key not in done]:
+        job = next(as_completed(waiting))
+        key = jobs[job]
+        done[key] = job.result()
+        if len(key) == 1:
+            jobs |= curves_of(key[0])
+    presets = [row for name in problems for row in done.get((name,), [])]
+    return presets, {key: rows for key, rows in done.items() if len(key) == 2}
 
 
 def main() -> None:
     """Run all parts, and write record, page, tables and figure."""
-    from runout.studies.error_against_time import FILE, recorded
-    from runout.studies.error_cases.presets import PRESET_SITES
+    from runout.studies.error_against_time import FILE, assembled, recorded
+    from runout.studies.error_cases.presets import at_hand
     from runout.studies.error_cases.problems import PROBLEMS
     from runout.studies.error_page import page, rows
+    from runout.studies.verification_cases.column_collapse import measured_surface
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     a = parser.parse_args()
     os.environ["NUMBA_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-    parts = a.out / "parts"
-    names = [p.name for p in PROBLEMS.values()]
-    order = sorted(names, key=lambda n: LONGEST_FIRST.index(n) if n in LONGEST_FIRST else len(LONGEST_FIRST))
-    problem("terrain_25"), problem("U9")  # compile once, for all processes
+    folder = a.out / "parts"
+    folder.mkdir(parents=True, exist_ok=True)
+    problems = {p.name: p for p in PROBLEMS.values() if at_hand(p.site) and (p.name != "F5" or measured_surface() is not None)}
+    for name in ("terrain_25", "U9"):  # compile once, for all processes
+        kept(folder, curve, name, "defaults") if not problems[name].site else kept(folder, reference, name)
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:
-        of_sites = [pool.submit(kept, parts, presets, site) for site in reversed(PRESET_SITES)]
-        of_problems = {name: pool.submit(kept, parts, problem, name) for name in order}
-        found = [entry for name in names for entry in of_problems[name].result()]
-        content = recorded(found, [row for part in reversed(of_sites) for row in part.result()], full=True)
+        presets, curves = run_parts(pool, folder, problems)
+    found = [assembled(p, {v.name: curves[name, v.name] for v in p.variations()}, None) for name, p in problems.items()]
+    content = recorded(found, presets, full=True)
     print(rows(content))
     write_json(content, a.out / FILE)
     print(page(content).write(a.out))

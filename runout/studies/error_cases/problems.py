@@ -57,9 +57,15 @@ class Problem:
         return [v for v in known if not self.choices or v.name in self.choices]
 
 
-def on_terrain(reference: flows.Reference, site: str = SITE) -> Measure:
-    """:func:`flows.terrain` against a reference."""
-    return lambda cell, v: flows.terrain(cell, v, reference, site)
+@dataclass(frozen=True)
+class OnTerrain:
+    """Measure of :func:`flows.terrain` against a reference."""
+
+    reference: flows.Reference
+    site: str = SITE
+
+    def __call__(self, cell: float, variation: Variation) -> Outcome:
+        return flows.terrain(cell, variation, self.reference, self.site)
 
 
 PROBLEMS: dict[str, Problem] = {
@@ -131,11 +137,11 @@ PROBLEMS: dict[str, Problem] = {
             length=0.0,
             small=(80.0, 56.6),
             full=(56.6, 40.0, 28.3, 20.0),
-            measure=on_terrain(FINEST),
+            measure=OnTerrain(FINEST),
             remark="Against the preset high with cells half as wide: what is common to that run and another one does not "
             "show. Whole simulations with observers; the DEM has cells of 83 m.",
             site=SITE,
-            quick=on_terrain(FINEST_SMALL),
+            quick=OnTerrain(FINEST_SMALL),
         ),
         Problem(
             name="fine_terrain",
@@ -144,10 +150,10 @@ PROBLEMS: dict[str, Problem] = {
             length=0.0,
             small=(113.0, 80.0),
             full=(56.6, 40.0, 28.3),
-            measure=on_terrain(FINEST, FINE_SITE),
+            measure=OnTerrain(FINEST, FINE_SITE),
             remark="As before; the DEM has cells of 20 m, finer than those of the runs.",
             site=FINE_SITE,
-            quick=on_terrain(FINEST_SMALL, FINE_SITE),
+            quick=OnTerrain(FINEST_SMALL, FINE_SITE),
         ),
         Problem(
             name="terrain_25",
@@ -156,10 +162,10 @@ PROBLEMS: dict[str, Problem] = {
             length=0.0,
             small=(80.0,),
             full=(56.6, 40.0, 28.3),
-            measure=on_terrain(FINER, "jacksboro_25"),
+            measure=OnTerrain(FINER, "jacksboro_25"),
             remark="Against the preset high. The weight decides the stiffness.",
             site="jacksboro_25",
-            quick=on_terrain(FINEST_SMALL, "jacksboro_25"),
+            quick=OnTerrain(FINEST_SMALL, "jacksboro_25"),
             choices=FEW,
         ),
         Problem(
@@ -169,10 +175,10 @@ PROBLEMS: dict[str, Problem] = {
             length=0.0,
             small=(113.0,),
             full=(80.0, 56.6, 40.0),
-            measure=on_terrain(FINER, "frank_slide_20"),
+            measure=OnTerrain(FINER, "frank_slide_20"),
             remark="As before.",
             site="frank_slide_20",
-            quick=on_terrain(FINEST_SMALL, "frank_slide_20"),
+            quick=OnTerrain(FINEST_SMALL, "frank_slide_20"),
             choices=FEW,
         ),
         Problem(
@@ -182,10 +188,10 @@ PROBLEMS: dict[str, Problem] = {
             length=0.0,
             small=(40.0,),
             full=(14.1, 10.0, 7.07),
-            measure=on_terrain(3.54, "coulomb_only"),
+            measure=OnTerrain(3.54, "coulomb_only"),
             remark="1.5 m of snow; against cells half as wide as the finest.",
             site="coulomb_only",
-            quick=on_terrain(28.3, "coulomb_only"),
+            quick=OnTerrain(28.3, "coulomb_only"),
             choices=FEW,
         ),
     )
