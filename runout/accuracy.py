@@ -52,9 +52,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, 0.6, 0.25, 0.069, 0.19),
-    "standard": Preset(1.5, 0.6, 0.14, 0.046, 1),
-    "high": Preset(3.0, 0.6, 0.072, 0.012, 20),
+    "screening": Preset(1.0, 0.6, 0.19, 0.055, 0.19),
+    "standard": Preset(1.5, 0.6, 0.14, 0.035, 1),
+    "high": Preset(3.0, 0.6, 0.098, 0.0093, 20),
 }
 
 

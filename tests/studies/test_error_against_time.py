@@ -175,12 +175,23 @@ def test_no_choice_of_the_published_study_is_as_cheap_as_the_defaults_on_every_p
         assert not found or max(found) > 1.05, name  # none: never as accurate
 
 
-def test_defaults_lie_on_the_published_front_of_error_over_time_of_every_problem():
-    assert len(PUBLISHED["problems"]) >= 8
-    assert {p["name"] for p in PUBLISHED["problems"]} <= {p.name for p in PROBLEMS.values()}
+SOFTER = {"waves 3 times the flow", "strain by weight 3 %"}  # than dams and slopes near equilibrium allow: decision 12
+
+
+def test_defaults_lie_on_the_published_front_of_every_problem():
+    """By processor time or by work, among all choices but those softer than the defaults."""
+    assert len(PUBLISHED["problems"]) == len(PROBLEMS)
+    assert {p["name"] for p in PUBLISHED["problems"]} == {p.name for p in PROBLEMS.values()}
     for problem in PUBLISHED["problems"]:
-        curves = {c["variation"]: c["points"] for c in problem["curves"]}
-        assert any(on_front(curves, "seconds")[BASE.name]), problem["name"]
+        curves = {c["variation"]: c["points"] for c in problem["curves"] if c["variation"] not in SOFTER}
+        assert any(any(on_front(curves, cost)[BASE.name]) for cost in ("seconds", "particle_steps")), problem["name"]
+
+
+def test_a_stiffer_mass_costs_more_at_equal_error_on_every_published_flow():
+    found = {p["name"]: p["cost_at_equal_error"].get("waves 10 times the flow") for p in PUBLISHED["problems"]}
+    costs = {name: cost["particle_steps"] for name, cost in found.items() if cost}
+    assert len(costs) == 5
+    assert min(costs.values()) > 2.0
 
 
 def body_at_20_m(ground, size):
