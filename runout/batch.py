@@ -31,7 +31,8 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.result import Result
-from runout.simulation import BATCH, Run, RunControl, build_scene
+from runout.run import BATCH, Run, RunControl
+from runout.scenario import build_scene
 
 MOST = 64  # scenarios per launch
 ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait

@@ -20,7 +20,8 @@ from runout.io.atomic import write_json
 from runout.model.particles import Particles
 from runout.model.release import Placement
 from runout.model.scene import Scene
-from runout.simulation import Run, RunControl, build_scene
+from runout.run import Run, RunControl
+from runout.scenario import build_scene
 from runout.studies.grid_index import relative_l1
 from runout.studies.recorded_sites import with_vertical_edges
 from runout.studies.sloping_layer import Layer

@@ -233,7 +233,7 @@ def _scene(
     arguments: Mapping[str, Any], accept: Callable[[MemoryForecast], None] = lambda needed: None
 ) -> "tuple[Scene, Particles]":
     from runout.model.basal_friction import USUAL_ANGLE
-    from runout.simulation import build_scene
+    from runout.scenario import build_scene
 
     engine = _engine(arguments)
     cells = arguments["terrain"].elevation.size

@@ -11,7 +11,8 @@ from runout.backends.protocol import get_backend
 from runout.errors import CapacityError
 from runout.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory
 from runout.release.sample import particles_per_axis
-from runout.simulation import build_scene, simulate
+from runout.scenario import build_scene
+from runout.simulation import simulate
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=1e7, friction_angle=30.0)
 

@@ -9,7 +9,8 @@ from ramp_site import CELL, ramp
 
 from runout import DruckerPrager, Release, Terrain
 from runout.backends.protocol import get_backend
-from runout.simulation import RunControl, build_scene
+from runout.run import RunControl
+from runout.scenario import build_scene
 from runout.studies import skip
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=2e6, friction_angle=30.0)

@@ -13,7 +13,7 @@ from runout.checkpoint import run_key
 from runout.errors import ConfigError, MaterialError
 from runout.io.netcdf import read_attributes
 from runout.model.parameters import parameter
-from runout.simulation import build_scene
+from runout.scenario import build_scene
 from runout.stiffness import chosen_moduli, extremes, sentence_of, stiffness
 from runout.workflow.check import inspect
 from runout.workflow.check_stiffness import lines, member_stiffness

@@ -13,7 +13,7 @@ from runout.model.particles import Particles
 from runout.model.release import Placement, Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
-from runout.simulation import build_scene
+from runout.scenario import build_scene
 
 CELLS = 40  # of the terrain, an axis
 FIRST, WIDTH = 8, 8  # cells of the release, counted from the west

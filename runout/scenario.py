@@ -1,0 +1,81 @@
+"""Scene and particles of a scenario: terrain, releases and material as a backend takes them."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from runout.accuracy import CFL
+from runout.errors import ConfigError, ReleaseError
+from runout.memory import Extent, expected_extent
+from runout.model import basal_strength
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction import FrictionZones
+from runout.model.limits import checked, spacing_of
+from runout.model.materials import Material
+from runout.model.particles import Particles
+from runout.model.release import Release
+from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
+from runout.model.terrain import Terrain
+
+
+def build_scene(
+    terrain: Terrain,
+    release: Release | Sequence[Release],
+    material: Material,
+    basal_friction_angle: float,
+    cell_size: float | tuple[float, float, float],
+    particles_per_cell: int | tuple[int, int, int] | None = None,
+    *,
+    seed: int = 0,
+    cfl: float = CFL,
+    precision: str = "float32",
+    transfer: str = "mls",
+    flip_ratio: float = 0.95,
+    f_bar: bool = False,
+    sleep_speed: float = 0.0,
+    basal_friction: BasalFriction | None = None,
+    friction_zones: FrictionZones | None = None,
+    initial_stress: str = "at_rest",
+    accept: Callable[[Extent], None] | None = None,
+) -> tuple[Scene, Particles]:
+    """Scene and particles of a scenario; parameters as in :func:`runout.simulate`.
+
+    ``accept`` is called before the particles are made; it raises an error if the scene is too large.
+    """
+    from runout import stiffness
+    from runout.initial_stress import InitialStress, pressed_by
+    from runout.release.arrangement import default_particles
+    from runout.release.known import onto_known_ground
+    from runout.release.sample import particles_per_axis, sample_particles
+    from runout.terrain import open_edge, prepare, sdf
+    from runout.terrain.crest_window import Mass
+
+    releases = [release] if isinstance(release, Release) else list(release)
+    if not releases:
+        raise ReleaseError("no release is given; at least one is needed")
+    basal = basal_friction or math.radians(checked("basal_friction_angle", basal_friction_angle, error=ConfigError))
+    frictions = basal_strength.frictions_under(releases, basal)
+    spacing = spacing_of(cell_size)
+    if particles_per_cell is None:
+        particles_per_cell = default_particles(releases, material, basal, spacing[2], friction_zones)
+    prepare.require_known(terrain, np.sum([r.thickness for r in releases], axis=0) > 0, "the release")
+    given = [r.material or material for r in releases]
+    strength = basal_strength.strengths(given, spacing[2])
+    materials = stiffness.chosen_moduli(given, releases, frictions, strength, friction_zones)
+    for r, m in zip(releases, materials, strict=True):
+        m.require_carries(float(r.thickness.max()), STANDARD_GRAVITY)
+    dug = [r.excavation for r in releases]
+    mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(frictions, strength, friction_zones))
+    surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
+    if accept:
+        accept(expected_extent(releases, surface.surface, spacing, particles_per_axis(particles_per_cell)))
+    friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
+    scene = Scene(
+        spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,
+        transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
+        strength=strength, unknown=open_edge.unknown_cells(terrain), initial_stress=InitialStress.of(initial_stress),
+    )  # fmt: skip
+    press = pressed_by(scene, releases)
+    particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed, press=press)
+    return scene, onto_known_ground(particles, scene)
