@@ -3,20 +3,19 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from runout.accuracy import CHOICES, CellSize, choices
-from runout.config.fetch import locate
+from runout.config.device import on_device
 from runout.config.material import sampled_ranges
 from runout.config.read import load, site_file
-from runout.config.schema import ReleaseSettings, SiteSettings
+from runout.config.schema import SiteSettings
+from runout.config.site_files import SiteFiles
 from runout.config.site_friction import SiteFriction
 from runout.errors import ConfigError, InputError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
-from runout.io.side_files import files_of
 from runout.model.laws import LAWS
 
 if TYPE_CHECKING:
@@ -73,9 +72,11 @@ class Site:
         DemError
             If it cannot be used.
         """
-        stated = self.settings.terrain
-        sources = [stated.dem, *(obstacle.polygons for obstacle in stated.obstacles or [])]
-        return self._read_once("terrain", lambda: self._files(sources), self._read_terrain)
+        return self._read_once("terrain", self._sources.of_terrain, self._read_terrain)
+
+    @property
+    def _sources(self) -> SiteFiles:
+        return SiteFiles(self.settings, self.file)
 
     def _read_once(self, name: str, files: Callable[[], Iterable[Path]], read: Callable[[], T]) -> T:
         """What ``read`` returned when it was first called, unless one of its files was written since."""
@@ -85,15 +86,11 @@ class Site:
         return kept[1]  # type: ignore[no-any-return]
 
     def _read_terrain(self) -> "Terrain":
-        stated = self.settings.terrain
-        if stated.extent is None and self.derived_extent is not None:
-            terrain = self.read_elevations(self.derived_extent.edges)
-            terrain = replace(terrain, changes=(self.derived_extent.sentence, *terrain.changes))
-        else:
-            terrain = self.read_elevations(stated.extent)
-        for obstacle in stated.obstacles or []:
-            terrain = terrain.with_obstacles(locate(obstacle.polygons, self.folder), obstacle.height, obstacle.layer)
-        return terrain
+        stated, sources = self.settings.terrain.extent, self._sources
+        if stated is not None or self.derived_extent is None:
+            return sources.with_obstacles(sources.elevations(stated))
+        terrain = sources.elevations(self.derived_extent.edges)
+        return sources.with_obstacles(replace(terrain, changes=(self.derived_extent.sentence, *terrain.changes)))
 
     def read_elevations(self, extent: "Sequence[float] | None") -> "Terrain":
         """Elevations without obstacles within an extent (west, south, east, north), or of the whole raster if it is None.
@@ -103,13 +100,7 @@ class Site:
         DemError
             If they cannot be used.
         """
-        from runout.config.averaging import averaged
-        from runout.terrain.read import read_terrain
-
-        stated = self.settings.terrain
-        edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
-        terrain = read_terrain(locate(stated.dem, self.folder), stated.crs, edges)
-        return averaged(terrain, stated.resolution, self.file.name) if stated.resolution else terrain
+        return self._sources.elevations(extent)
 
     @cached_property
     def derived_extent(self) -> "DerivedExtent | None":
@@ -126,13 +117,7 @@ class Site:
         ZoneError
             If zones cannot be used.
         """
-        stated = self.settings.terrain.friction_zones
-        if not stated:
-            return None
-        from runout.terrain.zones import read_zones, together
-
-        given, law = [(z, z.model_dump(exclude={"polygons"})) for z in stated], self.friction.law.name
-        return together([read_zones(locate(z.polygons, self.folder), terrain, law=law, **choices) for z, choices in given])
+        return self._sources.friction_zones(terrain)
 
     def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
         """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
@@ -142,11 +127,7 @@ class Site:
         DemError
             If obstacles cannot be used.
         """
-        from runout.terrain.obstacles import obstacle_parts
-
-        stated = self.settings.terrain.obstacles or []
-        parts = [obstacle_parts(terrain, locate(o.polygons, self.folder), o.height, o.layer) for o in stated]
-        return [part for several in parts for part in several]
+        return self._sources.obstacles(terrain)
 
     def releases(self, terrain: "Terrain", sample: Mapping[str, float] | None = None) -> "list[Release]":
         """The releases on the terrain, in the order of site.yaml.
@@ -161,7 +142,7 @@ class Site:
         ReleaseError
             If a release cannot be used.
         """
-        return self._scaled([self._release(stated, terrain) for stated in self.settings.release], sample)
+        return self._scaled(self._sources.releases(terrain), sample)
 
     def _scaled(self, releases: "Sequence[Release]", sample: Mapping[str, float] | None) -> "list[Release]":
         factor = self._known(sample).get("release_volume_factor", 1.0)
@@ -266,16 +247,7 @@ class Site:
         InputError, StorageError
             If a public file cannot be downloaded or has another checksum than stated.
         """
-        stated = [self.settings.terrain.dem]
-        for release in self.settings.release:
-            stated += [source for source in (release.polygons, release.raster) if source is not None]
-        stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
-        stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
-        return self._files(stated)
-
-    def _files(self, sources: Iterable[Any]) -> list[Path]:
-        """The files behind sources of site.yaml."""
-        return [path for source in sources for path in _files(locate(source, self.folder))]
+        return self._sources.all()
 
     def checksums(self) -> list[str]:
         """Checksums of the contents of :meth:`inputs`.
@@ -339,17 +311,7 @@ class Site:
         ConfigError
             If sleep_speed is above 0, which GPUs do not support.
         """
-        from runout.backends.protocol import find_device
-
-        found, stated = find_device(device), self.settings.simulation
-        if stated.sleep_speed and device == "auto":
-            found = device = "cpu"
-        elif stated.sleep_speed and found != "cpu":
-            named = f"simulation.sleep_speed {stated.sleep_speed}"
-            raise ConfigError(f"{named} runs on the CPU, not on {found}; leave --device out, or set sleep_speed: 0.0")
-        place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
-        backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
-        simulation = stated.model_copy(update={"device": place, "backend": backend})
+        simulation = on_device(self.settings.simulation, device)
         return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
 
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
@@ -361,17 +323,6 @@ class Site:
         if unknown:
             raise ConfigError(f"{unknown[0]}: not a parameter of a member; choose among {', '.join(ranges)}")
         return {name: float(value) for name, value in sample.items() if name in ranges}
-
-    def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
-        from runout.release.read import read_raster, read_vector
-
-        common: dict[str, Any] = {"volume": stated.volume, "placement": stated.placement, "name": stated.name}
-        common["basal_friction_angle_deg"] = stated.basal_friction_angle_deg
-        if stated.polygons is not None:
-            path = locate(stated.polygons, self.folder)
-            return read_vector(path, terrain, thickness=stated.thickness, edge=stated.edge, layer=stated.layer, **common)
-        assert stated.raster is not None  # the settings hold one of the two
-        return read_raster(locate(stated.raster, self.folder), terrain, sign=stated.sign or "positive", **common)
 
 
 def read_site(path: Path | str) -> Site:
@@ -389,12 +340,3 @@ def read_site(path: Path | str) -> Site:
 
 def _fixed(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
-
-
-def _files(source: str | Path) -> list[Path]:
-    """Files of an input with their side files and sources; sample rasters are files of matplotlib."""
-    if isinstance(source, str):
-        package = find_spec("matplotlib")
-        roots = (package.submodule_search_locations or []) if package else []
-        return [Path(root, "mpl-data", "sample_data", source.partition(":")[2] + ".npz") for root in roots]
-    return files_of(source)

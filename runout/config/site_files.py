@@ -1,0 +1,153 @@
+"""The input files of a site, read as site.yaml states: elevations, obstacles, friction zones and releases."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout.config.fetch import locate
+from runout.config.schema import ReleaseSettings, SiteSettings
+from runout.config.site_friction import SiteFriction
+from runout.io.side_files import files_of
+
+if TYPE_CHECKING:
+    from runout.model.friction import FrictionZones
+    from runout.model.release import Release
+    from runout.model.terrain import Terrain
+
+
+@dataclass(frozen=True)
+class SiteFiles:
+    """The input files of a site. Each call reads them.
+
+    Attributes
+    ----------
+    settings : SiteSettings
+        The checked content of site.yaml.
+    file : Path
+        The site.yaml; other paths are relative to its folder.
+    """
+
+    settings: SiteSettings
+    file: Path
+
+    def elevations(self, extent: "Sequence[float] | None") -> "Terrain":
+        """Elevations without obstacles within an extent (west, south, east, north), or of the whole raster if it is None.
+
+        Raises
+        ------
+        DemError
+            If they cannot be used.
+        """
+        from runout.config.averaging import averaged
+        from runout.terrain.read import read_terrain
+
+        stated = self.settings.terrain
+        edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
+        terrain = read_terrain(self._located(stated.dem), stated.crs, edges)
+        return averaged(terrain, stated.resolution, self.file.name) if stated.resolution else terrain
+
+    def with_obstacles(self, terrain: "Terrain") -> "Terrain":
+        """The terrain with the obstacles on it.
+
+        Raises
+        ------
+        DemError
+            If obstacles cannot be used.
+        """
+        for obstacle in self.settings.terrain.obstacles or []:
+            terrain = terrain.with_obstacles(self._located(obstacle.polygons), obstacle.height, obstacle.layer)
+        return terrain
+
+    def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
+        """The friction zones on the terrain; None if site.yaml states none.
+
+        Raises
+        ------
+        ZoneError
+            If zones cannot be used.
+        """
+        stated = self.settings.terrain.friction_zones
+        if not stated:
+            return None
+        from runout.terrain.zones import read_zones, together
+
+        given, law = [(z, z.model_dump(exclude={"polygons"})) for z in stated], SiteFriction(self.settings).law.name
+        return together([read_zones(self._located(z.polygons), terrain, law=law, **choices) for z, choices in given])
+
+    def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
+        """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
+
+        Raises
+        ------
+        DemError
+            If obstacles cannot be used.
+        """
+        from runout.terrain.obstacles import obstacle_parts
+
+        stated = self.settings.terrain.obstacles or []
+        parts = [obstacle_parts(terrain, self._located(o.polygons), o.height, o.layer) for o in stated]
+        return [part for several in parts for part in several]
+
+    def releases(self, terrain: "Terrain") -> "list[Release]":
+        """The releases on the terrain, in the order of site.yaml, with a volume factor of 1.
+
+        Raises
+        ------
+        ReleaseError
+            If a release cannot be used.
+        """
+        return [self._release(stated, terrain) for stated in self.settings.release]
+
+    def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
+        from runout.release.read import read_raster, read_vector
+
+        common: dict[str, Any] = {"volume": stated.volume, "placement": stated.placement, "name": stated.name}
+        common["basal_friction_angle_deg"] = stated.basal_friction_angle_deg
+        if stated.polygons is not None:
+            path = self._located(stated.polygons)
+            return read_vector(path, terrain, thickness=stated.thickness, edge=stated.edge, layer=stated.layer, **common)
+        assert stated.raster is not None  # the settings hold one of the two
+        return read_raster(self._located(stated.raster), terrain, sign=stated.sign or "positive", **common)
+
+    def of_terrain(self) -> list[Path]:
+        """Files of elevations and obstacles, with their side files.
+
+        Raises
+        ------
+        InputError, StorageError
+            If a public file cannot be downloaded or has another checksum than stated.
+        """
+        stated = self.settings.terrain
+        return self._paths([stated.dem, *(obstacle.polygons for obstacle in stated.obstacles or [])])
+
+    def all(self) -> list[Path]:
+        """All input files with their side files, without site.yaml.
+
+        Raises
+        ------
+        InputError, StorageError
+            If a public file cannot be downloaded or has another checksum than stated.
+        """
+        stated = [self.settings.terrain.dem]
+        for release in self.settings.release:
+            stated += [source for source in (release.polygons, release.raster) if source is not None]
+        stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
+        stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
+        return self._paths(stated)
+
+    def _paths(self, sources: Iterable[Any]) -> list[Path]:
+        return [path for source in sources for path in _files(self._located(source))]
+
+    def _located(self, source: Any) -> Any:
+        return locate(source, self.file.parent)
+
+
+def _files(source: str | Path) -> list[Path]:
+    """Files of an input with their side files and sources; sample rasters are files of matplotlib."""
+    if isinstance(source, str):
+        package = find_spec("matplotlib")
+        roots = (package.submodule_search_locations or []) if package else []
+        return [Path(root, "mpl-data", "sample_data", source.partition(":")[2] + ".npz") for root in roots]
+    return files_of(source)
