@@ -12,6 +12,8 @@ if ending.is_command():  # before slow imports
 from importlib import import_module
 from typing import Any
 
+from runout.model.readers import declare_readers
+
 __version__ = "0.1.0"
 
 _HOME = {
@@ -40,6 +42,18 @@ _HOME = {
     "StabilityError": "runout.errors",
     "DeviceError": "runout.errors",
 }
+
+declare_readers(
+    {
+        "Terrain.from_array": "runout.terrain.read:terrain_from_array",
+        "Terrain.from_raster": "runout.terrain.read:read_terrain",
+        "Terrain.with_obstacles": "runout.terrain.obstacles:with_obstacles",
+        "Release.from_array": "runout.release.read:release_from_array",
+        "Release.from_raster": "runout.release.read:read_raster",
+        "Release.from_vector": "runout.release.read:read_vector",
+        "FrictionZones.from_vector": "runout.terrain.zones:read_zones",
+    }
+)
 
 
 def _homes() -> dict[str, str]:

@@ -2,15 +2,20 @@
 
 import ast
 import importlib.util
+import inspect
 import os
 import re
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+import runout
+from runout.model.readers import declared_readers, reader
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted([*(ROOT / "runout").rglob("*.py"), *(ROOT / "pipelines").rglob("*.py")])
@@ -76,6 +81,69 @@ def test_imports_keep_the_contracts_of_pyproject():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def module_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def own_imports(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Line and name of every module of runout that a tree imports, outside of blocks for type checkers."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "runout":
+            below = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from ((node.lineno, name if name in MODULES else node.module) for name in below)
+        elif isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names if alias.name.split(".")[0] == "runout")
+        elif not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            yield from own_imports(node)
+
+
+def rank(module: str) -> int | None:
+    """Number of the layer of a module, the lowest first; None for a module that belongs to none."""
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
+    layers = [re.findall(r"[\w.]+", layer) for layer in reversed(contract["layers"])]
+    found = [k for k, names in enumerate(layers) for name in names if f"{module}.".startswith(f"{name}.")]
+    return found[0] if found else None
+
+
+MODULES = {module_of(path) for path in SOURCES}
+
+
+def test_no_import_inside_a_function_goes_against_the_layers():
+    inside, against = [], []
+    for path in SOURCES:
+        home = module_of(path)
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                inside += [(home, line, name) for line, name in own_imports(node)]
+    ranks = {module: rank(module) for module in MODULES}
+    for home, line, name in set(inside):
+        if None not in (ranks[home], ranks[name]) and ranks[name] > ranks[home]:
+            against.append(f"{home}:{line}: {name}")
+    assert len(inside) > 100
+    assert against == []
+
+
+def test_packages_import_each_other_in_no_circle():
+    graph: dict[str, set[str]] = {}
+    for path in SOURCES:
+        home = ".".join(module_of(path).split(".")[:2])
+        for _, name in own_imports(ast.parse(path.read_text())):
+            other = ".".join(name.split(".")[:2])
+            if home.startswith("runout.") and other.startswith("runout.") and other != home:
+                graph.setdefault(home, set()).add(other)
+    order = list(TopologicalSorter(graph).static_order())  # graphlib.CycleError names the circle
+    assert order.index("runout.physics") < order.index("runout.model") < order.index("runout.terrain") < order.index("runout.cli")
+
+
+@pytest.mark.parametrize(("constructor", "home"), declared_readers().items())
+def test_each_constructor_passes_what_its_reader_takes(constructor, home):
+    name, _, method = constructor.partition(".")
+    passed = inspect.signature(getattr(getattr(runout, name), method)).parameters.values()
+    taken = inspect.signature(reader(constructor)).parameters
+    assert home.split(":")[0] in MODULES
+    assert [p.name for p in passed if p.kind is not p.VAR_KEYWORD and p.name not in {*taken, "self"}] == []
+
+
 @pytest.mark.parametrize("compiler", HOMES)
 def test_compiler_is_imported_only_where_it_belongs(compiler):
     strays = [f"{place(p)}:{line}" for p in SOURCES for line, name in imported(p) if name == compiler]
@@ -108,8 +176,6 @@ def test_import_of_the_time_loop_loads_no_raster_or_plotting_library():
 
 
 def test_every_public_name_can_be_imported():
-    import runout
-
     assert [name for name in runout.__all__ if not hasattr(runout, name)] == []
     assert set(runout.__all__) <= set(dir(runout))
     with pytest.raises(AttributeError, match="no_such_name"):

@@ -13,6 +13,7 @@ import numpy as np
 from runout.errors import ConfigError
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import FrictionLaw, numbers_of
+from runout.model.readers import reader
 from runout.model.terrain import Terrain
 from runout.physics.contact import zone_friction
 
@@ -84,10 +85,9 @@ class FrictionZones:
         ZoneError
             With the place, the value and the remedy.
         """
-        from runout.terrain.zones import read_zones
-
-        angle, own = basal_friction_angle_deg, basal_friction
-        return read_zones(path, terrain, factor=factor, basal_friction_angle_deg=angle, basal_friction=own, layer=layer, law=law)
+        replaced = {"basal_friction_angle_deg": basal_friction_angle_deg, "basal_friction": basal_friction}
+        zones: FrictionZones = reader("FrictionZones.from_vector")(path, terrain, factor=factor, layer=layer, law=law, **replaced)
+        return zones
 
     def statement(self) -> str:
         """One sentence on what the zones are."""

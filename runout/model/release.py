@@ -12,6 +12,7 @@ from runout.model.arrays import real_array
 from runout.model.basal_friction import BasalFriction
 from runout.model.limits import LIMITS
 from runout.model.materials import Material
+from runout.model.readers import reader
 from runout.model.terrain import Terrain
 
 
@@ -141,9 +142,9 @@ class Release:
         checked against it (1 %). ``choices`` are ``edge`` ("tapered" or "vertical"), ``layer``, ``name``, ``material``,
         ``basal_friction_angle_deg``.
         """
-        from runout.release.read import read_vector
-
-        return read_vector(path, terrain, thickness=thickness, volume=volume, placement=placement, **choices)
+        read = reader("Release.from_vector")
+        release: Release = read(path, terrain, thickness=thickness, volume=volume, placement=placement, **choices)
+        return release
 
     @classmethod
     def from_raster(
@@ -158,9 +159,8 @@ class Release:
 
         ``choices`` are ``sign`` ("negative" for a raster of elevation loss), ``name``, ``material``, ``basal_friction_angle_deg``.
         """
-        from runout.release.read import read_raster
-
-        return read_raster(path, terrain, volume=volume, placement=placement, **choices)
+        release: Release = reader("Release.from_raster")(path, terrain, volume=volume, placement=placement, **choices)
+        return release
 
     @classmethod
     def from_array(
@@ -170,9 +170,8 @@ class Release:
 
         ``choices`` are ``volume``, ``name``, ``material``, ``basal_friction_angle_deg``, ``source``.
         """
-        from runout.release.read import release_from_array
-
-        return release_from_array(thickness, terrain, placement=placement, **choices)
+        release: Release = reader("Release.from_array")(thickness, terrain, placement=placement, **choices)
+        return release
 
     def friction_on(self, otherwise: BasalFriction | float) -> BasalFriction | float:
         """Basal friction under this mass, or its friction angle [rad]: its own, or that of the run."""

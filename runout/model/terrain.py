@@ -9,6 +9,7 @@ import numpy as np
 from runout.errors import DemError
 from runout.model.arrays import real_array
 from runout.model.frame import LocalFrame
+from runout.model.readers import reader
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,8 @@ class Terrain:
         ``(easting, northing)`` [m] of the outer south-west corner; ``crs`` anything that names a projected
         coordinate system.
         """
-        from runout.terrain.read import terrain_from_array
-
-        return terrain_from_array(elevation, cell_size, crs, origin)
+        made: Terrain = reader("Terrain.from_array")(elevation, cell_size, crs, origin)
+        return made
 
     def with_obstacles(self, path: str | PathLike[str], height: float | str, layer: str | None = None) -> "Terrain":
         """The terrain with dams, walls or basins: raised by ``height`` [m] inside the polygons of a vector file, or lowered by it.
@@ -88,9 +88,8 @@ class Terrain:
         ``height`` is a number, negative for a basin or channel, or the name of an attribute; ``layer`` is needed if the file has
         several. The volume of a dam is kept; its crest is not where it is narrower than a cell of the raster, or of the run.
         """
-        from runout.terrain.obstacles import with_obstacles
-
-        return with_obstacles(self, path, height, layer)
+        raised: Terrain = reader("Terrain.with_obstacles")(self, path, height, layer)
+        return raised
 
     @classmethod
     def from_raster(
@@ -100,9 +99,8 @@ class Terrain:
 
         ``extent`` is west, south, east and north of the part that is read, in the coordinates of the file.
         """
-        from runout.terrain.read import read_terrain
-
-        return read_terrain(path, crs, extent)
+        read: Terrain = reader("Terrain.from_raster")(path, crs, extent)
+        return read
 
     @property
     def shape(self) -> tuple[int, int]:
