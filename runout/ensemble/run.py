@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.ensemble.dispatch import Outcome
 from runout.ensemble.member import Member, members_folder, plan_members, simulate_alone, simulate_together
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.ensemble.worker import Group, Task
-from runout.ensemble.workers import Outcome, Share, in_process, in_workers, share_of
+from runout.ensemble.workers import Share, in_process, in_workers, share_of
 from runout.ensemble.written import Written
 from runout.errors import DiskFullError, InputError, RunoutError
 from runout.io.fingerprint import Unchanged

@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections import deque
+import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,27 +10,16 @@ from multiprocessing.connection import wait
 
 from runout.backends.protocol import devices_of
 from runout.ensemble import machine
-from runout.ensemble.member import Member
+from runout.ensemble.dispatch import Died, Outcome, feed, outcomes
 from runout.ensemble.worker import END_SECONDS, Done, Group, Progress, Ready, Task, Worker, done, start_worker
-from runout.errors import CapacityError, ConfigError, DeviceError
+from runout.errors import ConfigError, DeviceError
 
 LOGGER = logging.getLogger(__name__)
 MEMORY_SHARE = 0.9  # share of the memory of the machine for all workers together
 MEMORY_END = 0.95  # fraction of its share above which a worker is terminated
 LOOK_SECONDS = 0.2  # [s] between two checks of the memory of the workers
+START = threading.Lock()  # processes are started one after the other, since they inherit the environment
 THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A finished member, with its error if it failed."""
-
-    member: Member
-    error: BaseException | None = None
-
-
-class WorkerDeathError(CapacityError):
-    """A member whose worker process died, most often because memory ran out."""
 
 
 def worker_count(workers: int | None, threads_per_worker: int) -> int:
@@ -109,13 +98,7 @@ def in_process(
     """Outcomes of ``task`` for every member, run in this process. ``advance`` is called with member number and fraction."""
     device = devices[0] if devices else None
     for group in groups:
-        yield from _outcomes(group, done(task, group, advance, device))
-
-
-def _outcomes(group: Group, ended: Done) -> Iterator[Outcome]:
-    """Outcomes of the members of a group that ended with an error of the group or with errors of members."""
-    for member in group:
-        yield Outcome(member, ended.error or ended.errors.get(member.number))
+        yield from outcomes(group, done(task, group, advance, device))
 
 
 def in_workers(
@@ -137,18 +120,31 @@ def in_workers(
     """
     workers = min(workers, len(groups))
     memory = int(MEMORY_SHARE * machine.memory_bytes() / workers)
-    with _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))), _Workforce(task, workers, tuple(devices), memory) as force:
-        yield from _feed(force, groups, advance)
+    with Workforce(task, workers, threads, tuple(devices), memory) as force:
+        yield from feed(force, groups, advance)
 
 
-class _Workforce:
-    """Context of worker processes. A worker that dies is replaced; all end with the context."""
+class Workforce:
+    """Context of worker processes of this machine. A worker that dies is replaced; all end with the context.
 
-    def __init__(self, task: Task, workers: int, devices: tuple[str, ...], memory: int):
+    Parameters
+    ----------
+    task : Task
+        What they compute.
+    workers, threads : int
+        Number of workers, and threads of each.
+    devices : tuple of str
+        GPUs that the workers share; empty on the CPU.
+    memory : int
+        Memory [byte] of each worker; one that takes more is terminated.
+    """
+
+    def __init__(self, task: Task, workers: int, threads: int, devices: tuple[str, ...], memory: int):
         self.task, self.devices, self.memory = task, devices, memory
+        self.environment = dict.fromkeys(THREAD_VARIABLES, str(threads))
         self.number, self.workers = workers, list[Worker]()
 
-    def __enter__(self) -> "_Workforce":
+    def __enter__(self) -> "Workforce":
         try:
             self.workers += map(self._start, range(self.number))
         except BaseException:
@@ -163,7 +159,35 @@ class _Workforce:
             worker.end()
 
     def _start(self, number: int) -> Worker:
-        return start_worker(number, self.task, self.devices[number % len(self.devices)] if self.devices else None)
+        with START, _environment(self.environment):
+            return start_worker(number, self.task, self.devices[number % len(self.devices)] if self.devices else None)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a worker computes a group."""
+        return any(worker.group for worker in self.workers)
+
+    def give(self, group: Group) -> bool:
+        """Start a group on a free worker; returns whether there was one."""
+        idle = next((worker for worker in self.workers if not worker.group), None)
+        if idle:
+            idle.give(group)
+        return idle is not None
+
+    def heard(self) -> Iterator[tuple[Group, Progress | Done | Died]]:
+        """Messages of workers with the groups that they compute, after a short wait. A worker that died is replaced."""
+        for worker in self.speaking():
+            said, group = worker.hear(), worker.group
+            if isinstance(said, Ready):
+                worker.ready = True
+            elif isinstance(said, Progress):
+                yield group, said
+            elif isinstance(said, Done):
+                worker.group = ()
+                yield group, said
+            else:
+                self.replace(worker)
+                yield group, Died(_death(self.memory))
 
     def replace(self, worker: Worker) -> None:
         """Replace a dead worker; DeviceError if it died before it had started."""
@@ -187,34 +211,9 @@ class _Workforce:
         return closed + [worker for pipe, worker in by_pipe.items() if pipe in heard]
 
 
-def _feed(force: _Workforce, groups: Sequence[Group], advance: Callable[[int, float], None]) -> Generator[Outcome, None, None]:
-    """Outcomes of members; each worker gets one group at a time. A member whose worker dies is repeated once, alone."""
-    waiting, died = deque(groups), set[int]()
-    while waiting or any(worker.group for worker in force.workers):
-        for idle in [worker for worker in force.workers if not worker.group][: len(waiting)]:
-            idle.give(waiting.popleft())
-        for worker in force.speaking():
-            said, group = worker.hear(), worker.group
-            if isinstance(said, Ready):
-                worker.ready = True
-            elif isinstance(said, Progress):
-                for number, fraction in said.fractions.items():
-                    advance(number, fraction)
-            elif isinstance(said, Done):
-                worker.group = ()
-                yield from _outcomes(group, said)
-            else:
-                force.replace(worker)
-                LOGGER.warning("the worker of %s died", ", ".join(f"member {member.number}" for member in group))
-                yield from (Outcome(member, _death(force.memory)) for member in group if member.number in died)
-                again = [member for member in group if member.number not in died]
-                died.update(member.number for member in again)
-                waiting.extend((member,) for member in again)
-
-
-def _death(memory: int) -> WorkerDeathError:
-    return WorkerDeathError(
-        f"its process died twice, most often because memory ran out (each worker may use {memory / 2**30:.1f} GiB); "
+def _death(memory: int) -> str:
+    return (
+        f"most often because memory ran out (each worker may use {memory / 2**30:.1f} GiB); "
         "use fewer workers, a larger cell_size or fewer particles_per_cell"
     )
 
