@@ -105,10 +105,12 @@ def ensemble(
     threads: Threads = None,
     device: Device = None,
     retry_failed: RetryFailed = False,
+    members: Annotated[str | None, Parameter(help="Run only these, such as 0:100; for jobs that share the folder.")] = None,
     session: Injected,
 ) -> int:
     """Run the remaining members; write results/members/."""
-    return _stages(site, ("ensemble",), session, workers=workers, threads=threads, device=device, retry_failed=retry_failed)
+    choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed}
+    return _stages(site, ("ensemble",), session, **choices, members=members)
 
 
 def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:

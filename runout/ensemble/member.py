@@ -243,6 +243,8 @@ def _write(site: "Site", member: Member, result: "Result", results: Path) -> Non
         "seed": member.seed,
         "site": site.name,
     }
+    if stored_key(member.file(results)) == member.key:
+        return  # another job has finished it meanwhile, and may have noted its checksum
     with whole_file(member.file(results)) as temporary:
         partly = "reached_only" in signature(result.to_netcdf).parameters  # results of other solvers may hold whole rasters
         result.to_netcdf(temporary, attrs=attributes, **({"reached_only": True} if partly else {}))

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.ensemble.dispatch import Outcome
-from runout.ensemble.member import Member, members_folder, plan_members, simulate_alone, simulate_together
+from runout.ensemble.member import Member, members_folder, plan_members, simulate_alone, simulate_together, stored_key
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.ensemble.worker import Group, Task
 from runout.ensemble.workers import Share, in_process, in_workers, share_of
 from runout.ensemble.written import Written
 from runout.errors import DiskFullError, InputError, RunoutError
 from runout.io.fingerprint import Unchanged
-from runout.io.lock import exclusive
+from runout.io.lock import exclusive, shared
 from runout.io.part import remove_stale
 
 if TYPE_CHECKING:
@@ -97,6 +97,7 @@ def run_ensemble(
     progress: Callable[[EnsembleProgress], None] | None = None,
     retry_failed: bool = False,
     simulate: "Callable[..., Result] | None" = None,
+    part: range | None = None,
 ) -> EnsembleReport:
     """Run all members that have no valid result; returns a report.
 
@@ -120,6 +121,9 @@ def run_ensemble(
         Also repeat members whose failure is permanent.
     simulate : callable, optional
         Replaces :func:`runout.simulate`. It must be importable by name, since it is pickled for other processes.
+    part : range, optional
+        Numbers of the members to run; all if None. Several processes, also on several machines, may run parts in one folder at
+        the same time.
 
     Raises
     ------
@@ -131,8 +135,11 @@ def run_ensemble(
     results = Path(results)
     inputs = Unchanged(site.inputs())
     members, folder = plan_members(site, results), members_folder(results)
-    with exclusive(folder):
-        remove_stale(folder)
+    if part is not None:
+        members = [member for member in members if member.number in part]
+    with exclusive(folder) if part is None else shared(folder):
+        if part is None:
+            remove_stale(folder)
         tally = _Tally(members, results, retry_failed, progress, inputs)
         if tally.waiting:
             share = share_of(site.settings.simulation.device, len(tally.waiting), workers, threads)
@@ -146,7 +153,8 @@ def run_ensemble(
                 with closing(run) as outcomes:
                     tally.collect(outcomes)
             finally:
-                remove_stale(folder)  # temporary folders of workers that were killed
+                if part is None:
+                    remove_stale(folder)  # temporary folders of workers that were killed
         tally.written.save()
     LOGGER.info("%s", tally.report())
     return tally.report()
@@ -253,13 +261,17 @@ class _Tally:
                 self.under_way.pop(outcome.member.number, None)
                 if isinstance(outcome.error, DiskFullError):
                     raise outcome.error
-                if outcome.error is None:
+                if outcome.error is None or self._made_elsewhere(outcome.member):
                     self._book(outcome.member)
                 else:
                     self._book_failure(outcome.member, _failure(outcome.member, outcome.error))
                 self._tell()
         finally:
             self.written.save()
+
+    def _made_elsewhere(self, member: Member) -> bool:
+        """Whether another job has finished a member that failed here."""
+        return stored_key(member.file(self.results)) == member.key
 
     def _book(self, member: Member) -> None:
         file = member.file(self.results)

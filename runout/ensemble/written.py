@@ -8,10 +8,12 @@ from pathlib import Path
 from runout.ensemble.member import stored_key
 from runout.io.atomic import read_json, write_json
 from runout.io.fingerprint import Fingerprint, fingerprints
+from runout.io.lock import exclusive
 from runout.io.provenance import sha256
 
 RECORD = "checksums.json"
 SAVE_SECONDS = 1.0  # at least, between two times that the record is written while members finish
+SAVE_SHARE = 20  # the same, relative to the time that writing it takes: many jobs may share a record
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class Found:
 class Written:
     """Keys and fingerprints of members' files, in ``checksums.json``; one that cannot be read counts as empty.
 
+    Several processes may change the record at the same time: each enters and removes its own files only.
+
     Parameters
     ----------
     results : Path
@@ -44,13 +48,19 @@ class Written:
 
     def __init__(self, results: Path):
         self.path = Path(results) / RECORD
-        self.entries: dict[str, tuple[str, Fingerprint]] = {}
+        self.entries = self._stored()
         self.new: dict[str, tuple[str, Path]] = {}  # keys and places of files whose checksums are not computed yet
-        self.saved = time.monotonic()
+        self.removed = set[str]()  # names whose notes the next save removes
+        self.saved, self.pause = time.monotonic(), SAVE_SECONDS
+
+    def _stored(self) -> dict[str, tuple[str, Fingerprint]]:
+        """Sound entries of the record as it is now."""
+        entries = {}
         for name, entry in read_json(self.path).items():
             found = Fingerprint.read(entry.get("file")) if isinstance(entry, dict) else None
             if found and isinstance(entry.get("key"), str):
-                self.entries[name] = (entry["key"], found)
+                entries[name] = (entry["key"], found)
+        return entries
 
     def look(self, path: Path) -> Found:
         """What a file is now; one without a note, left by a run that was killed, is read as a whole."""
@@ -81,27 +91,33 @@ class Written:
     def note(self, path: Path, key: str) -> None:
         """Note a file that was just written, or found sound; the record is saved now and then."""
         self.new[path.name] = (key, path)
-        if time.monotonic() - self.saved > SAVE_SECONDS:
+        if time.monotonic() - self.saved > self.pause:
             self.save()
 
     def withdraw(self, paths: Iterable[Path]) -> None:
         """Remove the notes of files that are about to be replaced."""
-        names = {path.name for path in paths} & set(self.entries)
-        if names:
-            self.entries = {name: entry for name, entry in self.entries.items() if name not in names}
+        self.removed |= {path.name for path in paths} & set(self.entries)
+        if self.removed:
             self.save()
 
     def forget(self, path: Path) -> None:
         """Remove a file, and its note."""
-        self.entries.pop(path.name, None)
+        if self.entries.pop(path.name, None):
+            self.removed.add(path.name)
         self.new.pop(path.name, None)
         path.unlink(missing_ok=True)
 
     def save(self) -> None:
         """Write the record, with what was noted."""
+        started = time.monotonic()
         files = fingerprints(path for _, path in self.new.values() if path.is_file())
-        self.entries |= {name: (key, files[path]) for name, (key, path) in self.new.items() if path in files}
+        noted = {name: (key, files[path]) for name, (key, path) in self.new.items() if path in files}
+        with exclusive(self.path.parent, f".locks/{RECORD}", wait=True):
+            kept = {name: entry for name, entry in self._stored().items() if name not in self.removed}
+            self.entries = kept | noted
+            entries = sorted(self.entries.items())
+            write_json({name: {"key": key, "file": written.stored()} for name, (key, written) in entries}, self.path)
         self.new.clear()
-        entries = sorted(self.entries.items())
-        write_json({name: {"key": key, "file": written.stored()} for name, (key, written) in entries}, self.path)
+        self.removed.clear()
         self.saved = time.monotonic()
+        self.pause = max(SAVE_SECONDS, SAVE_SHARE * (self.saved - started))

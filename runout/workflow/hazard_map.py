@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,6 +49,7 @@ def run(
     force: bool = False,
     retry_failed: bool = False,
     device: str | None = None,
+    members: str | None = None,
 ) -> Outcome:
     """Run the stages of a site that are not up to date, in their order.
 
@@ -68,6 +69,8 @@ def run(
         Also repeat members whose failure is permanent.
     device : str or None
         "cpu", "cuda:N" or "auto" instead of what site.yaml says.
+    members : str or None
+        Range of members such as ``0:100``: the stage ``ensemble`` runs only these (see :mod:`runout.ensemble.member_range`).
 
     Raises
     ------
@@ -80,9 +83,20 @@ def run(
         if "ensemble" in stages:
             _inspected(Path(site_path))  # its message lists the problems of the inputs as well
         raise
+    if members is not None:
+        return _run_part(study, members)
     with log.to_file(study.results / "run.log"), at_end(partial(remove_stale, study.results)), at_end(end_workers):
         remove_stale(study.results)
         return _run(study, [stage for stage in PLAN if stage.name in stages], force)
+
+
+def _run_part(study: Study, members: str) -> Outcome:
+    """Run a range of members; other jobs may run other ranges in the same results folder at the same time."""
+    from runout.ensemble.member_range import member_range
+
+    study = replace(study, part=member_range(members, study.site.settings.ensemble.members))
+    with log.to_file(study.results / f"run_{members.replace(':', '_')}.log"), at_end(end_workers):
+        return _run(study, [stage for stage in PLAN if stage.name == "ensemble"], force=False)
 
 
 def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
@@ -119,7 +133,11 @@ def _inspected(site: "Site | Path") -> None:
 
 
 def _make(study: Study, stage: Stage) -> None:
-    """Run a stage. It is not in the record while it runs, nor after it was killed."""
+    """Run a stage. It is not in the record while it runs, nor after it was killed; a range of members never is."""
+    if study.part is not None:
+        make_members(study)
+        study.require_inputs()
+        return
     with exclusive(study.results, f".locks/{stage.name}"):
         study.record.withdraw(stage.name)
         files = MAKERS[stage.name](study)
@@ -169,6 +187,7 @@ def make_members(study: Study) -> Iterable[Path]:
             threads=study.threads,
             progress=lambda state: bar(state.fraction),
             retry_failed=study.retry_failed,
+            part=study.part,
         )
     study.refresh()
     return []

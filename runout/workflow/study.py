@@ -34,13 +34,14 @@ STAGES = tuple(stage.name for stage in PLAN)
 
 @dataclass
 class Study:
-    """A site and its results folder."""
+    """A site and its results folder; ``part`` restricts it to a range of its members."""
 
     site: "Site"
     results: Path
     workers: int | None = None
     retry_failed: bool = False
     threads: int | None = None
+    part: range | None = None
     _watched: Unchanged | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -103,7 +104,8 @@ class Study:
         """State and reason of every member at the first access; :meth:`refresh` updates it."""
         from runout.ensemble.status import standings
 
-        return standings(self.site, self.results)
+        found = standings(self.site, self.results)
+        return found if self.part is None else [one for one in found if one.member.number in self.part]
 
     def refresh(self) -> None:
         """Read the state of the members again."""

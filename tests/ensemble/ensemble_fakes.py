@@ -165,12 +165,12 @@ def calls(site):
     return sorted(float(p.name.split("-")[0]) for p in (site.folder / "calls").iterdir())
 
 
-def started(folder, pause):
-    """:func:`main` in a process and a session of its own."""
+def started(folder, pause, *part):
+    """:func:`main` in a process and a session of its own; ``part`` is the first and the end of a range of members."""
     site(folder)
     here = Path(__file__).parent
     return subprocess.Popen(
-        [sys.executable, "-c", "import ensemble_fakes; ensemble_fakes.main()", str(folder), str(pause)],
+        [sys.executable, "-c", "import ensemble_fakes; ensemble_fakes.main()", str(folder), str(pause), *map(str, part)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(here), str(here.parent.parent)])},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -195,4 +195,6 @@ def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored when the tests themselves run in the background of a shell
     machine.core_count = lambda: 2
     folder, pause = Path(sys.argv[1]), float(sys.argv[2])
-    run_ensemble(site(folder, pause=pause), folder / "results", workers=2, simulate=simulate)
+    part = range(*map(int, sys.argv[3:])) if sys.argv[3:] else None
+    workers = 2 if part is None else 1
+    run_ensemble(site(folder, pause=pause), folder / "results", workers=workers, simulate=simulate, part=part)
