@@ -149,10 +149,14 @@ class Run:
             self.due = self._observe()
 
     def plan(self, most: int) -> int:
-        """Set the next time step [s]; returns the number of such steps until the next observation, at most ``most``."""
-        self.dt = min(_on_ladder(self.engine.stable_step()), self._next_stop() - self.time)
-        span = min(self.due, self._next_stop()) - self.time
-        return max(1, min(most, int(span / self.dt)))
+        """Set the next time step [s]; returns the number of such steps until the next observation, at most ``most``.
+
+        The last of them may pass the time of an observation, but not a snapshot or the end: the host waits once for all.
+        """
+        left = self._next_stop() - self.time
+        self.dt = min(_on_ladder(self.engine.stable_step()), left)
+        to_observation = math.ceil((self.due - self.time) / self.dt - 1e-9)
+        return max(1, min(most, to_observation, int(left / self.dt)))
 
     def arrive(self, count: int) -> None:
         """Account for ``count`` finished steps; observe if an observation is due."""

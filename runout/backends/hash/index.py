@@ -354,9 +354,12 @@ class Index:
         wp.utils.array_scan(self.sums, self.sums, inclusive=False)
 
     def fit_launches(self, held: int) -> None:
-        """Blocks of threads for ``held`` blocks with particles and some more; a step that needs others does them in turn."""
-        if not held <= self.launched <= 2 * room_for(held):
-            self.launched = min(room_for(room_for(held)), self.capacity)
+        """Blocks of threads for ``held`` blocks with particles and some more; a step that needs others does them in turn.
+
+        Idle ones cost less than the graph that is recorded for each number.
+        """
+        if not held <= self.launched <= 2 * more_room_for(held):
+            self.launched = min(more_room_for(held), self.capacity)
 
 
 def first_table(particles: int) -> int:

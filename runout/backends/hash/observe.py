@@ -204,39 +204,48 @@ def sum_gone(
                 sums.gone[many * t + s, d] = sums.gone[many * t + s, d] + row[d]
 
 
-def _since_sort(status: StatusGroup, sums: SumGroup, s: int, d: int):
-    """Number ``d`` of what a scene keeps: booked since the last sort, or lost with particles that have left since then."""
+def _since_sort(status: StatusGroup, sums: SumGroup, s: int, d: int, lane: int):
+    """A lane's share of number ``d`` of what a scene keeps: booked since the last sort, or lost with particles that left since."""
     many = sums.kept.shape[0]
     total = wp.float64(0.0)
     if d < BOOKED:
         parts = sums.booked.shape[0] // many
-        for q in range(parts):
+        for q in range(lane, parts, lane_count()):
             total += sums.booked[s * parts + q, d]
     elif status.tally[GONE] > 0:
-        for t in range(sums.gone.shape[0] // many):
+        for t in range(lane, sums.gone.shape[0] // many, lane_count()):
             total += sums.gone[many * t + s, d - BOOKED]
     return total
 
 
 def keep_sums(status: StatusGroup, sums: SumGroup):
-    """Add what has been booked and lost since the last sort to what is kept by scene; a thread a scene and number."""
-    s, d = wp.tid()
-    sums.kept[s, d] = sums.kept[s, d] + _since_sort(status, sums, s, d)
+    """Add what has been booked and lost since the last sort to what is kept by scene; a block of threads a scene and number."""
+    i, lane = wp.tid()
+    s, d = i // sums.kept.shape[1], i % sums.kept.shape[1]
+    total = wp.tile_sum(wp.tile(_since_sort(status, sums, s, d, lane)))
+    if lane == 0:
+        sums.kept[s, d] = sums.kept[s, d] + total[0]
 
 
 def write_sums(status: StatusGroup, sums: SumGroup):
     """All that is known of a scene in one row: booked and lost, sums over its particles, number and extent of its blocks."""
-    s, d = wp.tid()
+    i, lane = wp.tid()
+    s, d = i // sums.ledger.shape[1], i % sums.ledger.shape[1]
+    share = wp.float64(0.0)
     if d < BOOKED + SUMS:
-        sums.ledger[s, d] = sums.kept[s, d] + _since_sort(status, sums, s, d)
+        share = _since_sort(status, sums, s, d, lane)
     elif d < BOOKED + 2 * SUMS:
         parts = sums.here.shape[0] // sums.kept.shape[0]
-        total = wp.float64(0.0)
-        for q in range(parts):
-            total += sums.here[s * parts + q, d - BOOKED - SUMS]
-        sums.ledger[s, d] = total
-    else:
-        sums.ledger[s, d] = wp.float64(sums.bounds[s, d - BOOKED - 2 * SUMS])
+        for q in range(lane, parts, lane_count()):
+            share += sums.here[s * parts + q, d - BOOKED - SUMS]
+    total = wp.tile_sum(wp.tile(share))
+    if lane == 0:
+        found = total[0]
+        if d < BOOKED + SUMS:
+            found += sums.kept[s, d]
+        elif d >= BOOKED + 2 * SUMS:
+            found = wp.float64(sums.bounds[s, d - BOOKED - 2 * SUMS])
+        sums.ledger[s, d] = found
 
 
 def _covered(x: wp.float64, width: wp.float64, i: int):

@@ -61,7 +61,7 @@ class Report:
     def keep(self, parts: Parts) -> None:
         """Launches that keep what has been booked by block since the last sort, and what particles that have gone took along."""
         self._sum_since_sort(parts)
-        run(parts.k.keep_sums, self.kept.shape, parts.status.group, self.group)
+        run_each(parts.k.keep_sums, self.kept.size, PARTICLE_LANES, parts.status.group, self.group)
         parts.nodes.booked.zero_()
 
     def rows(self, parts: Parts) -> np.ndarray:
@@ -76,7 +76,7 @@ class Report:
             )  # fmt: skip
             self._sum_rows(parts, found, self.group.here)
             self._sum_since_sort(parts)
-            run(parts.k.write_sums, self.group.ledger.shape, status, self.group)
+            run_each(parts.k.write_sums, self.group.ledger.size, PARTICLE_LANES, status, self.group)
             self.cached_ledger = self.group.ledger.numpy()
         return self.cached_ledger
 
