@@ -39,9 +39,7 @@ class LawTables(SphinxDirective):
         for law in LAWS.of_runout():
             model, sampled = settings_of(law), sampled_ranges(law)
             history = f" History variable: {law.material.history}." if law.material.history else ""
-            nodes += self.parse_text_to_nodes(f"`law: {law.name}`. {model.__doc__}{history}")
-            rows = [[*_setting_row(name, field), "yes" if name in sampled else ""] for name, field in model.model_fields.items()]
-            nodes += _table(self, ["key", "unit", "default", "range", "meaning", "sampled"], rows)
+            nodes += _law_table(self, law.name, model, sampled, history)
         return nodes
 
 
@@ -56,9 +54,7 @@ class FrictionLawTables(SphinxDirective):
         nodes = []
         for law in FRICTIONS.of_runout():
             model, sampled = BLOCK.settings_of(law), {p.key for p in law.parameters if p.sampled}
-            nodes += self.parse_text_to_nodes(f"`law: {law.name}`. {model.__doc__}")
-            rows = [[*_setting_row(name, field), "yes" if name in sampled else ""] for name, field in model.model_fields.items()]
-            nodes += _table(self, ["key", "unit", "default", "range", "meaning", "sampled"], rows)
+            nodes += _law_table(self, law.name, model, sampled)
         return nodes
 
 
@@ -108,6 +104,13 @@ class PresetsTable(SphinxDirective):
         ]
         heads = ["preset", "cells through the depth", "cfl", "work", "error of the map", "of the run-out"]
         return _table(self, heads, rows)
+
+
+def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, history: str = "") -> list[Any]:
+    """What a law is, and a table of its keys; ``sampled`` holds those that an ensemble may sample."""
+    said = directive.parse_text_to_nodes(f"`law: {law}`. {model.__doc__}{history}")
+    rows = [[*_setting_row(name, field), "yes" if name in sampled else ""] for name, field in model.model_fields.items()]
+    return [*said, *_table(directive, ["key", "unit", "default", "range", "meaning", "sampled"], rows)]
 
 
 def _settings_class(name: str) -> Any:

@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
-from pydantic import ValidationInfo, create_model, model_validator
+from pydantic import ValidationInfo, create_model
 
 from runout.config.declared import declared_fields, sampled_in
 from runout.config.distributions import Settings, quantity, refuse
-from runout.config.law_block import LawBlock, made
+from runout.config.law_block import LawBlock, LawSettings
 from runout.config.wording import shown
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS, FrictionLaw
@@ -19,30 +19,22 @@ ANGLE = "basal_friction_angle_deg"  # short form of the parameter of the default
 KEY = "basal_friction"
 
 
-class FrictionSettings(Settings):
+class FrictionSettings(LawSettings):
     """Basal friction: its law and the parameters of that."""
 
     law: str = quantity("law of friction")
+
+    @classmethod
+    def block(cls) -> LawBlock[FrictionLaw]:
+        """The block ``basal_friction``."""
+        return BLOCK
 
     def friction(self, sample: Mapping[str, float] | None = None, own: Mapping[str, float] | None = None) -> BasalFriction:
         """The friction, with sampled parameters of an ensemble and then ``own`` ones in the place of the stated ones."""
         law, sample = FRICTIONS.find(self.law), sample or {}
         sampled = {p.key: sample[PREFIX + p.key] for p in law.parameters if PREFIX + p.key in sample}
-        values = {**self.model_dump(exclude={"law"}), **sampled, **(own or {})}
-        return law.friction(**{p.name: values[p.key] for p in law.parameters})
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> "FrictionSettings":
-        made(self.friction, FRICTIONS.find(self.law).parameters)
-        return self
-
-    def __reduce__(self) -> Any:
-        """Another process gets the class of the law, whose module registers it there."""
-        return _restored, (FRICTIONS.find(self.law).friction, self.model_dump())
-
-
-def _restored(friction: type[BasalFriction], values: dict[str, Any]) -> FrictionSettings:
-    return BLOCK.settings_of(FRICTIONS.find(friction.law)).model_validate(values)  # type: ignore[no-any-return]
+        friction: BasalFriction = self.with_values({**sampled, **(own or {})})
+        return friction
 
 
 BLOCK: LawBlock[FrictionLaw] = LawBlock(FRICTIONS, DEFAULT_FRICTION, FrictionSettings)

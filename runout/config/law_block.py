@@ -1,11 +1,11 @@
 """A block of site.yaml that names a law: settings made from the declarations of the law."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, Generic, Literal, TypeVar
 
-from pydantic import create_model
+from pydantic import create_model, model_validator
 
 from runout.config.declared import declared_fields
 from runout.config.distributions import Settings, quantity, refuse
@@ -28,11 +28,10 @@ class LawBlock(Generic[AnyLaw]):
     registry : Registry
     default : str
         Law of a block that names none.
-    base : type of Settings
-        Has the field ``law``.
+    base : type of LawSettings
     """
 
-    def __init__(self, registry: Registry[AnyLaw], default: str, base: type[Settings]):
+    def __init__(self, registry: Registry[AnyLaw], default: str, base: "type[LawSettings]"):
         self.registry: Registry[AnyLaw] = registry
         self.default, self.base = default, base
         self.settings_of = cache(self._settings_of)
@@ -73,6 +72,38 @@ class LawBlock(Generic[AnyLaw]):
             message, _, fix = str(error).partition("; ")
             raise refuse(message, fix, "law") from None
         return self.settings_of(law).model_validate(block)
+
+
+class LawSettings(Settings):
+    """A block that names a law: the law and its parameters."""
+
+    law: str
+
+    @classmethod
+    def block(cls) -> LawBlock[Any]:
+        """The block of site.yaml."""
+        raise NotImplementedError
+
+    def with_values(self, values: Mapping[str, float]) -> Any:
+        """The law with its parameters; ``values``, by key, replace the stated ones."""
+        law = self.block().registry.find(self.law)
+        known = {**self.model_dump(exclude={"law"}), **values}
+        return law.declaration(**{p.name: known[p.key] for p in law.parameters})
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "LawSettings":
+        made(lambda: self.with_values({}), self.block().registry.find(self.law).parameters)
+        return self
+
+    def __reduce__(self) -> Any:
+        """Pickle the class of the law as well: importing its module registers the law in the other process."""
+        block = self.block()
+        return _restored, (block.base, block.registry.find(self.law).declaration, self.model_dump())
+
+
+def _restored(base: type[LawSettings], declaration: Any, values: dict[str, Any]) -> Any:
+    block = base.block()
+    return block.settings_of(block.registry.find(declaration.law)).model_validate(values)
 
 
 def made(make: Callable[[], Any], parameters: Iterable[Parameter]) -> Any:

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from functools import cache, partial
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, ValidationInfo, create_model, model_validator
+from pydantic import AfterValidator, ValidationInfo, create_model
 
 from runout.config import friction as basal
 from runout.config.declared import sampled_in
 from runout.config.distributions import Distribution, Settings, within_range
-from runout.config.law_block import LawBlock, made
+from runout.config.law_block import LawBlock, LawSettings
 from runout.model.friction_laws import FRICTIONS, FrictionLaw
 from runout.model.laws import LAWS, Law
 from runout.model.limits import LIMITS, Range
@@ -19,28 +19,18 @@ DEFAULT_LAW = "drucker_prager"
 OF_THE_RUN = {"release_volume_factor": LIMITS["release_volume_factor"]}
 
 
-class MaterialSettings(Settings):
+class MaterialSettings(LawSettings):
     """The material: its law and the parameters of the law."""
 
-    law: str
+    @classmethod
+    def block(cls) -> LawBlock[Law]:
+        """The block ``material``."""
+        return BLOCK
 
     def material(self, sample: dict[str, float] | None = None) -> Material:
         """The material; sampled parameters (by key) replace the stated ones."""
-        law, values = LAWS.find(self.law), {**self.model_dump(exclude={"law"}), **(sample or {})}
-        return law.material(**{p.name: values[p.key] for p in law.parameters})
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> "MaterialSettings":
-        made(self.material, LAWS.find(self.law).parameters)
-        return self
-
-    def __reduce__(self) -> Any:
-        """Pickle the class of the law as well: importing its module registers the law in the other process."""
-        return _restored, (LAWS.find(self.law).material, self.model_dump())
-
-
-def _restored(material: type[Material], values: dict[str, Any]) -> MaterialSettings:
-    return settings_of(LAWS.find(material.law)).model_validate(values)  # type: ignore[no-any-return]
+        material: Material = self.with_values(sample or {})
+        return material
 
 
 BLOCK: LawBlock[Law] = LawBlock(LAWS, DEFAULT_LAW, MaterialSettings)

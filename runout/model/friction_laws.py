@@ -2,15 +2,16 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from types import FunctionType
 from typing import Any
 
 from runout.errors import ConfigError, MaterialError
 from runout.model.basal_friction import BasalFriction
-from runout.model.law_source import fingerprint, functions_of_law, require_shared_subset
-from runout.model.parameters import Parameter, numpydoc, parameters_of
+from runout.model.law_source import functions_of_law, require_shared_subset
+from runout.model.parameters import numpydoc
+from runout.model.registered_law import RegisteredLaw, calling, require_declared
 from runout.model.registry import Registry, classes_in
 from runout.physics import contact
 
@@ -21,42 +22,27 @@ STRENGTH = "strength"  # of a record: what limits the resistance in every contac
 
 
 @dataclass(frozen=True)
-class FrictionLaw:
+class FrictionLaw(RegisteredLaw[BasalFriction]):
     """A registered law of basal friction.
 
     Attributes
     ----------
-    name : str
-        In site.yaml.
-    friction : type of BasalFriction
-        Its parameters.
     resistance : function
-        See :func:`register_friction`.
+        Steady impulse and drag of a contact, see :func:`register_friction`.
     """
 
-    name: str
-    friction: type[BasalFriction]
     resistance: FunctionType
+    package = PACKAGE
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Its parameters."""
-        return parameters_of(self.friction)
-
-    @property
-    def declaration(self) -> type[BasalFriction]:
+    def friction(self) -> type[BasalFriction]:
         """The class that declares its parameters."""
-        return self.friction
+        return self.declaration
 
     @property
-    def is_of_runout(self) -> bool:
-        """Whether it belongs to runout, not to another package."""
-        return self.friction.__module__.startswith(f"{PACKAGE}.")
-
-    @cached_property
-    def example(self) -> BasalFriction:
-        """Friction with default and typical parameters."""
-        return self.friction(**{p.name: p.typical for p in self.parameters})
+    def function(self) -> FunctionType:
+        """Its resistance."""
+        return self.resistance
 
     @cached_property
     def numbers(self) -> tuple[str, ...]:
@@ -69,32 +55,16 @@ class FrictionLaw:
         return tuple(self.friction.acting(self.example.numbers(), 1.0))
 
     @cached_property
-    def fingerprint(self) -> str:
-        """Checksum of the sources: compiled code and results of a law of another package depend on it."""
-        return fingerprint(self.friction, self.resistance)
-
-    @property
-    def source(self) -> str:
-        """What results depend on beside the version of runout: :attr:`fingerprint` of a law of another package, else nothing."""
-        return "" if self.is_of_runout else self.fingerprint
-
-    @cached_property
     def at_base(self) -> FunctionType:
         """``resistance`` as contact takes it: limited to what the mass passes on, unless the record holds no strength."""
         if STRENGTH not in self.fields:
             return self.resistance
-        return self._with_law(contact.limited_resistance, self.resistance)
+        return calling(contact.limited_resistance, law_resistance=self.resistance)
 
     @cached_property
     def impulse(self) -> FunctionType:
         """:func:`runout.physics.contact.impulse` with the resistance of this law, in plain Python."""
-        return self._with_law(contact.impulse, self.at_base)  # type: ignore[arg-type]
-
-    @staticmethod
-    def _with_law(function: Any, resistance: FunctionType) -> FunctionType:
-        own = FunctionType(function.__code__, {**function.__globals__, "law_resistance": resistance}, function.__name__)
-        own.__annotations__, own.__module__, own.__doc__ = dict(function.__annotations__), function.__module__, function.__doc__
-        return own
+        return calling(contact.impulse, law_resistance=self.at_base)  # type: ignore[arg-type]
 
 
 FRICTIONS: Registry[FrictionLaw] = Registry("friction law", PACKAGE, "runout.friction", ConfigError)
@@ -122,7 +92,8 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
         wanted = "a plain function of (normal, slip, dt, basal)"
         raise ConfigError(f"friction law {friction.law}: resistance must be {wanted}, not {resistance!r}")
     law = FrictionLaw(friction.law, friction, resistance)
-    _require_declared(law)
+    require_declared(law, "friction law", BasalFriction, ConfigError, ranges=True)
+    _require_numbers(law)
     if not law.is_of_runout:  # the tests of runout check its own
         try:
             for function in functions_of_law(law.resistance):
@@ -133,19 +104,9 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
     FRICTIONS.add(law.name, f"{friction.__module__}.{friction.__qualname__}", law)
 
 
-def _require_declared(law: FrictionLaw) -> None:
-    """Nothing, if the class of a law says all that is derived from it."""
-    said = f"friction law {law.name or law.friction.__qualname__}"
-    undecorated = any(isinstance(value, Field) for value in vars(law.friction).values())
-    if undecorated or not (issubclass(law.friction, BasalFriction) and law.name.isidentifier()):
-        raise ConfigError(f"{said}: write a frozen dataclass that derives from runout.BasalFriction, with `law` as its name")
-    declared = {p.name: p for p in law.parameters}
-    for field in fields(law.friction):
-        if field.name not in declared or declared[field.name].valid is None:
-            raise ConfigError(f"{said}: {field.name} is not declared; write {field.name}: float = parameter(...)")
-    for p in law.parameters:
-        if p.typical is MISSING:
-            raise ConfigError(f"{said}: {p.name} has neither default= nor typical=; tests and tables need one")
+def _require_numbers(law: FrictionLaw) -> None:
+    """Raise an error unless zones can change each parameter of a law."""
+    said = f"friction law {law.name}"
     if len(law.numbers) != len(law.parameters):
         raise ConfigError(f"{said}: numbers() gives {len(law.numbers)} for {len(law.parameters)} parameters; give one for each")
     if not law.friction.coefficients or not set(law.friction.coefficients) <= set(law.numbers):
@@ -155,7 +116,7 @@ def _require_declared(law: FrictionLaw) -> None:
 
 def public_names() -> dict[str, str]:
     """Module of each class that the files of runout's laws of friction define, by its name."""
-    return classes_in(law.friction.__module__ for law in FRICTIONS.of_runout())
+    return classes_in(law.declaration.__module__ for law in FRICTIONS.of_runout())
 
 
 def friction_law_of(friction: BasalFriction) -> FrictionLaw:

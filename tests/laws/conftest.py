@@ -10,25 +10,23 @@ EXAMPLES = ROOT / "docs" / "examples"
 sys.path[:0] = [str(EXAMPLES), str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "backends"), str(ROOT / "tests" / "workflow")]
 
 
+def install(folder: Path, package: str, group: str, law: str) -> Path:
+    """A folder that, on the path of Python, is an installed package with one law of the examples."""
+    metadata = folder / f"{package.replace('-', '_')}-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[{group}]\n{law} = {law}\n")
+    (folder / f"{law}.py").write_text((EXAMPLES / f"{law}.py").read_text())
+    return folder
+
+
 @pytest.fixture
 def installed(tmp_path):
-    """Folder that, on the path of Python, is an installed package whose entry point names the law."""
-    folder = tmp_path / "installed"
-    metadata = folder / "mud_laws-1.0.dist-info"
-    metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: mud-laws\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[runout.laws]\nherschel_bulkley = herschel_bulkley\n")
-    (folder / "herschel_bulkley.py").write_text((EXAMPLES / "herschel_bulkley.py").read_text())
-    return folder
+    """Folder of an installed package whose entry point names the law of the material."""
+    return install(tmp_path / "installed", "mud-laws", "runout.laws", "herschel_bulkley")
 
 
 @pytest.fixture
 def installed_friction(tmp_path):
     """The same for a law of friction."""
-    folder = tmp_path / "installed"
-    metadata = folder / "weakening-1.0.dist-info"
-    metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: weakening\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[runout.friction]\nvelocity_weakening = velocity_weakening\n")
-    (folder / "velocity_weakening.py").write_text((EXAMPLES / "velocity_weakening.py").read_text())
-    return folder
+    return install(tmp_path / "installed", "weakening", "runout.friction", "velocity_weakening")
