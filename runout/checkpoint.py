@@ -11,6 +11,7 @@ import time
 import zipfile
 import zlib
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from runout.backends.protocol import Backend, ResumableBackend
 from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.io.atomic import whole_file
-from runout.model.particles import Particles
+from runout.model.particle_source import ParticleSource
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
@@ -106,7 +107,7 @@ def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Ba
     return None
 
 
-def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
+def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
     """Checksum of everything a run depends on: version, scene, particles, and further choices with a complete ``repr``."""
     digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, choices)).encode())
     ground = scene.ground
@@ -121,6 +122,6 @@ def run_key(scene: Scene, particles: Particles, *choices: Any) -> str:
         arrays += [zones.factor, zones.coefficient, *(part for name in sorted(zones.replaced) for part in zones.replaced[name])]
     if scene.unknown is not None:
         arrays += [scene.unknown]
-    for values in (*arrays, *vars(particles).values()):
+    for values in chain(arrays, particles.content()):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()

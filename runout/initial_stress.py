@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from enum import StrEnum
+from functools import cache
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Scene
-from runout.terrain.free_surface import free_surface
+from runout.terrain.free_surface import FreeSurface, free_surface
 
 AT_ONCE = 2**15  # particles per chunk; its arrays fit into the cache
 
@@ -38,8 +39,12 @@ def pressed_by(scene: Scene, releases: list[Release]) -> Press | None:
     if InitialStress.of(scene.initial_stress) is InitialStress.NONE:
         return None
 
+    @cache
+    def surface_of(number: int) -> FreeSurface:
+        return free_surface(releases[number], scene.spacing[:2])
+
     def press(particles: Particles, depth: np.ndarray, number: int) -> None:
-        surface = free_surface(releases[number], scene.spacing[:2])
+        surface = surface_of(number)
         x, y, _ = particles.position(np.array(scene.spacing)).T
         for first in range(0, len(particles), AT_ONCE):
             part = slice(first, first + AT_ONCE)

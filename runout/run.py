@@ -14,6 +14,7 @@ from runout.checkpoint import Checkpoint
 from runout.errors import ConfigError
 from runout.model.depth_resolution import DepthResolution, flow_depth
 from runout.model.limits import checked
+from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
@@ -73,7 +74,7 @@ class Run:
         self.pending, self.reason = list(control.snapshot_times), ""
         self.time = self.dt = self.due = self.seconds = self.observing = 0.0
 
-    def start(self, particles: Particles) -> None:
+    def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
         state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.limits import checked, spacing_of
 from runout.model.materials import Material
-from runout.model.particles import Particles
+from runout.model.particle_source import gathered
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.terrain import Terrain
@@ -38,16 +40,18 @@ def build_scene(
     friction_zones: FrictionZones | None = None,
     initial_stress: str = "at_rest",
     accept: Callable[[Extent], None] | None = None,
-) -> tuple[Scene, Particles]:
+    in_chunks: bool = False,
+) -> tuple[Scene, Any]:
     """Scene and particles of a scenario; parameters as in :func:`runout.simulate`.
 
-    ``accept`` is called before the particles are made; it raises an error if the scene is too large.
+    ``accept`` is called before the particles are made; it raises an error if the scene is too large. With ``in_chunks`` the
+    particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
     """
     from runout import stiffness
     from runout.initial_stress import InitialStress, pressed_by
     from runout.release.arrangement import default_particles
     from runout.release.known import onto_known_ground
-    from runout.release.sample import particles_per_axis, sample_particles
+    from runout.release.sample import ReleaseParticles, Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare, sdf
     from runout.terrain.crest_window import Mass
 
@@ -68,14 +72,17 @@ def build_scene(
     dug = [r.excavation for r in releases]
     mass = Mass(np.sum([r.thickness for r in releases], axis=0), basal_strength.least_angle(frictions, strength, friction_zones))
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
+    per_axis = particles_per_axis(particles_per_cell)
     if accept:
-        accept(expected_extent(releases, surface.surface, spacing, particles_per_axis(particles_per_cell)))
+        accept(expected_extent(releases, surface.surface, spacing, per_axis))
     friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,
         transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
         strength=strength, unknown=open_edge.unknown_cells(terrain), initial_stress=InitialStress.of(initial_stress),
     )  # fmt: skip
-    press = pressed_by(scene, releases)
-    particles = sample_particles(releases, materials, surface, spacing, particles_per_cell, seed, press=press)
-    return scene, onto_known_ground(particles, scene)
+    how = Sampling(spacing, per_axis, seed)
+    particles = ReleaseParticles(
+        releases, materials, surface, how, press=pressed_by(scene, releases), settle=partial(onto_known_ground, scene=scene)
+    )
+    return scene, particles if in_chunks else gathered(particles)

@@ -134,11 +134,12 @@ def simulate(
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones, initial_stress=initial_stress,
         basal_friction=basal_friction, accept=lambda extent: require_memory(
             expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar), engine, memory_gb
-        ),
+        ), in_chunks=True,
     )  # fmt: skip
     for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
-    keep = checkpoint_for(checkpoint, checkpoint_every, engine, run_key(scene, particles, control, type(engine).__name__))
+    key = run_key(scene, particles, control, type(engine).__name__) if checkpoint else ""
+    keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
     run = Run(engine, scene, control, progress, keep)
     n_particles = len(particles)
     run.start(particles)

@@ -81,12 +81,6 @@ def apply_to(scene: Scene) -> bool:
     return any(cell < h * (1 - 1e-9) for cell, h in zip(scene.raster.cell_size, scene.spacing[:2], strict=True))
 
 
-def mean_volume(scene: Scene, particles: Particles) -> float:
-    """Mean stress-free volume of the particles [m3]; 0 without particles."""
-    density = np.array([m.density for m in scene.materials])[particles.release]
-    return float(np.mean(particles.mass / density)) if len(particles) else 0.0
-
-
 def nothing() -> RasterSums:
     """Columns of a window without cells."""
     return RasterSums(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 3)))

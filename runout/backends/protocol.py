@@ -10,6 +10,7 @@ import numpy as np
 
 from runout.backends.state import State
 from runout.errors import DeviceError
+from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
@@ -67,8 +68,8 @@ class Backend(Protocol):
 
     counters: Counters
 
-    def load(self, scene: Scene, particles: Particles) -> None:
-        """Load a scene and its particles."""
+    def load(self, scene: Scene, particles: ParticleSource) -> None:
+        """Load a scene and its particles, a chunk at a time."""
 
     def stable_step(self) -> float:
         """Largest admissible time step [s] from the acoustic and the particle limit."""

@@ -1,6 +1,8 @@
 """Particles in the form that backends exchange: float64 arrays, with one table of types."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,6 +10,7 @@ from runout.errors import CapacityError
 
 INDEX_CELLS = 4 * 2**20 - 16  # cells from the origin that signed block coordinates of 21 bits cover, with blocks of 4 cells
 AXES = ("east-west", "north-south", "height")
+CHUNK = 2**13  # particles that are passed on at once: their arrays fit into the cache
 ARRAYS = {  # name: (dtype, trailing shape)
     "node": (np.int32, (3,)),
     "offset": (np.float64, (3,)),
@@ -22,6 +25,13 @@ ARRAYS = {  # name: (dtype, trailing shape)
     "release": (np.int32, ()),
     "identity": (np.int64, ()),
 }
+
+
+class Sums(NamedTuple):
+    """Sums over particles."""
+
+    mass: float  # [kg]
+    mean_volume: float  # stress-free [m3], 0 without particles
 
 
 @dataclass
@@ -91,28 +101,22 @@ class Particles:
         """Local positions (n, 3) [m], float64."""
         return (self.node + self.offset) * np.asarray(spacing, np.float64)
 
-    def require_index_range(self, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
-        """Raise an error unless block indices from the node ``origin`` (3,), by default the lowest node, cover all particles.
-
-        Raises
-        ------
-        CapacityError
-            With the largest admissible extent [m].
-        """
-        if not len(self):
-            return
-        cells = np.abs(self.node.astype(np.int64) - (self.node.min(axis=0) if origin is None else origin)).max(axis=0)
-        worst = int(np.argmax(cells))
-        if cells[worst] > INDEX_CELLS:
-            h = spacing[worst]
-            raise CapacityError(
-                f"a particle lies beyond the index range, {cells[worst] * h:.7g} m from where blocks are counted ({AXES[worst]}); "
-                f"the largest admissible extent is {INDEX_CELLS * h:.7g} m with cells of {h:g} m (21 bits): use larger cells"
-            )
-
-    def take(self, index: np.ndarray) -> "Particles":
-        """Particles selected by an index or mask."""
+    def take(self, index: np.ndarray | slice) -> "Particles":
+        """Particles selected by an index, a mask or a slice."""
         return Particles(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+    def chunks(self, stressed: bool = True) -> Iterator["Particles"]:
+        """The particles in their order, :data:`CHUNK` at a time (:class:`runout.model.particle_source.ParticleSource`)."""
+        for first in range(0, len(self), CHUNK):
+            yield self.take(slice(first, first + CHUNK))
+
+    def content(self) -> Iterator[np.ndarray]:
+        """All arrays."""
+        yield from vars(self).values()
+
+    def sums(self, density: np.ndarray) -> Sums:
+        """Sums over all particles, of releases with a ``density`` (releases,) [kg/m3]."""
+        return Sums(float(self.mass.sum()), float(np.mean(self.mass / density[self.release])) if len(self) else 0.0)
 
     @staticmethod
     def concatenate(parts: "list[Particles]") -> "Particles":
@@ -120,3 +124,25 @@ class Particles:
         arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ARRAYS}
         arrays["identity"] = np.arange(len(arrays["mass"]), dtype=np.int64)
         return Particles(**arrays)
+
+
+def require_index_range(node: np.ndarray, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
+    """Raise an error unless block indices from the node ``origin`` (3,), by default the lowest, cover particles of nodes (n, 3).
+
+    Raises
+    ------
+    CapacityError
+        With the largest admissible extent [m].
+    """
+    if not len(node):
+        return
+    low, high = (end.astype(np.int64) for end in (node.min(axis=0), node.max(axis=0)))
+    start = low if origin is None else origin
+    cells = np.maximum(np.abs(low - start), np.abs(high - start))
+    worst = int(np.argmax(cells))
+    if cells[worst] > INDEX_CELLS:
+        h = spacing[worst]
+        raise CapacityError(
+            f"a particle lies beyond the index range, {cells[worst] * h:.7g} m from where blocks are counted ({AXES[worst]}); "
+            f"the largest admissible extent is {INDEX_CELLS * h:.7g} m with cells of {h:g} m (21 bits): use larger cells"
+        )

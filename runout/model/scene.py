@@ -174,6 +174,11 @@ class Scene:
         return max(m.wave_speed for m in self.materials)
 
     @property
+    def densities(self) -> np.ndarray:
+        """Density (releases,) [kg/m3]."""
+        return np.array([m.density for m in self.materials], np.float64)
+
+    @property
     def strengths(self) -> tuple[float, ...]:
         """:attr:`strength` of every release, infinite where there is no limit."""
         return self.strength or (math.inf,) * len(self.friction)

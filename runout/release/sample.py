@@ -1,91 +1,185 @@
-"""Particles of releases: seeded, terrain-following, with the exact volume and mass."""
+"""Particles of releases: seeded, terrain-following, with the exact volume and mass, made a chunk at a time."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral
 from typing import Any
 
 import numpy as np
 
 from runout.errors import ConfigError, ReleaseError
-from runout.io.polygon_coverage import ROUND_OFF, covered_area, covered_centroid, regrid, regrid_within
+from runout.io.polygon_coverage import covered_area
 from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
-from runout.model.particles import Particles
+from runout.model.particle_source import gathered
+from runout.model.particles import Particles, Sums
 from runout.model.release import Release
 from runout.model.surface import Surface
 from runout.release import stagger
+from runout.release.columns import THINNEST, Columns, column_thickness, local_outline
 
+__all__ = ["ReleaseParticles", "Sampling", "column_thickness", "count_particles", "particles_per_axis", "sample_particles"]
 CELLS_ACROSS = 4  # width of a release in grid cells that messages propose
-THINNEST = 1e-6  # columns thinner than this share of a particle layer get no particle; their volume goes to the others
-CLOSE = 1e-9  # share of the volume that regridding may miss by round-off
+
+Press = Callable[[Particles, np.ndarray, int], None]
 
 
 @dataclass(frozen=True)
-class RasterSums:
-    """Particle columns of one release: indices of the plan lattice and mean thickness [m]."""
+class Sampling:
+    """How particles are placed.
 
-    index: np.ndarray  # (n, 2), east and north
-    size: tuple[float, float]  # [m]
-    thickness: np.ndarray  # (n,)
-    centre: np.ndarray  # (n, 2) local position around which the particles lie [m]
-    cut: np.ndarray  # (n,) whether the outline cuts the column
+    Attributes
+    ----------
+    spacing : tuple of float
+        Grid spacing (dx, dy, dz) [m].
+    per_axis : tuple of int
+        Particles (px, py, pz) of a full grid cell.
+    seed : int
+        Of the jitter; equal seeds give equal particles.
+    jitter : float
+        Largest horizontal displacement, as a share of the particle spacing, 0 to 0.5.
+    """
+
+    spacing: tuple[float, float, float]
+    per_axis: tuple[int, int, int]
+    seed: int = 0
+    jitter: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.jitter <= 0.5:
+            raise ConfigError(f"jitter is {self.jitter:g}; it must lie between 0 and 0.5 of the particle spacing")
+        if not isinstance(self.seed, Integral) or self.seed < 0:
+            raise ConfigError(f"seed is {self.seed!r}; it must be a whole number, 0 or more")
+
+    def columns(self, release: Release) -> Columns:
+        """Columns of particles of a release; ReleaseError if it is smaller than a grid cell."""
+        _require_resolved(release, self.spacing)
+        (dx, dy, dz), (px, py, pz) = self.spacing, self.per_axis
+        return Columns.of(release, (dx / px, dy / py), dz / pz)
 
 
-def column_thickness(release: Release, edges_x: np.ndarray, edges_y: np.ndarray) -> np.ndarray:
-    """Mean vertical thickness (nx, ny) [m] over the columns of a local lattice.
+@dataclass(frozen=True)
+class _Filled:
+    """Particles of one release, made a chunk at a time; mass, stress and number of the release are left to the caller."""
 
-    The volume of each terrain cell lies on its part inside the outline, or without an outline on the whole cell.
-    ``sum(thickness * column area)`` is the release's volume to round-off.
+    release: Release
+    columns: Columns
+    surface: Surface | NodalSurface
+    how: Sampling
+
+    @cached_property
+    def volumes(self) -> np.ndarray:
+        """Volume (columns,) of a particle in each column [m3]; their sum is that of the release."""
+        volumes = self.columns.volumes
+        return volumes * (self.release.volume / np.repeat(volumes, self.columns.rows).sum())
+
+    def chunks(self, number: int) -> Iterator[tuple[Particles, np.ndarray]]:
+        """Particles of release ``number``, and their depths (n,) below its surface [m]."""
+        rng, outline = np.random.default_rng([self.how.seed, number]), _prepared_outline(self.release)
+        for part in self.columns.parts():
+            yield self._part(part, rng, outline)
+
+    def _part(self, part: slice, rng: np.random.Generator, outline: Any) -> tuple[Particles, np.ndarray]:
+        columns = self.columns
+        thickness = columns.thickness[part]
+        column, above, height = stagger.layered(columns.index[part], thickness, columns.layer)
+        plan = columns.centres(part)[column]
+        moved = plan + rng.uniform(-self.how.jitter, self.how.jitter, plan.shape) * np.array(columns.size)
+        plan = _inside(outline, np.flatnonzero(columns.cut[part][column]), plan, moved)
+        ground, east, north = self.surface.evaluate(plan[:, 0], plan[:, 1])
+        particles = Particles.at(np.column_stack((plan, ground + above)), np.asarray(self.how.spacing, np.float64))
+        particles.volume[:] = self.volumes[part][column]
+        particles.radius[:] = stagger.half_size(height) / np.sqrt(1.0 + east * east + north * north)
+        return particles, thickness[column] - above
+
+
+class ReleaseParticles:
+    """Particles at rest that fill releases from the surface upwards (:class:`runout.model.particle_source.ParticleSource`).
+
+    The plan is divided into columns of ``dx / px`` by ``dy / py``. A column of mean thickness T holds
+    ``n = max(1, round(T / (dz / pz)))`` particles of equal volume, one in each n-th of it above the surface. Their
+    heights are staggered from column to column (:mod:`runout.release.stagger`), so that a thin mass has more levels than layers.
+    The volume and mass of each release are exact to round-off.
 
     Parameters
     ----------
-    release : Release
-    edges_x, edges_y : ndarray (nx + 1,), (ny + 1,)
-        Ascending local edges of the columns [m]; they must hold the whole release.
+    releases, materials : sequence
+        One material per release.
+    surface : Surface or NodalSurface
+        Surface below the mass, in local coordinates.
+    how : Sampling
+    press : callable, optional
+        Sets the stress of particles of a release, from their depths (n,) [m] below its surface and its number.
+    settle : callable, optional
+        Moves particles that start where they cannot.
 
     Raises
     ------
     ReleaseError
-        If part of the release lies outside the lattice.
+        If releases overlap in plan or one is smaller than a grid cell.
+    ConfigError
+        If the number of materials is wrong.
     """
-    thickness, edges = _occupied(release)
-    to_edges = (_padded(np.asarray(edges_x, np.float64), edges[0]), _padded(np.asarray(edges_y, np.float64), edges[1]))
-    if release.outline is None:
-        columns = regrid(thickness, edges, to_edges)
-    else:
-        columns = regrid_within(_local_outline(release), thickness, edges, to_edges)
-    columns = columns[1:-1, 1:-1]
-    held = float(np.diff(edges_x) @ columns @ np.diff(edges_y))
-    if abs(held / release.volume - 1.0) > CLOSE:
-        raise ReleaseError(
-            f"release {release.name!r}: the lattice holds {held:.6g} of its {release.volume:.6g} m3; make the lattice larger"
-        )
-    return columns * (release.volume / held)
+
+    def __init__(
+        self,
+        releases: Sequence[Release],
+        materials: Sequence[Material],
+        surface: Surface | NodalSurface,
+        how: Sampling,
+        *,
+        press: Press | None = None,
+        settle: Callable[[Particles], Particles] = lambda particles: particles,
+    ):
+        if len(releases) != len(materials):
+            raise ConfigError(f"{len(materials)} materials for {len(releases)} releases; give one each")
+        require_apart(list(releases))
+        self.how, self.press, self.settle = how, press, settle
+        self.density = [material.density for material in materials]
+        self.filled = [_Filled(release, how.columns(release), surface, how) for release in releases]
+
+    def __len__(self) -> int:
+        return sum(int(filled.columns.rows.sum()) for filled in self.filled)
+
+    def chunks(self, stressed: bool = True) -> Iterator[Particles]:
+        """The particles in their order: release by release, column by column."""
+        first = 0
+        for number, (filled, density) in enumerate(zip(self.filled, self.density, strict=True)):
+            for particles, depth in filled.chunks(number):
+                particles.mass[:] = particles.volume * density
+                particles.release[:] = number
+                particles.identity += first
+                first += len(particles)
+                if stressed and self.press:
+                    self.press(particles, depth, number)
+                yield self.settle(particles)
+
+    def sums(self, density: np.ndarray) -> Sums:
+        """Sums over all particles."""
+        parts = zip(self.filled, self.density, strict=True)
+        mass = np.concatenate([np.repeat(one.volumes * own, one.columns.rows) for one, own in parts])
+        total = float(mass.sum())
+        sizes = [int(filled.columns.rows.sum()) for filled in self.filled]
+        for part, own in zip(np.split(mass, np.cumsum(sizes)[:-1]), density, strict=True):
+            part /= own
+        return Sums(total, float(np.mean(mass)))
+
+    def content(self) -> Iterator[np.ndarray]:
+        """What the particles depend on beside their scene."""
+        yield np.frombuffer(repr((self.how, self.press is not None)).encode(), np.uint8)
+        for filled in self.filled:
+            release, columns = filled.release, filled.columns
+            yield from (release.thickness, release.excavation, release.terrain.elevation)
+            yield from (columns.index, columns.thickness, columns.cut, columns.shift, filled.volumes)
+            if release.outline is not None:
+                yield np.frombuffer(release.outline.wkb, np.uint8)
 
 
-def _occupied(release: Release) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Thickness (nx, ny) of the smallest window of terrain cells that holds the release, and its local edges."""
-    cells = release.thickness[::-1].T
-    window = []
-    for axis in (0, 1):
-        used = np.flatnonzero(cells.any(axis=1 - axis))
-        window.append(slice(used[0], used[-1] + 1))
-    edges = tuple(np.arange(w.start, w.stop + 1) * size for w, size in zip(window, release.terrain.cell_size, strict=True))
-    return np.ascontiguousarray(cells[window[0], window[1]]), (edges[0], edges[1])
-
-
-def _padded(edges: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Edges with one more cell on either side that cover those of ``around``."""
-    width = edges[-1] - edges[0]
-    return np.concatenate(([min(edges[0], around[0]) - width], edges, [max(edges[-1], around[-1]) + width]))
-
-
-def _local_outline(release: Release) -> Any:
-    import shapely
-
-    return shapely.transform(release.outline, release.terrain.frame.to_local)
+def count_particles(releases: Sequence[Release], how: Sampling) -> int:
+    """Particles of releases, counted without making them."""
+    return sum(int(how.columns(release).rows.sum()) for release in releases)
 
 
 def sample_particles(
@@ -96,59 +190,17 @@ def sample_particles(
     particles_per_cell: int | tuple[int, int, int] = 8,
     seed: int = 0,
     jitter: float = 0.25,
-    press: Callable[[Particles, np.ndarray, int], None] | None = None,
+    press: Press | None = None,
 ) -> Particles:
-    """Particles at rest that fill the releases from the surface upwards.
-
-    The plan is divided into columns of ``dx / px`` by ``dy / py``. A column of mean thickness T holds
-    ``n = max(1, round(T / (dz / pz)))`` particles of equal volume, one in each n-th of it above the surface. Their
-    heights are staggered from column to column (:mod:`runout.release.stagger`), so that a thin mass has more levels than layers.
-    The volume and mass of each release are exact to round-off.
-
-    Parameters
-    ----------
-    releases, materials : list
-        One material per release.
-    surface : Surface or NodalSurface
-        Surface below the mass, in local coordinates.
-    spacing : tuple of float
-        Grid spacing (dx, dy, dz) [m].
-    particles_per_cell : int or tuple of int
-        Number in a full grid cell, or its factors (px, py, pz).
-    seed : int
-        Of the jitter; equal seeds give equal particles.
-    jitter : float
-        Largest horizontal displacement, as a share of the particle spacing, 0 to 0.5.
-    press : callable, optional
-        Sets the stress of the particles of a release, from their depths (n,) [m] below its surface and its number.
+    """All particles of :class:`ReleaseParticles`, ``particles_per_cell`` of a full cell or its factors (px, py, pz).
 
     Raises
     ------
-    ReleaseError
-        If releases overlap in plan or one is smaller than a grid cell.
     ConfigError
-        If ``particles_per_cell``, ``jitter`` or the number of materials is unusable.
+        If ``particles_per_cell``, ``jitter``, ``seed`` or the number of materials is unusable.
     """
-    per_axis = particles_per_axis(particles_per_cell)
-    if not 0.0 <= jitter <= 0.5:
-        raise ConfigError(f"jitter is {jitter:g}; it must lie between 0 and 0.5 of the particle spacing")
-    if not isinstance(seed, Integral) or seed < 0:
-        raise ConfigError(f"seed is {seed!r}; it must be a whole number, 0 or more")
-    if len(releases) != len(materials):
-        raise ConfigError(f"{len(materials)} materials for {len(releases)} releases; give one each")
-    require_apart(releases)
-    sets = []
-    for number, (release, material) in enumerate(zip(releases, materials, strict=True)):
-        _require_resolved(release, spacing)
-        columns = _columns(release, (spacing[0] / per_axis[0], spacing[1] / per_axis[1]), spacing[2] / per_axis[2])
-        rng = np.random.default_rng([seed, number])
-        particles, depth = _fill(release, columns, surface, spacing, spacing[2] / per_axis[2], jitter, rng)
-        particles.mass[:] = particles.volume * material.density
-        particles.release[:] = number
-        if press:
-            press(particles, depth, number)
-        sets.append(particles)
-    return sets[0] if len(sets) == 1 else Particles.concatenate(sets)
+    how = Sampling(spacing, particles_per_axis(particles_per_cell), seed, jitter)
+    return gathered(ReleaseParticles(releases, materials, surface, how, press=press))
 
 
 def particles_per_axis(particles_per_cell: int | tuple[int, int, int]) -> tuple[int, int, int]:
@@ -190,7 +242,7 @@ def _common_area(a: Release, b: Release) -> float:
     if outlined.outline is None:
         return float(both.sum() * a.terrain.cell_area)
     (rows, columns), (dx, dy) = a.terrain.shape, a.terrain.cell_size
-    area = covered_area(_local_outline(outlined), np.arange(columns + 1) * dx, np.arange(rows + 1) * dy)
+    area = covered_area(local_outline(outlined), np.arange(columns + 1) * dx, np.arange(rows + 1) * dy)
     return float(area.T[::-1][both].sum())
 
 
@@ -207,63 +259,23 @@ def _require_resolved(release: Release, spacing: tuple[float, float, float]) -> 
     )
 
 
-def _columns(release: Release, size: tuple[float, float], layer: float) -> RasterSums:
-    """Columns of the plan lattice that hold enough of the release for particles."""
-    _, edges = _occupied(release)
-    first = [int(np.floor(e[0] / h + ROUND_OFF)) for e, h in zip(edges, size, strict=True)]
-    last = [int(np.ceil(e[-1] / h - ROUND_OFF)) for e, h in zip(edges, size, strict=True)]
-    edges_x, edges_y = (np.arange(a, b + 1) * h for a, b, h in zip(first, last, size, strict=True))
-    thickness = column_thickness(release, edges_x, edges_y)
-    used = thickness > THINNEST * layer
-    if not used.any():
-        thinnest = THINNEST * layer
-        raise ReleaseError(f"release {release.name!r} is thinner than {thinnest:.3g} m everywhere; check the unit of its thickness")
-    index = np.argwhere(used)
-    centre = (index + first + 0.5) * np.array(size)
-    cut = np.zeros(len(index), bool)
-    if release.outline is not None:
-        outline = _local_outline(release)
-        share = covered_area(outline, edges_x, edges_y)[used] / (size[0] * size[1])
-        cut = (share > 0) & (share < 1)
-        east, north = covered_centroid(outline, edges_x, edges_y)
-        centre += np.column_stack((east[used], north[used]))
-    return RasterSums(index + first, size, thickness[used], centre, cut)
+def _prepared_outline(release: Release) -> Any:
+    """Outline of a release in local coordinates, prepared for tests of points; None if it has none."""
+    if release.outline is None:
+        return None
+    import shapely
+
+    outline = local_outline(release)
+    shapely.prepare(outline)
+    return outline
 
 
-def _fill(
-    release: Release,
-    columns: RasterSums,
-    surface: Surface | NodalSurface,
-    spacing: tuple[float, float, float],
-    layer: float,
-    jitter: float,
-    rng: np.random.Generator,
-) -> tuple[Particles, np.ndarray]:
-    """Particles of one release and their depths (n,) below its surface [m]; mass and release index are left to the caller."""
-    column, above, height = stagger.layered(columns.index, columns.thickness, layer)
-    plan = _plan_positions(release, columns, column, jitter, rng)
-    ground, east, north = surface.evaluate(plan[:, 0], plan[:, 1])
-    position = np.column_stack((plan, ground + above))
-    particles = Particles.at(position, np.asarray(spacing, np.float64))
-    volume = height * (columns.size[0] * columns.size[1])
-    particles.volume[:] = volume * (release.volume / volume.sum())
-    particles.radius[:] = stagger.half_size(height) / np.sqrt(1.0 + east * east + north * north)
-    return particles, columns.thickness[column] - above
-
-
-def _plan_positions(
-    release: Release, columns: RasterSums, column: np.ndarray, jitter: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Jittered local positions (n, 2) [m]; positions in columns that the outline cuts stay inside it."""
-    plan = columns.centre[column]
-    moved = plan + rng.uniform(-jitter, jitter, plan.shape) * np.array(columns.size)
-    at_rim = np.flatnonzero(columns.cut[column])
+def _inside(outline: Any, at_rim: np.ndarray, plan: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Jittered local positions ``moved`` (n, 2) [m]; those in columns that the outline cuts, ``at_rim``, stay inside it."""
     if not len(at_rim):
         return moved
     import shapely
 
-    outline = _local_outline(release)
-    shapely.prepare(outline)
     outside = at_rim[~shapely.contains_xy(outline, moved[at_rim])]
     moved[outside] = plan[outside]  # the centroid of the covered part
     beyond = outside[~shapely.contains_xy(outline, plan[outside])]  # fallback if the centroid lies in a notch or hole

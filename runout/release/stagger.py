@@ -22,6 +22,11 @@ def shares(index: np.ndarray) -> np.ndarray:
     return (ORDER[index[:, 0] % 2, index[:, 1] % 2] + 0.5) / LEVELS
 
 
+def rows(thickness: np.ndarray, layer: float) -> np.ndarray:
+    """Layers (m,) of about ``layer`` [m] into which columns of a thickness (m,) [m] are divided, at least one."""
+    return np.maximum(1, np.floor(thickness / layer + 0.5 + CLOSE)).astype(np.int64)  # a half is rounded up in spite of round-off
+
+
 def layered(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Column (n,), height above its bottom (n,) [m] and layer height (n,) [m] of particles that fill columns.
 
@@ -34,10 +39,10 @@ def layered(index: np.ndarray, thickness: np.ndarray, layer: float) -> tuple[np.
     layer : float
         Nominal height of a layer [m]; the number of layers is rounded to the nearest.
     """
-    rows = np.maximum(1, np.floor(thickness / layer + 0.5 + CLOSE)).astype(np.int64)  # a half is rounded up in spite of round-off
-    column = np.repeat(np.arange(len(rows)), rows)
-    row = np.arange(len(column)) - np.repeat(np.cumsum(rows) - rows, rows)
-    height = (thickness / rows)[column]
+    count = rows(thickness, layer)
+    column = np.repeat(np.arange(len(count)), count)
+    row = np.arange(len(column)) - np.repeat(np.cumsum(count) - count, count)
+    height = (thickness / count)[column]
     return column, (row + shares(index)[column]) * height, height
 
 

@@ -19,7 +19,8 @@ from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, StabilityError
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
-from runout.model.particles import Particles
+from runout.model.particle_source import ParticleSource, gathered
+from runout.model.particles import Particles, require_index_range
 from runout.model.scene import Scene
 from runout.physics import blocks, bspline
 from runout.physics.transfers import dilatation, kept_velocity, with_dilatation
@@ -47,19 +48,20 @@ class ReferenceBackend:
         self.period = np.full(3, LARGEST_GRID)  # [cells] after which the grid, not the ground, repeats; may be set
         self.watch: Any = lambda *_: None  # called with stencils, nodal mass and velocity before contact; may be set
 
-    def load(self, scene: Scene, particles: Particles) -> None:
+    def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Load a scene and its particles; sums and counters start at zero."""
         if scene.sleep_speed:
             raise ConfigError("sleep_speed works on scan, not on reference; set backend to scan, or leave it out")
-        particles.require_index_range(scene.spacing)
+        given = gathered(particles)
+        require_index_range(given.node, scene.spacing)
         self.counters = Counters()
         self.scene = scene
         self.spacing = np.array(scene.spacing, np.float64)
         self.inverse_inertia = bspline.inverse_inertia(self.spacing)
         self.loops = compiled_loops(scene.law, scene.basal.law)
         self.table, self.basal = scene.law.table(scene.materials), scene.basal.table()
-        self._p = particles.take(np.argsort(particles.identity, kind="stable"))
-        self.particle_volume = footprints.mean_volume(scene, particles)
+        self._p = given.take(np.argsort(given.identity, kind="stable"))
+        self.particle_volume = given.sums(scene.densities).mean_volume
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
         self._contacts, self._basal_impulse = 0, np.zeros(3)
 

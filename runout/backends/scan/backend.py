@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends.loading import surveyed
 from runout.backends.protocol import Counters, LedgerRow, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
 from runout.backends.scan.constants import Tables
@@ -34,7 +35,8 @@ from runout.backends.scan.workers import Workers
 from runout.backends.scan.workspace import Workspace
 from runout.backends.state import State
 from runout.errors import CapacityError, ConfigError, StabilityError
-from runout.model.particles import Particles
+from runout.model.particle_source import ParticleSource, slices
+from runout.model.particles import Particles, require_index_range
 from runout.model.scene import Scene
 from runout.physics import moments
 
@@ -67,19 +69,20 @@ class ScanBackend:
         self.dense = index == "dense"
         self.period = (0, 0, 0)  # [cells] after which the grid, not the ground, repeats; may be set where the index is dense
 
-    def load(self, scene: Scene, particles: Particles) -> None:
+    def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Take over a scene and its particles."""
-        if not np.isfinite(particles.velocity).all() or not np.isfinite(particles.offset).all():
-            raise StabilityError("positions or velocities of the particles are not finite; check the input")
-        if not (particles.mass > 0).all():
-            raise StabilityError("a particle has no mass; every particle needs a positive mass")
+        nodes, speed = surveyed(particles)
         self.scene, self.k, self.counters = scene, entries_for(scene), Counters()
         self.gradients = GradientTransfer(scene) if uses_gradient_transfer(scene) else None
-        self.workers.divide(len(particles))
-        self.totals = Totals(float(np.sqrt((particles.velocity**2).sum(1).max(initial=0.0))))
-        corner = particles.node.min(0).astype(np.int64) if len(particles) else np.zeros(3, np.int64)
-        self.tables = Tables.of(scene, particles, corner)
-        self._place(particles, corner)
+        self.workers.divide(len(nodes))
+        self.totals = Totals(speed)
+        corner = nodes.min(0).astype(np.int64) if len(nodes) else np.zeros(3, np.int64)
+        self.tables = Tables.of(scene, particles.sums(scene.densities).mean_volume, corner)
+        require_index_range(nodes, scene.spacing, corner)
+        nodes -= corner.astype(np.int32)
+        rank, found = Index.of_nodes(nodes)
+        del nodes
+        self._place(particles, rank, found)
 
     @property
     def allowed(self) -> int:
@@ -91,21 +94,23 @@ class ScanBackend:
         """Threads that share the loaded particles."""
         return self.workers.threads
 
-    def _place(self, particles: Particles, corner: np.ndarray) -> None:
-        """Give every particle a slot, by block and cell. Blocks are counted from the lowest node in use, the ``corner``.
+    def _place(self, particles: ParticleSource, rank: np.ndarray, found: Index) -> None:
+        """Give every particle a slot, by block and cell: by its ``rank`` (n,) in this order.
 
-        So a scene that is moved by whole cells gives the same bits.
+        Blocks are counted from the lowest node in use, so that a scene that is moved by whole cells gives the same bits.
         """
-        particles.require_index_range(self.scene.spacing, corner)
-        sequence, found = Index.of_nodes(particles.node - corner)
-        b, n = found.blocks, len(particles)
+        b, n = found.blocks, len(rank)
         if b.nown and b.held.max() > MOST_IN_A_BLOCK:
             most = b.held.max()
             raise CapacityError(f"a block of 64 cells holds {most} particles, at most {MOST_IN_A_BLOCK} fit; use smaller cells")
         before = b.first.copy()
         end = int(self.k.give_slots(b))
-        slot = np.arange(n) + np.repeat(b.first - before, b.held)
-        self.store = Store.of(capacity(end), end, slot, particles.take(sequence), self.scene)
+        slot = np.arange(n, dtype=np.int32)
+        slot += np.repeat((b.first - before).astype(np.int32), b.held)
+        self.store = Store.of(capacity(end), end, n, self.scene)
+        for part, chunk in slices(particles):
+            self.store.put(rank[part], slot[rank[part]], chunk, self.scene)
+        self.store.share_radius()
         self._rebuild(found)
         self.k.mark_slots(self.store.particles, self.index.blocks)
 

@@ -19,7 +19,6 @@ from runout.backends.scan.groups import Blocks, Particles, Sleep
 from runout.backends.scan.state import BY_SLOT, PADDING, Store, _one_for_all, empty_slots
 from runout.backends.scan.totals import Totals
 from runout.backends.state import State, arrays_of, part, plain, put_arrays
-from runout.model.particles import Particles as ModelParticles
 from runout.model.scene import Scene
 
 SCRATCH = ("listed",)  # of a step
@@ -53,8 +52,7 @@ def save(parts: Saved, sleep: Sleep | None) -> State:
 
 def restored(scene: Scene, state: State) -> Saved:
     """The parts that :func:`save` kept, of the same scene; no time step is set yet."""
-    tables = Tables.of(scene, ModelParticles.zeros(0), np.array(state["corner"]))
-    tables.particle_volume = float(state["particle_volume"])
+    tables = Tables.of(scene, float(state["particle_volume"]), np.array(state["corner"]))
     totals, counters = Totals(0.0), Counters()
     put_arrays(totals, state, "totals.")
     put_arrays(counters, state, "counters.")

@@ -5,10 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.backends import footprints
 from runout.backends.scan.domain import domain_of
 from runout.backends.scan.groups import Constants, Domain, TimeStep, Zones
-from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.physics import moments
 
@@ -40,19 +38,18 @@ class Tables:
     particle_volume: float
 
     @classmethod
-    def of(cls, scene: Scene, particles: Particles, corner: np.ndarray) -> "Tables":
+    def of(cls, scene: Scene, particle_volume: float, corner: np.ndarray) -> "Tables":
         """Tables of a scene whose blocks are counted from the node ``corner`` (3,); no time step is set yet."""
         real, spacing = scene.dtype, np.array(scene.spacing)
         basal = scene.basal.table(real, np.longdouble)  # kernels fuse products and sums
         friction, zones = _frictions(scene, basal)
         constants = Constants(
-            friction=friction, density=np.array([m.density for m in scene.materials], np.float64), h=spacing.astype(real),
+            friction=friction, density=scene.densities, h=spacing.astype(real),
             spacing=spacing, gravity=np.array(scene.gravity, np.float64), corner=corner, dv=np.zeros(16, real),
         )  # fmt: skip
         none = (real(0),) * 3
         step = TimeStep(scene.law.table(scene.materials, real), real(0), none, none)
-        volume = footprints.mean_volume(scene, particles)
-        return cls(constants, step, 0.0, domain_of(scene, corner), zones, basal, volume)
+        return cls(constants, step, 0.0, domain_of(scene, corner), zones, basal, particle_volume)
 
     def set_step(self, scene: Scene, dt: float) -> Any:
         """Set the constants of steps of ``dt`` [s]; returns by how much longer [s] the step is with which records are packed."""

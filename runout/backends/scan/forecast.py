@@ -12,7 +12,6 @@ from runout.backends.scan.sort import _spacious
 from runout.backends.scan.state import Store, bytes_of, capacity, empty_slots
 from runout.backends.scan.workspace import Workspace
 from runout.model.materials import Material
-from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 
 SAMPLE = 4096  # slots or blocks that are made to learn their size
@@ -55,7 +54,7 @@ def _slope(size: Callable[[int], int]) -> float:
 
 def _labels(particles: int, scene: Scene) -> int:
     """Bytes of what belongs to a particle and not to a slot."""
-    store = Store.of(particles, particles, np.arange(particles), Particles.zeros(particles), scene)
+    store = Store.of(particles, particles, particles, scene)
     return sum(store.memory().values()) - sum(bytes_of(empty_slots(particles, scene)).values())
 
 

@@ -55,21 +55,35 @@ class Index:
 
     @classmethod
     def of_nodes(cls, node: np.ndarray) -> "tuple[np.ndarray, Index]":
-        """Order of particles with first nodes (n, 3) by block and cell, and the occupied blocks, not linked yet."""
-        block = node >> 2
-        cell = ((node & 3) << np.array([4, 2, 0])).sum(1)
-        order = np.lexsort((cell, block[:, 2], block[:, 1], block[:, 0]))
+        """Rank (n,) int32 of particles with first nodes (n, 3) by block and cell, and the occupied blocks, not linked yet.
+
+        Raises
+        ------
+        CapacityError
+            If the box around them is too large.
+        """
+        rank = np.zeros(len(node), np.int32)
         if not len(node):
-            return order, cls.of_size(0, 0)
-        bxyz, which = np.unique(block[order], axis=0, return_inverse=True)
-        index = cls.of_size(len(bxyz), len(bxyz))
+            return rank, cls.of_size(0, 0)
+        low, high = node.min(0) >> 2, node.max(0) >> 2
+        _require_table(((high + 1) >> 3) - ((low - 1) >> 3) + 1)
+        shape = high - low + 1
+        keys = _keys(node, low, shape)
+        order = np.argsort(keys, kind="stable")
+        rank[order] = np.arange(len(node), dtype=np.int32)
+        keys = keys[order]
+        del order
+        begins = np.flatnonzero(np.diff(keys, prepend=-1))  # of each occupied cell
+        cells, count = keys[begins], np.diff(begins, append=len(node))
+        used, which = np.unique(cells >> 6, return_inverse=True)
+        index = cls.of_size(len(used), len(used))
         b = index.blocks
-        b.bxyz[:] = bxyz
-        count = np.bincount(which.ravel() * 64 + cell[order], minlength=64 * len(bxyz)).reshape(-1, 64)
-        np.cumsum(count, axis=1, out=b.starts[:, 1:])
+        b.bxyz[:] = np.stack(np.unravel_index(used, shape), axis=1) + low
+        b.starts[which, (cells & 63) + 1] = count
+        np.cumsum(b.starts, axis=1, out=b.starts)
         b.held[:] = b.starts[:, 64]
         b.first[:] = np.cumsum(b.held) - b.held
-        return order, index
+        return rank, index
 
     def rebuilt(self, k: SimpleNamespace, margin: int, dense: bool = False) -> "tuple[Index, np.ndarray]":
         """Index of the blocks that hold particles now or will after ``margin`` cells of motion, and new numbers of the old.
@@ -133,12 +147,30 @@ class Index:
             links[~inside[: len(links)]] = -1  # an image gives and takes nothing
 
 
-def _table(shape: np.ndarray) -> np.ndarray:
+def _keys(node: np.ndarray, low: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Keys (n,) of cells in the order of blocks, counted from ``low`` (3,) in a box of so many, and of the cells of a block."""
+    block, cell = np.zeros(len(node), np.int64), np.zeros(len(node), np.int64)
+    for axis in range(3):
+        block *= shape[axis]
+        block += (node[:, axis] >> 2) - low[axis]
+        cell <<= 2
+        cell += node[:, axis] & 3
+    block <<= 6
+    block += cell
+    return block
+
+
+def _require_table(shape: np.ndarray) -> None:
+    """Raise CapacityError for a box of too many superblocks."""
     if np.prod(shape.astype(float)) > LARGEST_TABLE:
         size = " x ".join(str(32 * n) for n in shape)
         raise CapacityError(
             f"the flow spans {size} cells; at most {32**3 * LARGEST_TABLE:.2g} cells fit into the box around it, use larger cells"
         )
+
+
+def _table(shape: np.ndarray) -> np.ndarray:
+    _require_table(shape)
     return np.zeros(shape, np.int32)
 
 

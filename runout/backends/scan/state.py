@@ -73,19 +73,27 @@ class Store:
     largest_radius: float
 
     @classmethod
-    def of(cls, slots: int, end: int, slot: np.ndarray, p: Particles, scene: Scene) -> "Store":
-        """Particles in given slots (n,) before ``end``, of so many; the records hold no stress yet (time step 0)."""
-        radius = p.radius.astype(scene.dtype)
+    def of(cls, slots: int, end: int, n: int, scene: Scene) -> "Store":
+        """Storage of ``n`` particles in slots before ``end``, of so many, for :meth:`put`."""
+        radius = np.zeros(n, scene.dtype)
         particles = empty_slots(slots, scene)._replace(
-            force=_zeros(len(p), 4, scene.dtype),
-            radius=_one_for_all(radius),
-            label=np.stack([p.release, p.identity], axis=1).astype(np.int32),
+            force=_zeros(n, 4, scene.dtype), radius=radius, label=np.zeros((n, 2), np.int32)
         )
-        particles.force[:, 1:] = p.ground_force
-        particles.particle_index[slot] = np.arange(len(p), dtype=np.int32)
+        return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0)
+
+    def put(self, particle_index: np.ndarray, slot: np.ndarray, p: Particles, scene: Scene) -> None:
+        """Put particles with some indices (m,) into slots (m,); the records hold no stress yet (time step 0)."""
+        particles = self.particles
+        particles.force[particle_index, 1:] = p.ground_force
+        particles.label[particle_index, 0], particles.label[particle_index, 1] = p.release, p.identity
+        particles.particle_index[slot] = particle_index
         _fill(particles, slot, p, scene)
-        holes = np.zeros((LONGEST_LIST, 2), np.int64)
-        return cls(particles, radius, len(p), end, holes, 0, 0, 0, len(p), float(p.radius.max(initial=0.0)))
+        self.radius[particle_index] = p.radius
+        self.largest_radius = max(self.largest_radius, float(p.radius.max(initial=0.0)))
+
+    def share_radius(self) -> None:
+        """Once all particles are there: one number for all radii if they are the same."""
+        self.particles = self.particles._replace(radius=_one_for_all(self.radius))
 
     @property
     def slots(self) -> int:
