@@ -26,6 +26,7 @@ from runout.backends.protocol import (
 from runout.errors import CapacityError, RunoutError, StabilityError
 from runout.memory import Extent, MemoryForecast, available_bytes
 from runout.model.basal_friction import USUAL_ANGLE
+from runout.model.particle_source import CompactParticles, ParticleSource
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.scene import Scene
@@ -108,7 +109,7 @@ class _Job:
     number: int
     terrain: Terrain
     scene: Scene
-    particles: Particles
+    particles: ParticleSource
     control: RunControl
     progress: Callable[[float], None] | None
     seconds: float  # to prepare it
@@ -124,7 +125,8 @@ class _Job:
         times = tuple(sorted(given.pop("snapshot_times", ())))
         control = RunControl(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
         found: list[Extent] = []
-        scene, particles = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append)
+        scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)
+        particles = CompactParticles.of(made, scene.densities, scene.dtype)
         needed = bytes_on_device(found[0].particles, found[0].nodes_on_device, scene.precision, scene.transfer, scene.f_bar)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed)
@@ -274,4 +276,6 @@ class _Together:
         if not run.reason:
             return None
         run.seconds = clock.perf_counter() - self.started
-        return run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)
+        found = run.result(job.terrain, len(job.particles), job.seconds, brought=self.brought)
+        _ = found.state  # before the scene leaves the device
+        return found

@@ -1,7 +1,7 @@
 """The result of one run."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -16,12 +16,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+def _nothing() -> Particles:
+    return Particles.zeros(0)
+
+
 @dataclass
 class Result:
     """Result of :func:`runout.simulate`.
 
     Attributes
     ----------
+    bring : callable
+        Brings the particles at the end from the backend, for :attr:`state`.
     steps, n_particles : int
         Time steps done; particles at the start.
     timing : dict
@@ -37,7 +43,7 @@ class Result:
     terrain: Terrain
     fields: Mapping[str, np.ndarray]
     series: Mapping[str, np.ndarray]
-    state: Particles
+    bring: Callable[[], Particles]
     spacing: tuple[float, float, float]
     steps: int
     n_particles: int
@@ -46,6 +52,18 @@ class Result:
     depth_resolution: DepthResolution
     snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     start: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def state(self) -> Particles:
+        """The particles at the end, in the order of their identity.
+
+        The backend holds them until they are first asked for, or until there is no result any more.
+        """
+        found, self.bring = self.bring(), _nothing
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "state": self.state, "bring": _nothing}
 
     @cached_property
     def maps(self) -> "xr.Dataset":

@@ -113,7 +113,7 @@ class Run:
             terrain=terrain,
             fields={name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps},
             series={"time": np.array(self.ledger.time), **self.ledger.series()},
-            state=self.engine.particles() if brought else Particles.zeros(0),
+            bring=self.engine.particles if brought else lambda: Particles.zeros(0),
             spacing=self.scene.spacing,
             steps=self.engine.counters.steps,
             n_particles=n_particles,

@@ -145,7 +145,7 @@ class SceneBatch(Protocol):
         """Announce that the columns of these scenes will be read before the next step, so that the device is waited for once."""
 
 
-def get_batch(scenes: Sequence[tuple[Scene, Particles]], device: str) -> SceneBatch:
+def get_batch(scenes: Sequence[tuple[Scene, ParticleSource]], device: str) -> SceneBatch:
     """Batch of scenes on a device, with the backend hash.
 
     Raises

@@ -136,7 +136,7 @@ def measure_naive(device: str, scene: Scene, particles: Particles, steps: int) -
         k = _kernels(scene.law.name)
         arranged = particles.take(order)
         store = Store(arranged.identity, wp.float32)
-        store.fill([arranged], arranged.release, scene.spacing, np.float32)
+        store.put(slice(0, len(arranged)), arranged, 0, scene.spacing, np.float32)
         node = wp.array(np.ascontiguousarray(particles.node[order] - low, np.int32), dtype=wp.int32)
         grid = wp.zeros(4 * nx * ny * nz, dtype=wp.float32)
         mats = wp.array(scene.law.table(scene.materials, np.dtype(np.float32)), dtype=k.record)

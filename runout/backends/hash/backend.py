@@ -8,6 +8,7 @@ from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import ROWS, TILE, room_for
 from runout.backends.protocol import Counters, LedgerRow, RasterSums
 from runout.backends.state import State
+from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
@@ -34,7 +35,7 @@ class HashBackend(Batch):
         self.device, self.deterministic = wp.get_device(device), deterministic
         self.counters = Counters()
 
-    def load(self, scene: Scene, particles: Particles) -> None:
+    def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Take over a scene and its particles."""
         super().__init__([(scene, particles)], self.device.alias, self.deterministic)
 

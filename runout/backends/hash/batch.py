@@ -6,7 +6,6 @@ so that one index serves all; and its own terrain, materials, friction, time ste
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -14,19 +13,19 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash import gradient_transfer, readback, sort, step
-from runout.backends.hash.account import account_of
 from runout.backends.hash.device_status import DeviceStatus
 from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import Index
 from runout.backends.hash.kernels import compiled_kernels
 from runout.backends.hash.layout import FAILED, PENDING, STEPS, UNSTABLE, run
+from runout.backends.hash.loading import Loaded
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.scenes import SceneArrays
-from runout.backends.hash.state import Store
 from runout.backends.hash.validation import require_alike
 from runout.backends.protocol import Counters, LedgerRow, RasterSums
 from runout.errors import CapacityError, StabilityError
+from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
@@ -41,7 +40,7 @@ class Batch:
 
     Parameters
     ----------
-    scenes : sequence of (Scene, Particles)
+    scenes : sequence of (Scene, ParticleSource)
         All of one spacing, law, gravity, precision and contact band.
     device : str
         "cpu" or "cuda:N".
@@ -56,12 +55,10 @@ class Batch:
         If they need more memory or more blocks than there are.
     """
 
-    def __init__(self, scenes: Sequence[tuple[Scene, Particles]], device: str = "cpu", deterministic: bool = False):
+    def __init__(self, scenes: Sequence[tuple[Scene, ParticleSource]], device: str = "cpu", deterministic: bool = False):
         self.device, self.deterministic, self.counters = wp.get_device(device), deterministic, Counters()
         given = [s for s, _ in scenes]
         require_alike(given)
-        with ThreadPoolExecutor() as pool:
-            self.accounts = list(pool.map(account_of, scenes))
         also = any(s.friction_zones for s in given), gradient_transfer.uses_gradient_transfer(given[0])
         kernels = compiled_kernels(given[0].law, given[0].basal.law, given[0].precision, deterministic, *also)
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
@@ -69,8 +66,10 @@ class Batch:
         self.since_sort, self.sorting = 0, False
         with self._on_device(sum(len(p) for _, p in scenes)):
             self.report = readback.Report(kernels.groups, len(given), self.device.is_cuda)
-            self.parts: Parts = self._loaded(SceneArrays(given, kernels), kernels, [p for _, p in scenes])
-            self._place([p for _, p in scenes])
+            loaded = Loaded.of(SceneArrays(given, kernels), [p for _, p in scenes])
+            self.accounts = loaded.accounts
+            self.parts: Parts = self._parts_of(loaded, kernels)
+            self._place(loaded.nodes)
 
     @contextmanager
     def _on_device(self, loaded: int | None = None) -> Iterator[None]:
@@ -87,27 +86,20 @@ class Batch:
                 f"this run holds {self.bytes_used() / 2**30:.2f} GiB so far; use larger cells or fewer particles per cell"
             ) from error
 
-    def _loaded(self, scenes: SceneArrays, kernels: SimpleNamespace, given: list[Particles]) -> Parts:
-        """Parts with room for the particles, whose index has no block yet."""
-        status = DeviceStatus(len(given), scenes.number)
-        status.peaks.assign(np.array([*(a.max_speed**2 for a in self.accounts), 0.0], scenes.scenes[0].dtype))
-        ground = ground_of(scenes, max((float(p.radius.max(initial=0.0)) for p in given), default=0.0))
-        store = Store(np.concatenate([p.identity for p in given]), scenes.number, not scenes.scenes[0].packed)
-        index = Index(kernels, status, store.size, self.deterministic, len(given), scenes.rows)
-        return Parts(kernels, self.deterministic, scenes, status, ground, store, index)
+    def _parts_of(self, loaded: Loaded, kernels: SimpleNamespace) -> Parts:
+        """Parts whose index has no block yet."""
+        scenes, store, accounts = loaded.scenes, loaded.store, loaded.accounts
+        status = DeviceStatus(len(accounts), scenes.number)
+        status.peaks.assign(np.array([*(a.max_speed**2 for a in accounts), 0.0], scenes.scenes[0].dtype))
+        index = Index(kernels, status, store.size, self.deterministic, len(accounts), scenes.rows)
+        return Parts(kernels, self.deterministic, scenes, status, ground_of(scenes, loaded.largest_radius), store, index)
 
-    def _place(self, given: list[Particles]) -> None:
-        """Find the blocks of the particles, and bring their arrays to the device in the order of the cells."""
-        parts, scenes = self.parts, self.parts.scenes
+    def _place(self, nodes: wp.array) -> None:
+        """Find the blocks of the particles from their first nodes (n, 3), and bring these into the order of the cells."""
+        parts = self.parts
         parts.make_nodes()
         if not parts.store.size:
             return
-        sizes, shifts, firsts = [len(p) for p in given], scenes.shifts.astype(np.int32), scenes.first_release[:-1]
-        first = scenes.scenes[0]
-        release = np.concatenate([p.release for p in given]) + np.repeat(firsts, sizes)
-        scenes.constants.only = parts.store.fill(given, release, first.spacing, first.dtype)
-        nodes = np.concatenate([p.node for p in given])
-        nodes[:, 1] += np.repeat(shifts, sizes)
         works = sort.given(parts, nodes)
         sort.enqueue(parts, *works)
         parts.store.turn_over()

@@ -16,12 +16,12 @@ from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_eac
 from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.hash.parts import Parts
 from runout.backends.protocol import LedgerRow, RasterSums
-from runout.model.particles import Particles
+from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import Scene
 
 ROW_LANES = 4096  # threads of a GPU that share the sums over the particles that have gone
 PARTS = 256  # blocks of threads that share the sums over the blocks of all scenes
-CHUNK = 2**21  # particles that are brought to the host at once
+CHUNK = 2**18  # particles that are brought to the host at once
 WHOLE = 2.0**62  # sums over columns are whole numbers below this
 KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
 LEDGER_NUMBERS = KEPT + SUMS + 5  # numbers of a scene; the last are blocks with particles and their extent in plan
@@ -112,12 +112,16 @@ def _row(a: Account, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> Le
 def particles(parts: Parts, scene: int) -> Particles:
     """The particles of a scene as they are, in the order of their identity."""
     places = _places(parts, scene)
-    found = [_brought(parts, scene, places[first : first + CHUNK]) for first in range(0, len(places), CHUNK)]
-    if not found:
-        return Particles.zeros(0)
-    p = Particles.concatenate([particles for particles, _ in found])
-    p.identity[:] = parts.store.identity[np.concatenate([number for _, number in found])]
-    return p.take(np.argsort(p.identity))
+    found, rank = Particles.zeros(len(places)), np.empty(len(places), np.int32)
+    identity = parts.store.identity[parts.store.number.numpy()[places]]
+    rank[np.argsort(identity)] = np.arange(len(places), dtype=np.int32)
+    for first in range(0, len(places), CHUNK):
+        part = slice(first, first + CHUNK)
+        p = _brought(parts, scene, places[part])
+        p.identity = identity[part]
+        for name in ARRAYS:
+            getattr(found, name)[rank[part]] = getattr(p, name)
+    return found
 
 
 def _places(parts: Parts, scene: int) -> np.ndarray:
@@ -128,16 +132,16 @@ def _places(parts: Parts, scene: int) -> np.ndarray:
     return there if len(parts.scenes.scenes) == 1 else there[parts.index.member.numpy()[key[there] >> 6] == scene]
 
 
-def _brought(parts: Parts, scene: int, places: np.ndarray) -> tuple[Particles, np.ndarray]:
-    """Particles at some places in memory, without identity, and their numbers."""
+def _brought(parts: Parts, scene: int, places: np.ndarray) -> Particles:
+    """Particles at some places in memory, without identity."""
     store, scenes, count = parts.store, parts.scenes, len(places)
     where = wp.array(places, dtype=wp.int32)
     node, affine = wp.zeros((count, 3), dtype=wp.int32), wp.zeros((count, 9), dtype=wp.float64)
     groups = store.group, parts.index.block_group, scenes.group, scenes.constants, scenes.materials
     run(parts.k.unpack, count, *groups, where, node, affine)
-    p, number = store.brought(where, node, affine, int(scenes.group.step_counts.numpy()[scene]))
+    p = store.brought(where, node, affine, int(scenes.group.step_counts.numpy()[scene]))
     p.release -= np.int32(scenes.first_release[scene])
-    return p, number
+    return p
 
 
 def whole(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> RasterSums:

@@ -23,10 +23,9 @@ from runout.backends.hash.readback import Report
 Works: TypeAlias = tuple[Callable[[], None], Callable[[], None]]
 
 
-def given(parts: Parts, nodes: np.ndarray) -> Works:
+def given(parts: Parts, node: wp.array) -> Works:
     """How to enter the blocks of particles whose first nodes (n, 3) are given, and to number their cells."""
     i, s, k, status = parts.index, parts.store, parts.k, parts.status.group
-    node = wp.array(np.ascontiguousarray(nodes, np.int32), dtype=wp.int32)
     return (
         lambda: run(k.enter_given, s.size, status, i.key_group, node),
         lambda: run(k.number_given, s.size, status, s.group, i.block_group, i.key_group, node),

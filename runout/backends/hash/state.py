@@ -9,9 +9,6 @@ A sort moves each row to the row beside it, so that the particles need no second
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,8 +37,6 @@ from runout.backends.hash.layout import (
 )
 from runout.model.particles import Particles
 
-STAGED = 4  # rows that are prepared at once for the device
-
 
 class Store:
     """Particle arrays on the device of the scope.
@@ -58,15 +53,15 @@ class Store:
     memory : (ROWS + 1, size)
         Rows of the record and the radius. A sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1
         back, and the radius to the place at the other end.
-    only : int
-        The release of all particles, -1 if there are several.
+    put_releases : set of int
+        Releases of the particles.
     """
 
     def __init__(self, identity: np.ndarray, number: Any, stressed: bool = False, size: int | None = None):
         self.identity, self.size = identity, len(identity) if size is None else size
+        self.put_releases: set[int] = set()
         self.n = size = self.size
         self.forces = wp.zeros(len(identity), dtype=wp.types.vector(length=4, dtype=number))
-        self.only = -1
         self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
         self.stress = wp.zeros((6, size * stressed), dtype=number)
@@ -74,28 +69,26 @@ class Store:
         self.struct = groups_of(number).ParticleGroup
         self._take_turn(0)
 
-    def fill(self, parts: Sequence[Particles], release: np.ndarray, spacing: tuple[float, float, float], dtype: Any) -> int:
-        """Bring particles with numbers of releases (size,) to the device; returns the only release, -1 if there are several.
+    @property
+    def only(self) -> int:
+        """The release of all particles, -1 if there are several or none."""
+        return next(iter(self.put_releases)) if len(self.put_releases) == 1 else -1
+
+    def put(self, part: slice, p: Particles, first_release: int, spacing: tuple[float, float, float], dtype: Any) -> None:
+        """Bring some particles to their places ``part`` on the device, their releases numbered from ``first_release`` on.
 
         The records hold no stress yet (time step 0).
-
-        A few rows at a time: together, the particles of many scenes are the largest thing on the host, and never lie there twice.
         """
-        self.release.assign(release.astype(np.int16))
-        self._fill_forces(parts, dtype)
-        self.only = -1 if (release != release[:1]).any() else int(release[0])
-        with ThreadPoolExecutor(STAGED) as pool:
-            for first in range(0, ROWS + 1, STAGED):
-                places = range(first, min(first + STAGED, ROWS + 1))
-                for place, row in zip(places, pool.map(partial(_row_of, parts, spacing, dtype), places), strict=True):
-                    self.memory[place].assign(row)
-        return self.only
-
-    def _fill_forces(self, parts: Sequence[Particles], dtype: Any) -> None:
-        """Forces from which contact starts, if there are any."""
-        if any(p.ground_force.any() for p in parts):
-            forces = np.concatenate([p.ground_force for p in parts])
-            self.forces.assign(np.column_stack([np.zeros(len(forces)), forces]).astype(dtype))
+        release = p.release + first_release
+        self.put_releases |= set(np.unique(release).tolist())
+        self.identity[part] = p.identity
+        self.release[part].assign(release.astype(np.int16))
+        rows = np.zeros((ROWS + 1, len(p)), dtype)
+        for place in range(ROWS + 1):
+            rows[place] = _values(p, spacing, place)
+        wp.copy(self.memory[:, part], wp.array(rows, dtype=self.memory.dtype))
+        if p.ground_force.any():  # from which contact starts
+            self.forces[part].assign(np.column_stack([np.zeros(len(p)), p.ground_force]).astype(dtype))
 
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
@@ -147,30 +140,21 @@ class Store:
         """The rows lie in the other places now: after a sort, or again if it moved nothing."""
         self._take_turn(1 - self.turn)
 
-    def brought(self, where: Any, node: Any, affine: Any, steps: int) -> tuple[Particles, np.ndarray]:
-        """Particles at the places ``where`` (n,) in memory after so many steps, without identity, and their numbers."""
+    def brought(self, where: Any, node: Any, affine: Any, steps: int) -> Particles:
+        """Particles at the places ``where`` (n,) in memory after so many steps, without identity."""
         rec = np.stack([self.rec[row][where].numpy() for row in range(ROWS)]).astype(np.float64)
-        m, number = rec[MASS], self.number[where].numpy()
-        forces = self.forces[wp.array(number, dtype=wp.int32)].numpy().astype(np.float64)
+        m = rec[MASS]
+        forces = self.forces[self.number[where].contiguous()].numpy().astype(np.float64)
         touched = forces[:, :1] == steps & STAMPS
-        p = Particles(
+        return Particles(
             node.numpy(), rec[OFFSET : OFFSET + 3].T, (rec[MOMENTUM : MOMENTUM + 3] / m).T, affine.numpy().reshape(-1, 3, 3),
             rec[STRAIN : STRAIN + 6].T, rec[HISTORY], m, rec[VOLUME], self.radius[where].numpy().astype(np.float64),
             np.where(touched, forces[:, 1:], 0.0), self.release[where].numpy().astype(np.int32), np.zeros(len(m), np.int64),
         )  # fmt: skip
-        return p, number
-
-
-def _row_of(parts: Sequence[Particles], spacing: tuple[float, float, float], dtype: Any, place: int) -> np.ndarray:
-    """What lies at a place of the memory in turn 0, for the particles of all parts."""
-    row = np.empty(sum(len(p) for p in parts), dtype)
-    ends = np.cumsum([len(p) for p in parts])
-    for p, end in zip(parts, ends, strict=True):
-        row[end - len(p) : end] = _values(p, spacing, place)
-    return row
 
 
 def _values(p: Particles, spacing: tuple[float, float, float], place: int) -> np.ndarray:
+    """What lies at a place of the memory in turn 0."""
     if MOMENTUM <= place < MOMENTUM + 3:
         return p.mass * p.velocity[:, place - MOMENTUM]
     if OFFSET <= place < OFFSET + 3:

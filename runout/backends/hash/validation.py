@@ -1,19 +1,13 @@
-"""Scenes and particles that a batch may take over."""
+"""Scenes that a batch may take over."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from runout.errors import ConfigError, StabilityError
-from runout.model.particles import Particles
+from runout.errors import ConfigError
 from runout.model.scene import Scene
 
 LARGEST_BLOCK = 2**20
-
-
-def fastest(p: Particles) -> float:
-    """Largest speed [m/s]."""
-    return float(np.sqrt((p.velocity**2).sum(1).max(initial=0.0)))
 
 
 def extent(scene: Scene) -> np.ndarray:
@@ -33,12 +27,3 @@ def require_alike(scenes: Sequence[Scene]) -> None:
             raise ConfigError(f"scenes that run in one batch must share {name}; these have {sorted(values)}")
     if len({(s.law.name, s.basal.law.name) for s in scenes}) > 1 or len({s.surface is None for s in scenes}) > 1:
         raise ConfigError("scenes that run in one batch must follow one law each of material and friction, all or none on a ground")
-
-
-def require_finite(p: Particles, scene: Scene) -> None:
-    """StabilityError or CapacityError for particles that no step can move."""
-    if not np.isfinite(p.velocity).all() or not np.isfinite(p.offset).all():
-        raise StabilityError("positions or velocities of the particles are not finite; check the input")
-    if not (p.mass > 0).all():
-        raise StabilityError("a particle has no mass; every particle needs a positive mass")
-    p.require_index_range(scene.spacing, np.zeros(3, np.int64))

@@ -30,6 +30,7 @@ from runout.backends.scan.raster_sums import Summed
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.state import SELDOM, Store, capacity, reserve, stamp_of
 from runout.backends.scan.totals import Totals, add_up
+from runout.backends.scan.unloading import unloaded
 from runout.backends.scan.waiting import wait_briefly
 from runout.backends.scan.workers import Workers
 from runout.backends.scan.workspace import Workspace
@@ -38,7 +39,6 @@ from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particle_source import ParticleSource, slices
 from runout.model.particles import Particles, require_index_range
 from runout.model.scene import Scene
-from runout.physics import moments
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
@@ -292,21 +292,7 @@ class ScanBackend:
 
     def particles(self) -> Particles:
         """The particles as they are, in the order of their identity."""
-        b, s, n, t, slots = self.index.blocks, self.store, self.store.n, self.tables, self.store.particles
-        node, affine = np.empty((n, 3), np.int32), np.empty((n, 3, 3))
-        place = np.cumsum(b.held) - b.held
-        self.k.unpack(slots, b, t.constants, t.step.mats, self.scene.dtype(t.packed_dt), place, node, affine)
-        slot = slots.order[np.repeat(b.first - place, b.held) + np.arange(n)]
-        rec, state = slots.rec[slot].astype(np.float64), slots.state[slot].astype(np.float64)
-        m, particle_index = rec[:, 0], slots.particle_index[slot]
-        middle, *slopes = np.moveaxis(rec.reshape(-1, 4, 4)[:, :, 1:], 0, 2)
-        momentum = moments.momentum_at(middle, slopes[0], slopes[1], slopes[2], rec[:, 4::4].T - 1.0)
-        p = Particles(
-            node, rec[:, 4::4], np.column_stack(momentum) / m[:, None], affine, state[:, :6], state[:, 6], m, state[:, 7],
-            s.radius[particle_index].astype(np.float64), s.ground_force(particle_index, self.counters.steps),
-            slots.label[particle_index, 0], slots.label[particle_index, 1].astype(np.int64),
-        )  # fmt: skip
-        return p.take(np.argsort(p.identity))
+        return unloaded(self.k, self.store, self.index.blocks, self.tables, self.counters.steps)
 
     def columns(self) -> RasterSums:
         """Sums over the columns of the cells of the raster."""

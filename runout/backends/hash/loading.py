@@ -1,0 +1,73 @@
+"""Loading: the particles of all scenes are brought to the device a chunk at a time; the host never holds all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import warp as wp
+
+from runout.backends.hash.account import Account
+from runout.backends.hash.scenes import SceneArrays
+from runout.backends.hash.state import Store
+from runout.backends.loading import fastest, require_movable
+from runout.model.particle_source import ParticleSource, slices
+from runout.model.particles import Particles, require_index_range
+from runout.model.scene import Scene
+
+
+@dataclass
+class Loaded:
+    """Particles of scenes on the device of the scope, in the order in which they were given.
+
+    Attributes
+    ----------
+    scenes : SceneArrays
+    store : Store
+    nodes : wp.array (n, 3)
+        First node of each particle, in the range of its scene.
+    accounts : list of Account
+        One a scene.
+    largest_radius : float
+        [m], in the precision of the scenes.
+    """
+
+    scenes: SceneArrays
+    store: Store
+    nodes: wp.array
+    accounts: list[Account] = field(default_factory=list)
+    largest_radius: float = 0.0
+
+    @classmethod
+    def of(cls, scenes: SceneArrays, sources: Sequence[ParticleSource]) -> Loaded:
+        """The particles of one source a scene.
+
+        Raises
+        ------
+        StabilityError, CapacityError
+            For particles that no step can move, or that lie beyond the range of the index.
+        """
+        size = sum(map(len, sources))
+        store = Store(np.zeros(size, np.int64), scenes.number, not scenes.scenes[0].packed)
+        loaded = cls(scenes, store, wp.zeros((size, 3), dtype=wp.int32))
+        first = 0
+        for number, (scene, source) in enumerate(zip(scenes.scenes, sources, strict=True)):
+            total, speed = source.sums(scene.densities), 0.0
+            for part, chunk in slices(source):
+                loaded._put(slice(first + part.start, first + part.stop), chunk, scene, number)
+                speed = max(speed, fastest(chunk))
+            first += len(source)
+            loaded.accounts.append(Account(len(source), total.mass, speed, total.mean_volume))
+        scenes.constants.only = store.only
+        return loaded
+
+    def _put(self, part: slice, p: Particles, scene: Scene, number: int) -> None:
+        """Bring some particles of scene ``number`` to their places."""
+        require_movable(p)
+        require_index_range(p.node, scene.spacing, np.zeros(3, np.int64))
+        self.store.put(part, p, int(self.scenes.first_release[number]), scene.spacing, scene.dtype)
+        node = p.node.copy()
+        node[:, 1] += self.scenes.shifts[number].astype(np.int32)
+        self.nodes[part].assign(node)
+        self.largest_radius = max(self.largest_radius, float(p.radius.astype(scene.dtype).max(initial=0.0)))
