@@ -17,10 +17,11 @@ GIGABYTE = 1e9
 # cells around the first node of a square of two cells by two, west and south, there, and east and north; and above and below:
 # extent of the index of scan, and of hash, whose particles move one cell between two sorts
 REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
-EXCHANGED = 248  # of a particle as backends exchange them, in float64; there are two copies while a scene is loaded
+WHILE_LOADED = 8, 24  # bytes a particle beside the arrays of a backend on the CPU while it loads them, and on the host of a GPU
+CHUNKS = 1e7  # bytes of the particles that are made at once
 BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
 PER_MAP_CELL = 150  # bytes per cell of the raster: sums, peaks and work arrays
-PROGRAM = 0.35e9  # libraries and compiled code
+PROGRAM = 0.25e9  # libraries and compiled code
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class MemoryForecast:
     backend : float
         Particles, index and blocks; on the device if that is a GPU.
     host : float
-        Further memory of the host: particles during loading and unloading, maps, the program.
+        Further memory of the host: what loading takes, maps, the program. ``Result.state`` takes 250 bytes a particle more.
     on_device : bool
     """
 
@@ -107,9 +108,10 @@ def expected_memory(
     transfer, f_bar : str, bool
         As of :class:`runout.model.scene.Scene`.
     """
-    host = PROGRAM + 2 * EXCHANGED * extent.particles + PER_MAP_CELL * map_cells
     device: Any = getattr(engine, "device", None)
-    if device is not None and device.is_cuda:
+    on_device = device is not None and bool(device.is_cuda)
+    host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
+    if on_device:
         return MemoryForecast(bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar), host, True)
     backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
     return MemoryForecast(backend, host)

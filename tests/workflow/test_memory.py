@@ -76,7 +76,7 @@ def test_a_run_above_its_memory_is_refused_with_both_numbers_before_it_takes_any
     assert "of memory, memory_gb is 2 GB; use a cell_size" in text
     needed = float(text.split("about ")[1].split(" GB")[0])
     volume = release.thickness.sum() * terrain.cell_area
-    assert needed == pytest.approx(volume / 0.5**3 * 8 * (110 * 1.06 + 12 + 448) / GIGABYTE, rel=0.3)
+    assert needed == pytest.approx(volume / 0.5**3 * 8 * (158 + 8) / GIGABYTE, rel=0.3)
     assert peak < 0.1 * needed * GIGABYTE
 
 
