@@ -115,7 +115,15 @@ def _exceedance(quantity: str) -> dict[str, Variable]:
             f"standard error of the conditional probability that the maximum {quantity} reaches or exceeds the threshold",
             valid_min=0.0,
             valid_max=1.0,
-            comment="sampling error alone, sqrt(p (1 - p) / effective_sample_size); it is 0 where no member or every member does",
+            comment="sampling error alone; the attribute estimator has its formula. Of blocks: three degrees of freedom in a cell; "
+            "0 where all blocks agree",
+        ),
+        f"{quantity}_exceedance_rms_error": Variable(
+            "1",
+            f"mean standard error of the probability that the maximum {quantity} reaches or exceeds the threshold",
+            dtype="float64",
+            valid_min=0.0,
+            comment="root mean square over the cells that any member reaches at the threshold",
         ),
     }
 
@@ -201,7 +209,7 @@ VARIABLES: dict[str, Variable] = {
     **_MEMBER_MAPS,
     **_of("referenceInformation", _TERRAIN_MAPS),
     **_HAZARD_MAPS,
-    **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith("standard_error")}),
+    **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith(("standard_error", "rms_error"))}),
     **_of("auxiliaryInformation", _ENSEMBLE),
     **_of("coordinate", _COORDINATES),
     **_LEDGER,

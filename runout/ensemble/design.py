@@ -73,7 +73,7 @@ def member_table(ensemble: Any) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         Indexed by ``member`` from 0: one column per parameter in the unit of ``site.yaml``, ``weight`` [1] (they sum
-        to 1) and ``seed`` of the particle sampling.
+        to 1) and ``seed`` of the particle sampling. ``attrs["design"]`` is "sobol" where parameters are sampled.
 
     Raises
     ------
@@ -87,6 +87,8 @@ def member_table(ensemble: Any) -> "pd.DataFrame":
     table = pd.DataFrame(design.values, index=pd.RangeIndex(count, name="member"))
     table["weight"] = 1.0 / count
     table["seed"] = design.seeds
+    if design.values:
+        table.attrs["design"] = "sobol"
     return table
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
+from runout.hazard.sampling import Estimator, independent, rms
 from runout.hazard.tiles import TileStore, reached_tiles
 from runout.io import netcdf
 from runout.io.member_maps import Block, MemberMaps
@@ -25,6 +26,7 @@ __all__ = ["QUANTITIES", "Quantity", "aggregate", "effective_sample_size", "norm
 MEMORY_BYTES = 64 * 1024**2  # of an aggregation, beside the maps that it makes
 _LARGEST_SIDE = 32  # cells of a tile; parts of the raster in the files begin on multiples of it
 _BYTES_PER_CELL = 128  # of the memory, for each cell of a block: five maps, their tiles, and the batch beside them
+INDEPENDENT = Estimator()
 _COPIES, _WEIGHTED_COPIES = 3, 12  # of a tile's values: as read and sorted; with order, summed weights and their comparison
 
 
@@ -53,6 +55,7 @@ def aggregate(
     thresholds: Mapping[str, Sequence[float]],
     percentiles: Sequence[float],
     *,
+    estimator: Estimator = INDEPENDENT,
     memory_bytes: int = MEMORY_BYTES,
     folder: Path | None = None,
     each: Callable[[int, MemberMaps], None] | None = None,
@@ -60,8 +63,8 @@ def aggregate(
     """Hazard maps of the members' files, on their raster; every file is opened once.
 
     Memory is bounded by ``memory_bytes`` and the maps themselves. Probability is the summed weight of the members whose
-    maximum reaches the threshold, with the standard error ``sqrt(p (1 - p) / N_eff)``, ``N_eff = 1 / sum(w^2)``; a percentile
-    is the smallest value at which the summed weight reaches it. A cell that any member leaves undefined (NaN) is undefined.
+    maximum reaches the threshold, with the standard error of ``estimator``; a percentile is the smallest value at which the
+    summed weight reaches it. A cell that any member leaves undefined (NaN) is undefined.
 
     Parameters
     ----------
@@ -74,6 +77,8 @@ def aggregate(
         is that of inundation. Without thresholds a quantity has its percentiles and peak only.
     percentiles : sequence of float
         Percentiles [percent], 0 to 100.
+    estimator : Estimator
+        Of the standard errors; blocks need equal weights and the order of the net.
     memory_bytes : int
         8 MiB at least are used.
     folder : Path, optional
@@ -96,7 +101,7 @@ def aggregate(
         for number, path in enumerate(members):
             with MemberMaps(path) as member:
                 if number == 0:
-                    maps = _Maps(_empty(member.grid(), thresholds, percentiles, w), tuple(thresholds), w, store, side)
+                    maps = _Maps(_empty(member.grid(), thresholds, percentiles, w), tuple(thresholds), w, store, side, estimator)
                     maps.leave_out(member.known())
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
@@ -131,10 +136,21 @@ class _Maps:
         Values of the maps of ``names`` and of the deposit.
     side : int
         Cells along a side of a tile.
+    estimator : Estimator
+        Of the standard errors.
     """
 
-    def __init__(self, dataset: "xr.Dataset", names: tuple[str, ...], weights: np.ndarray, store: TileStore, side: int):
+    def __init__(
+        self,
+        dataset: "xr.Dataset",
+        names: tuple[str, ...],
+        weights: np.ndarray,
+        store: TileStore,
+        side: int,
+        estimator: Estimator,
+    ):
         self.dataset, self.names, self.weights, self.store, self.side = dataset, names, weights, store, side
+        self.estimator = estimator
         self.quantities = (*(QUANTITIES[name] for name in names), _DEPOSIT)
         self.maps = {str(name): array.values for name, array in dataset.data_vars.items()}
         self.shape = (dataset.sizes["y"], dataset.sizes["x"])
@@ -169,20 +185,26 @@ class _Maps:
         """Put the statistics of a tile into the maps."""
         given = self.store.members_of(tile)
         for k, quantity in enumerate(self.quantities):
-            values = CellValues(self.store.values_of(tile, k), given, self.weights)
+            unsorted, limits = self.store.values_of(tile, k), self._limits_of(k)
+            spread = self.estimator.spread(unsorted, given, len(self.weights), limits)
+            values = CellValues(unsorted, given, self.weights)
             self._put(tile, quantity.percentile, values.percentiles(self.dataset["percentile"].values))
             if quantity is _DEPOSIT:
                 self._put(tile, "mean_deposit_thickness", values.mean)
             else:
-                self._put_exceedance(tile, self.names[k], values)
+                self._put_exceedance(tile, self.names[k], values, spread)
             self._put(tile, quantity.peak, np.where(np.isnan(self._cells(tile, quantity.peak)), np.nan, values.peak))
 
-    def _put_exceedance(self, tile: int, name: str, values: CellValues) -> None:
+    def _limits_of(self, quantity: int) -> np.ndarray:
+        """Thresholds of a quantity by its place; none for the deposit."""
+        return self.limits[self.names[quantity]] if quantity < len(self.names) else np.empty(0, np.float32)
+
+    def _put_exceedance(self, tile: int, name: str, values: CellValues, spread: np.ndarray | None) -> None:
         """Counts, probabilities and their standard errors; cells that no member reaches keep 0."""
         wet = values.peak > 0
         for k, limit in enumerate(self.limits[name]):
             p = np.where(wet, values.probability(limit), 0.0)
-            error = np.sqrt(p * (1.0 - p) / effective_sample_size(self.weights))
+            error = independent(p, self.weights) if spread is None else np.where(wet, spread[k], 0.0)
             self._put(tile, f"{name}_exceedance_probability", p, k)
             self._put(tile, f"{name}_exceedance_standard_error", error, k)
             if name == "thickness" and k == 0:
@@ -216,7 +238,20 @@ class _Maps:
             for product in {*exceedance, quantity.percentile, *of_some.get(name, ())} & set(self.maps):
                 target = self.maps[product]
                 target[..., unknown] = np.nan if target.dtype.kind == "f" else VARIABLES[product].fill
+        for name in self.names:
+            self._add_mean_error(name)
         return self.dataset
+
+    def _add_mean_error(self, name: str) -> None:
+        """Root mean square of the standard errors of each threshold, and how they were found."""
+        if len(self.limits[name]) == 0:
+            return
+        errors, probabilities = (self.maps[f"{name}_exceedance_{kind}"] for kind in ("standard_error", "probability"))
+        means = [rms(error, probability) for error, probability in zip(errors, probabilities, strict=True)]
+        mean = f"{name}_exceedance_rms_error"
+        self.dataset[mean] = (f"{name}_threshold", means, VARIABLES[mean].attributes())
+        for product in (mean, f"{name}_exceedance_standard_error"):
+            self.dataset[product].attrs["estimator"] = self.estimator.statement(len(self.weights))
 
 
 def _empty(

@@ -12,6 +12,7 @@ from runout.hazard.exceedance import QUANTITIES, aggregate
 from runout.hazard.maps import OWN_MAP, write_maps
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.outline_style import outline_styles
+from runout.hazard.sampling import Estimator
 from runout.io import netcdf
 from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
@@ -138,7 +139,10 @@ def hazard_dataset(
     }
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
-    over_members = aggregate(files, ensemble.weights, thresholds, settings.percentiles, folder=folder, each=each)
+    estimator = Estimator.of(ensemble.table, ensemble.files)
+    over_members = aggregate(
+        files, ensemble.weights, thresholds, settings.percentiles, estimator=estimator, folder=folder, each=each
+    )
     if not (np.array_equal(over_members["x"], dataset["x"]) and np.array_equal(over_members["y"], dataset["y"])):
         raise StorageError(f"{files[0]}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")
     return dataset.merge(over_members, join="exact", compat="override", combine_attrs="override").assign(ensemble.counts())

@@ -98,11 +98,13 @@ def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
     units, divisor = VARIABLES[f"{name}_threshold"].printed
     shown = quantity(level / divisor, units)
     at = {f"{name}_threshold": level}
-    error = float(hazard[f"{name}_exceedance_standard_error"].sel(at).max())
+    error = hazard[f"{name}_exceedance_rms_error"]
+    of = "the spread over blocks of the net" if "blocks" in error.attrs.get("estimator", "") else "independent members"
     return Sheet(
         f"{EXCEEDANCES[name]} {shown} or more",
         f"Conditional probability: the weighted fraction of the members whose maximum reaches {shown}, given that the release "
-        f"happens. Its standard error from the number of members alone is up to {number(error, 2)}.",
+        f"happens. Its standard error from the number of members alone is {number(float(error.sel(at)), 2)} (that of {of}, "
+        "root mean square over these cells).",
         hazard[f"{name}_exceedance_probability"].sel(at).values,
         "probability",
     )

@@ -70,9 +70,18 @@ def key_figures(study: Study) -> list[tuple[str, str, str]]:
         ("Runout", span(runouts, "m"), "plan distance beyond the release"),
         ("Angle of reach", span(angles, "°"), "from the top of the release"),
         ("Area reached", reached, f"by any member, {threshold} thick or more"),
-        ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}"),
+        ("Probability 0.5 or more", quantity(likely, "km²"), f"area where half of the members reach {threshold}{_sampled(hazard)}"),
         ("Last cell reached", quantity(arrival, "s"), "after the release, by the fastest member"),
     ]
+
+
+def _sampled(hazard: "xr.Dataset") -> str:
+    """Standard error of the area of probability 0.5 or more: half the area between the outlines of P + s and P - s."""
+    lowest = {"thickness_threshold": float(hazard["thickness_threshold"].min())}
+    error = hazard["thickness_exceedance_standard_error"].sel(lowest).values
+    p = hazard["thickness_exceedance_probability"].sel(lowest).values
+    band = hazard_extent(hazard, p + error, 0.5) - hazard_extent(hazard, p - error, 0.5)
+    return f"; standard error from the number of members {quantity(band / 2, 'km²', 2)}"
 
 
 def heading(study: Study) -> list[tuple[str, str]]:

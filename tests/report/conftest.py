@@ -104,7 +104,12 @@ def hazard_dataset(maps):
         p = np.stack([(values > level).mean(axis=0) for level in levels])
         hazard[f"{name}_threshold"] = levels
         hazard[f"{name}_exceedance_probability"] = ((f"{name}_threshold", "y", "x"), p)
-        hazard[f"{name}_exceedance_standard_error"] = ((f"{name}_threshold", "y", "x"), np.sqrt(p * (1 - p) / len(maps)))
+        error = np.sqrt(p * (1 - p) / len(maps))
+        hazard[f"{name}_exceedance_standard_error"] = ((f"{name}_threshold", "y", "x"), error)
+        hazard[f"{name}_exceedance_rms_error"] = (
+            f"{name}_threshold",
+            np.sqrt([np.mean(e[q > 0] ** 2) for e, q in zip(error, p, strict=True)]),
+        )
     for name, values in (("flow_thickness", thickness), ("speed", speed)):
         hazard[f"{name}_percentile"] = (("percentile", "y", "x"), np.percentile(values, [5, 50, 95], axis=0))
     hazard["inundation_probability"] = (("y", "x"), (thickness > 0.1).mean(axis=0))

@@ -11,6 +11,7 @@ import xarray as xr
 from runout.errors import StorageError
 from runout.report import tables
 from runout.report.html import render, write_report
+from runout.report.sheets import exceedance_sheet
 from runout.report.study import read_study
 
 
@@ -87,6 +88,21 @@ def test_the_headline_maps_are_there_with_their_thresholds(text):
         "Probability of a dynamic pressure of 30\u202fkPa or more",
     ):
         assert f"<h3>{title}</h3>" in text
+
+
+def test_maps_and_areas_state_their_sampling_error(results, text):
+    study = read_study(results)
+    error = study.hazard["thickness_exceedance_rms_error"]
+    value = tables.number(float(error.sel(thickness_threshold=0.5)), 2)
+    assert f"from the number of members alone is {value} (that of independent members" in text
+    error.attrs["estimator"] = "spread over 4 consecutive blocks"
+    caption = exceedance_sheet(study.hazard, "thickness", 0.5).caption
+    assert f"{value} (that of the spread over blocks of the net" in caption
+    remark = {label: remark for label, _, remark in tables.key_figures(study)}["Probability 0.5 or more"]
+    p, s = (study.hazard[f"thickness_exceedance_{kind}"][0].values for kind in ("probability", "standard_error"))
+    half = ((p + s >= 0.5).sum() - (p - s >= 0.5).sum()) / 2 * 0.02**2
+    assert half > 0
+    assert remark.endswith(f"standard error from the number of members {tables.quantity(half, 'km²', 2)}")
 
 
 def test_a_failed_member_stands_in_the_table_with_its_reason_and_is_warned_of(text):

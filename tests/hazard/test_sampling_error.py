@@ -1,0 +1,185 @@
+"""The stated sampling error against the true one, over many scrambled nets of ensembles that are known by formula."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from synthetic_ensemble import write_part
+
+from runout.ensemble.design import member_table, sobol_points
+from runout.hazard.exceedance import aggregate
+from runout.hazard.sampling import BLOCKS, Estimator, independent, no_net, rms
+from runout.io.member_maps import MEMBER_MAPS
+from runout.model.terrain import Terrain
+
+SIDE, NETS, TRUTH = 24, 200, 2**15
+X, Y = np.meshgrid(np.linspace(0, 1, SIDE), np.linspace(0, 1, SIDE))
+SEEDS = 0.05  # part of the spread that no net covers, as that of the particle sampling
+
+
+def tongue(u):
+    """Wet cells (members, rows, columns) of a tongue whose length, width and bend are sampled."""
+    length, width, bend = 0.2 + 0.7 * u[:, 0], 0.05 + 0.2 * u[:, 1], 0.3 * (u[:, 2] - 0.5)
+    across = Y - 0.5 - bend[:, None, None] * X
+    return (length[:, None, None] > X) & (np.abs(across) < width[:, None, None])
+
+
+def fan(u):
+    """A fan whose radius depends most on the first of four parameters."""
+    radius = 0.15 + 0.5 * (0.65 * (1 - u[:, 0]) + 0.2 * u[:, 1] + 0.1 * u[:, 2] + 0.05 * u[:, 3])
+    return (radius**2)[:, None, None] > X**2 + (Y - 0.5) ** 2
+
+
+def pit(u):
+    """A fifth of the members stay near the release."""
+    stays = u[:, 0] + 0.5 * u[:, 1] < 0.5
+    radius = np.where(stays, 0.12 + 0.05 * u[:, 2], 0.3 + 0.6 * u[:, 0] * (1 - 0.3 * u[:, 3]))
+    return radius[:, None, None] > X + 0.3 * (Y - 0.5) ** 2
+
+
+def front(u):
+    """All four parameters count alike."""
+    return (0.375 * u.sum(axis=1))[:, None, None] > X + 0.5 * Y
+
+
+FLOWS = {tongue: 3, fan: 4, pit: 4, front: 4}
+
+
+def members_of(flow, points, seed):
+    """Wet cells of members at points, which their seeds shift a little."""
+    shift = SEEDS * np.random.default_rng(seed).standard_normal(points.shape)
+    return flow(np.clip(points + shift, 0.0, 1.0))
+
+
+def probability(flow):
+    """Probability (rows, columns) over very many members."""
+    points = sobol_points(TRUTH, FLOWS[flow], 10_000)
+    parts = [members_of(flow, points[i : i + 1024], i) for i in range(0, TRUTH, 1024)]
+    return np.mean([part.mean(axis=0) for part in parts], axis=0)
+
+
+def errors_of(wet):
+    """Probability and both standard errors of a net (members, rows, columns), in all cells one after another."""
+    members = len(wet)
+    cells = wet.reshape(members, -1).astype(np.float32)
+    spread = Estimator(BLOCKS).spread(cells.T, np.arange(members), members, np.array([0.5], np.float32))
+    p = cells.mean(axis=0, dtype=np.float64)
+    return p[None], spread[:1], independent(p[None], np.full(members, 1 / members))
+
+
+def ratios(flow, members):
+    """Predicted over true root mean square error, of blocks and of independent members, over many scrambled nets."""
+    truth, squares = probability(flow).reshape(1, -1), []
+    for seed in range(NETS):
+        p, spread, alone = errors_of(members_of(flow, sobol_points(members, FLOWS[flow], seed), seed))
+        squares.append([np.mean((p - truth)[p > 0] ** 2), rms(spread, p) ** 2, rms(alone, p) ** 2])
+    true, blocks, formula = np.mean(squares, axis=0)
+    return np.sqrt(blocks / true), np.sqrt(formula / true)
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("members", [16, 32, 64, 128])
+def test_the_spread_over_four_blocks_is_the_true_error_or_a_little_more(flow, members):
+    blocks, formula = ratios(flow, members)
+    assert 0.97 < blocks < 1.5
+    assert 1.5 < formula < 2.6
+    assert formula > 1.2 * blocks
+
+
+@pytest.mark.parametrize("members", [32, 128])
+def test_members_of_random_points_have_the_error_of_independent_ones(members, monkeypatch):
+    rng = np.random.default_rng(3)
+    monkeypatch.setattr("test_sampling_error.sobol_points", lambda n, d, seed: rng.random((n, d)))
+    blocks, formula = ratios(fan, members)
+    assert 0.9 < formula < 1.1
+    assert 0.9 < blocks < 1.15
+
+
+def scene():
+    """Flat ground with a hole, larger than a tile in both directions."""
+    elevation = np.zeros((70, 90))
+    elevation[4, 5] = np.nan
+    return Terrain(elevation, (5.0, 5.0), 0.0, 0.0, None, source="flat")
+
+
+def net_of(folder: Path, members: int) -> list[Path]:
+    """Files of members with irregular maps; the last one holds nothing."""
+    terrain, paths = scene(), []
+    for number in range(members):
+        rng = np.random.default_rng(number)
+        wet = (np.indices(terrain.shape)[0] < 20 + 3 * number) & (rng.random(terrain.shape) < 0.7) & (number < members - 1)
+        h = np.where(wet, rng.uniform(0, 3, terrain.shape), 0.0)
+        values = (h, 2 * h, 100 * h, np.where(h > 0, 1.0, np.nan), h / 2)
+        paths.append(write_part(folder, number, terrain, dict(zip(MEMBER_MAPS, values, strict=True))))
+    return paths
+
+
+def expected(paths: list[Path], limit: float) -> np.ndarray:
+    """Standard error of each cell from the maps of the members."""
+    from runout.io.member_maps import read_maps
+
+    reached = np.stack([read_maps(path)["max_flow_thickness"].values >= np.float32(limit) for path in paths])
+    of_block = reached.reshape(BLOCKS, -1, *reached.shape[1:]).mean(axis=1)
+    return np.sqrt(((of_block - reached.mean(axis=0)) ** 2).sum(axis=0) / (BLOCKS * (BLOCKS - 1)))
+
+
+@pytest.mark.parametrize("memory_bytes", [1, 2**26])
+def test_maps_of_a_net_carry_the_spread_over_its_blocks_and_say_so(tmp_path, memory_bytes):
+    paths, limits = net_of(tmp_path, 16), {"thickness": [0.5, 2.0], "speed": [], "pressure": [250.0]}
+    maps = aggregate(paths, [1.0] * 16, limits, [50], estimator=Estimator(BLOCKS), memory_bytes=memory_bytes)
+    known = np.isfinite(scene().elevation)
+    for k, limit in enumerate(limits["thickness"]):
+        found = maps["thickness_exceedance_standard_error"].values[k]
+        np.testing.assert_allclose(found[known], expected(paths, limit)[known], atol=1e-7)
+        assert np.isnan(found[~known]).all()
+        wet = maps["thickness_exceedance_probability"].values[k] > 0
+        mean = np.sqrt(np.mean(found[wet].astype(np.float64) ** 2))
+        assert float(maps["thickness_exceedance_rms_error"][k]) == pytest.approx(mean, rel=1e-9)
+    for name in ("thickness_exceedance_standard_error", "thickness_exceedance_rms_error", "pressure_exceedance_standard_error"):
+        assert "4 consecutive blocks of 4 members of one Sobol net" in maps[name].attrs["estimator"]
+    assert "speed_exceedance_rms_error" not in maps
+
+
+def test_without_an_estimator_members_count_as_independent_and_the_map_says_so(tmp_path):
+    maps = aggregate(net_of(tmp_path, 3), [1.0] * 3, {"thickness": [0.5]}, [50])
+    assert maps["thickness_exceedance_standard_error"].attrs["estimator"] == (
+        "sqrt(P (1 - P) / effective_sample_size), as for independent members: the members are not known to be a Sobol net"
+    )
+
+
+UNIFORM = {"basal_friction_angle_deg": SimpleNamespace(distribution="uniform", low=10.0, high=20.0)}
+
+
+def table_of(members: int, parameters=UNIFORM) -> pd.DataFrame:
+    return member_table(SimpleNamespace(members=members, seed=1, parameters=parameters))
+
+
+def test_a_whole_net_of_a_power_of_two_is_known_as_such():
+    for members in (16, 32, 1024):
+        assert Estimator.of(table_of(members), range(members)).blocks == BLOCKS
+
+
+@pytest.mark.parametrize(
+    ("table", "valid", "reason"),
+    [
+        (table_of(8), range(8), "8 members are fewer than 16"),
+        (table_of(48), range(48), "48 members are not a power of two"),
+        (table_of(16), [*range(3), *range(4, 16)], "15 of 16 members are valid"),
+        (table_of(16, {}), range(16), "not known to be a Sobol net"),
+        (table_of(16).iloc[::-1], range(16), "not in the order of the net"),
+        (table_of(16).assign(weight=np.arange(16) + 1.0), range(16), "different weights"),
+        (pd.DataFrame({"weight": [1.0] * 16}), range(16), "not known to be a Sobol net"),
+    ],
+)
+def test_other_ensembles_have_the_error_of_independent_members_with_the_reason(table, valid, reason):
+    found = Estimator.of(table, list(valid))
+    assert found.blocks == 0
+    assert reason in found.statement(16)
+
+
+def test_cells_that_no_member_reaches_do_not_count_in_the_mean_error():
+    assert rms(np.zeros((2, 4)), np.zeros((2, 4))) == 0.0
+    assert rms(np.array([[0.3, 0.4], [0.0, np.nan]]), np.array([[0.5, 0.5], [0.0, np.nan]])) == pytest.approx(np.sqrt(0.125))
+    assert no_net(table_of(16), range(16)) == ""
