@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from runout.config.site import read_site
-from runout.ensemble.design import member_table
+from runout.ensemble.member import planned_table
 from runout.ensemble.run import run_ensemble
 from runout.hazard.products import write_products
 from runout.report.html import write_report
@@ -23,7 +23,7 @@ def main(site_folder: Path, results: Path) -> Path:
     for release in site.releases(terrain):
         print(f"release {release.name}: {release.volume:.4g} m3 on {release.area:.4g} m2")
     finished = run_ensemble(site, results)
-    write_products(site, results, member_table(site.settings.ensemble), finished)
+    write_products(site, results, planned_table(site, results), finished)
     return write_report(site, results)
 
 

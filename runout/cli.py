@@ -130,6 +130,13 @@ def status(site: SiteArgument, *, session: Injected) -> int:
     return print_status(site, session.out)
 
 
+def clean(site: SiteArgument, *, session: Injected) -> int:
+    """Remove members that the settings do not use; `runout status` counts them."""
+    from runout.workflow.status import clean as clean_site
+
+    return clean_site(site, session.out)
+
+
 def simulate(
     site: SiteArgument,
     *,
@@ -236,7 +243,7 @@ def doctor(*, session: Injected) -> int:
 COMMANDS: tuple[Callable[..., int], ...] = (
     *(new, check, run),
     *(terrain, release, ensemble, hazard, report),
-    *(status, simulate, bench, verify, stress, doctor),
+    *(status, clean, simulate, bench, verify, stress, doctor),
 )
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)

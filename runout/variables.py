@@ -162,6 +162,7 @@ _ENSEMBLE = {
     "effective_sample_size": Variable("1", "effective number of members, 1 / sum of squared weights", dtype="float64"),
     "weight": Variable("1", "weight of the member, of a sum of 1 over all planned members", dtype="float64", valid_min=0.0),
     "seed": Variable("1", "seed of the member's random numbers", dtype="int64"),
+    "file": Variable("", "name of the member's file in members/", dtype="str"),
     "status": Variable("", "valid, failed or missing", dtype="str"),
     "failure_reason": Variable("", "why the member failed", dtype="str"),
     "basal_friction_angle_deg": Variable("degree", "basal friction angle", dtype="float64"),

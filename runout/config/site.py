@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 T = TypeVar("T")
-ROW_EXTRAS = ("weight", "seed")  # columns of the table of members besides the parameters
+ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besides the parameters
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Site:
         ----------
         sample : mapping of str to float, optional
             Sampled parameters by the names and in the units of site.yaml. A whole row of the table of members is
-            accepted: ``seed`` becomes the seed, ``weight`` is left out.
+            accepted: ``seed`` becomes the seed, ``weight`` and ``file`` are left out.
         data : SiteData, optional
             That of :meth:`data`, where it has been read already.
         """

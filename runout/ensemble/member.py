@@ -1,4 +1,4 @@
-"""One member: what it is, the key that says whether its result is still right, and how it is run."""
+"""One member: what it is, the key of all that its result depends on, which names its files, and how it is run."""
 
 import json
 from collections.abc import Callable
@@ -9,17 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout import __version__
-from runout.ensemble.design import Design
+from runout.ensemble.design import Design, member_table
 from runout.errors import RunoutError
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from runout.config.site import Site
     from runout.result import Result
 
 # sections of site.yaml that do not change what a member computes (its own parameters and seed are in the key)
 NOT_IN_KEY = ("name", "title", "description", "metadata", "ensemble", "hazard", "budget")
+NAME_LENGTH = 16  # hexadecimal digits of a key: two of a million members share a name with probability 3e-8
 
 
 @dataclass(frozen=True)
@@ -43,22 +46,22 @@ class Member:
     seed: int
     key: str
 
+    @property
+    def name(self) -> str:
+        """Name of its files without suffix: a part of the key, so that equal members of all settings share them."""
+        return self.key[:NAME_LENGTH]
+
     def file(self, results: Path) -> Path:
         """Where its result goes."""
-        return member_file(results, self.number)
+        return members_folder(results) / f"{self.name}.nc"
 
     def failure_file(self, results: Path) -> Path:
         """Where the reason goes when it fails."""
-        return failure_file(results, self.number)
+        return failure_file(self.file(results))
 
     def checkpoint_file(self, results: Path) -> Path:
-        """Where its checkpoint lies while it runs, or since it was broken off; each key has its own."""
-        return members_folder(results) / f"{self.number:04d}.{self.key[:16]}.checkpoint.npz"
-
-    def forget_checkpoints(self, results: Path) -> None:
-        """Remove its checkpoints, those of older configurations too: it is finished, or would fail again."""
-        for path in members_folder(results).glob(f"{self.number:04d}.*.checkpoint.npz"):
-            path.unlink(missing_ok=True)
+        """Where its checkpoint lies while it runs, or since it was broken off."""
+        return members_folder(results) / f"{self.name}.checkpoint.npz"
 
 
 def members_folder(results: Path) -> Path:
@@ -66,19 +69,14 @@ def members_folder(results: Path) -> Path:
     return Path(results) / "members"
 
 
-def member_file(results: Path, number: int) -> Path:
-    """Where the result of a member goes."""
-    return members_folder(results) / f"{number:04d}.nc"
+def failure_file(file: Path) -> Path:
+    """Where the reason goes when the member with a file fails."""
+    return file.with_name(f"{file.stem}.failed.json")
 
 
 def design_file(results: Path) -> Path:
     """Where the sampled parameters of the members go."""
     return Path(results) / "design.json"
-
-
-def failure_file(results: Path, number: int) -> Path:
-    """Where the reason goes when a member fails."""
-    return members_folder(results) / f"{number:04d}.failed.json"
 
 
 def plan_members(site: "Site", results: Path | None = None) -> list[Member]:
@@ -104,6 +102,13 @@ def plan_members(site: "Site", results: Path | None = None) -> list[Member]:
         Member(i, p, s, checksum({"site": common, "parameters": p, "seed": s}))
         for i, (p, s) in enumerate(zip(samples, design.seeds, strict=True))
     ]
+
+
+def planned_table(site: "Site", results: Path | None = None) -> "pd.DataFrame":
+    """:func:`runout.ensemble.design.member_table` of a site with ``file``, the name of each member's file in ``members/``."""
+    table = member_table(site.settings.ensemble)
+    table["file"] = [f"{member.name}.nc" for member in plan_members(site, results)]
+    return table
 
 
 def store_design(site: "Site", results: Path) -> None:
@@ -237,7 +242,6 @@ def simulate_together(
 def _write(site: "Site", member: Member, result: "Result", results: Path) -> None:
     """The file of a member, whole or not at all."""
     attributes = {
-        "member": member.number,
         "member_key": member.key,
         "parameters": json.dumps(member.parameters),
         "seed": member.seed,

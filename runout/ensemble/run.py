@@ -101,9 +101,9 @@ def run_ensemble(
 ) -> EnsembleReport:
     """Run all members that have no valid result; returns a report.
 
-    Results go to ``results/members/0003.nc``, reasons of failure to ``results/members/0003.failed.json``. The run
-    can be killed at any time and called again. With more than one worker, members run in other processes, and the calling
-    script needs ``if __name__ == "__main__":``.
+    Results go to ``results/members/``, to files named by all that a member depends on: those of other settings stay valid.
+    Reasons of failure go to ``*.failed.json`` beside them. The run can be killed at any time and called again. With more than
+    one worker, members run in other processes, and the calling script needs ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -287,9 +287,8 @@ class _Tally:
     def _book_failure(self, member: Member, failure: Failure) -> None:
         self.failed[member.number] = failure.reason
         failure.write(member.failure_file(self.results))
-        self.written.forget(member.file(self.results))  # result of an older configuration
         if failure.lasting:
-            member.forget_checkpoints(self.results)
+            member.checkpoint_file(self.results).unlink(missing_ok=True)
         LOGGER.warning("member %d failed: %s", member.number, failure.reason)
 
     def advance(self, member: int, fraction: float) -> None:
@@ -301,7 +300,7 @@ class _Tally:
     def _clear(self, member: Member) -> None:
         """Remove files of earlier attempts at a finished member."""
         member.failure_file(self.results).unlink(missing_ok=True)
-        member.forget_checkpoints(self.results)
+        member.checkpoint_file(self.results).unlink(missing_ok=True)
 
     def _tell(self) -> None:
         if self.progress is None:

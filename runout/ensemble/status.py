@@ -1,11 +1,12 @@
 """State of every member: done, failed with a reason, or left to do."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.ensemble.member import Member, members_folder, plan_members
+from runout.ensemble.unused import unused_files
 from runout.ensemble.written import Found, Written
 from runout.errors import InputError, StabilityError
 from runout.io.atomic import read_json, write_json
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 # permanent failures; others may be due to memory, disk, device or a bug that has been fixed
 LASTING = (InputError, StabilityError)
+NOT_RUN = "not run yet"
 
 
 class State(StrEnum):
@@ -83,13 +85,12 @@ def member_state(member: Member, results: Path, written: Written) -> tuple[State
         kept = stored_time(member.checkpoint_file(results))
         if kept is not None:
             return State.LEFT, f"broken off or running, kept at {kept:.4g} s; a run goes on from there"
-    return State.LEFT, _why_left(found, failure)
+    return State.LEFT, _why_left(found)
 
 
-def _why_left(found: Found, failure: Failure | None) -> str:
-    if found.fault:
-        return f"its file {found.fault}; it is simulated again"
-    return "inputs, settings or parameters changed since it was run" if found.key or failure else "not run yet"
+def _why_left(found: Found) -> str:
+    fault = found.fault or ("holds another member" if found.key else None)
+    return f"its file {fault}; it is simulated again" if fault else NOT_RUN
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,10 @@ class Standing:
 
 def standings(site: "Site", results: Path) -> list[Standing]:
     """State of every member of a site, in the order of their numbers."""
-    written = Written(results)
-    begun = members_folder(results).is_dir()  # avoids a search for files of each member
-    return [
-        Standing(member, *(member_state(member, results, written) if begun else (State.LEFT, "not run yet")))
-        for member in plan_members(site, results)
-    ]
+    written, members = Written(results), plan_members(site, results)
+    if not members_folder(results).is_dir():  # avoids a search for files of each member
+        return [Standing(member, State.LEFT, NOT_RUN) for member in members]
+    found = [Standing(member, *member_state(member, results, written)) for member in members]
+    if not unused_files(results, members):
+        return found
+    return [replace(one, reason=f"{NOT_RUN} with these inputs and settings") if one.reason == NOT_RUN else one for one in found]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.ensemble.member import failure_file, member_file
+from runout.ensemble.member import failure_file, members_folder
 from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.atomic import read_json, storage_error, whole_file
@@ -31,7 +31,7 @@ class Ensemble:
     Parameters
     ----------
     table : pandas.DataFrame
-        One row a planned member, indexed by its number: sampled parameters, ``weight`` and ``seed``.
+        One row a planned member, indexed by its number: sampled parameters, ``weight``, ``seed`` and ``file``.
     files : mapping of int to Path
         Files of the valid members.
     failed : mapping of int to str
@@ -44,15 +44,23 @@ class Ensemble:
 
     @classmethod
     def of(cls, results: Path, table: "pd.DataFrame", states: Mapping[int, str] | None = None) -> "Ensemble":
-        """The members of a results folder.
+        """The members of a results folder, whose files the column ``file`` of the table names.
 
-        ``states`` says of each member "done", "failed" or "left"; a file of a member that is not done is of an older
-        configuration and does not count. Without it the files decide. Reasons come from ``*.failed.json``.
+        ``states`` says of each member "done", "failed" or "left"; a file of a member that is not done does not count. Without it
+        the files decide. Reasons come from ``*.failed.json``.
+
+        Raises
+        ------
+        ValueError
+            If the table names no files.
         """
-        reasons = {int(m): _stated_reason(failure_file(results, m)) for m in table.index}
+        if "file" not in table:
+            raise ValueError("the table of members names no files; make it with runout.ensemble.member.planned_table")
+        paths = {int(m): members_folder(results) / name for m, name in table["file"].items()}
+        reasons = {m: _stated_reason(failure_file(path)) for m, path in paths.items()}
         if states is None:
             states = {m: "done" if reason is None else "failed" for m, reason in reasons.items()}
-        files = {int(m): member_file(results, m) for m in table.index if states.get(m) == "done"}
+        files = {m: path for m, path in paths.items() if states.get(m) == "done"}
         failed = {m: reason or "no reason is stated" for m, reason in reasons.items() if states.get(m) == "failed"}
         return cls(table, {m: path for m, path in files.items() if path.is_file()}, failed)
 

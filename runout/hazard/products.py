@@ -56,9 +56,10 @@ def write_products(
         Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``friction_zones(terrain)``, ``obstacles(terrain)``,
         ``inputs()`` and ``resolved()`` are used.
     results : Path
-        Folder that holds ``members/0003.nc`` and takes the products.
+        Folder that holds ``members/`` and takes the products.
     members : pandas.DataFrame
-        One row a planned member, indexed by its number: sampled parameters, ``weight`` and ``seed``.
+        One row a planned member, indexed by its number: sampled parameters, ``weight``, ``seed`` and ``file``, as of
+        :func:`runout.ensemble.member.planned_table`.
     report : EnsembleReport or mapping of int to str, optional
         Which members are valid and which failed, or the state of each ("done", "failed", "left"). Without it every
         file in ``members/`` counts.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout.ensemble.member import member_file
+from runout.ensemble.member import members_folder
 from runout.errors import InputError, StorageError
 from runout.report.error_bars import require_error_bars
 from runout.report.maps import Basemap
@@ -117,7 +117,7 @@ def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -
 
     figures, ledgers = {}, {}
     for member in table.index[table["status"] == "valid"]:
-        path = _existing(member_file(results, member))
+        path = _existing(members_folder(results) / table["file"][member])
         ledgers[member] = netcdf.read(path, "ledger")
         figures[member] = member_figures(read_maps(path), ledgers[member], hazard)
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers

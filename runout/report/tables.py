@@ -18,7 +18,7 @@ from runout.variables import PRINTED, VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
-BOOKKEEPING = ("weight", "seed", "status", "failure_reason")
+BOOKKEEPING = ("weight", "seed", "file", "status", "failure_reason")
 # entries of run.json that the report prints in another place
 ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes", "metadata", "resolution", "stiffness")
 ABBREVIATIONS = {

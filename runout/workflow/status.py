@@ -1,4 +1,4 @@
-"""Prints the state of a site: its members with reasons of failure, and its stages."""
+"""Prints the state of a site: its members with reasons of failure, files that are not used, and its stages."""
 
 from collections import Counter
 from pathlib import Path
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from runout.workflow.study import Study
 
 MARKS = {State.DONE: "[green]done[/]", State.FAILED: "[red]failed[/]", State.LEFT: "left"}
+MEGABYTE = 1e6  # bytes
 MOST_ROWS = 60  # largest number of members that are listed
 
 
@@ -25,8 +26,29 @@ def print_status(site_path: Path, out: Path | None = None) -> int:
     counts = Counter(standing.state for standing in study.standings)
     console.print(f"[bold]{study.site.name}[/]: " + ", ".join(f"{counts[state]} members {state}" for state in MARKS))
     _print_members(console, study)
+    unused = study.unused
+    if unused:
+        size = sum(path.stat().st_size for path in unused)
+        console.print(f"{statement(len(unused), size)} are kept for other settings; `runout clean {site_path}` removes them")
     print_stages(console, study)
     return ExitCode.PARTIAL_ENSEMBLE if study.failed else ExitCode.OK
+
+
+def statement(files: int, size: int) -> str:
+    """Number and size [byte] of files of members that are not used."""
+    return f"{files} files of members that these settings do not use ({size / MEGABYTE:.3g} MB)"
+
+
+def clean(site_path: Path, out: Path | None = None) -> int:
+    """Remove the files of members that the settings of a site do not use; the exit code."""
+    from runout import log
+    from runout.ensemble.member import plan_members
+    from runout.ensemble.unused import remove_unused
+    from runout.workflow.study import Study
+
+    study = Study.open(site_path, out)
+    log.output().print(f"removed {statement(*remove_unused(study.results, plan_members(study.site, study.results)))}")
+    return ExitCode.OK
 
 
 def _print_members(console: "Console", study: "Study") -> None:

@@ -94,10 +94,10 @@ class Study:
 
     @cached_property
     def members(self) -> "pd.DataFrame":
-        """Table of the members: parameters, weights, seeds."""
-        from runout.ensemble.design import member_table
+        """Table of the members: parameters, weights, seeds, files."""
+        from runout.ensemble.member import planned_table
 
-        return member_table(self.site.settings.ensemble)
+        return planned_table(self.site, self.results)
 
     @cached_property
     def standings(self) -> "list[Standing]":
@@ -118,6 +118,14 @@ class Study:
         from runout.ensemble.written import Written
 
         return Written(self.results)
+
+    @property
+    def unused(self) -> list[Path]:
+        """Files of members that the present settings do not use."""
+        from runout.ensemble.member import plan_members
+        from runout.ensemble.unused import unused_files
+
+        return unused_files(self.results, plan_members(self.site, self.results))
 
     def member_files(self, state: str) -> list[Path]:
         """Files of the members of a state."""

@@ -17,8 +17,10 @@ from runout.ensemble import machine, workers
 from runout.ensemble.member import Member, design_file, plan_members, store_design, stored_key
 from runout.ensemble.run import dealt, longest_first, run_ensemble
 from runout.ensemble.status import standings
+from runout.ensemble.unused import remove_unused, unused_files
 from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
+from runout.io.lock import exclusive
 
 ANGLE = "basal_friction_angle_deg"
 
@@ -38,7 +40,7 @@ def angles(place, numbers):
 
 
 def attributes(place, number):
-    with Dataset(place.folder / "results" / "members" / f"{number:04d}.nc") as file:
+    with Dataset(plan_members(place)[number].file(place.folder / "results")) as file:
         return {name: file.getncattr(name) for name in file.ncattrs()}
 
 
@@ -46,14 +48,18 @@ def files(place):
     return sorted(p.name for p in (place.folder / "results" / "members").iterdir() if p.name != ".lock")
 
 
+def expected_files(*places):
+    return sorted({f"{member.key[:16]}.nc" for place in places for member in plan_members(place)})
+
+
 def test_every_member_gets_a_file_that_says_what_it_is(tmp_path):
     place = site(tmp_path)
     report = run(place)
     assert report.done == tuple(range(8))
-    assert files(place) == [f"{i:04d}.nc" for i in range(8)]
+    assert files(place) == expected_files(place)
     for member in plan_members(place):
         stored = attributes(place, member.number)
-        assert (stored["member"], stored["member_key"], stored["seed"]) == (member.number, member.key, member.seed)
+        assert (stored["member_key"], stored["seed"]) == (member.key, member.seed)
         assert json.loads(stored["parameters"]) == member.parameters
         with Dataset(member.file(tmp_path / "results")) as file:
             assert (file["max_speed"][:] == member.parameters[ANGLE]).all()
@@ -101,7 +107,7 @@ def test_change_that_matters_to_all_reruns_all(tmp_path, monkeypatch, change):
     if change == "version":
         monkeypatch.setattr("runout.ensemble.member.__version__", "99.0")
     place = site(tmp_path, members=2, **{"setting": {"cell_size": 10.0}, "seed": {"seed": 2}}.get(change, {}))
-    assert all("changed" in standing.reason for standing in standings(place, tmp_path / "results"))
+    assert all(one.reason == "not run yet with these inputs and settings" for one in standings(place, tmp_path / "results"))
     assert run(place).done == (0, 1)
 
 
@@ -130,7 +136,7 @@ def test_change_of_the_title_reruns_nothing(tmp_path):
 def test_file_that_is_no_netcdf_is_not_taken_for_a_result(tmp_path):
     place = site(tmp_path, members=2)
     run(place)
-    (tmp_path / "results" / "members" / "0001.nc").write_bytes(b"CDF garbage")
+    plan_members(place)[1].file(tmp_path / "results").write_bytes(b"CDF garbage")
     assert run(place).done == (1,)
 
 
@@ -141,10 +147,10 @@ def test_failed_members_are_recorded_with_their_reason_and_the_others_run(tmp_pa
     assert angles(place, report.failed) == [2, 5]
     bad, bug = sorted(report.failed, key=lambda i: plan_members(place)[i].parameters[ANGLE])
     assert report.failed[bad] == "density is -3 kg m-3; it must lie above 0 kg m-3"
-    record = json.loads((tmp_path / "results" / "members" / f"{bad:04d}.failed.json").read_text())
+    record = json.loads(plan_members(place)[bad].failure_file(tmp_path / "results").read_text())
     assert (record["type"], record["key"], record["traceback"]) == ("MaterialError", plan_members(place)[bad].key, "")
     assert record["parameters"] == {ANGLE: 2.0}
-    record = json.loads((tmp_path / "results" / "members" / f"{bug:04d}.failed.json").read_text())
+    record = json.loads(plan_members(place)[bug].failure_file(tmp_path / "results").read_text())
     assert record["type"] == "KeyError"
     assert "_bug" in record["traceback"]
     assert "please report" in report.failed[bug]
@@ -164,14 +170,75 @@ def test_member_that_succeeds_later_loses_its_record_of_failure(tmp_path):
     run(site(tmp_path, faults={5.0: "storage"}))
     healed = site(tmp_path)
     assert len(run(healed).done) == 1
-    assert files(healed) == [f"{i:04d}.nc" for i in range(8)]
+    assert files(healed) == expected_files(healed)
 
 
-def test_failing_member_leaves_no_file_of_an_older_configuration(tmp_path):
-    run(site(tmp_path))
+def test_failing_member_has_no_file_though_it_had_one_with_other_settings(tmp_path):
+    place = site(tmp_path)
+    run(place)
     changed = site(tmp_path, cell_size=10.0, faults={5.0: "material"})
     (number,) = run(changed).failed
-    assert f"{number:04d}.nc" not in files(changed)
+    member = plan_members(changed)[number]
+    assert not member.file(tmp_path / "results").exists()
+    assert set(files(changed)) == {*expected_files(place, changed), f"{member.key[:16]}.failed.json"} - {f"{member.key[:16]}.nc"}
+
+
+def test_a_setting_that_is_changed_and_changed_back_simulates_nothing(tmp_path):
+    place, other = site(tmp_path, members=4), site(tmp_path, members=4, cell_size=10.0)
+    assert len(run(place).done) == len(run(other).done) == 4
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "results" / "members").glob("*.nc")}
+    for again in (place, other, place):
+        assert run(again).done == ()
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert files(place) == expected_files(place, other)
+    assert len(before) == 8
+
+
+def test_a_distribution_that_is_changed_and_changed_back_shares_equal_members(tmp_path):
+    place = site(tmp_path)
+    run(place)
+    other = SimpleNamespace(distribution="discrete", values=[0.0, 1.0, 2.0, 33.0, 4.0, 5.0, 6.0, 7.0], frequencies=[0.125] * 8)
+    changed = site(tmp_path, parameters={ANGLE: other})
+    assert (len(run(changed).done), len(run(changed).skipped), len(run(place).skipped)) == (1, 8, 8)
+    assert len(files(place)) == 9
+
+
+def test_a_failure_of_other_settings_does_not_count_and_comes_back_with_them(tmp_path):
+    broken, healed = site(tmp_path, faults={5.0: "material"}, cell_size=10.0), site(tmp_path)
+    first = run(broken)
+    assert run(healed).failed == {}
+    assert run(broken).failed == first.failed
+    assert calls(broken).count(5.0) == 2
+
+
+def test_files_of_other_settings_are_counted_and_removed_on_demand_only(tmp_path):
+    place, other = site(tmp_path, members=4), site(tmp_path, members=4, cell_size=10.0, faults={5.0: "material", 1.0: "material"})
+    results, kept = tmp_path / "results", tmp_path / "results" / "members"
+    run(place)
+    run(other)
+    for name in ("my notes.nc", "0003.nc", "0003.failed.json", f"{'a' * 16}.checkpoint.npz"):
+        (kept / name).write_bytes(b"12345")
+    unused = unused_files(results, plan_members(place))
+    assert {path.name for path in unused} == {path.name for path in kept.iterdir()} - {
+        *expected_files(place),
+        ".lock",
+        "my notes.nc",
+    }
+    assert len(unused) == 4 + 3
+    size = sum(path.stat().st_size for path in unused)
+    assert remove_unused(results, plan_members(place)) == (7, size)
+    assert files(place) == sorted([*expected_files(place), "my notes.nc"])
+    assert remove_unused(results, plan_members(place)) == (0, 0)
+    assert sorted(json.loads((results / "checksums.json").read_text())) == expected_files(place)
+    assert run(place).done == ()
+
+
+def test_no_file_is_removed_while_a_run_works(tmp_path):
+    place = site(tmp_path, members=1)
+    run(place)
+    with exclusive(tmp_path / "results" / "members"), pytest.raises(StorageError, match="another run"):
+        remove_unused(tmp_path / "results", [])
+    assert remove_unused(tmp_path / "nothing", []) == (0, 0)
 
 
 def test_interrupt_ends_the_run_and_it_resumes(tmp_path):
@@ -394,16 +461,16 @@ def test_run_killed_half_way_finishes_only_what_is_left(tmp_path):
     process.kill()
     process.wait()
     wait_until(lambda: not process_group(process.pid))  # workers end with it
-    finished = {int(p.stem) for p in members.glob("*.nc")}
+    finished = {m.number for m in plan_members(site(tmp_path)) if m.file(tmp_path / "results").exists()}
     assert 3 <= len(finished) < 8
-    stale = members / ".0007.nc.abc.part"
+    stale = members / ".0123456789abcdef.nc.abc.part"
     stale.mkdir()
-    (stale / "0007.nc").write_bytes(b"half a file")
+    (stale / "0123456789abcdef.nc").write_bytes(b"half a file")
     place = site(tmp_path)
     report = run(place)
     assert set(report.skipped) == finished
     assert set(report.done) == set(range(8)) - finished
-    assert files(place) == [f"{i:04d}.nc" for i in range(8)]
+    assert files(place) == expected_files(place)
     assert all(stored_key(m.file(tmp_path / "results")) == m.key for m in plan_members(place))
 
 
@@ -416,7 +483,7 @@ def test_run_interrupted_from_the_keyboard_ends_soon_and_resumes(tmp_path):
     output, _ = process.communicate(timeout=30)
     assert "KeyboardInterrupt" in output
     wait_until(lambda: not process_group(process.pid))
-    finished = {int(p.stem) for p in members.glob("*.nc")}
+    finished = {m.number for m in plan_members(site(tmp_path)) if m.file(tmp_path / "results").exists()}
     assert 1 <= len(finished) < 8
     assert not list(members.glob("*.failed.json"))
     assert set(run(site(tmp_path)).skipped) == finished

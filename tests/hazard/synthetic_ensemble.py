@@ -123,6 +123,7 @@ def make_table(weights: list[float] | None = None) -> pd.DataFrame:
             "basal_friction_angle_deg": np.linspace(12, 22, MEMBERS),
             "weight": weights or [1 / MEMBERS] * MEMBERS,
             "seed": np.arange(MEMBERS) + 100,
+            "file": [f"{number:04d}.nc" for number in range(MEMBERS)],
         },
         index=pd.Index(range(MEMBERS), name="member"),
     )

@@ -81,6 +81,7 @@ def write_members_table(path):
     columns = {
         "weight": np.full(8, 0.125),
         "seed": np.arange(8),
+        "file": np.array([f"{m:04d}.nc" for m in range(8)], dtype=object),
         "status": np.array(status, dtype=object),
         "failure_reason": np.array([REASON if s == "failed" else "" for s in status], dtype=object),
         "basal_friction_angle_deg": FRICTION,

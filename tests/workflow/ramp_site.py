@@ -55,3 +55,11 @@ def write_site(folder, text=SITE, elevation=None, thickness=None):
     write_raster(folder / "inputs" / "thickness.tif", slab() if thickness is None else thickness)
     (folder / "site.yaml").write_text(text)
     return folder
+
+
+def member_file(folder, number):
+    """File of a member of the site in its results folder."""
+    from runout.config.site import read_site
+    from runout.ensemble.member import plan_members
+
+    return plan_members(read_site(folder))[number].file(folder / "results")

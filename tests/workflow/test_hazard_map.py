@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from ramp_site import CELL, NORTH, SITE, WEST, ramp, slab, write_site
+from ramp_site import CELL, NORTH, SITE, WEST, member_file, ramp, slab, write_site
 
 import runout
 from runout import cli
@@ -26,14 +26,16 @@ def test_a_run_makes_every_product(finished_site):
     assert outcome.done == STAGES
     assert outcome.exit_code == ExitCode.OK
     assert [name for name in PRODUCTS if not (folder / "results" / name).stat().st_size] == []
-    assert sorted(path.name for path in (folder / "results" / "members").glob("*.nc")) == [f"{i:04d}.nc" for i in range(4)]
+    assert set((folder / "results" / "members").glob("*.nc")) == {member_file(folder, number) for number in range(4)}
+    with xr.open_dataset(folder / "results" / "members.nc") as table:
+        assert table["file"].values.tolist() == [member_file(folder, number).name for number in range(4)]
     assert list((folder / "results" / "maps").glob("*.tif"))
 
 
 def test_what_the_grid_resolves_is_in_the_record_of_the_run_and_on_the_page(finished_site):
     folder, _ = finished_site
     found = json.loads((folder / "results" / "run.json").read_text())["resolution"]
-    with xr.open_dataset(folder / "results" / "members" / "0000.nc", group="ledger") as ledger:
+    with xr.open_dataset(member_file(folder, 0), group="ledger") as ledger:
         assert 0 < found["cells_through_depth"] <= ledger.attrs["cells_through_depth"] < 1.0
         assert found["shear_decay_time"] == pytest.approx(ledger.attrs["shear_decay_time"], rel=0.5)
     page = (folder / "results" / "report.html").read_text(encoding="utf-8")
@@ -88,7 +90,7 @@ def test_one_member_alone_keeps_snapshots_and_equals_the_ensembles(finished_site
     folder, _ = finished_site
     file = single_member.run(folder, tmp_path, member=3, snapshots=3)
     assert file == tmp_path / "simulations" / "0003.nc"
-    with xr.open_dataset(file, group="snapshots") as snapshots, xr.open_dataset(folder / "results/members/0003.nc") as member:
+    with xr.open_dataset(file, group="snapshots") as snapshots, xr.open_dataset(member_file(folder, 3)) as member:
         assert snapshots.sizes["time"] >= 1
         volume = float(snapshots["flow_thickness"][0].sum()) * CELL**2
         assert volume == pytest.approx(slab().sum() * CELL**2, rel=1e-3)
@@ -115,16 +117,16 @@ def test_a_killed_run_goes_on_with_what_is_left(tmp_path):
     results = folder / "results"
     run = subprocess.Popen(command("run", folder, "--workers", 1), stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 240
-    while not list(results.glob("members/[0-9]*.nc")) and run.poll() is None and time.monotonic() < deadline:
+    while not list(results.glob("members/[0-9a-f]*.nc")) and run.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
     os.kill(run.pid, signal.SIGKILL)
     run.wait()
-    finished = {path: path.stat().st_mtime_ns for path in results.glob("members/[0-9]*.nc")}
+    finished = {path: path.stat().st_mtime_ns for path in results.glob("members/[0-9a-f]*.nc")}
     assert 1 <= len(finished) < 4
     assert not (results / "hazard.nc").exists()
     assert hazard_map.run(folder, workers=1).done == ("ensemble", "hazard", "report")
     assert {path: path.stat().st_mtime_ns for path in finished} == finished
-    assert len(list(results.glob("members/[0-9]*.nc"))) == 4
+    assert len(list(results.glob("members/[0-9a-f]*.nc"))) == 4
     assert list(results.rglob("*.part")) == []
 
 

@@ -14,7 +14,7 @@ import pytest
 import rasterio
 import xarray as xr
 from netCDF4 import Dataset
-from ramp_site import SITE, slab, write_raster, write_site
+from ramp_site import SITE, member_file, slab, write_raster, write_site
 
 from runout import cli
 from runout.errors import ExitCode, InputError, StorageError
@@ -124,15 +124,16 @@ def test_an_ensemble_killed_at_a_member_ends_like_an_undisturbed_one(tmp_path, f
     program = (
         "import os, signal, sys\nreplace = os.replace\n"
         "def die(old, new):\n"
-        "    if str(new).endswith('0002.nc'): os.kill(os.getpid(), signal.SIGKILL)\n"
+        "    if str(new).endswith(sys.argv[2]): os.kill(os.getpid(), signal.SIGKILL)\n"
         "    replace(old, new)\n"
         "os.replace = die\n"
         "from runout.cli import main\nmain(['run', sys.argv[1], '--workers', '1'])"
     )
-    dead = subprocess.run([sys.executable, "-c", program, str(folder)], check=False, capture_output=True)
+    third = member_file(folder, 2)
+    dead = subprocess.run([sys.executable, "-c", program, str(folder), third.name], check=False, capture_output=True)
     assert dead.returncode == -signal.SIGKILL
-    assert list((folder / "results" / "members").glob(".0002.nc.*.part"))
-    assert sorted(path.name for path in (folder / "results").glob("members/*.nc")) == ["0000.nc", "0001.nc"]
+    assert list((folder / "results" / "members").glob(f".{third.name}.*.part"))
+    assert set((folder / "results").glob("members/*.nc")) == {member_file(folder, number) for number in range(2)}
     assert hazard_map.run(folder, workers=1).done == ("ensemble", "hazard", "report")
     assert not list(folder.rglob("*.part"))
     assert_same(products(folder), products(finished_site[0]))
@@ -175,7 +176,7 @@ def test_a_damaged_report_is_made_again(site, finished_site):
 
 
 def test_a_damaged_member_heals_and_the_run_says_so(site, finished_site, capsys):
-    flip(site / "results" / "members" / "0002.nc")
+    flip(member_file(site, 2))
     assert cli.main(["status", str(site)]) == ExitCode.OK
     assert "3 members done, 0 members failed, 1 members left" in capsys.readouterr().out
     assert cli.main(["ensemble", str(site), "--workers", "1"]) == ExitCode.OK
@@ -213,7 +214,7 @@ def test_a_damaged_record_of_stages_or_members_is_no_fault(site, finished_site, 
 
 def test_a_damaged_member_without_a_record_is_found(site, capsys):
     (site / "results" / "checksums.json").unlink()
-    truncate(site / "results" / "members" / "0001.nc")
+    truncate(member_file(site, 1))
     cli.main(["status", str(site)])
     assert "3 members done, 0 members failed, 1 members left" in capsys.readouterr().out
 
