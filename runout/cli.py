@@ -16,6 +16,7 @@ with interrupt.ended_at_once():  # it takes a moment
     from cyclopts import App, CycloptsError, Group, Parameter
 
     from runout import log
+    from runout.ensemble.cluster import Cluster
 
 LOGGER = logging.getLogger(__name__)
 INTERRUPTED = 130  # exit code of shells for a command that Ctrl-C ended
@@ -38,6 +39,7 @@ Threads = Annotated[
 ]
 RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
 Device = Annotated[str | None, Parameter(help="cpu, cuda:0, or auto: a GPU if there is one [default: what site.yaml says].")]
+OnCluster = Annotated[Cluster | None, Parameter(name="*", group="Other machines")]
 Force = Annotated[bool, Parameter(name="--force", negative="", help="Run even if nothing has changed.")]
 
 app = App(
@@ -79,13 +81,14 @@ def run(
     device: Device = None,
     retry_failed: RetryFailed = False,
     force: Force = False,
+    cluster: OnCluster = None,
     session: Injected,
 ) -> int:
     """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
     from runout.workflow.hazard_map import STAGES
 
     choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed, "force": force}
-    return _stages(site, STAGES, session, **choices)
+    return _stages(site, STAGES, session, **choices, cluster=cluster)
 
 
 def terrain(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
@@ -106,11 +109,12 @@ def ensemble(
     device: Device = None,
     retry_failed: RetryFailed = False,
     members: Annotated[str | None, Parameter(help="Run only these, such as 0:100; for jobs that share the folder.")] = None,
+    cluster: OnCluster = None,
     session: Injected,
 ) -> int:
     """Run the remaining members; write results/members/."""
     choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed}
-    return _stages(site, ("ensemble",), session, **choices, members=members)
+    return _stages(site, ("ensemble",), session, **choices, members=members, cluster=cluster)
 
 
 def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:

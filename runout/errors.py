@@ -97,6 +97,10 @@ class DeviceError(RunoutError):
     """A device that does not exist or cannot be used."""
 
 
+class ClusterError(RunoutError):
+    """A cluster that cannot be reached, or whose workers cannot compute members."""
+
+
 class StorageError(RunoutError):
     """A file or cache that cannot be written or read."""
 

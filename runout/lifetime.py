@@ -47,3 +47,18 @@ def interrupts_kept() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def children_allowed() -> Iterator[None]:
+    """Context in which a daemon process of multiprocessing, such as a worker of dask, may start processes.
+
+    Daemons may not, since they could leave them behind; those of runout end with their parent (:func:`end_with_parent`).
+    """
+    stated = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+    daemon = stated.pop("daemon", None)
+    try:
+        yield
+    finally:
+        if daemon is not None:
+            stated["daemon"] = daemon

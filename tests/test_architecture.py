@@ -27,7 +27,11 @@ HOMES = {
     "numba": ("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
     "warp": ("runout/backends/hash/", "runout/backends/compile.py"),
 }
-IMPORT_NAMES = {"warp-lang": "warp", "ruamel.yaml": "ruamel"}  # where it differs from the name of the distribution
+IMPORT_NAMES = {
+    "warp-lang": "warp",
+    "ruamel.yaml": "ruamel",
+    "dask-jobqueue": "dask_jobqueue",
+}  # where it differs from the name of the distribution
 COME_WITH = {"llvmlite": "numba", "pydantic_core": "pydantic", "mpl_toolkits": "matplotlib"}  # always, in a version that fits
 HEAVY = (
     "numba",
@@ -213,7 +217,9 @@ def test_files_are_named_after_what_they_hold():
 
 
 def test_every_dependency_is_imported_and_every_import_is_a_dependency():
-    stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = [line for name, lines in project["optional-dependencies"].items() if name != "test" for line in lines]
+    stated = [*project["dependencies"], *extras]
     names = {re.match(r"[\w.-]+", line)[0] for line in stated}
     modules = {IMPORT_NAMES.get(name, name) for name in names}
     used = {COME_WITH.get(name, name) for path in SOURCES for _, name in imported(path)}

@@ -3,18 +3,19 @@
 import logging
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.ensemble.cluster import Cluster
 from runout.ensemble.dispatch import Outcome
-from runout.ensemble.member import Member, members_folder, plan_members, simulate_alone, simulate_together, stored_key
+from runout.ensemble.fleet import Order, on_cluster
+from runout.ensemble.member import Member, members_folder, plan_members, stored_key
 from runout.ensemble.status import LASTING, Failure, State, member_state
-from runout.ensemble.worker import Group, Task
-from runout.ensemble.workers import Share, in_process, in_workers, share_of
+from runout.ensemble.work import Work
+from runout.ensemble.workers import in_process, in_workers, share_of
 from runout.ensemble.written import Written
 from runout.errors import DiskFullError, InputError, RunoutError
 from runout.io.fingerprint import Unchanged
@@ -98,6 +99,8 @@ def run_ensemble(
     retry_failed: bool = False,
     simulate: "Callable[..., Result] | None" = None,
     part: range | None = None,
+    cluster: Cluster | None = None,
+    member_bytes: float = 0.0,
 ) -> EnsembleReport:
     """Run all members that have no valid result; returns a report.
 
@@ -124,15 +127,21 @@ def run_ensemble(
     part : range, optional
         Numbers of the members to run; all if None. Several processes, also on several machines, may run parts in one folder at
         the same time.
+    cluster : Cluster, optional
+        Dask cluster that computes the members. Its workers see the folders under the same absolute paths.
+    member_bytes : float
+        Memory of the largest member [byte]; each worker of a cluster takes as many members as fit.
 
     Raises
     ------
+    ClusterError
+        If no worker of the cluster can compute members.
     StorageError
         If the folder cannot be written or another run works in it.
     InputError
         If an input of the site cannot be read, or the ensemble has no member.
     """
-    results = Path(results)
+    results = Path(results).absolute() if cluster else Path(results)
     inputs = Unchanged(site.inputs())
     members, folder = plan_members(site, results), members_folder(results)
     if part is not None:
@@ -142,13 +151,12 @@ def run_ensemble(
             remove_stale(folder)
         tally = _Tally(members, results, retry_failed, progress, inputs)
         if tally.waiting:
-            share = share_of(site.settings.simulation.device, len(tally.waiting), workers, threads)
-            task, groups = _work(site, tally.waiting, results, simulate, share)
-            LOGGER.info("%d of %d members to simulate, %s", len(tally.waiting), len(members), share)
-            if share.in_process:
-                run = in_process(task, groups, tally.advance, share.devices)
+            work = Work(site, tuple(tally.waiting), results, simulate)
+            if cluster:
+                LOGGER.info("%d of %d members to simulate, on a cluster", len(work.members), tally.of)
+                run = on_cluster(cluster, Order(work, workers, threads, member_bytes), tally.advance)
             else:
-                run = in_workers(task, groups, share.workers, share.threads, tally.advance, share.devices)
+                run = _on_this_machine(work, workers, threads, tally)
             try:
                 with closing(run) as outcomes:
                     tally.collect(outcomes)
@@ -160,46 +168,14 @@ def run_ensemble(
     return tally.report()
 
 
-def _work(
-    site: "Site",
-    waiting: list[Member],
-    results: Path,
-    simulate: "Callable[..., Result] | None",
-    share: Share,
-) -> tuple[Task, list[Group]]:
-    """Task for the members, and groups of members. On hash, the members of a group share kernel launches; one group per worker."""
-    if simulate is None and (share.devices or site.settings.simulation.backend == "hash"):
-        return partial(simulate_together, site, results=results), dealt(waiting, share.workers)
-    task = partial(simulate_alone, site, results=results, simulate=simulate, threads=share.threads)
-    return task, [(member,) for member in (waiting if share.in_process else longest_first(waiting))]
-
-
-def longest_first(members: list[Member]) -> list[Member]:
-    """Members in the order in which they are started: the largest volume first, of those the least friction.
-
-    A long member that starts last would leave the other cores idle.
-    """
-    return sorted(members, key=lambda m: (-_volume_factor(m), m.parameters.get("basal_friction_angle_deg", 0.0), m.number))
-
-
-def dealt(members: list[Member], workers: int) -> list[Group]:
-    """Members in at most ``workers`` groups of similar work, estimated from the released volume.
-
-    Members are assigned in descending order of volume, each to the group with the least work. Members of equal volume are
-    ordered by their other parameters, which spreads members with long runs over the groups. Groups are sorted by number.
-    """
-    groups: list[list[Member]] = [[] for _ in range(min(workers, len(members)))]
-    work = [0.0] * len(groups)
-    for member in sorted(members, key=lambda m: (-_volume_factor(m), *(m.parameters[name] for name in sorted(m.parameters)))):
-        least = work.index(min(work))
-        groups[least].append(member)
-        work[least] += _volume_factor(member)
-    return [tuple(sorted(group, key=lambda member: member.number)) for group in groups]
-
-
-def _volume_factor(member: Member) -> float:
-    """Released volume of a member relative to a volume factor of 1."""
-    return member.parameters.get("release_volume_factor", 1.0)
+def _on_this_machine(work: Work, workers: int | None, threads: int | None, tally: "_Tally") -> Generator[Outcome, None, None]:
+    """Outcomes of members that this process or worker processes compute."""
+    share = share_of(work.device, len(work.members), workers, threads)
+    task, groups = work.task(share), work.groups(share)
+    LOGGER.info("%d of %d members to simulate, %s", len(work.members), tally.of, share)
+    if share.in_process:
+        return in_process(task, groups, tally.advance, share.devices)
+    return in_workers(task, groups, share.workers, share.threads, tally.advance, share.devices)
 
 
 class _Tally:

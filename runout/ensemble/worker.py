@@ -19,7 +19,7 @@ from typing import Protocol
 
 from runout.ensemble.member import Member
 from runout.errors import DeviceError
-from runout.lifetime import end_with_parent, interrupts_kept
+from runout.lifetime import children_allowed, end_with_parent, interrupts_kept
 
 TICK_SECONDS = 0.5  # [s] between two progress messages of a worker
 END_SECONDS = 10.0  # [s] that an idle worker has to end by itself
@@ -130,7 +130,7 @@ def start_worker(number: int, task: Task, device: str | None) -> Worker:
     ours, its = context.Pipe()
     process = context.Process(target=_work, args=(its, task, device, os.getpid()), name=f"runout-{number}", daemon=True)
     try:
-        with interrupts_kept():
+        with interrupts_kept(), children_allowed():
             process.start()
     except OSError as cause:
         raise DeviceError(f"no worker process can be started ({cause.strerror}); run again with fewer workers") from cause

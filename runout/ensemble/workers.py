@@ -22,8 +22,35 @@ START = threading.Lock()  # processes are started one after the other, since the
 THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
-def worker_count(workers: int | None, threads_per_worker: int) -> int:
-    """Number of workers: ``workers``, or fewer if the cores do not suffice.
+@dataclass(frozen=True)
+class Capacity:
+    """What a machine offers to members.
+
+    Attributes
+    ----------
+    cores : int
+    memory : int
+        Memory for all members together [byte].
+    devices : tuple of str
+        GPUs; empty on the CPU.
+    """
+
+    cores: int
+    memory: int
+    devices: tuple[str, ...] = ()
+
+    @classmethod
+    def here(cls, device: str) -> "Capacity":
+        """Capacity of this machine, or of its container, for the device of a site."""
+        return cls(machine.core_count(), machine.memory_bytes(), devices_of(device))
+
+    def holds(self, member_bytes: float) -> int:
+        """How many members of that memory [byte] fit at the same time."""
+        return int(MEMORY_SHARE * self.memory // max(member_bytes, 1.0))
+
+
+def worker_count(workers: int | None, threads_per_worker: int, cores: int | None = None) -> int:
+    """Number of workers: ``workers``, or fewer if the cores, by default those of this machine, do not suffice.
 
     Raises
     ------
@@ -33,7 +60,7 @@ def worker_count(workers: int | None, threads_per_worker: int) -> int:
     for name, number in (("workers", workers), ("threads_per_worker", threads_per_worker)):
         if number is not None and number < 1:
             raise ConfigError(f"{name} is {number}; at least 1 is needed")
-    cores = machine.core_count()
+    cores = cores or machine.core_count()
     most = max(1, cores // threads_per_worker)
     if workers is not None and workers > most:
         text = "%d workers of %d threads need more than the %d cores; %d are used"
@@ -68,28 +95,36 @@ class Share:
 
 
 def share_of(device: str, members: int, workers: int | None = None, threads: int | None = None) -> Share:
-    """How ``members`` share the cores of a machine, or its GPUs.
+    """How ``members`` share this machine, for the device of a site; see :func:`pack`."""
+    return pack(Capacity.here(device), members, workers, threads)
+
+
+def pack(
+    capacity: Capacity, members: int, workers: int | None = None, threads: int | None = None, member_bytes: float = 0.0
+) -> Share:
+    """How ``members`` share the cores and the memory of a machine, or its GPUs.
 
     Parameters
     ----------
-    device : str
-        Device of the site.
+    capacity : Capacity
+        Of the machine.
     members : int
         Members to simulate, at least 1.
     workers : int, optional
         Members at the same time. Default: one per GPU on GPUs, else one per core.
     threads : int, optional
         Threads of each member. Default: the cores divided by the members at the same time. Results do not depend on it.
+    member_bytes : float
+        Memory of the largest member [byte]; no more members run at the same time than fit.
 
     Raises
     ------
-    ConfigError, DeviceError
-        If a number is below 1, or the device does not exist.
+    ConfigError
+        If a number is below 1.
     """
-    devices = devices_of(device)
-    allowed = worker_count(workers or len(devices) or None, threads or 1)
-    number = min(allowed, members)
-    return Share(number, threads or max(1, machine.core_count() // number), devices, in_process=allowed == 1)
+    allowed = worker_count(workers or len(capacity.devices) or None, threads or 1, capacity.cores)
+    number = max(1, min(allowed, members, capacity.holds(member_bytes)))
+    return Share(number, threads or max(1, capacity.cores // number), capacity.devices, in_process=allowed == 1)
 
 
 def in_process(

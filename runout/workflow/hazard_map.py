@@ -21,6 +21,7 @@ from runout.workflow.study import PLAN, STAGES, Study
 
 if TYPE_CHECKING:
     from runout.config.site import Site
+    from runout.ensemble.cluster import Cluster
 
 LOGGER = logging.getLogger("runout.hazard_map")
 
@@ -50,6 +51,7 @@ def run(
     retry_failed: bool = False,
     device: str | None = None,
     members: str | None = None,
+    cluster: "Cluster | None" = None,
 ) -> Outcome:
     """Run the stages of a site that are not up to date, in their order.
 
@@ -71,6 +73,8 @@ def run(
         "cpu", "cuda:N" or "auto" instead of what site.yaml says.
     members : str or None
         Range of members such as ``0:100``: the stage ``ensemble`` runs only these (see :mod:`runout.ensemble.member_range`).
+    cluster : Cluster or None
+        Dask cluster that computes the members. The budget of the site is for this machine and does not count then.
 
     Raises
     ------
@@ -78,7 +82,9 @@ def run(
         If an input cannot be used, the device does not exist, the remaining members exceed the budget, or no member is done.
     """
     try:
-        study = Study.open(site_path, out, workers, retry_failed, device, threads)
+        if cluster:  # other machines have other working folders
+            site_path, out = Path(site_path).absolute(), Path(out).absolute() if out else None
+        study = replace(Study.open(site_path, out, workers, retry_failed, device, threads), cluster=cluster or None)
     except ConfigError:
         if "ensemble" in stages:
             _inspected(Path(site_path))  # its message lists the problems of the inputs as well
@@ -176,9 +182,10 @@ def make_release(study: Study) -> Iterable[Path]:
 def make_members(study: Study) -> Iterable[Path]:
     """Run the remaining members; results go to ``members/``."""
     from runout.ensemble.run import run_ensemble
-    from runout.workflow.plan import require_budget
+    from runout.workflow.plan import member_bytes, require_budget
 
-    require_budget(study.site, study.left, workers=study.workers)
+    if study.cluster is None:
+        require_budget(study.site, study.left, workers=study.workers)
     with log.progress("members") as bar:
         run_ensemble(
             study.site,
@@ -188,6 +195,8 @@ def make_members(study: Study) -> Iterable[Path]:
             progress=lambda state: bar(state.fraction),
             retry_failed=study.retry_failed,
             part=study.part,
+            cluster=study.cluster,
+            member_bytes=member_bytes(study.site, study.left) if study.cluster else 0.0,
         )
     study.refresh()
     return []

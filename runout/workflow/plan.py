@@ -141,13 +141,28 @@ class _Fits(Exception):
 def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> None:
     """Raise CapacityError if members that run at the same time exceed the memory of the machine."""
     largest, together = _planned(site, left, workers)[1:]
+    needed = _member_memory(site, largest)
+    if needed:
+        _fitting(site, needed, together)
+
+
+def member_bytes(site: "Site", left: Sequence[int]) -> float:
+    """Memory of the largest of the members ``left`` on its machine [byte]; 0 if there is none."""
+    needed = _member_memory(site, _planned(site, left, None)[1]) if left else None
+    return needed.total if needed else 0.0
+
+
+def _member_memory(site: "Site", member: "Member") -> MemoryForecast | None:
+    """Memory of a member, known before its particles are made."""
+    found: list[MemoryForecast] = []
 
     def accept(needed: MemoryForecast) -> None:
-        _fitting(site, needed, together)
+        found.append(needed)
         raise _Fits
 
     with suppress(_Fits):
-        _scene({**site.member_arguments(largest.parameters), "seed": largest.seed}, accept)
+        _scene({**site.member_arguments(member.parameters), "seed": member.seed}, accept)
+    return found[0] if found else None
 
 
 def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[list[Member], Member, int]":

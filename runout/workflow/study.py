@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from runout.config.site import Site
+    from runout.ensemble.cluster import Cluster
     from runout.ensemble.run import EnsembleReport
     from runout.ensemble.status import Standing
     from runout.ensemble.written import Written
@@ -34,7 +35,7 @@ STAGES = tuple(stage.name for stage in PLAN)
 
 @dataclass
 class Study:
-    """A site and its results folder; ``part`` restricts it to a range of its members."""
+    """A site and its results folder; ``part`` restricts it to a range of its members, which a ``cluster`` may compute."""
 
     site: "Site"
     results: Path
@@ -42,6 +43,7 @@ class Study:
     retry_failed: bool = False
     threads: int | None = None
     part: range | None = None
+    cluster: "Cluster | None" = None
     _watched: Unchanged | None = field(default=None, init=False, repr=False)
 
     @classmethod

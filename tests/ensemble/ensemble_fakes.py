@@ -129,6 +129,11 @@ def _exit():
     os._exit(7)
 
 
+def _kill_parent():
+    os.kill(os.getppid(), signal.SIGKILL)
+    os._exit(7)
+
+
 def _memory():
     hoard = np.ones(200_000_000)  # 1.6 GB
     time.sleep(30)
@@ -145,6 +150,7 @@ FAULTS = {
     "full": _full,
     "bug": _bug,
     "exit": _exit,
+    "kill_parent": _kill_parent,
     "memory": _memory,
     "interrupt": _interrupt,
 }

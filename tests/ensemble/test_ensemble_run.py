@@ -15,9 +15,10 @@ from netCDF4 import Dataset
 
 from runout.ensemble import machine, workers
 from runout.ensemble.member import Member, design_file, plan_members, store_design, stored_key
-from runout.ensemble.run import dealt, longest_first, run_ensemble
+from runout.ensemble.run import run_ensemble
 from runout.ensemble.status import standings
 from runout.ensemble.unused import remove_unused, unused_files
+from runout.ensemble.work import dealt, longest_first
 from runout.ensemble.written import Written
 from runout.errors import ConfigError, DiskFullError, InputError, StorageError
 from runout.io.lock import exclusive

@@ -1,0 +1,139 @@
+"""Members on a dask cluster: whatever its workers do, each member ends once, as on this machine."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+from dask_cluster import certificates, cluster, end
+from ensemble_fakes import calls, simulate, simulate_step_by_step, site, wait_until
+
+from runout.ensemble import fleet
+from runout.ensemble.cluster import Cluster
+from runout.ensemble.cluster_worker import Needs
+from runout.ensemble.member import plan_members, stored_key
+from runout.ensemble.run import run_ensemble
+from runout.errors import ClusterError
+
+CLIENT = """\
+import sys
+from ensemble_fakes import simulate, site
+from runout.ensemble.cluster import Cluster
+from runout.ensemble.run import run_ensemble
+from pathlib import Path
+folder, address, ca, key = sys.argv[1:]
+where = Cluster(address, Path(ca), Path(ca), Path(key))
+run_ensemble(site(folder, pause=60.0), Path(folder) / "results", cluster=where, simulate=simulate)
+"""
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
+    with cluster(tmp_path_factory.mktemp("dask")) as made:
+        yield made
+
+
+@pytest.fixture
+def dask(scheduler):
+    """A scheduler without workers."""
+    yield scheduler
+    for process in scheduler.running[1:]:
+        end(process)
+
+
+def run(place, dask, **choices):
+    where = Cluster(dask.address, **dask.tls)
+    return run_ensemble(place, place.folder / "results", cluster=where, **{"simulate": simulate, **choices})
+
+
+def test_members_run_on_workers_and_tell_how_far_they_are(tmp_path, dask):
+    dask.worker(2, "--no-nanny")
+    place, told = site(tmp_path, members=4, pause=1.0), []
+    report = run(place, dask, progress=told.append, simulate=simulate_step_by_step)
+    assert (report.done, report.failed) == ((0, 1, 2, 3), {})
+    assert all(stored_key(member.file(tmp_path / "results")) == member.key for member in plan_members(place))
+    assert any(state.under_way > 0 for state in told)
+    assert sorted(path.name for path in (tmp_path / "results").iterdir() if path.name[0] != ".") == ["checksums.json", "members"]
+    assert run(place, dask).skipped == (0, 1, 2, 3)
+
+
+def test_a_lost_worker_costs_one_run_of_its_member(tmp_path, dask):
+    place, lost = site(tmp_path, pause=1.0), dask.worker(1, "--no-nanny")
+    dask.worker(1, "--no-nanny")
+
+    def lose():
+        wait_until(lambda: len(calls(place)) > 1)
+        end(lost)
+
+    threading.Thread(target=lose).start()
+    report = run(place, dask)
+    assert (report.done, report.failed) == (tuple(range(8)), {})
+    assert len(calls(place)) == 9
+
+
+@pytest.mark.parametrize("fault", ["exit", "kill_parent"])
+def test_a_member_that_kills_its_worker_twice_fails_and_the_others_go_on(tmp_path, dask, fault):
+    for _ in range(2):
+        dask.worker(1)
+    place = site(tmp_path, faults={3.0: fault})
+    report = run(place, dask)
+    (failed,) = report.failed
+    assert plan_members(place)[failed].parameters == {"basal_friction_angle_deg": 3.0}
+    assert "died twice" in report.failed[failed]
+    assert len(report.done) == 7
+    assert calls(place).count(3.0) == 2
+
+
+def refused(place, dask, reason, **choices):
+    with pytest.raises(ClusterError, match=f"no worker of the cluster can compute members: tls://.* {reason}"):
+        run(place, dask, **choices)
+
+
+def test_workers_that_cannot_take_part_are_named_with_the_reason(tmp_path, dask, monkeypatch):
+    place = site(tmp_path)
+    strange = tmp_path / "elsewhere" / "runout"
+    strange.mkdir(parents=True)
+    (strange / "__init__.py").write_text("__version__ = '0.0.1'")
+    worker = dask.worker(1, "--no-nanny", path=[strange.parent])
+    refused(place, dask, "cannot run runout .*; install it there")
+    end(worker)
+    dask.worker(1, "--no-nanny")
+    with monkeypatch.context() as patch:
+        patch.setattr(fleet, "__version__", "99.9")
+        refused(place, dask, "has runout .*, here it is 99.9; install the same version")
+    with monkeypatch.context() as patch:
+        patch.setattr(fleet.platform, "python_version_tuple", lambda: ("2", "7", "18"))
+        refused(place, dask, "has Python 3.*, here it is 2.7; use the same version")
+    with monkeypatch.context() as patch:
+        patch.setattr(fleet, "Needs", lambda *needs: replace(Needs(*needs), mark=Path("/nowhere")))
+        refused(place, dask, "does not see .*members; the folder must be shared under the same path")
+    refused(place, dask, r"has .* GB of memory, a member needs about 1e\+06 GB", member_bytes=1e15)
+    assert calls(place) == []
+    assert run(place, dask).done == tuple(range(8))
+
+
+def test_a_client_with_another_certificate_is_refused(tmp_path, dask, monkeypatch):
+    monkeypatch.setattr("runout.ensemble.cluster.CONNECT_SECONDS", 2.0)
+    where = Cluster(dask.address, **certificates(tmp_path, "stranger"))
+    with pytest.raises(ClusterError, match="no scheduler answers there, or it does not accept the certificates"):
+        run_ensemble(site(tmp_path), tmp_path / "results", cluster=where, simulate=simulate)
+
+
+def test_members_end_with_a_client_that_is_killed(tmp_path, dask):
+    worker = dask.worker(2, "--no-nanny")
+    command = [sys.executable, "-c", CLIENT, str(tmp_path), dask.address, str(dask.tls["tls_ca"]), str(dask.tls["tls_key"])]
+    here = Path(__file__).parent
+    path = os.pathsep.join([str(here), str(here.parent.parent), os.environ.get("PYTHONPATH", "")])
+    place = site(tmp_path)
+    client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path})
+    wait_until(lambda: len(calls(place)) == 2)
+    client.send_signal(signal.SIGKILL)
+    client.wait()
+    members = [one for one in psutil.Process(worker.pid).children() if "spawn_main" in " ".join(one.cmdline())]
+    assert len(members) == 2
+    assert psutil.wait_procs(members, timeout=20)[1] == []
