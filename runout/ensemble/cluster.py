@@ -5,6 +5,7 @@ certificate; any other connection is refused unless it is asked for.
 """
 
 import logging
+import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -137,15 +138,28 @@ def _slurm_jobs(number: int, folder: Path) -> Iterator[Any]:
 
     if shutil.which("sbatch") is None:
         raise ClusterError("--slurm: there is no command sbatch on this machine; start it on a login node of the cluster")
-    try:
-        # certificates for this run only; no page that shows the state to everyone
-        jobs = SLURMCluster(security=True, shared_temp_directory=str(folder), scheduler_options={"dashboard": False})
+    try:  # no page that shows the state to everyone
+        jobs = SLURMCluster(security=_new_certificates(folder), scheduler_options={"dashboard": False})
     except ValueError as cause:
-        raise ConfigError(f"--slurm: {cause}; set jobqueue.slurm.cores and memory in ~/.config/dask/jobqueue.yaml") from cause
+        reason = str(cause).splitlines()[0].rstrip(":")
+        raise ConfigError(f"--slurm: {reason}; state jobqueue.slurm.cores, memory and walltime in dask's configuration") from cause
     with jobs, at_end(lambda: _cancel(jobs)):
         jobs.scale(jobs=number)
         LOGGER.info("%d SLURM jobs are submitted", number)
         yield jobs
+
+
+def _new_certificates(folder: Path) -> Any:
+    """Certificates for one run, in files that only this user can read."""
+    from distributed import Security
+
+    made, files = Security.temporary(), {}
+    for name in ("tls_ca_file", "tls_client_cert", "tls_client_key"):
+        files[name] = str(folder / name)
+        with open(os.open(files[name], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+            file.write(getattr(made, name))
+    roles = {name.replace("client", role): path for name, path in files.items() for role in ("client", "scheduler", "worker")}
+    return Security(require_encryption=True, **roles)
 
 
 def _cancel(jobs: Any) -> None:

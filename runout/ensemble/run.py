@@ -197,6 +197,7 @@ class _Tally:
         self.failed: dict[int, str] = {}
         self.waiting: list[Member] = []
         self.under_way: dict[int, float] = {}
+        self.leftovers = _leftovers(members_folder(results))
         for member in members:
             self._sort(member, retry_failed)
         self.written.withdraw(member.file(results) for member in self.waiting)
@@ -215,7 +216,8 @@ class _Tally:
         failure = Failure.read(member.failure_file(self.results)) if state is State.FAILED else None
         if state is State.DONE:
             self.skipped.append(member.number)
-            self._clear(member)  # a run was killed between writing the result and removing the failure
+            if _stem(file) in self.leftovers:  # a run was killed between writing the result and removing the failure
+                self._clear(member)
         elif failure and failure.lasting and not retry_failed:
             self.failed[member.number] = reason
         else:
@@ -290,6 +292,15 @@ class _Tally:
     def report(self) -> EnsembleReport:
         """Report of the run."""
         return EnsembleReport(tuple(sorted(self.done)), tuple(self.skipped), dict(sorted(self.failed.items())))
+
+
+def _leftovers(folder: Path) -> set[str]:
+    """Stems of the files of failures and checkpoints, found in one look at the folder: a look per member would take long."""
+    return {_stem(path) for path in folder.iterdir() if path.suffix != ".nc"}
+
+
+def _stem(path: Path) -> str:
+    return path.name.partition(".")[0]
 
 
 def _failure(member: Member, error: BaseException) -> Failure:

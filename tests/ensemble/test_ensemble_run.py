@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -488,3 +489,16 @@ def test_run_interrupted_from_the_keyboard_ends_soon_and_resumes(tmp_path):
     assert 1 <= len(finished) < 8
     assert not list(members.glob("*.failed.json"))
     assert set(run(site(tmp_path)).skipped) == finished
+
+
+def test_a_resumed_run_does_not_search_the_folder_for_each_member(tmp_path, monkeypatch):
+    place = site(tmp_path)
+    run(place)
+    searches, real = [], Path.glob
+    monkeypatch.setattr(Path, "glob", lambda folder, pattern: searches.append(pattern) or real(folder, pattern))
+    assert run(place).skipped == tuple(range(8))
+    assert searches == []
+    (tmp_path / "results" / "members" / "0003.failed.json").write_text("{}")
+    assert run(place).skipped == tuple(range(8))
+    assert len(searches) == 1
+    assert files(place) == [f"{i:04d}.nc" for i in range(8)]
