@@ -88,6 +88,9 @@ class Cluster:
             If a library is not installed, or no scheduler answers.
         """
         _require_library("distributed", "cluster")
+        import distributed  # noqa: F401 - it sets up its loggers
+
+        _calm_dask()
         if self.slurm is None:
             with _client(str(self.scheduler), self._security()) as client:
                 yield client, lambda: None
@@ -109,6 +112,20 @@ class Cluster:
                 "distributed.comm.tls in dask's configuration"
             )
         return security
+
+
+class _ToLogFile(logging.Handler):
+    """Passes the messages of dask to the logger of warnings: they go to the log file, and to the terminal with -v."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Pass on one message."""
+        logging.getLogger("py.warnings").handle(record)
+
+
+def _calm_dask() -> None:
+    """Keep the messages of dask off the terminal; errors that end a run are raised as well."""
+    for name in ("distributed", "distributed.client", "tornado", "tornado.application"):
+        logging.getLogger(name).handlers[:] = [_ToLogFile()]
 
 
 def _require_library(name: str, extra: str) -> None:
