@@ -9,7 +9,8 @@ import platform
 import socket
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from runout.ensemble.workers import MEMORY_SHARE, Capacity, Share, Workforce
 from runout.errors import ClusterError, DeviceError
 
 RUNS: "dict[str, Pool]" = {}  # processes of each run that uses this worker
+IDLE_SECONDS = 60.0  # [s] after which the processes of a run without members end; the run may have been killed
 
 
 @dataclass(frozen=True)
@@ -75,12 +77,12 @@ def state_offer(needs: Needs, dask_worker: Any = None) -> Offer:
     here = Capacity.here(needs.device)
     memory = dask_worker.memory_manager.memory_limit or here.memory
     cores = min(here.cores, dask_worker.state.nthreads)
-    gpus = tuple(f"{socket.gethostname()}/{_number(device)}" for device in here.devices)
+    gpus = tuple(f"{socket.gethostname()}/{host_number(device)}" for device in here.devices)
     capacity = Capacity(cores, min(here.memory, memory), here.devices)
     return Offer(__version__, platform.python_version(), _fault(needs), capacity, gpus)
 
 
-def _number(device: str) -> str:
+def host_number(device: str) -> str:
     """Number of a GPU on its host; devices are numbered among those that the worker may see."""
     seen = os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")
     number = int(device.rpartition(":")[2] or 0)
@@ -114,31 +116,57 @@ class Pool:
     """
 
     def __init__(self, task: Task, share: Share, memory: int):
-        self.task, self.share, self.closed = task, share, False
+        self.task, self.share, self.closed, self.idled = task, share, False, False
         self.memory = int(MEMORY_SHARE * memory / share.workers)
         self.forces: dict[int, Workforce] = {}
         self.free: SimpleQueue[int] = SimpleQueue()
         self.guard = threading.Lock()
+        self.running, self.timer = 0, threading.Timer(IDLE_SECONDS, self._end_idle)
         for place in range(share.workers):
             self.free.put(place)
 
     def compute(self, group: Group, tell: Callable[[Progress], None], wanted: Callable[[], bool]) -> Done | Died:
         """Compute a group in a free process. It is terminated when the group is no longer ``wanted``."""
+        with self._used() as place:
+            try:
+                force = self._force(place)
+                force.give(group)
+                while wanted() and not self.closed:
+                    for _, said in force.heard():
+                        if not isinstance(said, Progress):
+                            return said
+                        tell(said)
+                ended = Died("it was no longer wanted")
+            except DeviceError as error:  # no process can be started
+                ended = Died(str(error))
+            self._end(place)
+            return ended
+
+    @contextmanager
+    def _used(self) -> Iterator[int]:
+        """Context with a free place. Some time after the last one ends, all processes end."""
+        with self.guard:
+            self.running += 1
+            self.timer.cancel()
         place = self.free.get()
         try:
-            force = self._force(place)
-            force.give(group)
-            while wanted() and not self.closed:
-                for _, said in force.heard():
-                    if not isinstance(said, Progress):
-                        return said
-                    tell(said)
-            self._end(place)
-            return Died("it was no longer wanted")
-        except DeviceError as error:  # no process can be started
-            return Died(str(error))
+            yield place
         finally:
             self.free.put(place)
+            with self.guard:
+                self.running -= 1
+                self.timer = threading.Timer(IDLE_SECONDS, self._end_idle)
+                self.timer.daemon = True
+                if not self.running:
+                    self.timer.start()
+
+    def _end_idle(self) -> None:
+        with self.guard:
+            if self.running:
+                return
+            ended, self.forces, self.idled = self.forces, {}, True
+        for force in ended.values():
+            force.__exit__()
 
     def _force(self, place: int) -> Workforce:
         """Process of a place; after an error of the start there is none."""
@@ -157,12 +185,15 @@ class Pool:
     def close(self) -> None:
         """End all processes."""
         self.closed = True
+        self.timer.cancel()
         for place in list(self.forces):
             self._end(place)
 
 
 def open_pool(run: str, task: Task, share: Share, memory: int) -> None:
-    """Let this worker compute members of a run."""
+    """Let this worker compute members of a run. Runs that were killed are forgotten."""
+    for other in [name for name, pool in RUNS.items() if pool.idled and not pool.running]:
+        del RUNS[other]
     RUNS[run] = Pool(task, share, memory)
 
 

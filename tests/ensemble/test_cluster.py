@@ -1,6 +1,7 @@
 """Members on a dask cluster: whatever its workers do, each member ends once, as on this machine."""
 
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -13,11 +14,17 @@ import pytest
 from dask_cluster import certificates, cluster, end
 from ensemble_fakes import calls, simulate, simulate_step_by_step, site, wait_until
 
-from runout.ensemble import fleet
+from runout import __version__
+from runout.ensemble import cluster_worker, fleet
 from runout.ensemble.cluster import Cluster
 from runout.ensemble.cluster_worker import Needs
+from runout.ensemble.dispatch import Died
+from runout.ensemble.fleet import Order
 from runout.ensemble.member import plan_members, stored_key
 from runout.ensemble.run import run_ensemble
+from runout.ensemble.work import Work
+from runout.ensemble.worker import Done
+from runout.ensemble.workers import Capacity, Share, pack
 from runout.errors import ClusterError
 
 CLIENT = """\
@@ -137,3 +144,93 @@ def test_members_end_with_a_client_that_is_killed(tmp_path, dask):
     members = [one for one in psutil.Process(worker.pid).children() if "spawn_main" in " ".join(one.cmdline())]
     assert len(members) == 2
     assert psutil.wait_procs(members, timeout=20)[1] == []
+
+
+def test_processes_of_a_run_that_is_idle_end_and_start_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster_worker, "IDLE_SECONDS", 0.5)
+    place = site(tmp_path)
+    (tmp_path / "results" / "members").mkdir(parents=True)
+    work = Work(place, tuple(plan_members(place)), tmp_path / "results", simulate)
+    share = Share(1, 1)
+    pool = cluster_worker.Pool(work.task(share), share, 10**9)
+    for member in work.members[:2]:
+        assert pool.compute((member,), lambda said: None, lambda: True) == Done()
+        assert pool.forces
+        wait_until(lambda: not pool.forces)
+    assert pool.compute((work.members[2],), lambda said: None, lambda: False) == Died("it was no longer wanted")
+    assert not pool.forces
+    assert len(list((tmp_path / "results" / "members").iterdir())) == 2
+
+
+CAPACITY = Capacity(cores=8, memory=20 * 10**9)
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ({"members": 32}, (8, 1)),
+        ({"members": 3}, (3, 2)),
+        ({"members": 32, "member_bytes": 4e9}, (4, 2)),
+        ({"members": 32, "member_bytes": 17e9}, (1, 8)),
+        ({"members": 32, "workers": 6, "member_bytes": 8e9}, (2, 4)),
+        ({"members": 32, "threads": 4, "member_bytes": 1e9}, (2, 4)),
+    ],
+)
+def test_members_are_packed_by_cores_and_memory(stated, expected):
+    share = pack(CAPACITY, **stated)
+    assert (share.workers, share.threads) == expected
+
+
+class FakeClient:
+    """A client of workers that state these offers and compute nothing."""
+
+    def __init__(self, offers):
+        self.offers, self.shares = offers, {}
+
+    def nthreads(self):
+        return dict.fromkeys(self.offers, 8)
+
+    def subscribe_topic(self, topic, handler):
+        pass
+
+    def run(self, function, *arguments, workers, on_error):
+        if function is cluster_worker.state_offer:
+            return {address: self.offers[address] for address in workers}
+        if function is cluster_worker.open_pool:
+            self.shares[workers[0]] = arguments[2]
+        return dict.fromkeys(workers)
+
+
+def offer(gpus=(), memory=64 * 10**9, **fields):
+    capacity = Capacity(8, memory, tuple(f"cuda:{number}" for number in range(len(gpus))))
+    return replace(cluster_worker.Offer(__version__, platform.python_version(), None, capacity, tuple(gpus)), **fields)
+
+
+def test_workers_of_one_host_do_not_share_a_gpu(tmp_path):
+    both = ["node1/0", "node1/1"]
+    client = FakeClient({"a": offer(both), "b": offer(both), "c": offer(["node2/1"]), "d": offer()})
+    place = site(tmp_path, device="cuda")
+    order = Order(Work(place, tuple(plan_members(place)), tmp_path, simulate))
+    one = fleet.Fleet(client, order, Needs("cuda", tmp_path, tmp_path, {}), lambda: None)
+    assert {address: share.devices for address, share in client.shares.items()} == {"a": ("cuda:0", "cuda:1"), "c": ("cuda:0",)}
+    assert {address: share.workers for address, share in client.shares.items()} == {"a": 2, "c": 1}
+    assert one.unfit == dict.fromkeys("bd", "has no GPU, or others use it")
+
+
+def test_a_gpu_has_the_number_that_its_host_gives_it(monkeypatch):
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    assert cluster_worker.host_number("cuda:1") == "1"
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,6")
+    assert [cluster_worker.host_number(device) for device in ("cuda:0", "cuda:1")] == ["4", "6"]
+
+
+def test_a_small_worker_is_left_out_and_a_new_one_joins(tmp_path, caplog):
+    client = FakeClient({"a": offer(memory=10**9), "b": offer(memory=10**10)})
+    place = site(tmp_path)
+    order = Order(Work(place, tuple(plan_members(place)), tmp_path, simulate), member_bytes=2e9)
+    one = fleet.Fleet(client, order, Needs("cpu", tmp_path, tmp_path, {}), lambda: None)
+    assert {address: (share.workers, share.threads) for address, share in client.shares.items()} == {"b": (4, 2)}
+    assert "worker a of the cluster is not used: it has 1 GB of memory, a member needs about 2 GB" in caplog.text
+    client.offers["c"] = offer()
+    one._look()
+    assert set(one.berths) == {"b", "c"}
