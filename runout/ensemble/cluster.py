@@ -54,6 +54,8 @@ class Cluster:
             raise ConfigError(f"{next(iter(stated), '--allow-unencrypted')} needs --scheduler, such as tls://host:8786")
         if stated and missing:
             raise ConfigError(f"{' and '.join(stated)} without {' and '.join(missing)}; state all three")
+        if stated and str(self.scheduler).startswith("tcp://"):
+            raise ConfigError(f"--scheduler {self.scheduler}: certificates are for tls:// only; state the address with tls://")
         for name, path in stated.items():
             if not path.is_file():
                 raise ConfigError(f"{name}: there is no file {path}")

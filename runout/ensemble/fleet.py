@@ -117,6 +117,7 @@ class Fleet:
     unfit: dict[str, str] = field(default_factory=dict)
     computing: "dict[Future, tuple[str, Group]]" = field(default_factory=dict)
     messages: "queue.SimpleQueue[Any]" = field(default_factory=queue.SimpleQueue)
+    lost: int = 0
     looked: float = -LOOK_SECONDS
 
     def __post_init__(self) -> None:
@@ -188,7 +189,9 @@ class Fleet:
         self._admit(sorted(present - set(self.berths) - set(self.unfit)))
         if lost:
             LOGGER.warning("lost %d workers of the cluster, %d are left", len(lost), len(self.berths))
-            self.replace()
+        self.lost += len(lost)
+        if self.lost:
+            self.replace()  # again and again, since dask waits until it considers a job as lost
         self.looked = time.monotonic()
         return [(group, Died(f"the last one, {address}, was lost; see its log")) for _, (address, group) in gone]
 

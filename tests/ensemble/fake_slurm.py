@@ -11,6 +11,7 @@ script = here / f"job-{{len(list(here.glob('job-*.sh')))}}.sh"
 shutil.copy(sys.argv[-1], script)
 with open(script.with_suffix(".log"), "w") as log:
     job = subprocess.Popen(["bash", str(script)], stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
+(here / f"submitted-{{job.pid}}").touch()
 print(f"Submitted batch job {{job.pid}}")
 """
 SCANCEL = """\
