@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.image import imread, imsave
 
-from runout.report.maps import STYLES, draw_map, png
+from runout.report.maps import STYLES, draw_map
+from runout.report.picture import png
 from runout.report.sheets import Sheet, headline_sheets, reached_window
 from runout.report.study import Study, read_study
 

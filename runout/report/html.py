@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from runout.report import figures, sheets, tables
-from runout.report.maps import png
+from runout.report.maps import STYLES
 from runout.report.members import representative
+from runout.report.picture import MapPictures, png
 from runout.report.study import Study, read_study
 
 REPORT = "report.html"
@@ -41,6 +42,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
     window = sheets.reached_window(study)
     headline = sheets.headline_sheets(study)
     further = sheets.further_sheets(study, headline)
+    pictures = MapPictures(study.basemap, window)
     return {
         "title": settings.get("title") or site.name,
         "name": site.name,
@@ -48,8 +50,8 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "heading": tables.heading(study),
         "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
-        "headline": [_printed(sheet, study, window) for sheet in headline],
-        "further": [_printed(sheet, study, window) for sheet in further],
+        "headline": [_printed(sheet, pictures) for sheet in headline],
+        "further": [_printed(sheet, pictures) for sheet in further],
         "legend": _legend(study),
         "location": _embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
@@ -87,8 +89,9 @@ def _plots(study: Study) -> dict[str, Any]:
     }
 
 
-def _printed(sheet: sheets.Sheet, study: Study, window: Any) -> dict[str, str | None]:
-    return {"title": sheet.title, "caption": sheet.caption, "image": _embedded(sheet.picture(study, window))}
+def _printed(sheet: sheets.Sheet, pictures: MapPictures) -> dict[str, str | None]:
+    image = pictures.png(sheet.values, STYLES[sheet.style])
+    return {"title": sheet.title, "caption": sheet.caption, "image": _embedded(image)}
 
 
 def _embedded(picture: bytes | None) -> str | None:

@@ -12,6 +12,7 @@ import numpy as np
 from runout.report.marks import INK, Mark, draw_marks, draw_unknown
 
 Window = tuple[slice, slice]  # rows and columns of the raster
+Extent = tuple[float, float, float, float]  # outer edges west, east, south, north [m]
 
 SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG = 315, 42
 FEWEST_CELLS = 24  # smallest width of a window
@@ -21,7 +22,7 @@ MARGINS = (0.5, 0.46, 0.14, 0.1)  # [inch] left, bottom, right, top of the map
 BAR = (0.14, 0.5)  # [inch] height of the colour bar, and of the numbers and the label below it
 TITLE_HEIGHT = 0.2  # [inch] outside the margin
 SMALL, NORMAL = 9.0, 9.5  # [pt]
-PNG_METADATA = {"Software": None}  # equal maps give equal bytes
+VALUES = 2  # order of drawing: the values lie above the ground, and below outlines, labels and frame
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,8 @@ class Basemap:
         """Size of a cell east-west and north-south [m]."""
         return float(self.easting[1] - self.easting[0]), float(self.northing[0] - self.northing[1])
 
-    def extent(self, window: Window) -> tuple[float, float, float, float]:
-        """Outer edges (west, east, south, north) [m] of a window."""
+    def extent(self, window: Window) -> Extent:
+        """Outer edges of a window."""
         dx, dy = self.cell_size
         x, y = self.easting[window[1]], self.northing[window[0]]
         return x[0] - dx / 2, x[-1] + dx / 2, y[-1] - dy / 2, y[0] + dy / 2
@@ -137,21 +138,31 @@ def _centred(middle: float, length: float, available: int) -> slice:
 def draw_map(basemap: Basemap, values: np.ndarray, style: MapStyle, window: Window | None = None, title: str = "") -> Any:
     """Figure of ``values`` (rows, columns) over hillshade; cells that are NaN or at most ``style.faintest`` are transparent."""
     window = window or basemap.whole
-    figure, axes, below = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0)
+    axes, bar = blank_map(basemap, window, title)
+    draw_values(axes, bar, basemap.extent(window), values[window], style)
+    return axes.figure
+
+
+def blank_map(basemap: Basemap, window: Window, title: str = "") -> tuple[Any, Any]:
+    """Axes of a map with everything but its values, and axes for the colour bar."""
+    axes, bar = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0)
     axes.set_title(title, loc="left", fontsize=NORMAL, color=INK, pad=6)
     draw_ground(axes, basemap, window)
-    shown = np.ma.masked_invalid(np.asarray(values, np.float64)[window])
-    shown = np.ma.masked_less_equal(shown, style.faintest) * style.scale
-    painted = axes.imshow(
-        shown, extent=basemap.extent(window), interpolation="nearest", alpha=0.86, zorder=2, **colour_scale(shown, style)
-    )
     draw_frame(axes, basemap, window)
-    _colour_bar(figure, painted, below, shown, style)
-    return figure
+    return axes, bar
 
 
-def _sheet(extent: tuple[float, float, float, float], above: float = 0.0) -> tuple[Any, Any, Any]:
-    """Figure, axes in the shape of the extent (west, east, south, north) with room [inch] above, axes of the colour bar below."""
+def draw_values(axes: Any, bar: Any, extent: Extent, values: np.ndarray, style: MapStyle) -> Any:
+    """Image of ``values`` (rows, columns) on the extent of a map, with their colour bar in the axes ``bar``."""
+    shown = np.ma.masked_invalid(np.asarray(values, np.float64))
+    shown = np.ma.masked_less_equal(shown, style.faintest) * style.scale
+    painted = axes.imshow(shown, extent=extent, interpolation="nearest", alpha=0.86, zorder=VALUES, **colour_scale(shown, style))
+    _colour_bar(painted, bar, shown, style)
+    return painted
+
+
+def _sheet(extent: Extent, above: float = 0.0) -> tuple[Any, Any]:
+    """Axes in the shape of the extent with room [inch] above, and axes of the colour bar below, on a new figure."""
     from matplotlib.figure import Figure
 
     left, bottom, right, top = MARGINS
@@ -164,7 +175,7 @@ def _sheet(extent: tuple[float, float, float, float], above: float = 0.0) -> tup
     middle = left + (WIDE - left - right - width) / 2
     axes = figure.add_axes((middle / WIDE, (bottom + bar + words) / high, width / WIDE, height / high))
     below = figure.add_axes((left / WIDE, words / high, (WIDE - left - right) / WIDE, bar / high))
-    return figure, axes, below
+    return axes, below
 
 
 def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = True) -> None:
@@ -215,9 +226,10 @@ def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
     return {"cmap": colours, "norm": Normalize(0.0, top, clip=True)}
 
 
-def _colour_bar(figure: Any, painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
+def _colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
     above = shown.count() > 0 and not (style.steps or style.classes) and float(shown.max()) > painted.norm.vmax
-    bar = figure.colorbar(painted, cax=below, orientation="horizontal", extend="max" if above else "neither", extendfrac=0.03)
+    extend = "max" if above else "neither"
+    bar = below.figure.colorbar(painted, cax=below, orientation="horizontal", extend=extend, extendfrac=0.03)
     bar.solids.set_alpha(1.0)
     largest = f", largest {_short(float(shown.max()))}" if above else ""
     bar.set_label(style.label + largest, fontsize=NORMAL, color=INK)
@@ -303,23 +315,14 @@ def draw_location(basemap: Basemap, window: Window) -> Any:
     """Figure of the whole terrain with the frame of the maps."""
     from matplotlib.patches import Rectangle
 
-    figure, axes, below = _sheet(basemap.extent(basemap.whole))
+    axes, below = _sheet(basemap.extent(basemap.whole))
     draw_ground(axes, basemap, basemap.whole, contours=False)
     z = np.ma.masked_invalid(basemap.elevation)
     tint = axes.imshow(z, cmap="cividis", extent=basemap.extent(basemap.whole), alpha=0.45, zorder=1)
     draw_frame(axes, basemap, basemap.whole, labels=False)
     west, east, south, north = basemap.extent(window)
     axes.add_patch(Rectangle((west, south), east - west, north - south, fill=False, color=INK, linewidth=1.4, zorder=5))
-    bar = figure.colorbar(tint, cax=below, orientation="horizontal")
+    bar = axes.figure.colorbar(tint, cax=below, orientation="horizontal")
     bar.set_label("elevation [m]", fontsize=NORMAL, color=INK)
     bar.ax.tick_params(labelsize=NORMAL, colors=INK, length=3)
-    return figure
-
-
-def png(figure: Any, dpi: int = 200) -> bytes:
-    """PNG of a figure."""
-    from io import BytesIO
-
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata=PNG_METADATA)
-    return buffer.getvalue()
+    return axes.figure

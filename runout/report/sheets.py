@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.report.maps import STYLES, Window, draw_location, draw_map, png
+from runout.report.maps import Window, draw_location
+from runout.report.picture import png
 from runout.report.study import Study
 from runout.report.wording import number, quantity
 from runout.variables import VARIABLES
@@ -41,10 +42,6 @@ class Sheet:
     caption: str
     values: np.ndarray
     style: str
-
-    def picture(self, study: Study, window: Window) -> bytes:
-        """PNG of the map."""
-        return png(draw_map(study.basemap, self.values, STYLES[self.style], window))
 
 
 def reached_window(study: Study) -> Window:

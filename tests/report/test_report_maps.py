@@ -6,8 +6,9 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from shapely.geometry import Point, box
 
-from runout.report.maps import STYLES, Basemap, colour_scale, draw_location, draw_map, png, round_length
+from runout.report.maps import STYLES, Basemap, colour_scale, draw_location, draw_map, round_length
 from runout.report.marks import Mark
+from runout.report.picture import MapPictures, png
 
 N = 60
 
@@ -153,3 +154,14 @@ def test_the_location_map_shows_the_whole_raster(basemap):
     figure = draw_location(basemap, (slice(10, 30), slice(10, 30)))
     assert figure.axes[0].get_xlim() == (4995.0, 5595.0)
     assert figure.axes[0].get_ylim() == (8405.0, 9005.0)
+
+
+def test_maps_that_share_their_ground_equal_maps_drawn_alone(basemap):
+    """A map that is drawn twice shows nothing of the maps drawn in between."""
+    holes = basemap.elevation.copy()
+    holes[:5] = np.nan
+    marked = replace(basemap, elevation=holes, zones=[Mark(box(5400, 8650, 5500, 8750), "friction 8°")])
+    window, values = (slice(0, 50), slice(10, 60)), np.hypot(*np.indices((N, N)))
+    pictures = MapPictures(marked, window)
+    for name in ("thickness", "probability", "pressure", "time", "thickness"):
+        assert pictures.png(values, STYLES[name]) == png(draw_map(marked, values, STYLES[name], window))

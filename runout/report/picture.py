@@ -1,0 +1,71 @@
+"""Renders figures as PNG; the maps of one window share the rendering of their ground."""
+
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from runout.report.maps import VALUES, Basemap, MapStyle, Window, blank_map, draw_values
+
+DPI = 200
+COMPRESSION = 4  # of zlib: 8 % larger files than with 6, in half the time
+
+
+def png(figure: Any, dpi: int = DPI) -> bytes:
+    """PNG of a figure; equal figures give equal bytes."""
+    canvas = _canvas(figure, dpi)
+    canvas.draw()
+    return _encoded(canvas)
+
+
+class MapPictures:
+    """Pictures of several maps of one window. Ground and contour lines, the slow part, are rendered once.
+
+    Parameters
+    ----------
+    basemap : Basemap
+    window : Window
+        Rows and columns that the maps show.
+    """
+
+    def __init__(self, basemap: Basemap, window: Window):
+        self.window, self.extent = window, basemap.extent(window)
+        self.axes, bar = blank_map(basemap, window)
+        self.bar_place = bar.get_position()
+        bar.remove()
+        self.canvas = _canvas(self.axes.figure, DPI)
+        shown = [artist for artist in self.axes.get_children() if artist.get_visible() and artist.zorder >= VALUES]
+        self.above = sorted(shown, key=lambda artist: artist.zorder)
+        for artist in self.above:
+            artist.set_visible(False)
+        self.canvas.draw()
+        for artist in self.above:
+            artist.set_visible(True)
+        self.ground = self.canvas.copy_from_bbox(self.axes.figure.bbox)
+
+    def png(self, values: np.ndarray, style: MapStyle) -> bytes:
+        """PNG of ``values`` (rows, columns) of the whole raster, equal to that of :func:`runout.report.maps.draw_map`."""
+        bar = self.axes.figure.add_axes(self.bar_place)
+        painted = draw_values(self.axes, bar, self.extent, values[self.window], style)
+        self.canvas.restore_region(self.ground)
+        for artist in (painted, *self.above, bar):
+            self.axes.draw_artist(artist)
+        bar.remove()
+        painted.remove()
+        return _encoded(self.canvas)
+
+
+def _canvas(figure: Any, dpi: int) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_dpi(dpi)
+    return FigureCanvasAgg(figure)
+
+
+def _encoded(canvas: Any) -> bytes:
+    from PIL import Image
+
+    buffer = BytesIO()
+    opaque = np.asarray(canvas.buffer_rgba())[..., :3]
+    Image.fromarray(np.ascontiguousarray(opaque)).save(buffer, "png", compress_level=COMPRESSION)
+    return buffer.getvalue()
