@@ -30,6 +30,7 @@ HOMES = {
 IMPORT_NAMES = {
     "warp-lang": "warp",
     "ruamel.yaml": "ruamel",
+    "pillow": "PIL",
     "dask-jobqueue": "dask_jobqueue",
 }  # where it differs from the name of the distribution
 COME_WITH = {"llvmlite": "numba", "pydantic_core": "pydantic", "mpl_toolkits": "matplotlib"}  # always, in a version that fits

@@ -154,6 +154,7 @@ def _padded(edges: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def local_outline(release: Release) -> Any:
+    """Outline of a release in local coordinates [m], a shapely polygon."""
     import shapely
 
     return shapely.transform(release.outline, release.terrain.frame.to_local)
