@@ -1,4 +1,4 @@
-"""Laws of basal friction: registered by the file that each stands in, found by name."""
+"""Registry of laws of basal friction: each file of :mod:`runout.friction` registers one, which is found by name."""
 
 import inspect
 from collections.abc import Callable
@@ -71,7 +71,7 @@ FRICTIONS: Registry[FrictionLaw] = Registry("friction law", PACKAGE, "runout.fri
 
 
 def register_friction(friction: type[BasalFriction], resistance: Callable[..., Any]) -> None:
-    """Make a law of basal friction known to all parts of runout, by the name ``friction.law``.
+    """Register a law of basal friction under the name ``friction.law``.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
     Raises
     ------
     ConfigError
-        If the declaration does not hold together, or another law has the name.
+        If the declaration is incomplete or inconsistent, or another law has the name.
     """
     if not isinstance(resistance, FunctionType) or len(inspect.signature(resistance).parameters) != ARGUMENTS:
         wanted = "a plain function of (normal, slip, dt, basal)"
@@ -115,7 +115,7 @@ def _require_numbers(law: FrictionLaw) -> None:
 
 
 def public_names() -> dict[str, str]:
-    """Module of each class that the files of runout's laws of friction define, by its name."""
+    """Module of each class that a friction law of runout defines, by its name."""
     return classes_in(law.declaration.__module__ for law in FRICTIONS.of_runout())
 
 

@@ -1,4 +1,4 @@
-"""Material laws: registered by the file that each stands in, found by name."""
+"""Registry of material laws: each file of :mod:`runout.materials` registers one, which is found by name."""
 
 import inspect
 import math
@@ -70,11 +70,11 @@ class Law(RegisteredLaw[Material]):
 
     @property
     def depends_on_rate(self) -> bool:
-        """Whether the records hold the length of the step [s], ``time_step``, which the backend keeps up to date."""
+        """Whether the records hold the time step [s], ``time_step``, which the backend updates."""
         return self.material.depends_on_rate
 
     def set_step(self, table: "np.ndarray", dt: float) -> None:
-        """Put the length of the coming steps [s] into the records of a law that depends on the rate."""
+        """Write the time step [s] to the records of a law that depends on the rate."""
         if self.depends_on_rate:
             table["time_step"] = dt
 
@@ -83,12 +83,12 @@ LAWS: Registry[Law] = Registry("material law", PACKAGE, "runout.laws", MaterialE
 
 
 def register_law(material: type[Material], update: Callable[..., Any] | None = None) -> None:
-    """Make a law known to all parts of runout, by the name ``material.law``.
+    """Register a material law under the name ``material.law``.
 
     Parameters
     ----------
     material : type of Material
-        Frozen dataclass of keyword-only parameters, each made by :func:`runout.model.parameters.parameter` or its kin.
+        Frozen dataclass of keyword-only parameters, each made by a function of :mod:`runout.model.parameters`.
     update : function, optional
         ``update(h, history, mat) -> (h, history, lost)``: Hencky strain [1] of the stress that is left of a trial strain ``h``, the
         history variable, and the energy [J/m3] dissipated per stress-free volume. ``mat`` holds the numbers of
@@ -98,7 +98,7 @@ def register_law(material: type[Material], update: Callable[..., Any] | None = N
     Raises
     ------
     MaterialError
-        If the declaration does not hold together, or another law has the name.
+        If the declaration is incomplete or inconsistent, or another law has the name.
     """
     law = Law(material.law, material, _function(material, update))
     require_declared(law, "law", Material, MaterialError)
@@ -126,7 +126,7 @@ def _require_finite_record(law: Law) -> None:
 
 
 def public_names() -> dict[str, str]:
-    """Module of each class that the files of runout's laws define, by its name."""
+    """Module of each class that a material law of runout defines, by its name."""
     return classes_in(law.declaration.__module__ for law in LAWS.of_runout())
 
 

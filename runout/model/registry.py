@@ -1,8 +1,8 @@
-"""Registries: what can be added in a file of its own, from inside the package or from outside.
+"""Registries of laws, each in a file of its own, in runout or in another package.
 
-Inside, every module of one folder is found by its name, which is the name of what it registers. Outside, an installed package names
-its module under an entry point of that name, or a Python program imports the module. Nothing is imported before it is asked for by
-name, so that a broken package harms only those who use it. No file of a site can name code.
+In runout, each module of a folder has the name of the law that it registers. Another package declares an entry point of that name,
+or a Python program imports the module. A module is imported when its law is found by name, so that a broken package affects only
+its users. A site file cannot name code.
 """
 
 import importlib
@@ -23,26 +23,33 @@ class Registry(Generic[Entry]):
     Parameters
     ----------
     kind : str
-        What an entry is, in messages.
+        Name of the kind of entries in messages: "material law".
     package : str
-        Folder of those of runout.
+        Package of runout whose modules register entries.
     group : str
-        Entry points of those of other packages.
+        Group of the entry points of other packages.
     error : callable
-        Makes the error of a message.
+        Error of a message.
     """
 
     def __init__(self, kind: str, package: str, group: str, error: Callable[[str], Exception]):
         self.kind, self.package, self.group, self.error = kind, package, group, error
-        self._entries: dict[str, tuple[str, Entry]] = {}  # by name: where it comes from, and the entry
+        self._entries: dict[str, tuple[str, Entry]] = {}  # by name: module and class, and the entry
 
     def add(self, name: str, home: str, entry: Entry) -> None:
-        """Register an entry that comes from ``home``, its module and class; the same home may register anew.
+        """Register an entry.
+
+        Parameters
+        ----------
+        name : str
+        home : str
+            Module and class of the entry; the same home may register again.
+        entry
 
         Raises
         ------
         error
-            If another one has the name.
+            If an entry of another home has the name.
         """
         owner = f"{self.package}.{name}" if name in modules_of(self.package) else self._entries.get(name, (home,))[0]
         if home != owner and not home.startswith(f"{owner}."):
@@ -50,12 +57,12 @@ class Registry(Generic[Entry]):
         self._entries[name] = home, entry
 
     def names(self) -> tuple[str, ...]:
-        """Names that :meth:`find` knows, those of runout first; nothing is imported."""
+        """Names that :meth:`find` accepts, those of runout first; imports nothing."""
         outside = [entry.name for entry in entry_points(group=self.group)]
         return tuple(dict.fromkeys([*modules_of(self.package), *self._entries, *outside]))
 
     def find(self, name: str) -> Entry:
-        """The entry of a name, imported if need be.
+        """The entry of a name; imports its module if necessary.
 
         Raises
         ------
@@ -71,7 +78,7 @@ class Registry(Generic[Entry]):
         return self._entries[name][1]
 
     def all(self) -> tuple[Entry, ...]:
-        """Every entry, all of them imported."""
+        """All entries; imports their modules."""
         return tuple(self.find(name) for name in self.names())
 
     def of_runout(self) -> tuple[Entry, ...]:
@@ -79,7 +86,7 @@ class Registry(Generic[Entry]):
         return tuple(self.find(name) for name in modules_of(self.package))
 
     def known(self) -> tuple[Entry, ...]:
-        """The entries of the package and those of others that are imported."""
+        """The entries of runout, and those of other packages that are imported."""
         return (*self.of_runout(), *(entry for name, (_, entry) in self._entries.items() if name not in modules_of(self.package)))
 
     def _import_from_outside(self, name: str) -> None:

@@ -18,7 +18,7 @@ def sliding_block(time: float, slope_deg: float, friction: float) -> tuple[float
 
 
 def symplectic_excess(time: float, slope_deg: float, friction: float, dt: float) -> float:
-    """What symplectic Euler adds to the displacement of a block [m]: a T dt/2, exact."""
+    """Displacement of a block [m] that symplectic Euler adds: a T dt/2, exact."""
     return sliding_block(time, slope_deg, friction)[1] * dt / 2
 
 

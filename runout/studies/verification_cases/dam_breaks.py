@@ -1,6 +1,6 @@
 """F1, F2: dam breaks of a fluid on dry and wet ground, and on a slope with a Coulomb bed, against depth-averaged closed forms.
 
-The fluid is sand without friction: a Drucker-Prager angle of 0.01 degrees, which carries no tension and no shear worth the name.
+The fluid is sand almost without friction: a Drucker-Prager angle of 0.01 degrees. It carries no tension and negligible shear.
 On a Coulomb bed a fluid would slide over its lowest layer, which alone feels the friction. The closed form means a mass that moves
 as one with the stress along the bed equal to that normal to it, and so does sand with sin(phi) = tan(delta).
 """
@@ -35,7 +35,7 @@ def stiff(depth: float, friction_angle: float, poisson_ratio: float = 0.3) -> Dr
 
 
 def as_one(friction_deg: float) -> float:
-    """Internal friction angle [deg] at which sand on a Coulomb bed presses alike along the bed and on it: sin phi = tan delta."""
+    """Internal friction angle [deg] at which sand on a Coulomb bed has equal normal stresses: sin phi = tan delta."""
     return float(np.degrees(np.arcsin(np.tan(np.radians(friction_deg)))))
 
 

@@ -21,7 +21,7 @@ CELL = 100e3  # [Pa] of the triaxial test
 
 
 def record(cone: Cone = Cone.TRIAXIAL_COMPRESSION, friction_angle: float = 30.0, cohesion: float = COHESION) -> SimpleNamespace:
-    """Parameters of the law as it takes them, and the bulk modulus [Pa]."""
+    """Record of parameters of the law, and the bulk modulus [Pa]."""
     m = DruckerPrager(
         density=2000.0, youngs_modulus=10e6, poisson_ratio=0.25, friction_angle=friction_angle, cohesion=cohesion, cone=cone
     )
@@ -29,7 +29,7 @@ def record(cone: Cone = Cone.TRIAXIAL_COMPRESSION, friction_angle: float = 30.0,
 
 
 def pressed(mat: SimpleNamespace, pressure: float = PRESSURE) -> Tensor:
-    """B of a mean pressure [Pa]."""
+    """B = b_e - I [1] of a mean pressure [Pa]."""
     return elastic.strain_of_log((*[-pressure / (3 * mat.bulk)] * 3, 0.0, 0.0, 0.0))
 
 

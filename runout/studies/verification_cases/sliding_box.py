@@ -65,7 +65,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Slide:
-    """What a box did: mean displacement along the slope [m], its mean speed in the last tenth of the time [m/s] and the middle
+    """Motion of a box: mean displacement along the slope [m], its mean speed in the last tenth of the time [m/s] and the middle
     of that tenth [s], mean gap of its lowest layer [cells], and the step [s]."""
 
     moved: float
@@ -170,7 +170,7 @@ def summary(plane: Plane, time: float = 1.0) -> dict[str, float | None]:
 
 
 def bounds(plane: Plane) -> list[Result]:
-    """What must hold on a plane: 0.2 % from 30 degrees, 0.6 % from 20 (1 % from unbalanced stresses), rest below 14.5 degrees."""
+    """Bounds on a plane: 0.2 % from 30 degrees, 0.6 % from 20 (1 % from unbalanced stresses), rest below 14.5 degrees."""
     found, place = summary(plane), f"{plane.slope_deg:g} deg, azimuth {plane.azimuth_deg:g} deg, {plane.offset:g} h off a node"
     place += "" if plane.settled else ", stresses of a slab"
     error, results = found["relative_displacement_error"], list[Result]()

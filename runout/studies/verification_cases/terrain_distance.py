@@ -1,4 +1,4 @@
-"""T8: distance and normal of smooth hills from an elevation raster, refined and as contact uses them, and their cost."""
+"""T8: distance and normal of smooth hills from an elevation raster, refined and as used by contact, and their cost."""
 
 import time
 

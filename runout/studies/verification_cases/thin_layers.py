@@ -1,4 +1,4 @@
-"""Layers one to four cells thick: one that spreads keeps its volume, one of sand slides as the closed form says.
+"""Layers one to four cells thick: volume of a layer that spreads, displacement of a layer of sand against its closed form.
 
 Plane strain: the reference backend repeats its grid after one cell across.
 """

@@ -1,4 +1,4 @@
-"""The kinetic energy that goes lost between particles and grid, counted by single steps of the reference backend."""
+"""Loss of kinetic energy between particles and grid, from single steps of the reference backend."""
 
 from typing import Any, cast
 
@@ -10,7 +10,7 @@ from runout.model.scene import Scene
 
 
 class TransferLoss:
-    """What the transfers lose: from particles to nodes without forces, and back again. ``period`` (3,) [cells] of the grid."""
+    """Loss of the transfers from particles to nodes without forces, and back. ``period`` (3,) [cells] of the grid."""
 
     def __init__(self, period: tuple[int, int, int] = (0, 0, 0)):
         engine: Any = cast(Any, get_backend("reference"))

@@ -1,4 +1,4 @@
-"""U2 and U3: what moves from particles to nodes and back."""
+"""U2 and U3: mass, momentum and affine fields between particles and nodes."""
 
 import numpy as np
 
