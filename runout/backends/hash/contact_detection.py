@@ -26,6 +26,7 @@ from runout.backends.hash.groups import (
     GroundGroup,
     ParticleGroup,
     SceneGroup,
+    Search,
     StatusGroup,
 )
 from runout.backends.hash.layout import (
@@ -141,15 +142,26 @@ def _queue_low(
     return end
 
 
+def _search(place: int, first: int, lane: int, dt: Any, far: Any):
+    """What a thread knows of the block of cells that it searches."""
+    search = Search()
+    search.place = place
+    search.first = first
+    search.lane = lane
+    search.dt = dt
+    search.far = far
+    return search
+
+
 def _keep_touching(
-    particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, queue: Tile, begin: int,
-    end: int, counts: Tile, found: int, lane: int, near: int, dt: Any, far: Any, pressed_begin: int,
+    particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, search: Search, queue: Tile,
+    begin: int, end: int, counts: Tile, found: int,
 ):  # fmt: skip
     """Test queued particles, one a lane, and list those that touch the ground behind the ``found`` ones; returns their new number.
 
     ``counts`` are those of each cell.
     """
-    n = begin + lane
+    n = begin + search.lane
     c = int(0)
     p = int(0)
     hit = bool(False)
@@ -160,15 +172,15 @@ def _keep_touching(
         c = queued[1] & (CELL_LANES - 1)
         f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
         size = particles.radius[p]
-        normal, gap = _ground(_around(ground.tiles, near, c), c & 3, f, size, constants.h)
-        hit = in_contact(gap, real(0.0), dt, constants.band)
-        if not hit and gap + size <= far:  # most touch as they are, or are too far: their velocity is not read
+        normal, gap = _ground(_around(ground.tiles, search.place, c), c & 3, f, size, constants.h)
+        hit = in_contact(gap, real(0.0), search.dt, constants.band)
+        if not hit and gap + size <= search.far:  # most touch as they are, or are too far: their velocity is not read
             momentum = vec(particles.rec[MOMENTUM, p], particles.rec[MOMENTUM + 1, p], particles.rec[MOMENTUM + 2, p])
             approach = dot(momentum, normal) / particles.rec[MASS, p]
-            hit = in_contact(gap, approach, dt, constants.band)
+            hit = in_contact(gap, approach, search.dt, constants.band)
     hits = hits_before(hit)
     if hit:
-        contacts.pressed[pressed_begin + found + hits[0]] = p
+        contacts.pressed[search.first + found + hits[0]] = p
     wp.tile_scatter_add(counts, c, 1, hit, True)
     return found + hits[1]
 
@@ -241,6 +253,7 @@ def find_contacts(
         first = int(blocks.cstart[b, 0])
         far = _farthest(blocks, contacts, constants, b, lane, dt, scenes.clock[s, 4])
         total = _number_listed(blocks, ground, constants, starts, places, limits, b, lane, place, far)
+        search = _search(place, first, lane, dt, far)
         found = int(0)
         head = int(0)
         end = int(0)
@@ -248,9 +261,7 @@ def find_contacts(
             end = _queue_low(particles, queue, end, n, total, starts, places, limits, lane)
             least = wp.where(n + 4 * lane_count() < total, lane_count(), 1)
             while end - head >= least:
-                found = _keep_touching(
-                    particles, ground, contacts, constants, queue, head, end, counts, found, lane, place, dt, far, first
-                )  # fmt: skip
+                found = _keep_touching(particles, ground, contacts, constants, search, queue, head, end, counts, found)
                 head = wp.min(head + lane_count(), end)
         if found > 0:
             many = _number(starts, filled, counts, lane)

@@ -92,16 +92,20 @@ def _gather(f: Any, tile: Tile, first: int):
     return _moments(tile, first, WIDE_X, WIDE_Y, wx, wy, wz, _lever(wx, f[0]), _lever(wy, f[1]), _lever(wz, f[2]))
 
 
+def _particle_of(rec: Rows, p: int):
+    """Mass [kg], volume [m3], history, strain and offset of a particle, as values that later writes do not change."""
+    m = rec[MASS, p] * real(1.0)
+    volume = rec[VOLUME, p] * real(1.0)
+    history = rec[HISTORY, p] * real(1.0)
+    return m, volume, history, _strain_of(rec, p), vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+
+
 def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):
     """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J].
 
     All of it is read before anything is written, so that the loads overlap.
     """
-    m = rec[MASS, p] * real(1.0)
-    volume = rec[VOLUME, p] * real(1.0)
-    history = rec[HISTORY, p] * real(1.0)
-    B = _strain_of(rec, p)
-    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+    m, volume, history, B, f = _particle_of(rec, p)
     v, x, y, z = _gather(f, tile, first)
     B, log, history, work = law_update(B, velocity_gradient(x, y, z, slopes), history, mat)
     packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)

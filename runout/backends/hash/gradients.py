@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.deform import _gather, _moments, _slopes, _store, _strain_of
+from runout.backends.hash.deform import _gather, _moments, _particle_of, _slopes, _store
 from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     ACTIVE,
@@ -19,7 +19,6 @@ from runout.backends.hash.layout import (
     BY_SLOPES,
     CELL_LANES,
     HALT,
-    HISTORY,
     KEPT,
     MASS,
     MOMENTUM,
@@ -150,11 +149,7 @@ def _deform_by_rates(
     mean dilatation.
     """
     rec = particles.rec
-    m = rec[MASS, p] * real(1.0)
-    volume = rec[VOLUME, p] * real(1.0)
-    history = rec[HISTORY, p] * real(1.0)
-    B = _strain_of(rec, p)
-    f = vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+    m, volume, history, B, f = _particle_of(rec, p)
     v, x, y, z = _gather(f, tile, first)
     L = _rate(f, tile, first, WIDE_X, WIDE_Y, cells, scenes.clock[s, BY_SLOPES])
     L = with_dilatation(L, _mean(f, tile, first), scenes.clock[s, AVERAGED])

@@ -166,6 +166,16 @@ class Constants:
     only: Int  # the one release that has particles, -1 if there are several
 
 
+class Search:
+    """Block of cells in which a block of threads searches contacts; made by the kernel, not by the host."""
+
+    place: Int  # of the block among those near the ground
+    first: Int  # place of its first particle in the list
+    lane: Int  # of this thread
+    dt: Real  # time step [s]
+    far: Real  # distance beyond which no particle is in contact [m]
+
+
 GROUPS = (
     ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, StatusGroup, SceneGroup, SurfaceGroup, SumGroup,
     Constants,
@@ -183,7 +193,7 @@ def argument_types(real: Any) -> dict[str, Any]:
         "Ints": wp.array(dtype=wp.int32), "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16),
         "Doubles": wp.array(dtype=wp.float64), "Doubles2": wp.array2d(dtype=wp.float64),
     }  # fmt: skip
-    return types | {group.__name__: _struct(group, real, types) for group in GROUPS}
+    return types | {group.__name__: _struct(group, real, types) for group in (*GROUPS, Search)}
 
 
 def _struct(group: type, real: Any, types: dict[str, Any]) -> Any:
