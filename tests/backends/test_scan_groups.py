@@ -7,9 +7,9 @@ import pytest
 
 from runout.backends.compile import functions_of
 from runout.backends.scan import groups
-from runout.backends.scan.kernels import BY_GRADIENTS, COMMON, CONTACT, domain, grid_to_particles
+from runout.backends.scan.kernels import BY_GRADIENTS, COMMON, CONTACT, domain, grid_to_particles, tile
 
-MODULES = sorted({*COMMON, *CONTACT, *BY_GRADIENTS, domain, grid_to_particles}, key=lambda module: module.__name__)
+MODULES = sorted({*COMMON, *CONTACT, *BY_GRADIENTS, domain, tile, grid_to_particles}, key=lambda module: module.__name__)
 MOST_ARGUMENTS = 12
 
 

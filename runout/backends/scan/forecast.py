@@ -8,7 +8,7 @@ from runout.backends.scan.domain import domain_of
 from runout.backends.scan.gradient_transfer import bytes_of_gradient_transfer
 from runout.backends.scan.index import Index
 from runout.backends.scan.schedule import Schedule
-from runout.backends.scan.sort import _spacious
+from runout.backends.scan.slots import _spacious
 from runout.backends.scan.state import Store, bytes_of, capacity, empty_slots
 from runout.backends.scan.workspace import Workspace
 from runout.model.materials import Material

@@ -2,11 +2,7 @@
 
     grid.nodes --gather, by cell--> buffers.rec[thread]     m | v | fx | moments | fy | moments | fz | moments
                                     buffers.state[thread]   B - I (6) | history | volume
-    buffers --transposed, 32 particles--> tile t[row, column]: a row for each number, a column for each particle
-       rows  0 .. 15  record            24  code of the move           28  refused move
-            16 .. 23  state             25  speed squared              29  large strain
-            31 .. 46  rates             26  largest move [cells]       30  whether the column holds a particle
-            47 .. 62  slips             27  dissipated energy
+    buffers --transposed, 32 particles--> tile t[row, column], see runout.backends.scan.tile
     tile --law, motion, next record, transposed back--> particles.rec, particles.state, from the first slot of the block on
 
 The law is plain scalar source. LLVM vectorises it over the columns of a tile because the index is unsigned (a signed index needs
@@ -25,11 +21,8 @@ from runout.backends.lanes import (
     largest,
     load8,
     load16,
-    local_array,
     lowest_bit,
     prefetch,
-    record_vectors,
-    row_vectors,
     store,
     whole,
 )
@@ -49,69 +42,40 @@ from runout.backends.scan.stencil import (
     local_weights,
     zeros,
 )
+from runout.backends.scan.tile import (
+    ALIVE,
+    CODE,
+    LARGE,
+    LOST,
+    MOVE,
+    RATE,
+    REFUSED,
+    SLIP,
+    SPEED,
+    TILE,
+    _about_particles,
+    _load_rates,
+    _load_tile,
+    _moments,
+    _rows,
+    _store_tile,
+    local_tile,
+)
 from runout.physics.elastic import is_small, kirchhoff_stress
-from runout.physics.moments import affine_columns, moment_about, momentum_at, stress_columns, velocity_gradient
+from runout.physics.moments import affine_columns, momentum_at, stress_columns, velocity_gradient
 from runout.physics.plastic import step as law_update
 from runout.physics.plastic import step_small as law_update_small
 from runout.physics.tensors import real, sym, vec
 from runout.physics.transfers import kept_velocity, with_dilatation
 
-TILE = 32
 LEFT = 64  # added to the cell of a slot whose particle leaves the block
 STAYS = 13  # move code of a particle that stays in its cell
 HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
-# rows of a tile after the 16 numbers of the record and the 8 of the state
-CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
-RATE, SLIP = 31, 47  # first of the 16 rows of rates, and of slips, where GRADIENT_TRANSFER is set
 ONE_MATERIAL = True
 GRADIENT_TRANSFER = False
-local_tile = local_array((SLIP + 16, TILE))
-load_records, store_records = record_vectors(16)
-load_states, store_states = record_vectors(8)
-load_16_rows, store_16_rows = row_vectors(16, TILE)
-load_8_rows, store_8_rows = row_vectors(8, TILE)
 stays = constant([float(STAYS)] * 16)
 halves = constant([0.5] * 16)
-
-
-def _about_particles(r):
-    """A gathered record whose first moments about the first node are replaced by those about the particle; numbers or lanes."""
-    v = (r[1], r[2], r[3])
-    x = moment_about(vec(r[5], r[6], r[7]), r[4], v)
-    y = moment_about(vec(r[9], r[10], r[11]), r[8], v)
-    z = moment_about(vec(r[13], r[14], r[15]), r[12], v)
-    return (r[0], *v, r[4], *x, r[8], *y, r[12], *z)
-
-
-def _load_tile(t, rec, state, p, groups):
-    """Transpose records and states from slot ``p`` on into the columns of a tile."""
-    for g in range(groups):
-        store_16_rows(t, 16 * g, _about_particles(load_records(rec, 16 * (p + 16 * g))))
-        store_8_rows(t, 16 * TILE + 16 * g, load_states(state, 8 * (p + 16 * g)))
-
-
-def _load_rates(t, rates, slips, p, groups):
-    """Transpose the gradients and slips of the other transfers."""
-    for g in range(groups):
-        store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (p + 16 * g)))
-        store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (p + 16 * g)))
-
-
-def _store_tile(t, rec, state, p, groups):
-    for g in range(groups):
-        store_records(rec, 16 * (p + 16 * g), load_16_rows(t, 16 * g))
-        store_states(state, 8 * (p + 16 * g), load_8_rows(t, 16 * TILE + 16 * g))
-
-
-def _rows(t, p, k):
-    """Three rows of a column from row ``k`` on."""
-    return vec(t[k, p], t[k + 1, p], t[k + 2, p])
-
-
-def _moments(t, p):
-    """Columns of first moments [m/s] of a column of a tile."""
-    return _rows(t, p, 5), _rows(t, p, 9), _rows(t, p, 13)
 
 
 def _gradient(t, p, s, cells, averaged):

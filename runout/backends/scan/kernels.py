@@ -21,8 +21,10 @@ from runout.backends.scan import (
     precompile,
     raster_sums,
     rest,
+    slots,
     sort,
     stencil,
+    tile,
     workspace,
     zones,
 )
@@ -39,6 +41,7 @@ COMMON = (
     index,
     particles_to_grid,
     contact_detection,
+    slots,
     sort,
     observe,
     raster_sums,
@@ -56,7 +59,7 @@ BY_GRADIENTS = (
     forces,
     gradients,
 )  # of transfers other than the packed one, and of F-bar
-SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, grid_to_particles, *LANES, precompile)
+SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, tile, grid_to_particles, *LANES, precompile)
 BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
 _MADE: dict[tuple[str, Law, FrictionLaw, bool, str], SimpleNamespace] = {}
 
@@ -106,7 +109,7 @@ def kernels_for(scene: Scene) -> SimpleNamespace:
 
 def _bound(scene: Scene) -> SimpleNamespace:
     binding = numba_binding(scene.dtype)
-    common = binding.kernels(*COMMON, sources=(*LANES, domain, grid_to_particles))
+    common = binding.kernels(*COMMON, sources=(*LANES, domain, tile, grid_to_particles))
     law, friction = binding.law(scene.law), binding.friction(scene.basal.law)
     of_contact = {"impulse": friction.impulse, "record": friction.record, "ONE_NUMBER": len(scene.basal.law.fields) == 1}
     solution = binding.kernels(*CONTACT, sources=LANES, **of_contact).solve_contacts
@@ -116,6 +119,6 @@ def _bound(scene: Scene) -> SimpleNamespace:
         "ONE_MATERIAL": len(scene.materials) == 1,
         "GRADIENT_TRANSFER": uses_gradient_transfer(scene),
     }
-    own = binding.kernels(groups, stencil, domain, grid_to_particles, sources=LANES, **names)
+    own = binding.kernels(groups, stencil, domain, tile, grid_to_particles, sources=LANES, **names)
     more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
     return SimpleNamespace(**(vars(more) | vars(common) | vars(own) | {"solve_contacts": solution}))

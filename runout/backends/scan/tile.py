@@ -1,0 +1,62 @@
+"""A tile of 32 particles: a row for each number, a column for each particle, so that loops over columns run in vector lanes.
+
+       rows  0 .. 15  record            24  code of the move           28  refused move
+            16 .. 23  state             25  speed squared              29  large strain
+            31 .. 46  rates             26  largest move [cells]       30  whether the column holds a particle
+            47 .. 62  slips             27  dissipated energy
+
+Rates and slips are those of the gradient transfers.
+"""
+
+from runout.backends.lanes import local_array, record_vectors, row_vectors
+from runout.physics.moments import moment_about
+from runout.physics.tensors import vec
+
+TILE = 32
+# rows of a tile after the 16 numbers of the record and the 8 of the state
+CODE, SPEED, MOVE, LOST, REFUSED, LARGE, ALIVE = 24, 25, 26, 27, 28, 29, 30
+RATE, SLIP = 31, 47  # first of the 16 rows of rates, and of slips, where GRADIENT_TRANSFER is set
+local_tile = local_array((SLIP + 16, TILE))
+load_records, store_records = record_vectors(16)
+load_states, store_states = record_vectors(8)
+load_16_rows, store_16_rows = row_vectors(16, TILE)
+load_8_rows, store_8_rows = row_vectors(8, TILE)
+
+
+def _about_particles(r):
+    """A gathered record whose first moments about the first node are replaced by those about the particle; numbers or lanes."""
+    v = (r[1], r[2], r[3])
+    x = moment_about(vec(r[5], r[6], r[7]), r[4], v)
+    y = moment_about(vec(r[9], r[10], r[11]), r[8], v)
+    z = moment_about(vec(r[13], r[14], r[15]), r[12], v)
+    return (r[0], *v, r[4], *x, r[8], *y, r[12], *z)
+
+
+def _load_tile(t, rec, state, p, groups):
+    """Transpose records and states from slot ``p`` on into the columns of a tile."""
+    for g in range(groups):
+        store_16_rows(t, 16 * g, _about_particles(load_records(rec, 16 * (p + 16 * g))))
+        store_8_rows(t, 16 * TILE + 16 * g, load_states(state, 8 * (p + 16 * g)))
+
+
+def _load_rates(t, rates, slips, p, groups):
+    """Transpose the gradients and slips of the other transfers."""
+    for g in range(groups):
+        store_16_rows(t, RATE * TILE + 16 * g, load_records(rates, 16 * (p + 16 * g)))
+        store_16_rows(t, SLIP * TILE + 16 * g, load_records(slips, 16 * (p + 16 * g)))
+
+
+def _store_tile(t, rec, state, p, groups):
+    for g in range(groups):
+        store_records(rec, 16 * (p + 16 * g), load_16_rows(t, 16 * g))
+        store_states(state, 8 * (p + 16 * g), load_8_rows(t, 16 * TILE + 16 * g))
+
+
+def _rows(t, p, k):
+    """Three rows of a column from row ``k`` on."""
+    return vec(t[k, p], t[k + 1, p], t[k + 2, p])
+
+
+def _moments(t, p):
+    """Columns of first moments [m/s] of a column of a tile."""
+    return _rows(t, p, 5), _rows(t, p, 9), _rows(t, p, 13)

@@ -1,0 +1,90 @@
+"""Calls every kernel on small scenes, so that it is compiled and cached; runs in processes of its own, see ``precompile``."""
+
+import base64
+import os
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from runout.backends.scan.backend import ScanBackend
+from runout.backends.scan.precompile import WARM_UP
+from runout.lifetime import end_with_parent
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction import FrictionZones
+from runout.model.materials import Material
+from runout.model.particles import Particles
+from runout.model.scene import Raster, Scene
+from runout.model.surface import Surface
+
+CELLS = 16  # of the small raster on which kernels are tried
+STEPS = 60
+SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
+VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
+    "plain": ({},),
+    "gradient_transfer": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
+    "sleeping": ({}, {"sleep_speed": 1e3, "gravity": (0.0, 0.0, 0.0)}),
+}
+
+
+def _job() -> tuple[Scene, Particles, str]:
+    """The small scene, its particles and the kind of scene of a process that compiles; the process ends with its parent."""
+    materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
+    end_with_parent(parent)
+    scene, particles = _small_slope(materials, friction, precision)
+    return (scene if "zones" in kind else replace(scene, friction_zones=None)), particles, kind
+
+
+def warm_up() -> None:
+    """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
+    scene, particles, kind = _job()
+    for choices in VARIANTS[kind.split()[0]]:
+        if "sleep_speed" in choices:
+            particles.velocity[:] = 0.0
+        _warm_up(replace(scene, **choices), particles, free="free" in kind)
+
+
+def warm_up_ahead() -> None:
+    """Compile the kernels of the second half of a step in another process meanwhile: they are called without particles.
+
+    The first process finds them in the cache.
+    """
+    scene, _, kind = _job()
+    engine = ScanBackend(threads=1)
+    engine.load(replace(scene, **VARIANTS[kind.split()[0]][0]), Particles.zeros(0))
+    engine.pass_second_half(scene.stable_step(SPEED))
+
+
+def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
+    engine = ScanBackend(threads=1)
+    engine.load(scene, particles)
+    for k in range(STEPS):
+        engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
+        if k % 8 == 0:
+            engine.ledger(), engine.columns(), engine.flow_columns()
+    engine.particles()
+    ScanBackend(threads=1).restore(scene, engine.checkpoint())
+    dense = ScanBackend(threads=1, index="dense")
+    dense.load(replace(scene, surface=None) if free else scene, particles)
+    if free:
+        dense.step(dense.stable_step())
+
+
+def _small_slope(materials: tuple[Material, ...], friction: BasalFriction, precision: str) -> tuple[Scene, Particles]:
+    """A cube of particles that slides over the edge of a plane."""
+    surface = Surface.through(np.fromfunction(lambda i, j: -0.2 * i, (CELLS + 1, CELLS + 1)), (1.0, 1.0))
+    zones = FrictionZones(np.ones((CELLS, CELLS)), np.zeros((CELLS, CELLS)), (1.0, 1.0))
+    scene = Scene(
+        (1.0, 1.0, 1.0), surface, Raster(CELLS, CELLS, (1.0, 1.0)), materials, (friction,) * len(materials), precision=precision,
+        friction_zones=zones,
+    )  # fmt: skip
+    axis = (np.arange(12) + 0.5) / 2
+    place = np.stack(np.meshgrid(axis + CELLS - 8, axis + 4, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    place[:, 2] -= 0.2 * place[:, 0]
+    particles = Particles.at(place, np.ones(3))
+    particles.volume[:], particles.radius[:] = 0.125, 0.25
+    particles.release[:] = np.arange(len(particles)) % len(materials)
+    particles.mass[:] = 0.125 * materials[0].density
+    particles.velocity[:, 0] = SPEED / scene.stable_step(0.0)
+    return scene, particles
