@@ -34,8 +34,8 @@ class Coulomb(BasalFriction):
 
     @classmethod
     def acting(cls, numbers: Mapping[str, Any], strength: Any) -> dict[str, Any]:
-        """The coefficient [1], at most what the mass passes on: contact has no need to compare them in every step."""
-        import numpy as np  # the command starts without it
+        """The coefficient [1], at most the strength of the mass, so that contact does not compare them in every step."""
+        import numpy as np  # the command line starts without NumPy
 
         return {"friction": np.minimum(numbers["friction"], strength)}
 

@@ -2,7 +2,7 @@
 
 Yield: q <= M p + q_c with p = -tr(tau)/3 (compression positive) and q = sqrt(3/2) |dev tau|. The return keeps the
 volume on the cone and goes to the apex in tension (Klar et al. 2016, ACM TOG 35:103, sec. 7.3). The volume gained at
-the apex is remembered and must be lost again before the material carries load (Tampubolon et al. 2017, ACM TOG 36:105,
+the apex is stored and must be lost again before the material carries load (Tampubolon et al. 2017, ACM TOG 36:105,
 sec. 4.3.4).
 """
 
@@ -61,7 +61,7 @@ class DruckerPrager(Material):
         return geostatic.at_rest(math.radians(self.friction_angle))
 
     def record(self) -> dict[str, float]:
-        """Lame parameters, the cone, and whether volume that was gained must be lost again."""
+        """Lame parameters [Pa], slope [1] and intercept [Pa] of the cone, and whether volume is corrected (1 or 0)."""
         slope, intercept = self.yield_cone
         return {
             "lame_lambda": self.lame_lambda,

@@ -23,9 +23,8 @@ from runout.physics.tensors import deviator, isotropic, norm, real, scaled, shif
 class GranularFlow(Material):
     """Dry grains whose friction rises with the rate of shear, mu(I): thick dense flows.
 
-    The inertial number is grain_size times shear rate times sqrt(density/pressure) with the bulk density. The literature mostly
-    takes the density of the grains, which is 1/(volume fraction) times that of the bulk. Multiply such an inertial_constant by the
-    square root of the volume fraction, about 0.77.
+    The inertial number is grain_size times shear rate times sqrt(density/pressure), with the bulk density. Most papers use the
+    density of the grains. Multiply their inertial_constant by the square root of the volume fraction, about 0.77.
     """
 
     law: ClassVar[str] = "granular_flow"
@@ -57,20 +56,20 @@ class GranularFlow(Material):
 
     @property
     def yield_cone(self) -> tuple[float, float]:
-        """Slope M [1] and intercept [Pa], that of creeping flow: sqrt(J_2) = mu_s p."""
+        """Slope M [1] and intercept [Pa] of creeping flow: sqrt(J_2) = mu_s p."""
         return math.sqrt(3.0) * self.static_friction, 0.0
 
     @property
     def internal_friction(self) -> float:
-        """That of creeping flow [1]."""
+        """Shear over normal stress of creeping flow [1]."""
         return self.static_friction
 
     def shear_strength(self, pressure: float) -> float:
-        """mu_2 [1], which fast shear comes near to."""
+        """mu_2 [1], the limit for fast shear."""
         return self.dynamic_friction
 
     def record(self) -> dict[str, float]:
-        """Lame parameters, the flow curve, d sqrt(rho) [kg^0.5 m^-0.5], and the step."""
+        """Lame parameters [Pa], flow curve [1], d sqrt(rho) [kg^0.5 m^-0.5] and time step [s]."""
         return {
             "lame_lambda": self.lame_lambda,
             "shear_modulus": self.shear_modulus,
@@ -101,7 +100,7 @@ def plastic_shear(excess: Any, p: Any, mat: Any):
 
 
 def return_to_flow(h: Any, mat: Any):
-    """Hencky strain whose stress flows at the rate of its plastic shear, or of no stress at all."""
+    """Hencky strain [1] after the return: on the flow curve, or without stress in tension."""
     p = pressure(h, mat)
     if p <= real(0.0):
         return isotropic(real(0.0))
