@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from parity_cases import law_cases
 from scenes import ROCK, SAND, box, engine_of, plane, scene
-from scipy.integrate import solve_ivp
+from sliding_block import DT, GRAVITY, SLOPE, block, speed_of_rigid_block
 from velocity_weakening import VelocityWeakening
 
 from runout import FrictionZones
@@ -22,31 +22,7 @@ from runout.physics import contact
 LAWS = [FRICTIONS.find(name) for name in ("velocity_weakening", "drag_by_load")]
 WEAK = VelocityWeakening(static_friction=0.4, dynamic_friction=0.1, weakening_speed=0.5)
 DRAG = DragByLoad(friction=0.2, drag=0.04)
-BLOCK = replace(ROCK, poisson_ratio=0.0, youngs_modulus=4e6)  # vibrates little while it slides
-SLOPE, GRAVITY, DT = math.radians(25.0), 9.81, 5e-3
 LONG = pytest.mark.parametrize("name", ["reference", "scan", "hash"])
-
-
-def block(engine, friction, time, speed=0.0, **choices):
-    """Mean velocity [m/s] of a block down a plane along the grid, and the engine, after a time [s]."""
-    gravity = (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
-    a_scene = scene(plane(), materials=(BLOCK,), friction=(friction,), gravity=gravity, **choices)
-    p = box((6.0, 20.0, 0.0), (3.0, 2.0, 1.0), (1.0, 1.0, 1.0), BLOCK.density, surface=a_scene.surface)
-    p.strain[:, 2] = -2.0 * BLOCK.density * GRAVITY * math.cos(SLOPE) * (1.0 - p.position(np.ones(3))[:, 2]) / BLOCK.youngs_modulus
-    p.velocity[:, 0] = speed
-    engine.load(a_scene, p)
-    for _ in range(round(time / DT)):
-        engine.step(DT)
-    return engine.particles().velocity[:, 0].mean(), engine
-
-
-def speed_of_rigid_block(friction, time, speed=0.0):
-    """Speed [m/s] of a point that slides against ``friction(v)`` [1] of its weight."""
-
-    def acceleration(_, v):
-        return GRAVITY * (math.sin(SLOPE) - friction(v) * math.cos(SLOPE))
-
-    return solve_ivp(acceleration, (0.0, time), [speed], rtol=1e-10, atol=1e-12).y[0, -1]
 
 
 def weakened(v):
