@@ -21,7 +21,7 @@ WHILE_LOADED = 8, 24  # bytes a particle beside the arrays of a backend on the C
 CHUNKS = 1e7  # bytes of the particles that are made at once
 BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
 PER_MAP_CELL = 150  # bytes per cell of the raster: sums, peaks and work arrays
-PROGRAM = 0.25e9  # libraries and compiled code
+PROGRAM = 0.22e9  # libraries and compiled code
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,8 @@
-"""Forecasts particles, steps, time, memory and disk of a run from a short calibration on this machine."""
+"""Forecasts particles, steps, time, memory and disk of a run without its particles."""
 
 import logging
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from inspect import signature
@@ -11,22 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout import log
-from runout.backends.protocol import Backend, get_backend
 from runout.errors import BudgetError, CapacityError
-from runout.memory import GIGABYTE, MemoryForecast, available_bytes, expected_memory
+from runout.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
+from runout.model.basal_friction import USUAL_ANGLE
+from runout.model.limits import spacing_of
+from runout.scenario import build_scene
+from runout.workflow.check_stiffness import VOLUME
+from runout.workflow.flow_forecast import member_steps
+from runout.workflow.step_cost import engine_for, step_cost
 
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.ensemble.member import Member
-    from runout.model.particles import Particles
-    from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-UNTIMED_STEPS = 3  # steps without timing, which compile kernels or load them from the cache
-TIMED_STEPS = 60
-COARSE_SECONDS = 2.0  # longest time of the coarse run [s]
-FINEST, COARSEST = 1.5, 4.0  # coarse over fine cell size; the cost falls with its fourth power
+SETUP_SECONDS = 0.3  # time of a member beside its steps [s]
 START_SECONDS = 8.0  # start of a worker process [s]: imports, compiled code from the cache
 CROWDING = 1.2  # time on a core while the others are busy, relative to an idle machine
 MEMBER_MAPS = 5
@@ -51,6 +49,10 @@ class Forecast:
         Time of all members [s].
     memory, disk : float
         Of all workers together, and of all results [bytes].
+    range_of_steps : tuple of int
+        Least and most steps of a member.
+    particle_steps : float
+        Of all members.
     """
 
     members: int
@@ -61,6 +63,8 @@ class Forecast:
     seconds: float
     memory: float
     disk: float
+    range_of_steps: tuple[int, int] = (0, 0)
+    particle_steps: float = 0.0
 
     def lines(self) -> list[str]:
         """The forecast in sentences."""
@@ -68,10 +72,15 @@ class Forecast:
             return ["no member is left to simulate"]
         return [
             f"members   {self.members} to simulate, {self.workers} at a time",
-            f"particles {self.particles} in the member with the largest volume, about {self.steps} steps",
+            particle_line(self.particles),
+            f"steps     about {self._steps()}, {self.particle_steps:.2g} particle-steps in all",
             f"time      about {duration(self.seconds)} ({duration(self.member_seconds)} for that member on one core)",
             f"memory    about {self.memory / GIGABYTE:.2g} GB, disk at most {self.disk / GIGABYTE:.2g} GB",
         ]
+
+    def _steps(self) -> str:
+        least, most = self.range_of_steps
+        return f"{self.steps}" if least == most else f"{least} to {most} by member"
 
     def over_budget(self, budget: Any) -> list[str]:
         """A sentence with both numbers for each exceeded limit of ``budget`` (hours, memory_gb, disk_gb; None: no limit)."""
@@ -80,10 +89,10 @@ class Forecast:
         return [_over(name, limit, needs[name]) for name, limit in limits.items() if limit is not None and needs[name] > limit]
 
 
-def forecast(
-    site: "Site", left: Sequence[int], *, workers: int | None = None, progress: Callable[[float], None] | None = None
-) -> Forecast:
-    """Forecast for the members ``left``. Simulates the member with the largest volume on a coarse grid, and its first steps.
+def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -> Forecast:
+    """Forecast for the members ``left``: particles are counted, steps follow from points that slide in place of the mass.
+
+    Only the processor time of a step is measured, on a small layer (:mod:`runout.workflow.step_cost`).
 
     Parameters
     ----------
@@ -92,28 +101,33 @@ def forecast(
         Numbers of the members to simulate.
     workers : int, optional
         Members at the same time; one per core if None.
-    progress : callable, optional
-        Called with the finished fraction of the calibration, 0 to 1.
 
     Raises
     ------
     BudgetError, CapacityError
-        If members that run at the same time exceed the memory of the budget or of the machine. Checked before large allocations.
+        If members that run at the same time exceed the memory of the budget or of the machine.
     """
     if not left:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     members, largest, together = _planned(site, left, workers)
-    memory: list[float] = []  # one number, known before the particles are made
-    particles, steps, seconds = _calibrated(site, largest, progress, lambda needed: memory.append(_fitting(site, needed, together)))
-    work = seconds * float(_relative_work(site, members, largest).sum())
+    memory, particles = _fitting(site, _member_memory(site, largest), together), _count(site, largest)
+    steps, particle_steps = _work(site, members, largest, particles)
+    own = members.index(largest)
+    arguments = site.member_arguments(largest.parameters)
+    cost = step_cost(arguments)
+    seconds = SETUP_SECONDS + cost.step * steps + cost.particle * particle_steps
     disk = 2.0 * len(members) * MEMBER_MAPS * 4 * site.terrain().elevation.size  # members/*.nc and members.nc, before compression
     disk += together * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]
-    total = work if together == 1 else START_SECONDS + CROWDING * max(work / together, seconds)
-    return Forecast(len(members), together, particles, steps, seconds, total, memory[0], disk)
+    work, longest = float(seconds.sum()), float(seconds.max())
+    total = work if together == 1 else START_SECONDS + CROWDING * max(work / together, longest)
+    return Forecast(
+        len(members), together, particles, math.ceil(steps[own]), float(seconds[own]), total, memory, disk,
+        (math.ceil(steps.min()), math.ceil(steps.max())), float(particle_steps.sum()),
+    )  # fmt: skip
 
 
 def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> None:
-    """Raise BudgetError if the members ``left`` exceed the budget of the site. Sites without a budget are not calibrated.
+    """Raise BudgetError if the members ``left`` exceed the budget of the site. The time is forecast for a budget only.
 
     Raises
     ------
@@ -125,8 +139,7 @@ def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = N
         return
     if budget is None:
         return _require_memory(site, left, workers)
-    with log.progress("calibration") as bar:
-        expected = forecast(site, left, workers=workers, progress=bar)
+    expected = forecast(site, left, workers=workers)
     for line in expected.lines():
         LOGGER.info("forecast: %s", line)
     over = expected.over_budget(budget)
@@ -141,28 +154,28 @@ class _Fits(Exception):
 def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> None:
     """Raise CapacityError if members that run at the same time exceed the memory of the machine."""
     largest, together = _planned(site, left, workers)[1:]
-    needed = _member_memory(site, largest)
-    if needed:
-        _fitting(site, needed, together)
+    _fitting(site, _member_memory(site, largest), together)
 
 
 def member_bytes(site: "Site", left: Sequence[int]) -> float:
     """Memory of the largest of the members ``left`` on its machine [byte]; 0 if there is none."""
-    needed = _member_memory(site, _planned(site, left, None)[1]) if left else None
-    return needed.total if needed else 0.0
+    return _member_memory(site, _planned(site, left, None)[1]).total if left else 0.0
 
 
-def _member_memory(site: "Site", member: "Member") -> MemoryForecast | None:
-    """Memory of a member, known before its particles are made."""
+def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
+    """Memory of a member; its particles are not made."""
     found: list[MemoryForecast] = []
 
-    def accept(needed: MemoryForecast) -> None:
-        found.append(needed)
+    def accept(extent: Extent) -> None:
+        cells, ways = arguments["terrain"].elevation.size, (arguments["transfer"], arguments["f_bar"])
+        found.append(expected_memory(extent, cells, arguments["precision"], engine_for(arguments), *ways))
         raise _Fits
 
+    arguments = site.member_arguments(member.parameters)
+    stated = {name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
     with suppress(_Fits):
-        _scene({**site.member_arguments(member.parameters), "seed": member.seed}, accept)
-    return found[0] if found else None
+        build_scene(**{"basal_friction_angle": USUAL_ANGLE, **stated}, accept=accept)
+    return found[0]
 
 
 def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[list[Member], Member, int]":
@@ -198,81 +211,32 @@ def _friction_of(member: "Member") -> list[float]:
     return [value for name, value in sorted(member.parameters.items()) if name.startswith(PREFIX)]
 
 
-def _relative_work(site: "Site", members: "Sequence[Member]", reference: "Member") -> np.ndarray:
-    """Particle-steps (members,) relative to those of the reference: ratio of volume times wave speed."""
-    from runout.workflow.check_stiffness import VOLUME, member_stiffness
-
-    if len(members) == 1 and members[0] == reference:
-        return np.ones(1)
-    data, samples = site.data(), [member.parameters for member in (*members, reference)]
-    waves = np.array([s.wave_speed for s in member_stiffness(site, data.releases, data.friction_zones, samples)])
-    volumes = np.array([sample.get(VOLUME, 1.0) for sample in samples])
-    work: np.ndarray = volumes * waves
-    return work[:-1] / work[-1]
+def particle_line(particles: int) -> str:
+    """Number of particles in words."""
+    return f"particles {particles} in the member with the largest volume"
 
 
-def _calibrated(
-    site: "Site", member: "Member", progress: Callable[[float], None] | None, accept: Callable[[MemoryForecast], None]
-) -> tuple[int, int, float]:
-    """Particles, steps and seconds of one member on one core.
+def particle_count(site: "Site") -> int:
+    """Particles of the member with the largest volume; they are counted, not made."""
+    from runout.ensemble.member import plan_members
 
-    A run with coarse cells measures the duration of the flow, the cost of observers, and by how much the cost of a step grows
-    as the mass spreads. Time steps are proportional to the cell size. The first steps with fine cells measure the initial cost
-    of a step. Processor time is used, so that other work on the machine does not count. ``accept`` is called with the memory
-    before it is allocated.
-    """
-    from runout.simulation import simulate
-
-    started = time.process_time()
-    arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1}
-    scene, particles = _scene(arguments, accept)
-    setup_seconds = time.process_time() - started
-    step, step_seconds = _timed_steps(scene, particles, arguments)
-    longest = step_seconds * arguments["end_time"] / step
-    smallest = math.sqrt(min(release.area for release in arguments["release"]))
-    room = max(1.0, smallest / (2 * max(scene.spacing)))  # coarser cells would not resolve the release
-    coarsening = min(room, float(np.clip((longest / COARSE_SECONDS) ** 0.25, FINEST, COARSEST)))
-    arguments["cell_size"] = tuple(coarsening * h for h in scene.spacing)
-    _, first_seconds = _timed_steps(*_scene(arguments), arguments)
-    started = time.process_time()
-    coarse = simulate(**arguments, progress=progress)
-    share = (time.process_time() - started) / coarse.timing["total"]  # processor time over wall time
-    observers = share * coarse.timing["observers"]
-    stepping = share * (coarse.timing["total"] - coarse.timing["setup"]) - observers
-    growth = max(1.0, stepping / coarse.steps / first_seconds)
-    steps = math.ceil(coarsening * coarse.steps)
-    return len(particles), steps, setup_seconds + steps * step_seconds * growth + observers
+    return _count(site, _largest(plan_members(site)))
 
 
-def _scene(
-    arguments: Mapping[str, Any], accept: Callable[[MemoryForecast], None] = lambda needed: None
-) -> "tuple[Scene, Particles]":
-    from runout.model.basal_friction import USUAL_ANGLE
-    from runout.scenario import build_scene
+def _count(site: "Site", member: "Member") -> int:
+    from runout.release.sample import Sampling, count_particles, particles_per_axis
 
-    engine = _engine(arguments)
-    cells = arguments["terrain"].elevation.size
-    precision = arguments.get("precision", "float32")
-    stated = {name: value for name, value in arguments.items() if name in signature(build_scene).parameters}
-    given = {"basal_friction_angle": USUAL_ANGLE, **stated}
-    chosen = arguments.get("transfer", "mls"), arguments.get("f_bar", False)
-    return build_scene(**given, accept=lambda extent: accept(expected_memory(extent, cells, precision, engine, *chosen)))
+    arguments = site.member_arguments(member.parameters)
+    how = Sampling(spacing_of(arguments["cell_size"]), particles_per_axis(arguments["particles_per_cell"]))
+    return count_particles(arguments["release"], how)
 
 
-def _engine(arguments: Mapping[str, Any]) -> Backend:
-    return get_backend(arguments.get("backend", "scan"), arguments.get("device", "cpu"), 1)
-
-
-def _timed_steps(scene: "Scene", particles: "Particles", arguments: Mapping[str, Any]) -> tuple[float, float]:
-    """Length of the first step [s] and the processor time of a step [s]."""
-    engine = _engine(arguments)
-    engine.load(scene, particles)
-    first = engine.stable_step()
-    for step in range(UNTIMED_STEPS + TIMED_STEPS):
-        if step == UNTIMED_STEPS:
-            started = time.process_time()
-        engine.step(engine.stable_step())
-    return first, (time.process_time() - started) / TIMED_STEPS
+def _work(site: "Site", members: "Sequence[Member]", reference: "Member", particles: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps and particle-steps (members,) of members, whose reference has so many particles."""
+    found = member_steps(site, members)
+    volumes = np.array([member.parameters.get(VOLUME, 1.0) for member in members]) / reference.parameters.get(VOLUME, 1.0)
+    steps = np.array([one.steps for one in found])
+    return steps, particles * volumes * np.array([one.per_particle for one in found])
 
 
 def _fitting(site: "Site", needed: MemoryForecast, together: int) -> float:

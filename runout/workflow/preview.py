@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout import log
-from runout.errors import BudgetError, CapacityError, ExitCode
+from runout.errors import BudgetError, CapacityError, ExitCode, RunoutError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,7 +28,7 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
 
     console = log.output()
     with log.muted():
-        found = inspect(site_path)
+        found = inspect(_counted(console, site_path) or site_path)
     for problem in found.problems:
         console.print(Text.assemble(("problem ", "bold red"), problem))
     for warning in found.warnings:
@@ -46,13 +46,26 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     return _print_plan(console, found, found.site, data, out, device)
 
 
+def _counted(console: "Console", site_path: Path) -> "Site | None":
+    """Print the number of particles before all that takes time; the site, or None if it cannot be read."""
+    from runout.config.site import read_site
+    from runout.workflow.plan import particle_count, particle_line
+
+    try:
+        site = read_site(site_path)
+        console.print(particle_line(particle_count(site)))
+    except RunoutError:  # the inspection names all problems
+        return None
+    return site
+
+
 def _print_plan(console: "Console", found: "Findings", site: "Site", data: "SiteData", out: Path | None, device: str | None) -> int:
     from rich.text import Text
 
     from runout.accuracy import lines
     from runout.workflow import check_stiffness
     from runout.workflow.check import depth_resolution
-    from runout.workflow.plan import forecast
+    from runout.workflow.plan import forecast, particle_line
     from runout.workflow.status import print_stages
     from runout.workflow.study import Study
 
@@ -69,13 +82,14 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", data: "Site
         console.print(line, markup=False)
     print_stages(console, study)
     try:
-        with log.progress("calibration") as bar, log.muted():
-            expected = forecast(study.site, study.left, progress=bar)
-    except (BudgetError, CapacityError) as error:  # computed from the releases, before the calibration
+        with log.muted():
+            expected = forecast(study.site, study.left)
+    except (BudgetError, CapacityError) as error:
         console.print(Text.assemble(("over budget ", "bold red"), str(error)))
         return error.exit_code
     for line in expected.lines():
-        console.print(line, markup=False)
+        if line != particle_line(expected.particles):
+            console.print(line, markup=False)
     over = expected.over_budget(study.site.settings.budget)
     for line in over:
         console.print(Text.assemble(("over budget ", "bold red"), line))

@@ -20,6 +20,7 @@ from odd_sites import write_odd_site
 from runout.config import extent
 from runout.errors import RunoutError
 from runout.workflow import plan, preview
+from runout.workflow.step_cost import StepCost
 
 LARGEST_DERIVED = 2_000_000  # cells that a site on a huge raster may need here, so that memory and time of a case are bounded
 LIMIT = 20  # [s] of a case; most take some hundredths
@@ -95,23 +96,6 @@ def quiet() -> Iterator[io.StringIO]:
         logging.disable(level)
 
 
-class _Accepted(Exception):
-    """The memory of a run was accepted."""
-
-
-def _uncalibrated(site, member, progress, accept):
-    """As the calibration, up to the point where particles are made."""
-    arguments = {**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1}
-
-    def accepted(needed):
-        accept(needed)
-        raise _Accepted
-
-    with contextlib.suppress(_Accepted):
-        plan._scene(arguments, accepted)
-    return 1, 1, 1.0
-
-
 def run(first: int, count: int, calibrated_every: int = 0) -> tuple[dict[str, int], list[Fault]]:
     """Outcomes of ``count`` cases from a seed on, and the faults; every so many runs its calibration as well."""
     outcomes: dict[str, int] = {}
@@ -119,7 +103,8 @@ def run(first: int, count: int, calibrated_every: int = 0) -> tuple[dict[str, in
     for seed in range(first, first + count):
         case = array_case if seed % 5 == 0 else site_case
         real = calibrated_every and seed % calibrated_every == 0
-        calibrated = contextlib.nullcontext() if real else mock.patch.object(plan, "_calibrated", _uncalibrated)
+        stored = mock.patch.object(plan, "step_cost", return_value=StepCost(1e-4, 3e-8))
+        calibrated = contextlib.nullcontext() if real else stored
         with calibrated, mock.patch.object(extent, "LARGEST_DERIVED", LARGEST_DERIVED):
             outcome, fault = case(seed)
         outcomes[outcome] = outcomes.get(outcome, 0) + 1

@@ -1,0 +1,140 @@
+"""How many steps the members of a site take, without a run: the duration of their flows, and the length of their steps."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.model import basal_strength
+from runout.model.ground_friction import GroundFriction
+from runout.model.limits import spacing_of
+from runout.model.scene import Raster, Scene
+from runout.observers import AtRest
+from runout.terrain.sliding_points import Friction, Slide, slide
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.ensemble.member import Member
+    from runout.model.release import Release
+    from runout.stiffness import Stiffness
+
+EXACT = 9  # members whose points slide; the others follow from the speed of their flow
+SETTLING = 1.05  # duration of a flow over that of points: it comes to rest grain by grain
+LONG_WAY = 7.0  # path over the length of a release from which a flow thins out, and its tail comes late
+TAIL = 0.08  # further duration for each length beyond
+STEP_RATIO = 1.02  # limit of the time step over the mean step, which is chosen from a ladder
+
+
+@dataclass(frozen=True)
+class Flow:
+    """A flow until it rests or ends.
+
+    Attributes
+    ----------
+    duration : float
+        [s]
+    path : float
+        Of its fastest point [m].
+    share : float
+        Mean share of its mass that is on the terrain [1].
+    """
+
+    duration: float
+    path: float
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class MemberSteps:
+    """Steps of one member, and its particle-steps per particle at the start."""
+
+    steps: float
+    per_particle: float
+
+
+def flows_of(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> list[Flow]:
+    """Flows of members with these arguments of :func:`runout.simulate`, by points that slide in place of the mass.
+
+    A mass that travels many times its own length thins out, and its tail comes late: the duration grows with the path. The
+    fastest flow reaches about ``largest_speed`` [m/s]. Members of one volume slide together.
+    """
+    flows: dict[int, Flow] = {}
+    volumes = [tuple(r.volume for r in given["release"]) for given in arguments]
+    for volume in dict.fromkeys(volumes):
+        alike = [k for k, other in enumerate(volumes) if other == volume]
+        flows |= zip(alike, _flows_from_one_scar([arguments[k] for k in alike], largest_speed), strict=True)
+    return [flows[k] for k in range(len(arguments))]
+
+
+def _flows_from_one_scar(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> list[Flow]:
+    first, releases = arguments[0], arguments[0]["release"]
+    spacing, end_time = spacing_of(first["cell_size"]), float(first["end_time"])
+    crossing = min(releases[0].terrain.cell_size) / max(largest_speed, 1e-6)
+    friction = _friction(arguments, releases, spacing[2])
+    found = slide(releases, friction, len(arguments), spacing[:2], (end_time, crossing))
+    length = math.sqrt(sum(r.area for r in releases))
+    return [_flow(found, k, end_time, length, stops=bool(first["stop"])) for k in range(len(arguments))]
+
+
+def _flow(found: Slide, k: int, end_time: float, length: float, *, stops: bool) -> Flow:
+    """Flow of member k, of a mass of some ``length`` [m]."""
+    time, speed, fastest = found.time, found.speed[:, k], found.fastest[:, k]
+    over = (_rests(speed) if stops else np.zeros(len(time), bool)) | (found.share[:, k] == 0)
+    last = int(np.argmax(over)) if over.any() else len(time) - 1
+    way, duration = float(np.sum(speed[: last + 1]) * time[0]) / length, float(time[last])
+    if stops and (over.any() or time[-1] < end_time * (1 - 1e-6)):
+        duration *= SETTLING * (1.0 + TAIL * max(0.0, way - LONG_WAY))
+    duration = min(duration, end_time) if stops else end_time
+    return Flow(duration, float(np.mean(fastest[: last + 1])) * duration, float(np.mean(found.share[: last + 1, k])))
+
+
+def _friction(arguments: Sequence[Mapping[str, Any]], releases: "Sequence[Release]", height: float) -> Friction:
+    """Coefficients at rest that act, by release and local position, in each member."""
+    grounds = []
+    for given in arguments:
+        basal = given.get("basal_friction") or math.radians(given["basal_friction_angle"])
+        frictions = [math.tan(f) if isinstance(f, float) else f for f in basal_strength.frictions_under(releases, basal)]
+        strength = basal_strength.strengths([r.material or given["material"] for r in releases], height)
+        grounds.append(GroundFriction(frictions, strength, given["friction_zones"]))
+    resting, member = np.array([ground.at_rest() for ground in grounds]), np.arange(len(grounds))[:, None]
+    return lambda number, x, y: resting[member, grounds[0].rows(number, x, y)]
+
+
+def _rests(speed: np.ndarray) -> np.ndarray:
+    """Whether a flow with a root mean square speed (n,) [m/s] rests, by the rule of :class:`runout.observers.AtRest`."""
+    rule = AtRest()
+    limit = np.minimum(math.sqrt(rule.share) * np.maximum.accumulate(speed), rule.floor_speed)
+    slow = speed < np.maximum(limit, 1e-2 * rule.floor_speed)
+    return slow & (np.diff(speed, prepend=speed[:1]) <= 0)  # type: ignore[no-any-return]
+
+
+def member_steps(site: "Site", members: "Sequence[Member]") -> list[MemberSteps]:
+    """Steps of each member."""
+    from runout.workflow.check_stiffness import member_stiffness
+
+    data = site.data()
+    found = member_stiffness(site, data.releases, data.friction_zones, [m.parameters for m in members])
+    speeds = np.array([s.flow_speed for s in found])
+    chosen = np.unique(np.argsort(speeds)[np.linspace(0, len(members) - 1, min(EXACT, len(members))).round().astype(int)])
+    chosen = chosen[np.argsort(speeds[chosen])]
+    given = [site.member_arguments(members[k].parameters, data) for k in chosen]
+    flows = flows_of(given, float(speeds.max()))
+    columns = np.array([[f.duration, f.path, f.share] for f in flows]).T
+    between = [np.interp(speeds, speeds[chosen], column) for column in columns]
+    for k, flow in zip(chosen, flows, strict=True):
+        for row, value in zip(between, (flow.duration, flow.path, flow.share), strict=True):
+            row[k] = value
+    return [_steps(given[0], one, Flow(*flow)) for one, *flow in zip(found, *(row.tolist() for row in between), strict=True)]
+
+
+def _steps(grid: Mapping[str, Any], stiffness: "Stiffness", flow: Flow) -> MemberSteps:
+    """Steps of a flow in which pressure waves pass a cell in the time that the Courant number leaves."""
+    materials = stiffness.materials
+    scene = Scene(
+        spacing_of(grid["cell_size"]), None, Raster(1, 1, (1.0, 1.0)), materials, (0.0,) * len(materials), cfl=grid["cfl"],
+        transfer=grid["transfer"], flip_ratio=grid["flip_ratio"], f_bar=grid["f_bar"],
+    )  # fmt: skip
+    steps = STEP_RATIO * (flow.duration + flow.path / scene.wave_speed) / scene.stable_step(0.0)
+    return MemberSteps(steps, steps * flow.share)

@@ -1,0 +1,86 @@
+"""Processor time of a step on this machine, from a few steps of a small layer: the particles of the site are not made."""
+
+import math
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from runout.backends.protocol import Backend, get_backend
+from runout.batch import PARTICLE_SECONDS, STEP_SECONDS
+from runout.model.limits import spacing_of
+from runout.model.particles import Particles
+from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
+from runout.model.surface import Surface
+
+FEW, MANY = 6, 32  # cells along the sides of two layers, which are one cell thick
+PER_CELL = (2, 2, 4)
+UNTIMED_STEPS, TIMED_STEPS = 4, 24
+SLOPE = 0.4  # of the ground
+SPREADING = 1.2  # cost of a particle-step of a flow, which spreads and is observed, over that of the layer
+
+
+class StepCost(NamedTuple):
+    """Seconds of one core, or of a GPU: of a step, and of a particle in it."""
+
+    step: float
+    particle: float
+
+    def seconds(self, steps: float, particle_steps: float) -> float:
+        """Time [s] of a run."""
+        return steps * self.step + particle_steps * self.particle
+
+
+def engine_for(arguments: Mapping[str, Any]) -> Backend:
+    """Backend of a run with these arguments of :func:`runout.simulate`, on one thread."""
+    return get_backend(arguments.get("backend", "scan"), arguments.get("device", "cpu"), 1)
+
+
+def step_cost(arguments: Mapping[str, Any]) -> StepCost:
+    """Cost of a step of a run with these arguments of :func:`runout.simulate`; on a GPU that of its own tables."""
+    device: Any = getattr(engine_for(arguments), "device", None)
+    if device is not None and device.is_cuda:
+        return StepCost(STEP_SECONDS, PARTICLE_SECONDS)
+    _timed(arguments, FEW)  # loads the kernels of the later steps, too
+    (few, short), (many, long) = (_timed(arguments, cells) for cells in (FEW, MANY))
+    particle = max(long - short, 0.0) / (many - few)
+    return StepCost(max(short - few * particle, 0.0), SPREADING * particle)
+
+
+def _timed(arguments: Mapping[str, Any], cells: int) -> tuple[int, float]:
+    """Particles of a layer, and the processor time [s] of one of its steps."""
+    engine, scene = engine_for(arguments), _scene(arguments, cells)
+    particles = _layer(scene, cells)
+    engine.load(scene, particles)
+    for step in range(UNTIMED_STEPS + TIMED_STEPS):
+        if step == UNTIMED_STEPS:
+            started = time.process_time()
+        engine.step(engine.stable_step())
+    return len(particles), (time.process_time() - started) / TIMED_STEPS
+
+
+def _scene(arguments: Mapping[str, Any], cells: int) -> Scene:
+    """A plane that falls to the east."""
+    spacing, side = spacing_of(arguments["cell_size"]), 2 * cells
+    x = np.arange(side + 1) * spacing[0]
+    surface = Surface.through(np.repeat(SLOPE * (x[-1] - x)[:, None], side + 1, axis=1), spacing[:2])
+    material = arguments["material"].chosen(math.sqrt(STANDARD_GRAVITY * x[-1]), spacing[2], STANDARD_GRAVITY)
+    friction = arguments.get("basal_friction") or math.tan(math.radians(arguments["basal_friction_angle"]))
+    named = ("cfl", "precision", "transfer", "flip_ratio", "f_bar", "sleep_speed")
+    chosen = {name: arguments[name] for name in named if name in arguments}
+    return Scene(spacing, surface, Raster(side, side, spacing[:2]), (material,), (friction,), **chosen)
+
+
+def _layer(scene: Scene, cells: int) -> Particles:
+    """A layer on the plane, one cell thick."""
+    spacing = np.array(scene.spacing)
+    counts = np.array(PER_CELL) * (cells, cells, 1)
+    lattice = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3) + 0.5
+    place = lattice * (spacing / PER_CELL) + spacing * (cells // 2, cells // 2, 0)
+    assert scene.surface is not None
+    place[:, 2] += scene.surface.elevation(place[:, 0], place[:, 1])
+    p = Particles.at(place, spacing)
+    p.volume[:] = np.prod(spacing / PER_CELL)
+    p.mass[:], p.radius[:] = p.volume * scene.materials[0].density, 0.125 * spacing[2] / PER_CELL[2]
+    return p
