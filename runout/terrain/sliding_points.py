@@ -74,8 +74,8 @@ def slide(
 ) -> Slide:
     """Points of equal mass that slide from where the releases lie, each alone, against Coulomb friction.
 
-    Along the slope they gain g sin(slope) and lose mu g cos(slope); the centripetal force of bends is left out, as in the energy
-    line (Heim 1932). Points that leave the terrain or reach cells without elevation are gone.
+    Along the slope they gain g sin(slope) and lose mu g cos(slope), as in the energy line (Heim 1932). They keep their velocity in
+    plan where the slope changes: at a kink this loses what a plastic impact takes. Points that leave the terrain or reach cells without elevation are gone.
 
     Parameters
     ----------

@@ -17,7 +17,6 @@ from runout.scenario import build_scene
 from runout.stiffness import chosen_moduli, extremes, sentence_of, stiffness
 from runout.workflow.check import inspect
 from runout.workflow.check_stiffness import lines, member_stiffness
-from runout.workflow.plan import _relative_work
 
 G, CELL, SLOPE, FOOT = 9.81, 10.0, 0.5, 40  # a plane that falls to the east up to its column FOOT, level from there
 SAND = runout.DruckerPrager(density=2000.0, friction_angle=34.0)
@@ -253,20 +252,6 @@ def test_check_prints_the_stiffness_and_warns_of_stated_moduli_that_show_in_the_
     assert "fewer steps" in said[-1]
     strained = AUTO.replace("density: 2000", "density: 2000, weight_strain: 0.005")
     assert "set by weight_strain 0.005): pressure waves" in checked("slow", strained)[0][0]
-
-
-def test_forecast_takes_the_work_of_a_member_from_its_own_stiffness(tmp_path):
-    from runout.ensemble.member import plan_members
-
-    site = runout.read_site(write_site(tmp_path / "site", AUTO))
-    members = plan_members(site)
-    work = _relative_work(site, members, members[0])
-    names, waves = ("terrain", "release", "material", "basal_friction_angle", "cell_size"), []
-    for member in members:
-        own = site.member_arguments(member.parameters)
-        waves.append(build_scene(**{name: own[name] for name in names})[0].wave_speed)
-    np.testing.assert_allclose(work, np.array(waves) / waves[0], rtol=0.01)
-    assert work.min() < work.max()
 
 
 def test_many_members_are_forecast_from_few_energy_lines(tmp_path, monkeypatch):

@@ -1,0 +1,72 @@
+"""Steps of a run are forecast from points that slide in place of its mass, within a factor of 1.5."""
+
+import numpy as np
+import pytest
+from ramp_site import SITE, write_site
+
+import runout
+from runout.ensemble.member import plan_members
+from runout.workflow import flow_forecast, plan
+from runout.workflow.step_cost import StepCost, step_cost
+
+AUTO = SITE.replace("youngs_modulus: 2.0e+6, ", "")
+CASES = {  # of basal friction [deg] and the end time [s]: the flow rests, is cut off by the end time, leaves the DEM, never starts
+    "at rest": (AUTO, 12, 22, 60),
+    "end time": (SITE, 12, 22, 12),
+    "leaves": (SITE, 5, 8, 40),
+    "held": (SITE, 31, 35, 12),
+}
+
+
+def site_of(tmp_path, text, low, high, end, members=3):
+    text = text.replace("low: 12, high: 22", f"low: {low}, high: {high}").replace("end_time: 20", f"end_time: {end}")
+    return runout.read_site(write_site(tmp_path / "ramp", text.replace("members: 4", f"members: {members}")))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_steps_and_particle_steps_are_forecast_within_a_factor_of_one_and_a_half(tmp_path, case):
+    site = site_of(tmp_path, *CASES[case])
+    members = plan_members(site)
+    for member, expected in zip(members, flow_forecast.member_steps(site, members), strict=True):
+        result = runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1})
+        assert 1 / 1.5 < expected.steps / result.steps < 1.5
+        held = np.interp(np.linspace(0, result.series["time"][-1], 200), result.series["time"], result.series["mass"])
+        done = result.steps * held.mean() / held[0]
+        assert 1 / 1.5 < expected.per_particle / done < 1.5
+
+
+def test_forecast_counts_particles_exactly_and_adds_up_its_members(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "step_cost", lambda arguments: StepCost(1e-3, 1e-6))
+    site = site_of(tmp_path, SITE, 12, 22, 12, members=4)
+    expected = plan.forecast(site, [0, 1, 3], workers=1)
+    found = flow_forecast.member_steps(site, [plan_members(site)[k] for k in (0, 1, 3)])
+    made = runout.simulate(**{**site.member_arguments(plan_members(site)[0].parameters), "end_time": 0.01})
+    assert expected.particles == plan.particle_count(site) == made.n_particles == 288
+    assert expected.particle_steps == pytest.approx(288 * sum(one.per_particle for one in found))
+    steps = [one.steps for one in found]
+    assert expected.range_of_steps == (int(np.ceil(min(steps))), int(np.ceil(max(steps))))
+    work = sum(1e-3 * one.steps + 1e-6 * 288 * one.per_particle for one in found)
+    assert expected.seconds == pytest.approx(work + 3 * plan.SETUP_SECONDS)
+    assert (expected.members, expected.workers) == (3, 1)
+
+
+def test_softer_members_take_fewer_steps_and_many_members_slide_few_times(tmp_path, monkeypatch):
+    site, slid = site_of(tmp_path, AUTO, 12, 22, 60, members=64), []
+    slide = flow_forecast.slide
+    monkeypatch.setattr(flow_forecast, "slide", lambda *given: slid.append(given[2]) or slide(*given))
+    members = plan_members(site)
+    found = flow_forecast.member_steps(site, members)
+    assert sum(slid) == flow_forecast.EXACT
+    order = np.argsort([m.parameters["basal_friction_angle_deg"] for m in members])
+    steps = np.array([one.steps for one in found])[order]
+    assert steps[0] > 1.2 * steps[-1]
+    monkeypatch.setattr(flow_forecast, "EXACT", 64)
+    exact = np.array([one.steps for one in flow_forecast.member_steps(site, members)])[order]
+    np.testing.assert_allclose(steps, exact, rtol=0.1)
+
+
+def test_time_of_a_step_grows_with_its_particles(tmp_path):
+    cost = step_cost(site_of(tmp_path, SITE, 12, 22, 12).member_arguments())
+    assert cost.step >= 0
+    assert cost.particle > 0
+    assert cost.seconds(10, 1000) == pytest.approx(10 * cost.step + 1000 * cost.particle)
