@@ -11,9 +11,9 @@ from pathlib import Path
 
 from runout.config.site import read_site
 from runout.ensemble.member import planned_table
-from runout.ensemble.run import run_ensemble
 from runout.hazard.products import write_products
 from runout.report.html import write_report
+from runout.workflow.growth import grow
 
 
 def main(site_folder: Path, results: Path) -> Path:
@@ -22,8 +22,8 @@ def main(site_folder: Path, results: Path) -> Path:
     terrain = site.terrain()
     for release in site.releases(terrain):
         print(f"release {release.name}: {release.volume:.4g} m3 on {release.area:.4g} m2")
-    finished = run_ensemble(site, results)
-    write_products(site, results, planned_table(site, results), finished)
+    finished = grow(site, results)
+    write_products(site, results, planned_table(site, results, finished.members), finished)
     return write_report(site, results)
 
 

@@ -32,6 +32,7 @@ from runout.config.quantities import (
 )
 from runout.config.remote import RemoteFile
 from runout.model.friction_laws import DEFAULT_FRICTION
+from runout.model.limits import SMALLEST_NET
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
@@ -283,7 +284,18 @@ class SimulationSettings(Settings):
 class EnsembleSettings(Settings):
     """The scenarios."""
 
-    members: int = quantity("number of scenarios; powers of 2 cover the parameters evenly", 1, ge=1, le=100_000)
+    members: int = quantity(
+        "number of scenarios; powers of 2 cover the parameters evenly; with tolerance the largest number", 1, ge=1, le=100_000
+    )
+    tolerance: float | None = quantity(
+        "largest sampling error of the probabilities (exceedance_rms_error of every threshold): the scenarios double from "
+        f"{SMALLEST_NET} until it is reached, to members at most",
+        None,
+        gt=0,
+        le=0.2,
+        hint="it is a probability: 0.02 for 2 %",
+        examples=[0.02],
+    )
     seed: int = quantity("seed of the sampling; the same seed gives the same members", 0, ge=0, le=2**31 - 1)
     parameters: Annotated[dict[str, Distribution], BeforeValidator(sampled_parameters)] = quantity(
         f"sampled parameters: {', '.join(sampled_ranges())} (those that the laws of material and friction have); "
@@ -291,6 +303,22 @@ class EnsembleSettings(Settings):
         "triangular {low, mode, high} or discrete {values, frequencies}",
         {},
     )
+
+    @model_validator(mode="after")
+    def _can_grow(self) -> "EnsembleSettings":
+        _raise_first(growth_conflicts(self.tolerance, self.members, list(self.parameters)))
+        return self
+
+
+def growth_conflicts(tolerance: float | None, members: int, parameters: list[str]) -> Iterator[Conflict]:
+    """Conflicts of tolerance with the other keys of the ensemble."""
+    if tolerance is None:
+        return
+    if members < SMALLEST_NET or members & (members - 1):
+        fits = max(SMALLEST_NET, 2 ** (members.bit_length()))
+        yield "members", f"{members} with tolerance, where it is a power of two from {SMALLEST_NET} on", f"set it to {fits}"
+    elif not parameters:
+        yield "tolerance", "no parameters are sampled, so that members differ by their seeds only", "remove it, or add parameters"
 
 
 def _rising(values: list[float]) -> list[float]:

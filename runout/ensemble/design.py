@@ -36,15 +36,17 @@ class Design:
     seeds: list[int]
 
     @classmethod
-    def of(cls, ensemble: Any) -> "Design":
+    def of(cls, ensemble: Any, members: int | None = None) -> "Design":
         """The design that ``members`` (number), ``seed`` and ``parameters`` (name to distribution) of ``site.yaml`` make.
+
+        ``members`` takes the place of the number that ``site.yaml`` states.
 
         Raises
         ------
         ConfigError
             If there is no member, or a distribution is not known or empty.
         """
-        count, parameters = ensemble.members, dict(ensemble.parameters or {})
+        count, parameters = members or ensemble.members, dict(ensemble.parameters or {})
         if count < 1:
             raise ConfigError(f"ensemble.members is {count}; at least 1 is needed")
         names = sorted(parameters)  # independent of the order in the file
@@ -66,8 +68,8 @@ class Design:
         write_json({"key": key, "checksum": checksum(asdict(self)), **asdict(self)}, path)
 
 
-def member_table(ensemble: Any) -> "pd.DataFrame":
-    """Members of an ensemble, one a row.
+def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
+    """Members of an ensemble, one a row; the first ``members`` if stated.
 
     Returns
     -------
@@ -82,7 +84,7 @@ def member_table(ensemble: Any) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    design = Design.of(ensemble)
+    design = Design.of(ensemble, members)
     count = len(design.seeds)
     table = pd.DataFrame(design.values, index=pd.RangeIndex(count, name="member"))
     table["weight"] = 1.0 / count

@@ -104,10 +104,13 @@ def plan_members(site: "Site", results: Path | None = None) -> list[Member]:
     ]
 
 
-def planned_table(site: "Site", results: Path | None = None) -> "pd.DataFrame":
-    """:func:`runout.ensemble.design.member_table` of a site with ``file``, the name of each member's file in ``members/``."""
-    table = member_table(site.settings.ensemble)
-    table["file"] = [f"{member.name}.nc" for member in plan_members(site, results)]
+def planned_table(site: "Site", results: Path | None = None, members: int | None = None) -> "pd.DataFrame":
+    """:func:`runout.ensemble.design.member_table` of a site with ``file``, the name of each member's file in ``members/``.
+
+    ``members`` is the number of members that count, of an ensemble with a tolerance; all by default.
+    """
+    table = member_table(site.settings.ensemble, members)
+    table["file"] = [f"{member.name}.nc" for member in plan_members(site, results)[:members]]
     return table
 
 

@@ -42,20 +42,31 @@ class EnsembleReport:
         Members with an earlier result.
     failed : dict of int to str
         Members without a result, with the reason.
+    growth : str
+        What an ensemble with a tolerance was asked for and reached, and why it stopped; empty for others.
     """
 
     done: tuple[int, ...] = ()
     skipped: tuple[int, ...] = ()
     failed: dict[int, str] = field(default_factory=dict)
+    growth: str = ""
+
+    @property
+    def members(self) -> int:
+        """Number of members that have run."""
+        return len(self.done) + len(self.skipped) + len(self.failed)
 
     @property
     def valid(self) -> tuple[int, ...]:
         """All members with a result."""
         return tuple(sorted(self.done + self.skipped))
 
+    def joined(self, other: "EnsembleReport") -> "EnsembleReport":
+        """Report of this run and that of other members."""
+        return EnsembleReport(self.done + other.done, self.skipped + other.skipped, {**self.failed, **other.failed})
+
     def __str__(self) -> str:
-        total = len(self.valid) + len(self.failed)
-        return f"{total} members: {len(self.done)} simulated, {len(self.skipped)} already there, {len(self.failed)} failed"
+        return f"{self.members} members: {len(self.done)} simulated, {len(self.skipped)} already there, {len(self.failed)} failed"
 
 
 @dataclass(frozen=True)
@@ -103,6 +114,8 @@ def run_ensemble(
     member_bytes: float = 0.0,
 ) -> EnsembleReport:
     """Run all members that have no valid result; returns a report.
+
+    :func:`runout.workflow.growth.grow` runs as many as ``ensemble.tolerance`` needs.
 
     Results go to ``results/members/``, to files named by all that a member depends on: those of other settings stay valid.
     Reasons of failure go to ``*.failed.json`` beside them. The run can be killed at any time and called again. With more than

@@ -7,7 +7,7 @@ then the statistics of each tile are made of the values of all members. Where no
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -47,6 +47,11 @@ QUANTITIES = {
 
 
 _DEPOSIT = Quantity("deposit_thickness", "deposit_thickness_percentile", "peak_deposit_thickness")
+
+
+def stated_thresholds(hazard: Any) -> dict[str, list[float]]:
+    """Thresholds of each quantity in the settings ``hazard`` of a site."""
+    return {name: getattr(hazard, f"{name}_thresholds") for name in QUANTITIES}
 
 
 def aggregate(

@@ -36,11 +36,14 @@ class Ensemble:
         Files of the valid members.
     failed : mapping of int to str
         Reasons of the failed ones.
+    growth : str
+        How an ensemble with a tolerance found its size; empty for others.
     """
 
     table: "pd.DataFrame"
     files: Mapping[int, Path]
     failed: Mapping[int, str]
+    growth: str = ""
 
     @classmethod
     def of(cls, results: Path, table: "pd.DataFrame", states: Mapping[int, str] | None = None) -> "Ensemble":
@@ -82,7 +85,8 @@ class Ensemble:
             text += f"; {len(self.failed)} failed: " + "; ".join(f"member {m}: {reason}" for m, reason in self.failed.items())
         if self.missing:
             text += f"; {len(self.missing)} have not run: {', '.join(map(str, self.missing))}"
-        return text + ("; the weights of the valid members are scaled to a sum of 1" if self.failed or self.missing else "")
+        text += "; the weights of the valid members are scaled to a sum of 1" if self.failed or self.missing else ""
+        return f"{text}; {self.growth}" if self.growth else text
 
     def counts(self) -> dict[str, int]:
         """Numbers of planned, valid, failed and missing members by the names of the products."""

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from runout.errors import PartialEnsembleError, StorageError
-from runout.hazard.exceedance import QUANTITIES, aggregate
+from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.maps import OWN_MAP, write_maps
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.outline_style import outline_styles
@@ -72,7 +73,7 @@ def write_products(
         If a member's file cannot be read or a product cannot be written.
     """
     results = Path(results)
-    ensemble = Ensemble.of(results, members, _states(report))
+    ensemble = replace(Ensemble.of(results, members, _states(report)), growth=getattr(report, "growth", ""))
     if not ensemble.files:
         raise PartialEnsembleError(
             f"{results / 'members'}: {ensemble.statement()}; no map can be made, mend what failed and run again"
@@ -132,7 +133,7 @@ def hazard_dataset(
     ``folder`` and ``each`` are those of :func:`runout.hazard.exceedance.aggregate`.
     """
     settings = site.settings.hazard
-    thresholds = {name: getattr(settings, f"{name}_thresholds") for name in QUANTITIES}
+    thresholds = stated_thresholds(settings)
     maps = {
         "elevation": terrain.elevation,
         "ground_slope": ground_slope(terrain),
@@ -186,6 +187,7 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     changes = [*terrain.changes, *(c for release in releases for c in release.changes), *(zones.changes if zones else ())]
     stated = stated_metadata(site)
     origin |= {"metadata": stated} if stated else {}
+    state |= {"growth": ensemble.growth} if ensemble.growth else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from runout.hazard.order import effective_sample_size, equal
+from runout.model.limits import SMALLEST_NET
 
 if TYPE_CHECKING:
     import pandas as pd
 
 BLOCKS = 4
-FEWEST = 16  # members of a net, so that a block has four
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ def no_net(table: "pd.DataFrame", valid: Collection[object]) -> str:
         return f"{len(valid)} of {members} members are valid"
     if list(table.index) != list(range(members)):
         return "the members are not in the order of the net"
-    if members < FEWEST:
-        return f"{members} members are fewer than {FEWEST}"
+    if members < SMALLEST_NET:
+        return f"{members} members are fewer than {SMALLEST_NET}"
     if members & (members - 1):
         return f"{members} members are not a power of two"
     return "" if equal(table["weight"].to_numpy(np.float64)) else "the members have different weights"

@@ -12,6 +12,8 @@ LARGEST_CFL = 0.6  # largest Courant number of any material
 LARGEST_RADIANS = 1.5708  # angles up to a quarter turn in radians are taken for radians, not degrees
 SMALLEST_RADIANS = 0.02  # smaller angles are valid degrees (fluids) and implausible radians
 
+SMALLEST_NET = 16  # members of a Sobol net whose sampling error can be found
+
 
 @dataclass(frozen=True)
 class Range:

@@ -241,7 +241,8 @@ def members(study: Study) -> dict[str, Any]:
         result = [number(float(row[f])) for f in FIGURES] if ended else []
         reason = "" if ended else f"{row['status']}: {row['failure_reason'] or 'it has not run'}"
         rows.append({"member": member, "given": given, "result": result, "reason": reason})
-    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(FIGURES)}
+    growth = study.run.get("ensemble", {}).get("growth", "")
+    return {"headings": headings, "rows": rows, "given": len(parameters) + weighted, "figures": len(FIGURES), "growth": growth}
 
 
 def _heading(parameter: str) -> str:

@@ -181,23 +181,31 @@ def make_release(study: Study) -> Iterable[Path]:
 
 def make_members(study: Study) -> Iterable[Path]:
     """Run the remaining members; results go to ``members/``."""
-    from runout.ensemble.run import run_ensemble
+    from runout.ensemble.run import EnsembleReport, run_ensemble
+    from runout.workflow.growth import grow
     from runout.workflow.plan import member_bytes, require_budget
 
     if study.cluster is None:
-        require_budget(study.site, study.left, workers=study.workers)
+        require_budget(study.site, study.left_at_most, workers=study.workers)
     with log.progress("members") as bar:
-        run_ensemble(
-            study.site,
-            study.results,
-            workers=study.workers,
-            threads=study.threads,
-            progress=lambda state: bar(state.fraction),
-            retry_failed=study.retry_failed,
-            part=study.part,
-            cluster=study.cluster,
-            member_bytes=member_bytes(study.site, study.left) if study.cluster else 0.0,
-        )
+
+        def run(part: range | None) -> EnsembleReport:
+            return run_ensemble(
+                study.site,
+                study.results,
+                workers=study.workers,
+                threads=study.threads,
+                progress=lambda state: bar(state.fraction),
+                retry_failed=study.retry_failed,
+                part=part,
+                cluster=study.cluster,
+                member_bytes=member_bytes(study.site, study.left_at_most) if study.cluster else 0.0,
+            )
+
+        if study.part is None:
+            grow(study.site, study.results, run)
+        else:
+            run(study.part)
     study.refresh()
     return []
 

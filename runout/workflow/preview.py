@@ -81,9 +81,11 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", data: "Site
     for line in check_stiffness.lines(site.material(), found.stiffness):
         console.print(line, markup=False)
     print_stages(console, study)
+    if study.growth:
+        console.print(f"ensemble  {study.growth.statement()}", markup=False)
     try:
         with log.muted():
-            expected = forecast(study.site, study.left)
+            expected = forecast(study.site, study.left_at_most)
     except (BudgetError, CapacityError) as error:
         console.print(Text.assemble(("over budget ", "bold red"), str(error)))
         return error.exit_code

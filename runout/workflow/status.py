@@ -25,6 +25,8 @@ def print_status(site_path: Path, out: Path | None = None) -> int:
     study, console = Study.open(site_path, out), log.output()
     counts = Counter(standing.state for standing in study.standings)
     console.print(f"[bold]{study.site.name}[/]: " + ", ".join(f"{counts[state]} members {state}" for state in MARKS))
+    if study.growth:
+        console.print(study.growth.statement(), markup=False)
     _print_members(console, study)
     unused = study.unused
     if unused:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from runout.ensemble.status import Standing
     from runout.ensemble.written import Written
     from runout.model.terrain import Terrain
+    from runout.workflow.growth import Growth
 
 HEAD = ("name", "title", "description", "metadata")
 FLOW = ("terrain", "release", "material", "basal_friction_angle_deg", "basal_friction", "simulation", "ensemble")
@@ -96,22 +97,40 @@ class Study:
 
     @cached_property
     def members(self) -> "pd.DataFrame":
-        """Table of the members: parameters, weights, seeds, files."""
+        """Table of the members that count: parameters, weights, seeds, files."""
         from runout.ensemble.member import planned_table
 
-        return planned_table(self.site, self.results)
+        return planned_table(self.site, self.results, self.growth.members if self.growth else None)
 
     @cached_property
     def standings(self) -> "list[Standing]":
-        """State and reason of every member at the first access; :meth:`refresh` updates it."""
+        """State and reason of every member that counts at the first access; :meth:`refresh` updates it."""
+        if self.part is not None:
+            return [one for one in self.possible if one.member.number in self.part]
+        return self.possible[: self.growth.members] if self.growth else self.possible
+
+    @cached_property
+    def possible(self) -> "list[Standing]":
+        """State and reason of every member, also of those that an ensemble with a tolerance may not need."""
         from runout.ensemble.status import standings
 
-        found = standings(self.site, self.results)
-        return found if self.part is None else [one for one in found if one.member.number in self.part]
+        return standings(self.site, self.results)
+
+    @cached_property
+    def growth(self) -> "Growth | None":
+        """Growth of an ensemble with a tolerance; None for others."""
+        if getattr(self.site.settings.ensemble, "tolerance", None) is None:  # most sites; the import takes a while
+            return None
+        from runout.workflow.growth import asked, known_growth
+
+        start = asked(self.site)
+        assert start is not None
+        failed = [one.member.number for one in self.possible if one.state == "failed"]
+        return known_growth(start, self.site, self.results, [one.member for one in self.possible], failed)
 
     def refresh(self) -> None:
         """Read the state of the members again."""
-        for name in ("standings", "written"):
+        for name in ("standings", "possible", "growth", "members", "written"):
             self.__dict__.pop(name, None)
 
     @cached_property
@@ -143,6 +162,13 @@ class Study:
         """Members to simulate: not run yet, changed, or failed for a temporary reason."""
         return [standing.member.number for standing in self.standings if self._is_left(standing)]
 
+    @property
+    def left_at_most(self) -> list[int]:
+        """Members to simulate if an ensemble with a tolerance grows to its largest size."""
+        if self.growth is None or self.growth.finished or self.part is not None:
+            return self.left
+        return [standing.member.number for standing in self.possible if self._is_left(standing)]
+
     def _is_left(self, standing: "Standing") -> bool:
         from runout.ensemble.status import Failure
 
@@ -163,7 +189,7 @@ class Study:
             why = f"all {len(self.failed)} members failed; member {first[0]}: {first[1]}" if first else unfinished
             remedy = "mend the cause" if first else f"run `runout ensemble {self.site.folder}` first"
             raise PartialEnsembleError(f"{self.results / 'members'}: {why}; {remedy}")
-        return EnsembleReport(skipped=done, failed=self.failed)
+        return EnsembleReport(skipped=done, failed=self.failed, growth=self.growth.statement() if self.growth else "")
 
     def require_maps(self) -> None:
         """Raise StorageError unless the hazard stage is up to date, so that maps and settings of a report agree."""
@@ -200,5 +226,7 @@ class Study:
         left = len(self.left)
         if left:
             return f"{left} of {len(self.standings)} members to simulate"
+        if self.growth and not self.growth.finished and self.part is None:
+            return f"the sampling error of {self.growth.members} members is not known yet"
         unknown = sum(not self.written.has(file) for file in self.member_files("done"))
         return f"{unknown} of {len(self.standings)} members to enter into the record" if unknown else None

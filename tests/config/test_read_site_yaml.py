@@ -270,3 +270,40 @@ def test_friction_that_rises_with_the_rate_is_a_law_of_a_site(edited):
 def test_friction_that_does_not_rise_is_refused(edited):
     (found,) = problems(edited("  friction_angle_deg: 30\n", GRAINS.replace("0.64", "0.3")))
     assert "dynamic_friction is 0.3, not above static_friction 0.38; friction rises with the rate" in found
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        (
+            "members: 64\n  tolerance: 0",
+            "20: ensemble.tolerance: 0 is out of range; it must be above 0 and at most 0.2; it is a probability",
+        ),
+        ("members: 64\n  tolerance: 2", "site.yaml:20: ensemble.tolerance: 2 is out of range; it must be above 0 and at most 0.2"),
+        ("members: 64\n  tolerance: small", "site.yaml:20: ensemble.tolerance: 'small'"),
+        (
+            "members: 100\n  tolerance: 0.02",
+            "19: ensemble.members: 100 with tolerance, where it is a power of two from 16",
+        ),
+        ("members: 8\n  tolerance: 0.02", "set it to 16"),
+        ("tolerance: 0.02", "site.yaml:18: ensemble.members: 1 with tolerance"),
+        ("members: 100\n  tolerance: 0.02", "set it to 128"),
+    ],
+)
+def test_a_tolerance_that_no_ensemble_can_meet_is_refused(edited, stated, said):
+    (found,) = problems(edited("members: 4", stated))
+    assert said in found
+
+
+def test_a_tolerance_without_sampled_parameters_is_refused(edited):
+    edited(DISTRIBUTION, "")
+    folder = edited("members: 4\n  parameters:\n    basal_friction_angle_deg: \n", "members: 64\n  tolerance: 0.02\n")
+    assert problems(folder) == [
+        "site.yaml:20: ensemble.tolerance: no parameters are sampled, so that members differ by their seeds only; "
+        "remove it, or add parameters"
+    ]
+
+
+def test_a_tolerance_is_read(edited):
+    ensemble = load(edited("members: 4", "members: 64\n  tolerance: 0.02")).ensemble
+    assert (ensemble.members, ensemble.tolerance) == (64, 0.02)
