@@ -116,6 +116,6 @@ def standings(site: "Site", results: Path) -> list[Standing]:
     if not members_folder(results).is_dir():  # avoids a search for files of each member
         return [Standing(member, State.LEFT, NOT_RUN) for member in members]
     found = [Standing(member, *member_state(member, results, written)) for member in members]
-    if not unused_files(results, members):
+    if all(one.reason != NOT_RUN for one in found) or not unused_files(results, members):
         return found
     return [replace(one, reason=f"{NOT_RUN} with these inputs and settings") if one.reason == NOT_RUN else one for one in found]

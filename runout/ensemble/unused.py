@@ -16,8 +16,8 @@ def unused_files(results: Path, members: Iterable[Member]) -> list[Path]:
     folder, used = members_folder(results), {member.name for member in members}
     if not folder.is_dir():
         return []
-    own = (path for path in folder.iterdir() if OWN_FILE.fullmatch(path.name) and path.is_file())
-    return sorted(path for path in own if path.name.partition(".")[0] not in used)
+    others = (path for path in folder.iterdir() if path.name.partition(".")[0] not in used)
+    return sorted(path for path in others if OWN_FILE.fullmatch(path.name) and path.is_file())
 
 
 def remove_unused(results: Path, members: Iterable[Member]) -> tuple[int, int]:
