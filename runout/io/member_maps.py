@@ -185,6 +185,23 @@ class MemberMaps:
         whole[self.part.slices] = values
         return whole
 
+    def within(self, name: str, place: tuple[slice, slice]) -> np.ndarray:
+        """One map in a rectangle of the whole raster: no arrival and 0 beyond the part that the file holds."""
+        rows, columns = (range(size)[span] for size, span in zip(self.shape, place, strict=True))
+        found = np.full((len(rows), len(columns)), np.nan if name == "arrival_time" else 0.0, np.float32)
+        top, bottom = max(rows.start, self.part.row), min(rows.stop, self.part.row + self.part.rows)
+        left, right = max(columns.start, self.part.column), min(columns.stop, self.part.column + self.part.columns)
+        if top < bottom and left < right:
+            values = self._values(name, _moved(slice(top, bottom), -self.part.row), _moved(slice(left, right), -self.part.column))
+            found[top - rows.start : bottom - rows.start, left - columns.start : right - columns.start] = values
+        return found
+
+    def ledger(self) -> dict[str, np.ndarray]:
+        """Mass and energy over time by name, each (time,)."""
+        with netcdf.reading(self.path, "group ledger "):
+            group = self.file.groups["ledger"]
+            return {name: np.asarray(variable[:]) for name, variable in group.variables.items()}
+
     def _values(self, name: str, rows: slice, columns: slice) -> np.ndarray:
         """Values of a map in a rectangle of what the file holds; NaN where there is none."""
         with netcdf.reading(self.path, f"{name} "):

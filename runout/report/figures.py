@@ -1,17 +1,17 @@
 """Figures over time and over the members: the ledger of mass and energy, and runout against the sampled parameters."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runout.report.maps import NORMAL, SMALL, WIDE
 from runout.report.marks import INK
-from runout.report.members import FIGURES, representative
+from runout.report.members import FIGURES, Ledger, representative
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
 BUDGET = {  # shares of the released potential energy: label and colour, from the bottom of the stack
     "basal_dissipation": ("friction at the ground", "#7a5c3e"),
@@ -24,14 +24,14 @@ BUDGET = {  # shares of the released potential energy: label and colour, from th
 ENERGY_PREFIXES = ((1e15, "PJ"), (1e12, "TJ"), (1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
 
 
-def budget_figure(ledgers: "dict[int, xr.Dataset]", members: "pd.DataFrame") -> Any:
+def budget_figure(ledgers: Mapping[int, Ledger], members: "pd.DataFrame") -> Any:
     """Figure of the energy budget of the representative member."""
     figure, axes = _panel(4.2)
     draw_budget(axes, ledgers[representative(members)])
     return figure
 
 
-def kinetic_figure(ledgers: "dict[int, xr.Dataset]", members: "pd.DataFrame") -> Any:
+def kinetic_figure(ledgers: Mapping[int, Ledger], members: "pd.DataFrame") -> Any:
     """Figure of the kinetic energy of all members; the representative one is coloured."""
     figure, axes = _panel(3.2)
     draw_kinetic(axes, ledgers, representative(members))
@@ -46,14 +46,14 @@ def _panel(height: float) -> Any:
     return figure, figure.subplots()
 
 
-def energy_budget(ledger: "xr.Dataset") -> dict[str, np.ndarray]:
+def energy_budget(ledger: Ledger) -> dict[str, np.ndarray]:
     """Parts of :data:`BUDGET` in the ledger, each (time,) [J], relative to the first time."""
-    return {name: ledger[name].values - ledger[name].values[0] for name in BUDGET if name in ledger}
+    return {name: ledger[name] - ledger[name][0] for name in BUDGET if name in ledger}
 
 
-def draw_budget(axes: Any, ledger: "xr.Dataset") -> None:
+def draw_budget(axes: Any, ledger: Ledger) -> None:
     """Stacked shares of the released potential energy against time; the dashed line is the energy released so far."""
-    time, released = ledger["time"].values, ledger["potential_energy"].values
+    time, released = ledger["time"], ledger["potential_energy"]
     released = released[0] - released
     scale, prefix = energy_unit(float(np.abs(released).max()))
     parts = {name: values for name, values in energy_budget(ledger).items() if name != "escaped_energy" or values.any()}
@@ -71,7 +71,7 @@ def draw_budget(axes: Any, ledger: "xr.Dataset") -> None:
     tidy(axes)
 
 
-def draw_kinetic(axes: Any, ledgers: "dict[int, xr.Dataset]", chosen: int) -> None:
+def draw_kinetic(axes: Any, ledgers: Mapping[int, Ledger], chosen: int) -> None:
     """Kinetic energy of every member against time; the chosen one is coloured."""
     peak = max(float(ledger["kinetic_energy"].max()) for ledger in ledgers.values())
     scale, prefix = energy_unit(peak)

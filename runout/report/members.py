@@ -1,6 +1,7 @@
 """Key figures of one member: runout, deposit and energy."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from runout.io.member_maps import MemberMaps
 
 
 @dataclass(frozen=True)
@@ -31,56 +34,115 @@ FIGURES = {
 }
 
 
-def member_figures(maps: "xr.Dataset", ledger: "xr.Dataset", hazard: "xr.Dataset") -> dict[str, float]:
+PEAKS = ("peak_flow_thickness", "peak_speed", "peak_deposit_thickness")
+Ledger = Mapping[str, np.ndarray]  # mass and energy, each (time,), by name
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Distance from the release, in the part of the raster that any member or the release covers.
+
+    Attributes
+    ----------
+    part : tuple of slice
+        Rows and columns of the raster.
+    easting, northing : ndarray (columns,), (rows,)
+        Cell centres of the part [m].
+    elevation : ndarray (rows, columns)
+        Elevation before the release [m].
+    released : ndarray (rows, columns) of bool
+        Cells of the release.
+    distance : ndarray (rows, columns)
+        Plan distance from the release [m].
+    """
+
+    part: tuple[slice, slice]
+    easting: np.ndarray
+    northing: np.ndarray
+    elevation: np.ndarray
+    released: np.ndarray
+    distance: np.ndarray
+
+    @classmethod
+    def of(cls, hazard: "xr.Dataset") -> "Reach":
+        """Distances on the raster of the hazard maps."""
+        released = hazard["release_thickness"].values > 0
+        covered = released | np.isfinite(hazard["first_arrival_time"].values)
+        for name in PEAKS:
+            if name in hazard:
+                covered |= hazard[name].values > 0
+        part = _bounds(covered)
+        easting, northing = hazard["x"].values[part[1]], hazard["y"].values[part[0]]
+        return cls.on(released[part], easting, northing, hazard["elevation"].values[part], part)
+
+    @classmethod
+    def on(
+        cls, released: np.ndarray, easting: np.ndarray, northing: np.ndarray, elevation: np.ndarray,
+        part: tuple[slice, slice] = (slice(None), slice(None)),
+    ) -> "Reach":  # fmt: skip
+        """Distances on cells given by their centres."""
+        from scipy.ndimage import distance_transform_edt
+
+        spacing = (abs(northing[1] - northing[0]), abs(easting[1] - easting[0]))
+        return cls(part, easting, northing, elevation, released, distance_transform_edt(~released, sampling=spacing))
+
+    @property
+    def cell_area(self) -> float:
+        """Area of a cell [m2]."""
+        return abs(float(self.easting[1] - self.easting[0]) * float(self.northing[1] - self.northing[0]))
+
+    def runout(self, reached: np.ndarray) -> tuple[float, float]:
+        """Runout distance [m] and angle of reach [rad] of a flow.
+
+        Parameters
+        ----------
+        reached : ndarray (rows, columns) of bool
+            Cells that the flow reaches.
+
+        Returns
+        -------
+        distance : float
+            Plan distance from the release to the farthest cell reached [m]; 0 if the flow leaves no cell of it.
+        angle : float
+            Angle of reach from the highest released cell to that cell [rad]; NaN where the distance is 0.
+        """
+        away = np.where(reached, self.distance, 0.0)
+        if away.max() == 0.0:
+            return 0.0, math.nan
+        row, column = np.unravel_index(np.argmax(away), away.shape)
+        top = np.unravel_index(np.argmax(np.where(self.released, self.elevation, -np.inf)), away.shape)
+        length = math.hypot(self.easting[column] - self.easting[top[1]], self.northing[row] - self.northing[top[0]])
+        return float(away.max()), math.atan2(float(self.elevation[top] - self.elevation[row, column]), length)
+
+
+def _bounds(cells: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns that hold all cells (rows, columns) of bool, two at least; all if there are none."""
+    if not cells.any():
+        return slice(0, cells.shape[0]), slice(0, cells.shape[1])
+    spans = []
+    for axis, size in zip((1, 0), cells.shape, strict=True):
+        places = np.flatnonzero(cells.any(axis=axis))
+        first = min(int(places[0]), size - 2)
+        spans.append(slice(first, max(int(places[-1]) + 1, first + 2)))
+    return spans[0], spans[1]
+
+
+def member_figures(member: "MemberMaps", ledger: Ledger, reach: Reach) -> dict[str, float]:
     """Values of :data:`FIGURES` for one member in SI units; area in km², escaped share in percent."""
-    released = hazard["release_thickness"].fillna(0.0).values > 0
-    reached = np.isfinite(maps["arrival_time"].values)
-    area = abs(float(hazard["x"][1] - hazard["x"][0]) * float(hazard["y"][1] - hazard["y"][0]))
-    distance, angle = runout(reached, released, hazard["x"].values, hazard["y"].values, hazard["elevation"].values)
-    deposit = maps["deposit_thickness"].fillna(0.0).values
+    maps = {name: member.within(name, reach.part) for name in ("arrival_time", "max_speed", "deposit_thickness")}
+    reached = np.isfinite(maps["arrival_time"])
+    distance, angle = reach.runout(reached)
+    deposit = np.nan_to_num(maps["deposit_thickness"][~reach.released])
     total = float(ledger["mass"][-1] + ledger["escaped_mass"][-1])
     return {
         "runout_distance": distance,
         "reach_angle_deg": math.degrees(angle),
-        "reached_area": float(reached.sum()) * area / 1e6,
-        "max_speed": float(maps["max_speed"].max()),
-        "deposit_volume": float(deposit[~released].sum()) * area,
+        "reached_area": float(reached.sum()) * reach.cell_area / 1e6,
+        "max_speed": float(np.nanmax(maps["max_speed"])),
+        "deposit_volume": float(deposit.sum(dtype=np.float64)) * reach.cell_area,
         "escaped_fraction": 100.0 * float(ledger["escaped_mass"][-1]) / total,
         "end_time": float(ledger["time"][-1]),
     }
-
-
-def runout(
-    reached: np.ndarray, released: np.ndarray, easting: np.ndarray, northing: np.ndarray, elevation: np.ndarray
-) -> tuple[float, float]:
-    """Runout distance [m] and angle of reach [rad] of a flow over a raster.
-
-    Parameters
-    ----------
-    reached, released : ndarray (rows, columns) of bool
-        Cells that the flow reaches, and cells of the release.
-    easting, northing : ndarray (columns,), (rows,)
-        Cell centres [m].
-    elevation : ndarray (rows, columns)
-        Elevation before the release [m].
-
-    Returns
-    -------
-    distance : float
-        Plan distance from the release to the farthest cell reached [m]; 0 if the flow leaves no cell of it.
-    angle : float
-        Angle of reach from the highest released cell to that cell [rad]; NaN where the distance is 0.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    spacing = (abs(northing[1] - northing[0]), abs(easting[1] - easting[0]))
-    away = np.where(reached, distance_transform_edt(~released, sampling=spacing), 0.0)
-    if away.max() == 0.0:
-        return 0.0, math.nan
-    row, column = np.unravel_index(np.argmax(away), away.shape)
-    top = np.unravel_index(np.argmax(np.where(released, elevation, -np.inf)), away.shape)
-    length = math.hypot(easting[column] - easting[top[1]], northing[row] - northing[top[0]])
-    return float(away.max()), math.atan2(float(elevation[top] - elevation[row, column]), length)
 
 
 def representative(members: "pd.DataFrame") -> int:

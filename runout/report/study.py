@@ -12,7 +12,7 @@ from runout.errors import InputError, StorageError
 from runout.report.error_bars import require_error_bars
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
-from runout.report.members import member_figures
+from runout.report.members import Ledger, Reach, member_figures
 from runout.report.wording import MINUS, number
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class Study:
     members : pandas.DataFrame
         One row a realization: weight, seed, sampled parameters, status, reason of failure and the figures of
         :func:`runout.report.members.member_figures`.
-    ledgers : dict of int to xarray.Dataset
+    ledgers : dict of int to Ledger
         Mass and energy over time of the valid members.
     basemap : Basemap
         Terrain and outlines of the releases.
@@ -43,7 +43,7 @@ class Study:
 
     hazard: "xr.Dataset"
     members: "pd.DataFrame"
-    ledgers: "dict[int, xr.Dataset]"
+    ledgers: dict[int, Ledger]
     basemap: Basemap
     run: dict[str, Any]
     convergence: Mapping[str, Any] | None = None
@@ -109,17 +109,19 @@ def member_table(path: Path) -> "pd.DataFrame":
         return pd.DataFrame(columns, index=pd.Index(stack["realization"].values.astype(int), name="realization"))
 
 
-def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, xr.Dataset]]":
+def _valid_members(results: Path, table: "pd.DataFrame", hazard: "xr.Dataset") -> "tuple[pd.DataFrame, dict[int, Ledger]]":
+    """Figures and ledgers of the valid members; each file is opened once, and no map is spread over the raster."""
     import pandas as pd
 
-    from runout.io import netcdf
-    from runout.io.member_maps import read_maps
+    from runout.io.member_maps import MemberMaps
 
-    figures, ledgers = {}, {}
+    figures: dict[int, dict[str, float]] = {}
+    ledgers: dict[int, Ledger] = {}
+    reach = Reach.of(hazard)
     for member in table.index[table["status"] == "valid"]:
-        path = _existing(members_folder(results) / table["file"][member])
-        ledgers[member] = netcdf.read(path, "ledger")
-        figures[member] = member_figures(read_maps(path), ledgers[member], hazard)
+        with MemberMaps(_existing(members_folder(results) / table["file"][member])) as file:
+            ledgers[member] = file.ledger()
+            figures[member] = member_figures(file, ledgers[member], reach)
     return pd.DataFrame.from_dict(figures, orient="index"), ledgers
 
 

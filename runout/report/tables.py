@@ -8,7 +8,7 @@ import numpy as np
 
 from runout.model.depth_resolution import FEWEST_CELLS
 from runout.report.figures import parameter_label
-from runout.report.members import FIGURES
+from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
@@ -150,8 +150,8 @@ def _are(members: int) -> str:
     return "is" if members == 1 else "are"
 
 
-def _still_moving(ledger: "xr.Dataset") -> bool:
-    kinetic = ledger["kinetic_energy"].values
+def _still_moving(ledger: Ledger) -> bool:
+    kinetic = ledger["kinetic_energy"]
     return bool(kinetic[-1] > 0.01 * kinetic.max())
 
 
@@ -185,7 +185,7 @@ def _unclosed(study: Study) -> list[str]:
     ]
 
 
-def energy_residual(ledger: "xr.Dataset") -> float:
+def energy_residual(ledger: Ledger) -> float:
     """Final energy loss of the scheme as a share of the released potential energy [1]; 0 if the ledger does not contain it."""
     if "numerical_dissipation" not in ledger:
         return 0.0
@@ -193,9 +193,9 @@ def energy_residual(ledger: "xr.Dataset") -> float:
     return abs(float(ledger["numerical_dissipation"][-1])) / released if released > 0 else 0.0
 
 
-def mass_error(ledger: "xr.Dataset") -> float:
+def mass_error(ledger: Ledger) -> float:
     """Largest relative change of the mass on the raster and beyond its edge [1]."""
-    total = (ledger["mass"] + ledger["escaped_mass"]).values
+    total = ledger["mass"] + ledger["escaped_mass"]
     return float(np.abs(total / total[0] - 1.0).max())
 
 
