@@ -14,6 +14,7 @@ from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.atomic import read_json, storage_error, whole_file
 from runout.io.grid import grid_coordinates
+from runout.io.map_layers import add_layers, put, whole_chunks
 from runout.io.member_maps import MEMBER_MAPS, MemberMaps
 from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
@@ -104,8 +105,8 @@ def members_file(
 ) -> Iterator[Callable[[int, MemberMaps], None]]:
     """Block that writes the maps of every planned member as one realization each, with the table of parameters.
 
-    It gives a function for the place of a valid member among them and its open file, which copies the maps one by one, so that
-    one layer is in memory at a time; those of members that failed or have not run hold no values.
+    It gives a function for the place of a valid member among them and its open file, which copies the part of each map that the
+    file holds; those of members that failed or have not run hold no values.
 
     Raises
     ------
@@ -121,16 +122,20 @@ def members_file(
         netcdf.write(skeleton, temporary)
         with _written(path):
             file = netCDF4.Dataset(temporary, "a")
-            for name in MEMBER_MAPS:
-                _add_layers(file, name)
+            layers = {name: _add_layers(file, name) for name in MEMBER_MAPS}
+            for index in set(range(len(ensemble.table))) - set(places):
+                for one in layers.values():
+                    put(one, np.broadcast_to(np.float32(np.nan), terrain.shape), (index,))
 
         def copy(number: int, member: MemberMaps) -> None:
+            if member.shape != terrain.shape:
+                raise StorageError(f"{member.path}: its grid is not that of the other members; remove it and run again")
+            rows, columns = member.part.slices if known is None else (slice(0, size) for size in terrain.shape)
+            place = whole_chunks(rows, terrain.shape[0]), whole_chunks(columns, terrain.shape[1])
             for name in MEMBER_MAPS:
-                layer = member.layer(name, known)
-                if layer.shape != terrain.shape:
-                    raise StorageError(f"{member.path}: its grid is not that of the other members; remove it and run again")
+                cells = member.within(name, place) if known is None else member.layer(name, known)
                 with _written(path):
-                    file[name][places[number]] = np.ma.masked_invalid(layer)
+                    put(layers[name], cells, (places[number],), (place[0].start, place[1].start))
 
         try:
             yield copy
@@ -165,23 +170,10 @@ def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":
     return dataset
 
 
-def _add_layers(file: "netCDF4.Dataset", name: str) -> None:
-    variable = VARIABLES[name]
-    rows, columns = len(file.dimensions["y"]), len(file.dimensions["x"])
-    chunks = (1, min(netcdf.CHUNK, rows), min(netcdf.CHUNK, columns))
-    layers = file.createVariable(
-        name,
-        np.float32,
-        ("realization", "y", "x"),
-        fill_value=variable.fill,
-        zlib=True,
-        complevel=1,
-        shuffle=True,
-        chunksizes=chunks,
-    )
-    layers.setncatts(variable.attributes() | {"valid_min": np.float32(0.0)})
-    if "crs" in file.variables:
-        layers.grid_mapping = "crs"
+def _add_layers(file: "netCDF4.Dataset", name: str) -> "netCDF4.Variable":
+    attributes = VARIABLES[name].attributes() | {"valid_min": np.float32(0.0)}
+    mapped = {"grid_mapping": "crs"} if "crs" in file.variables else {}
+    return add_layers(file, name, attributes | mapped, ("realization",))
 
 
 def _stated_reason(path: Path) -> str | None:

@@ -15,6 +15,7 @@ from runout.errors import StorageError
 from runout.io.acdd import STANDARD_NAMES, vertical_attributes
 from runout.io.atomic import storage_error, whole_file
 from runout.io.grid import extent_attributes, grid_coordinates
+from runout.io.map_layers import CHUNK, add_layers, put
 from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LOCK = threading.RLock()  # the netCDF library is not thread-safe, even for different files
-CHUNK = 256
 MAP_DIMS = ("y", "x")
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 
@@ -112,12 +112,41 @@ def write(
     """
     with LOCK, whole_file(path) as temporary:
         try:
-            _encoded(dataset).to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            _write_maps(_write_without_maps(_encoded(dataset), temporary), temporary)
             for group, content in (groups or {}).items():
                 _encoded(content).to_netcdf(temporary, mode="a", group=group, engine="netcdf4")
         except RuntimeError as cause:  # error of the netCDF library on a full disk
             raise storage_error(path, cause) from cause
     return Path(path)
+
+
+def _write_without_maps(encoded: "xr.Dataset", path: Path) -> "dict[str, xr.DataArray]":
+    """Write all that has other dimensions than maps; returns the maps."""
+    maps = {str(name): array for name, array in encoded.data_vars.items() if _is_layered(array)}
+    encoded.drop_vars(list(maps)).to_netcdf(path, engine="netcdf4", format="NETCDF4")
+    return maps
+
+
+def _is_layered(array: "xr.DataArray") -> bool:
+    return array.dims[-2:] == MAP_DIMS and array.name in VARIABLES and VARIABLES[str(array.name)].fill is not None
+
+
+def _write_maps(maps: "Mapping[str, xr.DataArray]", path: Path) -> None:
+    """Add maps to a file that has their coordinates."""
+    import netCDF4
+
+    with netCDF4.Dataset(path, "a") as file:
+        if maps and "coordinates" in file.ncattrs():  # names variables to which none refers; the maps refer to their system
+            named = [name for name in file.coordinates.split() if name != "crs"]
+            file.setncattr("coordinates", " ".join(named)) if named else file.delncattr("coordinates")
+        for name, array in maps.items():
+            dims = tuple(map(str, array.dims[:-2]))
+            attributes = dict(array.attrs)
+            if "grid_mapping" in array.encoding:
+                attributes["grid_mapping"] = array.encoding["grid_mapping"]
+            layers = add_layers(file, name, attributes, dims)
+            for index in np.ndindex(array.shape[:-2]):
+                put(layers, array.values[index], index)
 
 
 def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset":
