@@ -75,7 +75,8 @@ def slide(
     """Points of equal mass that slide from where the releases lie, each alone, against Coulomb friction.
 
     Along the slope they gain g sin(slope) and lose mu g cos(slope), as in the energy line (Heim 1932). They keep their velocity in
-    plan where the slope changes: at a kink this loses what a plastic impact takes. Points that leave the terrain or reach cells without elevation are gone.
+    plan where the slope changes: at a kink this loses what a plastic impact takes. Points that leave the terrain or reach cells
+    without elevation are gone.
 
     Parameters
     ----------
