@@ -300,17 +300,7 @@ class Site:
         return content
 
     def on_device(self, device: str) -> "Site":
-        """The site with another device: "cpu", "cuda:N", "cuda" or "auto" (GPUs if there are any, else the CPU).
-
-        "cuda" spreads the members over all GPUs.
-
-        Raises
-        ------
-        DeviceError
-            If there is no such device; the message lists the devices of the machine.
-        ConfigError
-            If sleep_speed is above 0, which GPUs do not support.
-        """
+        """The site with another device, see :func:`runout.config.device.on_device`; "cuda" spreads the members over all GPUs."""
         simulation = on_device(self.settings.simulation, device)
         return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
 

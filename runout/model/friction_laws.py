@@ -11,7 +11,7 @@ from runout.errors import ConfigError, MaterialError
 from runout.model.basal_friction import BasalFriction
 from runout.model.law_source import functions_of_law, require_shared_subset
 from runout.model.parameters import numpydoc
-from runout.model.registered_law import RegisteredLaw, calling, require_declared
+from runout.model.registered_law import RegisteredLaw, calling, law_followed, require_declared
 from runout.model.registry import Registry, classes_in
 from runout.physics import contact
 
@@ -127,10 +127,7 @@ def friction_law_of(friction: BasalFriction) -> FrictionLaw:
     ConfigError
         If its class is not registered.
     """
-    law = FRICTIONS.find(friction.law)
-    if not isinstance(friction, law.friction):
-        raise ConfigError(f"{type(friction).__name__} is not the registered law {friction.law}; register it with register_friction")
-    return law
+    return law_followed(FRICTIONS, friction, "register_friction")
 
 
 def numbers_of(friction: BasalFriction | float) -> tuple[FrictionLaw, tuple[float, ...]]:

@@ -12,7 +12,7 @@ from runout.errors import MaterialError
 from runout.model.law_source import functions_of_law, require_shared_subset
 from runout.model.materials import Material
 from runout.model.parameters import numpydoc
-from runout.model.registered_law import RegisteredLaw, calling, require_declared
+from runout.model.registered_law import RegisteredLaw, calling, law_followed, require_declared
 from runout.model.registry import Registry, classes_in
 from runout.physics import elastic, plastic
 
@@ -138,7 +138,4 @@ def law_of(material: Material) -> Law:
     MaterialError
         If its class is not registered.
     """
-    law = LAWS.find(material.law)
-    if not isinstance(material, law.material):
-        raise MaterialError(f"{type(material).__name__} is not the registered law {material.law}; register it with register_law")
-    return law
+    return law_followed(LAWS, material, "register_law")

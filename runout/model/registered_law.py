@@ -8,8 +8,10 @@ from typing import Any, ClassVar, Generic, TypeVar
 from runout.errors import InputError
 from runout.model.law_source import fingerprint
 from runout.model.parameters import Parameter, parameters_of
+from runout.model.registry import Registry
 
 Declaration = TypeVar("Declaration")
+AnyLaw = TypeVar("AnyLaw", bound="RegisteredLaw[Any]")
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,29 @@ def calling(function: Any, **called: FunctionType) -> FunctionType:
     own = FunctionType(function.__code__, {**function.__globals__, **called}, function.__name__)
     own.__annotations__, own.__module__, own.__doc__ = dict(function.__annotations__), function.__module__, function.__doc__
     return own
+
+
+def law_followed(registry: Registry[AnyLaw], declared: Any, register: str) -> AnyLaw:
+    """The law that a material or a basal friction follows.
+
+    Parameters
+    ----------
+    registry : Registry
+        Of these laws.
+    declared : object
+        The material or the basal friction.
+    register : str
+        Name of the function that registers such laws, for the message.
+
+    Raises
+    ------
+    InputError
+        That of the registry, if the class is not registered.
+    """
+    law = registry.find(declared.law)
+    if not isinstance(declared, law.declaration):
+        raise registry.error(f"{type(declared).__name__} is not the registered law {declared.law}; register it with {register}")
+    return law
 
 
 def require_declared(law: RegisteredLaw[Any], kind: str, base: type, error: type[InputError], *, ranges: bool = False) -> None:
