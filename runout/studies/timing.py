@@ -102,7 +102,18 @@ class TimedRun:
         self.now += self.steps * self.dt
 
     def measured(self) -> dict[str, Any]:
-        """Measurements of the repetitions, ready for JSON; docs/benchmarks explains the keys."""
+        """Measurements of the repetitions, ready for JSON.
+
+        Returns
+        -------
+        dict
+            ``case``: the layer (``upwards``: particles of a cell above each other), threads, index, device, and whether it is
+            observed. ``particles`` made, timed ``steps``, short ``runs`` that they were made in, ``clock`` "processor" or "wall".
+            ``rate`` and ``rate_of_steps``: particle-steps per second with observers and without. ``median_over_best``: time of
+            the median run over that of the best. ``ns_per_particle_step``: wall time of each stage, the best of its runs;
+            ``index``: rebuilds, spread over all steps. ``rebuilds`` of the index, ``active_blocks`` that hold particles, and
+            ``memory`` of :func:`memory_of`.
+        """
         plain = [r for r in self.runs if not r.rebuilt] or self.runs
         middle = float(np.median([r.step for r in plain]))
         rebuilding = sum(r.steps * max(r.step - middle, 0.0) for r in self.runs if r.rebuilt) / sum(r.steps for r in self.runs)

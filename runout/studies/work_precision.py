@@ -96,7 +96,16 @@ def report(content: dict[str, Any]) -> None:
 
 
 def measured(choices: Choices) -> dict[str, Any]:
-    """Measurements of all studies, the machine and the ratios that follow."""
+    """Measurements of all studies, the machine and the ratios that follow.
+
+    Returns
+    -------
+    dict
+        ``schema`` of this layout, time ``created`` (UTC). ``machine``: cores that may be used, vector bits, architecture.
+        ``versions`` with the commit (``+`` and a hash when files differ from it). ``roofline``: bytes copied (read and written)
+        and multiply-adds (float32) per second, for each number of threads. ``studies``: for each study its measurements
+        (:meth:`runout.studies.timing.TimedRun.measured`). ``ratios`` of the table.
+    """
     prototype = load_prototype(choices.against) if choices.against else None
     roofline = measured_roofline(choices)
     studies: Study = {}
