@@ -9,7 +9,7 @@ from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY
 
 POINTS = 200  # of all releases together
-STEPS = 1500  # least number until the end time
+STEPS = 800  # least number until the end time
 CROSSING = 0.5  # cells of the terrain that a point crosses in a step
 
 Friction = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]

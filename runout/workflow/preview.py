@@ -1,11 +1,12 @@
 """Previews a run of a site: its problems, or its stages and cost. Changes nothing."""
 
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout import log
-from runout.errors import BudgetError, CapacityError, ExitCode, RunoutError
+from runout.errors import BudgetError, CapacityError, ConfigError, ExitCode, RunoutError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -47,15 +48,16 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
 
 
 def _counted(console: "Console", site_path: Path) -> "Site | None":
-    """Print the number of particles before all that takes time; the site, or None if it cannot be read."""
+    """Print the number of particles before all that takes time; the site, or None if its settings are wrong."""
     from runout.config.site import read_site
     from runout.workflow.plan import particle_count, particle_line
 
     try:
         site = read_site(site_path)
-        console.print(particle_line(particle_count(site)))
-    except RunoutError:  # the inspection names all problems
+    except ConfigError:
         return None
+    with suppress(RunoutError):  # the inspection names all problems
+        console.print(particle_line(particle_count(site)))
     return site
 
 
