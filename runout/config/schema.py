@@ -35,6 +35,7 @@ from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import SMALLEST_NET
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
+MOST_MEMBERS, LARGEST_NET = 100_000, 65_536
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
@@ -285,7 +286,7 @@ class EnsembleSettings(Settings):
     """The scenarios."""
 
     members: int = quantity(
-        "number of scenarios; powers of 2 cover the parameters evenly; with tolerance the largest number", 1, ge=1, le=100_000
+        "number of scenarios; powers of 2 cover the parameters evenly; with tolerance the largest number", 1, ge=1, le=MOST_MEMBERS
     )
     tolerance: float | None = quantity(
         "largest sampling error of the probabilities (exceedance_rms_error of every threshold): the scenarios double from "
@@ -315,7 +316,7 @@ def growth_conflicts(tolerance: float | None, members: int, parameters: list[str
     if tolerance is None:
         return
     if members < SMALLEST_NET or members & (members - 1):
-        fits = max(SMALLEST_NET, 2 ** (members.bit_length()))
+        fits = min(max(SMALLEST_NET, 2 ** members.bit_length()), LARGEST_NET)
         yield "members", f"{members} with tolerance, where it is a power of two from {SMALLEST_NET} on", f"set it to {fits}"
     elif not parameters:
         yield "tolerance", "no parameters are sampled, so that members differ by their seeds only", "remove it, or add parameters"

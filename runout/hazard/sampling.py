@@ -22,8 +22,9 @@ class Estimator:
     """How the standard error of a probability P is found.
 
     Consecutive blocks of a Sobol net are nets themselves, so the spread of their probabilities P_b contains what the even cover
-    of the parameters gains: s^2 = sum((P_b - P)^2) / (B (B - 1)) over B blocks. It is not below the true error and up to twice
-    as large, since the whole net is more even than its blocks together. s^2 = P (1 - P) sum(w^2) holds for independent members.
+    of the parameters gains: s^2 = sum((P_b - P)^2) / (B (B - 1)) over B blocks. Since the whole net is more even than its blocks
+    together, s is 1.0 to 1.5 times the true error with 3 or 4 parameters and noise, and up to 2.3 times with one
+    (``docs/guide/maps.md``). s^2 = P (1 - P) sum(w^2) holds for independent members.
 
     References
     ----------

@@ -286,6 +286,7 @@ def test_friction_that_does_not_rise_is_refused(edited):
             "19: ensemble.members: 100 with tolerance, where it is a power of two from 16",
         ),
         ("members: 8\n  tolerance: 0.02", "set it to 16"),
+        ("members: 70000\n  tolerance: 0.02", "set it to 65536"),
         ("tolerance: 0.02", "site.yaml:18: ensemble.members: 1 with tolerance"),
         ("members: 100\n  tolerance: 0.02", "set it to 128"),
     ],
