@@ -32,7 +32,9 @@ class Session:
 
 Injected = Annotated[Session, Parameter(parse=False)]
 SiteArgument = Annotated[Path, Parameter(help="Folder of the site, or its site.yaml.")]
-Workers = Annotated[int | None, Parameter(name="--workers", help="Members that run at once [default: one per core].")]
+Workers = Annotated[
+    int | None, Parameter(name="--workers", help="Members that run at once [default: one per core, if memory holds them].")
+]
 Threads = Annotated[
     int | None,
     Parameter(name="--threads", help="Threads of each member [default: cores over members at once]."),

@@ -185,15 +185,16 @@ def make_members(study: Study) -> Iterable[Path]:
     from runout.workflow.growth import grow
     from runout.workflow.plan import member_bytes, require_budget
 
+    workers = study.workers
     if study.cluster is None:
-        require_budget(study.site, study.left_at_most, workers=study.workers)
+        workers = require_budget(study.site, study.left_at_most, workers=workers)
     with log.progress("members") as bar:
 
         def run(part: range | None) -> EnsembleReport:
             return run_ensemble(
                 study.site,
                 study.results,
-                workers=study.workers,
+                workers=workers,
                 threads=study.threads,
                 progress=lambda state: bar(state.fraction),
                 retry_failed=study.retry_failed,

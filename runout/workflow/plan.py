@@ -100,7 +100,7 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
     left : sequence of int
         Numbers of the members to simulate.
     workers : int, optional
-        Members at the same time; one per core if None.
+        Members at the same time; if None one per core, or as many as the memory holds.
 
     Raises
     ------
@@ -110,7 +110,8 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
     if not left:
         return Forecast(0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     members, largest, together = _planned(site, left, workers)
-    memory, particles = _fitting(site, _member_memory(site, largest), together), _count(site, largest)
+    together, memory = _packed(site, _member_memory(site, largest), together, workers)
+    particles = _count(site, largest)
     steps, particle_steps = _work(site, members, largest, particles)
     own = members.index(largest)
     arguments = site.member_arguments(largest.parameters)
@@ -126,8 +127,13 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
     )  # fmt: skip
 
 
-def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> None:
+def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = None) -> int | None:
     """Raise BudgetError if the members ``left`` exceed the budget of the site. The time is forecast for a budget only.
+
+    Returns
+    -------
+    int or None
+        ``workers``; if that is None and memory does not hold a member per core, how many members it holds.
 
     Raises
     ------
@@ -136,7 +142,7 @@ def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = N
     """
     budget = site.settings.budget
     if not left:
-        return
+        return workers
     if budget is None:
         return _require_memory(site, left, workers)
     expected = forecast(site, left, workers=workers)
@@ -145,16 +151,25 @@ def require_budget(site: "Site", left: Sequence[int], *, workers: int | None = N
     over = expected.over_budget(budget)
     if over:
         raise BudgetError("\n".join(over))
+    return _fewer(expected.workers, _planned(site, left, workers)[2], workers)
+
+
+def _fewer(held: int, wanted: int, workers: int | None) -> int | None:
+    """``workers``, or how many members memory holds if these are fewer than wanted."""
+    if held >= wanted:
+        return workers
+    LOGGER.info("memory holds %d members at a time, not %d", held, wanted)
+    return held
 
 
 class _Fits(Exception):
     """Signal that the memory of a member has been checked; raised before large allocations."""
 
 
-def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> None:
-    """Raise CapacityError if members that run at the same time exceed the memory of the machine."""
+def _require_memory(site: "Site", left: Sequence[int], workers: int | None) -> int | None:
+    """Raise CapacityError if members that run at the same time exceed the memory of the machine; see :func:`require_budget`."""
     largest, together = _planned(site, left, workers)[1:]
-    _fitting(site, _member_memory(site, largest), together)
+    return _fewer(_packed(site, _member_memory(site, largest), together, workers)[0], together, workers)
 
 
 def member_bytes(site: "Site", left: Sequence[int]) -> float:
@@ -239,19 +254,24 @@ def _work(site: "Site", members: "Sequence[Member]", reference: "Member", partic
     return steps, particles * volumes * np.array([one.per_particle for one in found])
 
 
-def _fitting(site: "Site", needed: MemoryForecast, together: int) -> float:
-    """Memory of ``together`` members [byte]; an error if it exceeds budget or machine."""
-    total, budget = together * needed.total, getattr(site.settings, "budget", None)
-    limit = getattr(budget, "memory_gb", None)
+def _packed(site: "Site", needed: MemoryForecast, together: int, workers: int | None) -> tuple[int, float]:
+    """How many of ``together`` members run at the same time, and their memory [byte]; an error if it exceeds budget or machine.
+
+    A stated number of workers counts as it is; otherwise it is what the memory holds.
+    """
+    limit, free = getattr(getattr(site.settings, "budget", None), "memory_gb", None), available_bytes()
+    limits = [bound for bound in (None if limit is None else limit * GIGABYTE, free) if bound is not None]
+    held = together if workers else max(1, min([together, *(int(bound // needed.total) for bound in limits)]))
+    total = held * needed.total
     if limit is not None and total > limit * GIGABYTE:
         raise BudgetError(_over("memory_gb", limit, total / GIGABYTE))
-    free = available_bytes()
     if free is not None and total > free:
+        who, fewer = ("a member needs", "") if held == 1 else (f"{held} members at a time need", "fewer workers, ")
         raise CapacityError(
-            f"{together} members at a time need about {total / GIGABYTE:.2g} GB of memory, {free / GIGABYTE:.2g} GB are available; "
-            "use fewer workers, larger cells or fewer particles per cell"
+            f"{who} about {total / GIGABYTE:.2g} GB of memory, {free / GIGABYTE:.2g} GB are available; "
+            f"use {fewer}larger cells or fewer particles per cell"
         )
-    return total
+    return held, total
 
 
 def _over(name: str, limit: float, needed: float) -> str:

@@ -136,10 +136,10 @@ def test_a_run_that_cannot_fit_is_refused_before_anything_is_calibrated(tmp_path
     assert code == ExitCode.OVER_BUDGET
     assert "budget.memory_gb is 2, the run needs about" in out
     folder = write_site(tmp_path / "machine", fine)
-    monkeypatch.setattr(plan, "available_bytes", lambda: 3e9)
+    monkeypatch.setattr(plan, "available_bytes", lambda: 2.5e9)
     code, out = said(capsys, "check", folder)
     assert code == ExitCode.OVER_BUDGET
-    assert "3 GB are available; use fewer workers" in out
+    assert "2.5 GB are available; use larger cells" in out
 
 
 def test_check_makes_no_particles(tmp_path, capsys, monkeypatch):

@@ -4,7 +4,9 @@ import pytest
 from ramp_site import SITE, ramp, slab, write_raster, write_site
 
 from runout import cli
-from runout.errors import ExitCode
+from runout.config.site import read_site
+from runout.ensemble import machine
+from runout.errors import CapacityError, ExitCode
 from runout.workflow import plan
 
 SECOND = SITE.replace("material:", "  - {name: second, raster: inputs/second.tif, placement: on_surface}\nmaterial:")
@@ -41,14 +43,28 @@ def test_run_refuses_what_check_refuses(tmp_path, capsys, case):
 
 
 def test_run_refuses_a_site_that_does_not_fit_into_memory_as_check_does(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(plan, "available_bytes", lambda: 3e8)
+    monkeypatch.setattr(plan, "available_bytes", lambda: 2e8)
     folder = write_site(tmp_path / "ramp")
     assert cli.main(["check", str(folder)]) == ExitCode.OVER_BUDGET
     said = capsys.readouterr().out
-    assert "of memory, 0.3 GB are available; use fewer workers" in said
+    assert "of memory, 0.2 GB are available; use larger cells" in said
     assert cli.main(["run", str(folder)]) == ExitCode.OVER_BUDGET
-    assert "0.3 GB are available; use fewer workers" in capsys.readouterr().err
+    assert "0.2 GB are available; use larger cells" in capsys.readouterr().err
     assert not list(folder.glob("results/members/*.nc"))
+
+
+def test_no_more_members_run_at_the_same_time_than_memory_holds(tmp_path, monkeypatch):
+    site = read_site(write_site(tmp_path / "ramp"))
+    member = plan.member_bytes(site, range(4))
+    monkeypatch.setattr(machine, "core_count", lambda: 8)
+    monkeypatch.setattr(plan, "available_bytes", lambda: 2.5 * member)
+    assert plan.require_budget(site, range(4)) == 2
+    assert plan.require_budget(site, range(2)) is None
+    assert plan.require_budget(site, range(4), workers=2) == 2
+    with pytest.raises(CapacityError, match=r"4 members at a time need about .* GB of memory"):
+        plan.require_budget(site, range(4), workers=4)
+    monkeypatch.setattr(plan, "available_bytes", lambda: 10.0 * member)
+    assert plan.require_budget(site, range(4)) is None
 
 
 def test_a_stage_that_needs_no_release_is_not_refused_for_one(tmp_path):
