@@ -71,7 +71,9 @@ class Processes:
 
 
 def end(process):
-    """Kill a process and those that it started."""
+    """Kill a process and those that it started, unless it has ended: its number may be that of another process now."""
+    if process.poll() is not None:
+        return
     with suppress(psutil.NoSuchProcess):
         for child in psutil.Process(process.pid).children(recursive=True):
             with suppress(psutil.NoSuchProcess):

@@ -86,7 +86,7 @@ class FakeResult:
 
 def simulate(*, basal_friction_angle, cell_size, fault, pause, calls, seed, threads):
     """A result with the friction angle as its speed, after leaving a trace of the call."""
-    (calls / f"{basal_friction_angle:g}-{seed}-{time.time_ns()}").touch()
+    (calls / f"{basal_friction_angle:g}-{seed}-{time.time_ns()}-{os.getppid()}").touch()
     time.sleep(pause)
     if fault:
         FAULTS[fault]()
@@ -169,6 +169,11 @@ def site(folder, **choices):
 def calls(site):
     """Friction angles of all simulations that were started, sorted."""
     return sorted(float(p.name.split("-")[0]) for p in (site.folder / "calls").iterdir())
+
+
+def parents(site):
+    """Numbers of the processes whose child processes have started simulations."""
+    return [int(p.name.split("-")[3]) for p in (site.folder / "calls").iterdir()]
 
 
 def started(folder, pause, *part):

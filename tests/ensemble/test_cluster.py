@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 from dask_cluster import certificates, cluster, end
-from ensemble_fakes import calls, simulate, simulate_step_by_step, site, wait_until
+from ensemble_fakes import calls, parents, simulate, simulate_step_by_step, site, wait_until
 
 from runout import __version__
 from runout.ensemble import cluster_worker, fleet
@@ -70,11 +70,11 @@ def test_members_run_on_workers_and_tell_how_far_they_are(tmp_path, dask):
 
 
 def test_a_lost_worker_costs_one_run_of_its_member(tmp_path, dask):
-    place, lost = site(tmp_path, pause=1.0), dask.worker(1, "--no-nanny")
+    place, lost = site(tmp_path, pause=2.0), dask.worker(1, "--no-nanny")
     dask.worker(1, "--no-nanny")
 
     def lose():
-        wait_until(lambda: len(calls(place)) > 1)
+        wait_until(lambda: lost.pid in parents(place))
         end(lost)
 
     threading.Thread(target=lose).start()
@@ -138,12 +138,12 @@ def test_members_end_with_a_client_that_is_killed(tmp_path, dask):
     path = os.pathsep.join([str(here), str(here.parent.parent), os.environ.get("PYTHONPATH", "")])
     place = site(tmp_path)
     client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path})
-    wait_until(lambda: len(calls(place)) == 2)
+    wait_until(lambda: len(calls(place)) == 2, 120)
     client.send_signal(signal.SIGKILL)
     client.wait()
     members = [one for one in psutil.Process(worker.pid).children() if "spawn_main" in " ".join(one.cmdline())]
     assert len(members) == 2
-    assert psutil.wait_procs(members, timeout=20)[1] == []
+    assert psutil.wait_procs(members, timeout=60)[1] == []
 
 
 def test_processes_of_a_run_that_is_idle_end_and_start_again(tmp_path, monkeypatch):
