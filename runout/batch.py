@@ -192,6 +192,10 @@ class _View:
     rows: Callable[[], list[LedgerRow]]
     counters: Counters = field(default_factory=Counters)
 
+    @property
+    def max_speed(self) -> float:
+        return self.batch.max_speed_of(self.scene)
+
     def stable_step(self) -> float:
         return self.batch.stable_step(self.scene)
 
@@ -206,6 +210,9 @@ class _View:
 
     def flow_columns(self) -> RasterSums:
         return self.batch.flow_columns_of(self.scene)
+
+    def lattice_columns(self) -> RasterSums:
+        return self.batch.lattice_columns_of(self.scene)
 
 
 class _Together:
@@ -249,15 +256,18 @@ class _Together:
                 self.todo[k] = self.planned[k] = self.runs[k].plan(BATCH)
         count = self._stretch(sorted(running))
         taken = [min(self.todo[k], count) if k in running else 0 for k in range(len(self.jobs))]
-        self.batch.advance([run.dt for run in self.runs], taken)
+        done = [planned - todo for planned, todo in zip(self.planned, self.todo, strict=True)]
+        looks = {k: [n - done[k] for n in self.runs[k].looks if 0 < n - done[k] <= taken[k]] for k in running}
+        self.batch.advance(
+            [run.dt for run in self.runs], taken, looks, lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
+        )
         self.rows = []
         for k in running:
             self.todo[k] -= taken[k]
             self.runs[k].engine.counters.steps += taken[k]
-        arrived = [k for k in sorted(running) if self.todo[k] == 0 and not self.batch.failure(k)]
-        self.batch.look_at([k for k in arrived if self.runs[k].looks_after(self.planned[k])])
-        for k in arrived:
-            self.runs[k].arrive(self.planned[k])
+        for k in sorted(running):
+            if self.todo[k] == 0 and not self.batch.failure(k):
+                self.runs[k].arrive(self.planned[k])
 
     def _stretch(self, running: list[int]) -> int:
         """Number of steps with the most work per second; observations cost time, and so do runs that wait."""

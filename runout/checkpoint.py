@@ -26,7 +26,7 @@ from runout.model.particle_source import ParticleSource
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 9  # version of the file; increase it when the meaning of a state changes
+FORMAT = 10  # version of the file; increase it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 # errors of a damaged archive; RuntimeError: it seems to be encrypted, or has an unknown compression
 DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)

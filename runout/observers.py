@@ -4,60 +4,102 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from runout.backends import footprints
+from runout.backends.compile import array_binding
 from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
-from runout.model.scene import Raster
+from runout.model.scene import Raster, Scene
+
+THICKNESS, SPEED, PRESSURE = range(3)  # of the peaks
 
 
 @dataclass
 class PeakMaps:
-    """Peaks over time on the cells of the raster (rows, columns).
+    """Peaks over time in columns of the flow.
 
     Thickness is vertical: the volume over a cell divided by its area. Speed is that of the column as a whole, momentum
     over mass; speed and pressure count while the flow is at least ``arrival_threshold`` thick, so that a single stray
-    particle makes no peak.
+    particle makes no peak. Between two observations, thickness grows at a steady rate to where it arrives.
+
+    Attributes
+    ----------
+    on_lattice : bool
+        Whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
+        over the raster. :meth:`maps` are on the raster.
+    peaks : (3, rows, columns)
+        Thickness [m], speed [m/s] and dynamic pressure [Pa].
+    arrival : (rows, columns)
+        [s], NaN where nothing has arrived.
+    thickness : (rows, columns)
+        That of the last observation [m].
+    window : (4,)
+        First row and column, and one past the last, outside of which that is zero.
     """
 
-    raster: Raster
+    scene: Scene
     arrival_threshold: float  # [m]
-    max_flow_thickness: np.ndarray = field(init=False)
-    max_speed: np.ndarray = field(init=False)
-    max_pressure: np.ndarray = field(init=False)
-    arrival_time: np.ndarray = field(init=False)
-    deposit_thickness: np.ndarray = field(init=False)
+    on_lattice: bool = False
+    time: float = 0.0  # [s] of the last observation
+    looks: int = 0  # observations
+    cells: int = 0  # cells of all windows that were observed
+    peaks: np.ndarray = field(init=False)
+    arrival: np.ndarray = field(init=False)
+    thickness: np.ndarray = field(init=False)
+    window: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        shape = (self.raster.rows, self.raster.columns)
-        for name in ("max_flow_thickness", "max_speed", "max_pressure", "deposit_thickness"):
-            setattr(self, name, np.zeros(shape))
-        self.arrival_time = np.full(shape, np.nan)
+        raster = self.scene.raster
+        self.cell = footprints.lattice_cell(self.scene) if self.on_lattice else raster.cell_size
+        shape = footprints.lattice_shape(raster, self.cell) if self.on_lattice else (raster.rows, raster.columns)
+        self.peaks, self.thickness, self.arrival = np.zeros((3, *shape)), np.zeros(shape), np.full(shape, np.nan)
+        self.window = np.zeros(4, np.int64)
 
     def observe(self, time: float, columns: RasterSums) -> None:
-        """Update the maps with the columns at one time [s]."""
-        thickness, speed, pressure = flow_fields(columns, self.raster)
-        thick, window = thickness >= self.arrival_threshold, columns.window
-        highest, fastest, hardest = (m[window] for m in (self.max_flow_thickness, self.max_speed, self.max_pressure))
-        np.maximum(highest, thickness, out=highest)
-        np.maximum(fastest, np.where(thick, speed, 0.0), out=fastest)
-        np.maximum(hardest, np.where(thick, pressure, 0.0), out=hardest)
-        arrival = self.arrival_time[window]
-        arrival[thick & np.isnan(arrival)] = time
-        self.deposit_thickness.fill(0.0)
-        self.deposit_thickness[window] = thickness
+        """Update the peaks with the columns at one time [s]."""
+        corner = np.array((columns.row, columns.column))
+        window = np.array((*corner, *(corner + columns.mass.shape)))
+        self._clear_beside(window)
+        momentum = np.ascontiguousarray(np.moveaxis(columns.momentum, -1, 0))
+        footprints.loops().take_peaks(
+            np.ascontiguousarray(columns.volume), np.ascontiguousarray(columns.mass), momentum, corner, self.cell[0] * self.cell[1],
+            self.arrival_threshold, np.array((self.time, time)), self.thickness, self.peaks, self.arrival,
+        )  # fmt: skip
+        self.time, self.window = time, window
+        self.looks, self.cells = self.looks + 1, self.cells + columns.mass.size
+
+    def _clear_beside(self, window: np.ndarray) -> None:
+        """Set the last thickness to zero outside of a new window."""
+        top, left, bottom, right = self.window
+        low, west, high, east = window
+        for rows, columns in (
+            (slice(top, min(bottom, low)), slice(left, right)), (slice(max(top, high), bottom), slice(left, right)),
+            (slice(top, bottom), slice(left, min(right, west))), (slice(top, bottom), slice(max(left, east), right)),
+        ):  # fmt: skip
+            self.thickness[rows, columns] = 0.0
 
     def maps(self) -> dict[str, np.ndarray]:
-        """The maps by name."""
+        """The maps (rows, columns) by name, on the raster."""
         names = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
-        return {name: getattr(self, name) for name in names}
+        return dict(zip(names, self._on_raster() if self.on_lattice else (*self.peaks, self.arrival, self.thickness), strict=True))
+
+    def _on_raster(self) -> np.ndarray:
+        """The five maps (5, rows, columns) on the raster: volumes by area, the others as means over the volume that has arrived."""
+        raster, came = self.scene.raster, np.isfinite(self.arrival)
+        weight = np.where(came, self.peaks[THICKNESS], 0.0)
+        others = weight * np.stack([*self.peaks[SPEED:], np.where(came, self.arrival, 0.0)])
+        sums = np.stack([self.peaks[THICKNESS], self.thickness, weight, *others]) * (self.cell[0] * self.cell[1])
+        *_, (thickest, deposit, weight, *others) = footprints.shared_by_area(sums, (0, 0), raster, self.cell)
+        area = raster.cell_size[0] * raster.cell_size[1]
+        reached = (thickest / area >= self.arrival_threshold) & (weight > 0)
+        speed, pressure, arrival = np.where(reached, np.array(others) / np.maximum(weight, np.finfo(float).tiny), 0.0)
+        return np.array([thickest / area, speed, pressure, np.where(reached, arrival, np.nan), deposit / area])
 
 
-def flow_fields(columns: RasterSums, raster: Raster) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Thickness [m], speed [m/s] and dynamic pressure rho v^2 [Pa] of the columns (rows, columns)."""
-    thickness = columns.volume / (raster.cell_size[0] * raster.cell_size[1])
+def flow_fields(columns: RasterSums, raster: Raster) -> tuple[np.ndarray, np.ndarray]:
+    """Thickness [m] and speed [m/s] of the columns (rows, columns)."""
     mass = np.maximum(columns.mass, np.finfo(float).tiny)
-    speed = np.linalg.norm(columns.momentum, axis=-1) / mass
-    density = columns.mass / np.maximum(columns.volume, np.finfo(float).tiny)
-    return thickness, speed, density * speed**2
+    speed = array_binding().flow_columns.column_speed(mass, *np.moveaxis(columns.momentum, -1, 0))
+    return columns.volume / (raster.cell_size[0] * raster.cell_size[1]), speed
 
 
 class Ledger:

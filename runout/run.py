@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from runout.backends.protocol import Backend, BatchBackend, RasterSums, ResumableBackend, WindowBackend
+from runout.backends import footprints
+from runout.backends.protocol import Backend, BatchBackend, LedgerRow, RasterSums, ResumableBackend, WindowBackend
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.checkpoint import Checkpoint
 from runout.errors import ConfigError
@@ -18,12 +19,12 @@ from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
-from runout.observers import AtRest, Ledger, PeakMaps, flow_fields
+from runout.observers import THICKNESS, AtRest, Ledger, PeakMaps, flow_fields
 from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
-OBSERVATIONS = 200  # least number of observations over the whole time
-CROSSING = 0.5  # largest travel between two observations, in raster cells or, if longer, half grid cells
+OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger
+CROSSING = 0.5  # largest travel between two observations, in grid cells or, if longer, raster cells
 BATCH = 32  # steps of one size before the limit is checked again; gravity adds little to the speed meanwhile
 STEP_RATIO = 1.04  # ratio of successive step sizes, so that records are repacked rarely
 
@@ -43,8 +44,8 @@ class RunControl:
     snapshot_times : tuple of float
         Ascending [s].
     crossing : float
-        Observe whenever the fastest particle may have crossed so much of a raster cell, or of half a grid cell if that is longer,
-        and at least :data:`OBSERVATIONS` times; 0 observes after every step.
+        Observe whenever the fastest particle may have crossed so much of a grid cell, or of a raster cell if that is longer, and at
+        least :data:`OBSERVATIONS` times; 0 observes after every step.
     crop : bool
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
     """
@@ -68,11 +69,13 @@ class Run:
         self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None, keep: Checkpoint | None
     ):
         self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
-        self.peaks = PeakMaps(scene.raster, control.arrival_threshold)
+        on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
+        self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
         self.ledger, self.rest = Ledger(), AtRest()
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.pending, self.reason = list(control.snapshot_times), ""
-        self.time = self.dt = self.due = self.seconds = self.observing = 0.0
+        self.looks: list[int] = []
+        self.time = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
@@ -126,7 +129,7 @@ class Run:
 
     def depth_resolution(self) -> DepthResolution:
         """Resolution of the flow so far, with the mean time step."""
-        depth, steps = flow_depth(self.peaks.max_flow_thickness), self.engine.counters.steps
+        depth, steps = flow_depth(self.peaks.peaks[THICKNESS]), self.engine.counters.steps
         return DepthResolution.of(depth, self.scene, self.time / max(1, steps))
 
     def go(self) -> None:
@@ -138,64 +141,92 @@ class Run:
                 self.keep.write(self._state(clock.perf_counter() - started))
             if isinstance(self.engine, BatchBackend):
                 count = self.plan(BATCH)
-                self.engine.steps(self.dt, count)
+                self.engine.steps(self.dt, count, self.looks, self.look)
             else:
                 count = self.plan(1)
                 self.engine.step(self.dt)
+                if self.looks:
+                    self.peaks.observe(self.time + self.dt, self._columns())
             self.arrive(count)
 
     def begin(self) -> None:
         """Observe the start, unless the run continues from a checkpoint."""
         if not self.ledger.time:
-            self.due = self._observe()
+            self.peaks.observe(self.time, self._columns())
+            self._observe()
 
     def plan(self, most: int) -> int:
-        """Set the next time step [s]; returns the number of such steps until the next observation, at most ``most``.
+        """Set the next time step [s]; returns the number of such steps until the next row of the ledger, at most ``most``.
 
-        The last of them may pass the time of an observation, but not a snapshot or the end: the host waits once for all.
+        ``looks`` are those after which the maps are updated. The last step may pass the time of the row, but not a snapshot or the
+        end.
         """
+        control = self.control
         left = self._next_stop() - self.time
         self.dt = min(_on_ladder(self.engine.stable_step()), left)
-        to_observation = math.ceil((self.due - self.time) / self.dt - 1e-9)
-        return max(1, min(most, to_observation, int(left / self.dt)))
+        to_row = math.ceil((self.ledger_due - self.time) / self.dt - 1e-9)
+        count = max(1, min(most, to_row, int(left / self.dt)))
+        crossing = control.crossing * self.scene.observed_length / max(self.engine.max_speed, 1e-3)
+        wait = min(control.end_time / OBSERVATIONS, crossing)
+        first = max(1, math.ceil((self.due - self.time) / self.dt - 1e-9))
+        self.looks = list(range(first, count + 1, max(1, int(wait / self.dt))))
+        if self.looks:
+            self.due = self.time + self.dt * self.looks[-1] + wait
+        return count
+
+    def look(self, step: int, columns: RasterSums) -> None:
+        """Update the maps with the columns after a step of those planned."""
+        started, scene = clock.perf_counter(), self.scene
+        if footprints.apply_to(scene) and not self.peaks.on_lattice:
+            columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))
+        self.peaks.observe(self.time + self.dt * step, columns)
+        self.observing += clock.perf_counter() - started
 
     def arrive(self, count: int) -> None:
-        """Account for ``count`` finished steps; observe if an observation is due."""
-        is_due = self.looks_after(count)
+        """Account for ``count`` finished steps; record a row of the ledger if it is due."""
         self.time += self.dt * count
-        if is_due:
-            self.due = self._observe()
-
-    def looks_after(self, count: int) -> bool:
-        """Whether an observation is due after ``count`` steps."""
-        return self.time + self.dt * count >= min(self.due, self._next_stop()) - 1e-12 * self.control.end_time
+        if self.time >= min(self.ledger_due, self._next_stop()) - 1e-12 * self.control.end_time:
+            self._observe()
 
     def _next_stop(self) -> float:
         return min([self.control.end_time, *self.pending[:1]])
 
-    def _observe(self) -> float:
-        """Record the present state; returns when the next observation is due [s]."""
-        started, engine = clock.perf_counter(), self.engine
-        columns = engine.flow_columns() if self.control.crop and isinstance(engine, WindowBackend) else engine.columns()
-        row = engine.ledger()
-        self.peaks.observe(self.time, columns)
+    def _observe(self) -> None:
+        """Record the present state, and update the maps if it is the last."""
+        started, control = clock.perf_counter(), self.control
+        while self.pending and self.time >= self.pending[0] - 1e-12 * control.end_time:
+            self.snapshots.append((self.pending.pop(0), *self._frame(self._raster_columns())))
+        if self.time >= control.end_time * (1 - 1e-12):
+            self.reason = "end time"
+        self._record(self.engine.ledger())
+        self.ledger_due = self.time + control.end_time / OBSERVATIONS
+        if self.reason and self.peaks.time < self.time:
+            self.peaks.observe(self.time, self._columns())
+        if self.progress:
+            self.progress(1.0 if self.reason else self.time / control.end_time)
+        self.observing += clock.perf_counter() - started
+
+    def _record(self, row: LedgerRow) -> None:
+        """Add a row to the ledger; the run ends if the flow rests."""
         self.ledger.record(self.time, self.dt, row)
-        while self.pending and self.time >= self.pending[0] - 1e-12 * self.control.end_time:
-            self.snapshots.append((self.pending.pop(0), *self._frame(columns)))
         if self.control.stop and self.rest.reached(row):
             self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
-        elif self.time >= self.control.end_time * (1 - 1e-12):
-            self.reason = "end time"
-        if self.progress:
-            self.progress(1.0 if self.reason else self.time / self.control.end_time)
-        self.observing += clock.perf_counter() - started
-        crossing = self.control.crossing * self.scene.observed_length / max(row.max_speed, 1e-3)
-        return self.time + min(self.control.end_time / OBSERVATIONS, crossing)
+
+    def _columns(self) -> RasterSums:
+        """Columns for the peaks: on the lattice or the raster."""
+        engine = self.engine
+        if self.peaks.on_lattice and isinstance(engine, WindowBackend):
+            return engine.lattice_columns()
+        return self._raster_columns()
+
+    def _raster_columns(self) -> RasterSums:
+        engine = self.engine
+        return engine.flow_columns() if self.control.crop and isinstance(engine, WindowBackend) else engine.columns()
 
     def _frame(self, columns: RasterSums) -> tuple[np.ndarray, np.ndarray]:
         """Thickness [m] and speed [m/s] on the whole raster."""
         whole = np.zeros((2, self.scene.raster.rows, self.scene.raster.columns))
-        whole[:, *columns.window] = flow_fields(columns, self.scene.raster)[:2]
+        whole[:, *columns.window] = flow_fields(columns, self.scene.raster)
         return whole[0], whole[1]
 
 

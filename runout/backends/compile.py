@@ -28,6 +28,7 @@ from runout.physics import (
     bspline,
     contact,
     elastic,
+    flow_columns,
     geostatic,
     heightfield,
     moments,
@@ -40,7 +41,7 @@ from runout.physics import (
 
 PHYSICS = (
     *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),
-    *(geostatic, contact, blocks, timestep, numerical_scales),
+    *(geostatic, contact, blocks, timestep, numerical_scales, flow_columns),
 )
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 

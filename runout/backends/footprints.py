@@ -48,6 +48,9 @@ class Footprint:
 EXTENT = Footprint(4.0, (3, 5))  # extent of the flow
 DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
+SHARING = np.array([EXTENT.sharing, DEPTH.sharing])
+AREAS = np.array([[*EXTENT.areas, np.inf], DEPTH.areas])  # the extent has one footprint less
+FINER = 2  # times that a raster is finer than the lattice from which on maps are kept on the lattice until the end
 
 
 @dataclass(frozen=True)
@@ -73,12 +76,22 @@ class Lattice:
         """Window of the footprints of particles whose boxes lie between the nodes ``low`` and ``high`` (2,) of the grid."""
         first, last = HALVES * np.asarray(low, int) - REACH, HALVES * np.asarray(high, int) + REACH
         (east, north), (columns, rows) = first.tolist(), (last - first).tolist()
-        return cls((east, north), (columns, rows), (scene.spacing[0] / HALVES, scene.spacing[1] / HALVES))
+        return cls((east, north), (columns, rows), lattice_cell(scene))
 
 
 def apply_to(scene: Scene) -> bool:
     """Whether footprints are needed: cells of the raster are smaller than those of the grid."""
     return any(cell < h * (1 - 1e-9) for cell, h in zip(scene.raster.cell_size, scene.spacing[:2], strict=True))
+
+
+def lattice_cell(scene: Scene) -> tuple[float, float]:
+    """Size [m] of the cells of the lattice."""
+    return scene.spacing[0] / HALVES, scene.spacing[1] / HALVES
+
+
+def keep_peaks(scene: Scene) -> bool:
+    """Whether peaks are kept on the lattice: the raster is so much finer that what an observation costs would follow it."""
+    return all(FINER * cell < size * (1 + 1e-9) for cell, size in zip(scene.raster.cell_size, lattice_cell(scene), strict=True))
 
 
 def nothing() -> RasterSums:
@@ -92,22 +105,47 @@ def loops() -> SimpleNamespace:
     return numba_binding(np.float64, False).kernels(spreading)
 
 
-def on_raster(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float) -> RasterSums:
-    """Columns over the cells of the raster that the lattice covers.
+def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float, density: float = 0.0) -> RasterSums:
+    """Columns over the cells of the lattice that lie on the raster; row 0 is the southernmost.
 
-    ``sums`` (rows from the north, columns, 5) on the lattice: volume, mass and momentum of particles of the mean volume [m3].
+    ``sums`` (lanes, rows, columns) on the lattice, rows from the south, of particles of the mean volume [m3]: volume, momentum
+    (3), and mass unless all have one ``density`` [kg/m3].
     """
-    (east, north), cell, size = lattice.first, lattice.cell, raster.cell_size
-    spread = _spread(np.ascontiguousarray(sums[::-1]), particle_volume)
-    north, spread = _inside(spread, north, math.ceil(raster.rows * size[1] / cell[1] - 1e-9))
-    east, turned = _inside(np.swapaxes(spread, 0, 1), east, math.ceil(raster.columns * size[0] / cell[0] - 1e-9))
-    spread = np.ascontiguousarray(np.swapaxes(turned, 0, 1))
-    column, *across = _shares(east, spread.shape[1], cell[0], size[0], raster.columns)
-    south, *along = _shares(north, spread.shape[0], cell[1], size[1], raster.rows)
-    found = np.empty((len(along[0]), len(across[0]), 5))
-    loops().share(spread, *along, *across, found)
-    found, row = found[::-1], raster.rows - south - len(found)
-    return RasterSums(found[..., 0], found[..., 1], found[..., 2:], row, column)
+    total, count = np.empty_like(sums), lattice_shape(raster, lattice.cell)
+    loops().spread_bands(sums, particle_volume / HALVES**2, SHARING, AREAS, total)
+    (east, north) = lattice.first
+    north, total = _inside(total, 1, north, count[0])
+    east, total = _inside(total, 2, east, count[1])
+    mass = total[4] if len(total) > 4 else density * total[0]
+    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east)
+
+
+def lattice_shape(raster: Raster, cell: tuple[float, float]) -> tuple[int, int]:
+    """Rows and columns of the lattice of ``cell`` [m] over the whole raster."""
+    (width, height), size = cell, raster.cell_size
+    return math.ceil(raster.rows * size[1] / height - 1e-9), math.ceil(raster.columns * size[0] / width - 1e-9)
+
+
+def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> RasterSums:
+    """Columns over the cells of the raster under columns ``found`` on the lattice of ``cell`` [m]."""
+    sums = np.stack([found.volume, found.mass, *np.moveaxis(found.momentum, -1, 0)])
+    row, column, shared = shared_by_area(sums, (found.row, found.column), raster, cell)
+    return RasterSums(shared[0], shared[1], np.moveaxis(shared[2:], 0, -1), row, column)
+
+
+def shared_by_area(
+    sums: np.ndarray, first: tuple[int, int], raster: Raster, cell: tuple[float, float]
+) -> tuple[int, int, np.ndarray]:
+    """First row and column of the raster, and shares (lanes, rows, columns) in its cells, of ``sums`` on the lattice of ``cell``.
+
+    ``sums`` (lanes, rows, columns) has its first row and column, from the south and the west, at ``first``.
+    """
+    (north, east), size, (_, rows, columns) = first, raster.cell_size, sums.shape
+    column, *across = _shares(east, columns, cell[0], size[0], raster.columns)
+    south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
+    found = np.empty((len(sums), len(along[0]), len(across[0])))
+    loops().share(np.ascontiguousarray(sums), *along, *across, found)
+    return raster.rows - south - found.shape[1], column, np.ascontiguousarray(found[:, ::-1])
 
 
 def on_whole(found: RasterSums, raster: Raster) -> RasterSums:
@@ -123,21 +161,28 @@ def columns_of(scene: Scene, particles: Particles, particle_volume: float) -> Ra
     """Columns over all cells of the raster in plain NumPy, for the reference backend."""
     raster = scene.raster
     if not apply_to(scene):
-        sums = _box_sums(scene, particles, Lattice((0, 0), (raster.columns, raster.rows), raster.cell_size))
-        return RasterSums(sums[..., 0], sums[..., 1], sums[..., 2:])
+        sums = _box_sums(scene, particles, Lattice((0, 0), (raster.columns, raster.rows), raster.cell_size))[:, ::-1]
+        return RasterSums(sums[0], sums[4], np.moveaxis(sums[1:4], 0, -1))
     if not len(particles):
         return on_whole(nothing(), raster)
+    return on_whole(on_raster(lattice_columns(scene, particles, particle_volume), raster, lattice_cell(scene)), raster)
+
+
+def lattice_columns(scene: Scene, particles: Particles, particle_volume: float) -> RasterSums:
+    """Columns over the cells of the lattice that the particles reach, in plain NumPy."""
+    if not len(particles):
+        return nothing()
     node = particles.node[:, :2]
     lattice = Lattice.around(scene, node.min(axis=0), node.max(axis=0) + 2)
-    return on_whole(on_raster(_box_sums(scene, particles, lattice), lattice, raster, particle_volume), raster)
+    return spread(_box_sums(scene, particles, lattice), lattice, scene.raster, particle_volume)
 
 
 def _box_sums(scene: Scene, particles: Particles, lattice: Lattice) -> np.ndarray:
-    """Volume, mass and momentum (rows from the north, columns, 5) in cells of a lattice; a particle is a box of a grid cell."""
+    """Volume, momentum (3) and mass (5, rows from the south, columns) on a lattice; a particle is a box of a grid cell."""
     p, x = particles, particles.position(np.array(scene.spacing))[:, :2] - np.multiply(lattice.first, lattice.cell)
     across, along = (_box_shares(x[:, d], scene.spacing[d], lattice.cell[d], lattice.shape[d]) for d in (0, 1))
     volume = p.mass / np.array([m.density for m in scene.materials])[p.release]
-    return np.stack([along[:, ::-1].T @ (v[:, None] * across) for v in (volume, p.mass, *(p.mass * p.velocity.T))], axis=-1)
+    return np.stack([along.T @ (v[:, None] * across) for v in (volume, *(p.mass * p.velocity.T), p.mass)])
 
 
 def _box_shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndarray:
@@ -145,35 +190,6 @@ def _box_shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndar
     edges = np.array([-np.inf, *(cell * np.arange(1, count)), np.inf])
     covered = np.minimum(x[:, None] + 0.5 * width, edges[1:]) - np.maximum(x[:, None] - 0.5 * width, edges[:-1])
     return np.maximum(covered, 0.0) / width  # type: ignore[no-any-return]
-
-
-def _spread(sums: np.ndarray, particle_volume: float) -> np.ndarray:
-    """Sums (rows, columns, 5) on the lattice with every mass over the footprint that the particles around it need."""
-    one, covered, span = particle_volume / HALVES**2, np.ones(sums.shape[:2]), np.empty((len(sums), 2), np.int64)
-    volume = np.ascontiguousarray(sums[..., :1])
-    loops().find_spans(volume[..., 0], REACH, span)
-    extent = _smoothed(volume, span, one, EXTENT, covered)[..., 0]
-    loops().cover(extent, span, one, covered)
-    return _smoothed(sums, span, one, DEPTH, covered)
-
-
-def _smoothed(sums: np.ndarray, span: np.ndarray, one: float, footprint: Footprint, covered: np.ndarray) -> np.ndarray:
-    """Sums (rows, columns, lanes) over footprints, inside the part of each cell that is ``covered`` (rows, columns).
-
-    All mass lies :data:`REACH` cells or more inside the ``span`` (rows, 2) of columns of each row.
-    """
-    rows, columns, lanes = sums.shape
-    around, total, part = np.zeros((rows, columns)), np.zeros_like(sums), np.empty_like(sums)
-    weights = (one, footprint.sharing, footprint.areas)
-    loops().smooth(np.ascontiguousarray(sums[..., 0]), span, 1, max(footprint.widths), around)
-    for n, width in enumerate(footprint.widths, 1):
-        mean = np.zeros((rows, columns))
-        loops().smooth(covered, span, 1, width, mean)
-        loops().take(sums, span, around, mean, *weights, n, part)
-        loops().smooth(part.reshape(rows, -1), span, lanes, width, total.reshape(rows, -1))
-    loops().take(sums, span, around, covered, *weights, 0, part)
-    loops().confine(part, span, covered, total)
-    return total
 
 
 def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tuple[int, np.ndarray, np.ndarray]:
@@ -193,12 +209,16 @@ def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tup
     return low, base - first, part
 
 
-def _inside(values: np.ndarray, first: int, count: int) -> tuple[int, np.ndarray]:
-    """First cell and values (n, ...) of a lattice of ``count`` cells; values beyond its ends are mirrored."""
-    place = np.arange(first, first + len(values))
+def _inside(values: np.ndarray, axis: int, first: int, count: int) -> tuple[int, np.ndarray]:
+    """First cell and values (n along ``axis``) of a lattice of ``count`` cells; values beyond its ends are mirrored."""
+    place = np.arange(first, first + values.shape[axis])
     if place[0] >= 0 and place[-1] < count:
         return first, values
+    inside = (place >= 0) & (place < count)
     place = np.where(place < 0, -1 - place, np.where(place >= count, 2 * count - 1 - place, place)).clip(0, count - 1)
-    folded = np.zeros((np.ptp(place) + 1, *values.shape[1:]))
-    np.add.at(folded, place - place.min(), values)
-    return int(place.min()), folded
+    turned, low = np.moveaxis(values, axis, 0), int(place.min())
+    folded = np.zeros((int(np.ptp(place)) + 1, *turned.shape[1:]))
+    folded[place[inside] - low] = turned[inside]
+    for k in np.flatnonzero(~inside):
+        folded[place[k] - low] += turned[k]
+    return low, np.ascontiguousarray(np.moveaxis(folded, 0, axis))

@@ -1,7 +1,7 @@
 """Interface of all backends; only :func:`get_backend` imports them."""
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Protocol, runtime_checkable
@@ -71,6 +71,10 @@ class Backend(Protocol):
     def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Load a scene and its particles, a chunk at a time."""
 
+    @property
+    def max_speed(self) -> float:
+        """Largest speed [m/s] of any particle after the last step."""
+
     def stable_step(self) -> float:
         """Largest admissible time step [s] from the acoustic and the particle limit."""
 
@@ -91,8 +95,14 @@ class Backend(Protocol):
 class BatchBackend(Protocol):
     """A backend that makes several steps without the host. This saves time if a launch costs as much as a step."""
 
-    def steps(self, dt: float, count: int) -> None:
-        """``count`` explicit steps of ``dt`` [s]."""
+    def steps(
+        self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None
+    ) -> None:
+        """``count`` explicit steps of ``dt`` [s].
+
+        After the steps that ``looks`` names, from 1 on, ``take`` gets the number of the step and its columns: those of
+        :meth:`WindowBackend.lattice_columns` if the scene needs footprints, else those of :meth:`WindowBackend.flow_columns`.
+        """
 
 
 @runtime_checkable
@@ -101,6 +111,9 @@ class WindowBackend(Protocol):
 
     def flow_columns(self) -> RasterSums:
         """The sums of :meth:`Backend.columns`, bit by bit, over a window of the raster that holds all mass."""
+
+    def lattice_columns(self) -> RasterSums:
+        """The same sums over a window of the lattice of :mod:`runout.backends.footprints`; its row 0 is the southernmost."""
 
 
 @runtime_checkable
@@ -120,8 +133,11 @@ class SceneBatch(Protocol):
     def stable_step(self, s: int, /) -> float:
         """Largest admissible time step [s]."""
 
-    def advance(self, dt: Sequence[float], count: Sequence[int]) -> None:
-        """``count[s]`` steps of ``dt[s]`` [s]."""
+    def advance(
+        self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None,
+        take: Callable[[int, int, RasterSums], None] | None = None,
+    ) -> None:  # fmt: skip
+        """``count[s]`` steps of ``dt[s]`` [s]; ``take`` gets scene, step and columns, as of :meth:`BatchBackend.steps`."""
 
     def leave(self, scenes: Sequence[int]) -> None:
         """Remove these scenes from the batch; they have ended."""
@@ -140,6 +156,12 @@ class SceneBatch(Protocol):
 
     def flow_columns_of(self, s: int, /) -> RasterSums:
         """As :meth:`WindowBackend.flow_columns`."""
+
+    def lattice_columns_of(self, s: int, /) -> RasterSums:
+        """As :meth:`WindowBackend.lattice_columns`."""
+
+    def max_speed_of(self, s: int, /) -> float:
+        """As :attr:`Backend.max_speed`."""
 
     def look_at(self, scenes: Sequence[int]) -> None:
         """Announce that the columns of these scenes will be read before the next step, so that the device is waited for once."""

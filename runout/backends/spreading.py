@@ -1,107 +1,234 @@
-"""Loops over the cells of a plan lattice and of the raster; the binding compiles them, in parallel over rows.
+"""Loops over the cells of a plan lattice and of the raster; the binding compiles them, in parallel over bands of rows.
 
-Rows are independent of each other and sums have one order, so that bits do not depend on threads. They hold no formula.
+Bands are independent of each other and sums have one order, so that bits do not depend on threads. They hold no formula.
+
+Footprints have widths of 3, 5 and 9 cells. A mean over a square is a sum along the row and one across the rows, over all cells of
+a band in one loop: the band is stored row behind row, with :data:`MARGIN` empty columns, so that a sum which passes the end of a
+row finds nothing there. Each loop leaves out as many cells at both ends of the band as it reads beyond.
 """
 
 from typing import Any
 
 import numpy as np
 
+from runout.physics.flow_columns import column_speed, dynamic_pressure, time_of_passing
 from runout.physics.numerical_scales import covered_part, footprint_area, part_beyond
 
 prange = range  # that of the compiler takes its place
+BAND = 64  # rows of the lattice that a thread spreads at once
+HALO = 13  # rows around a band that its footprints depend on: 4 of mass, 4 of the covered part, 4 of the extent, and one
+REACH = 4  # cells that a mass spreads at most
+MARGIN = 6  # empty columns on either side of a band, so that no footprint reaches from one row into the next
 
 
-def find_spans(volume: Any, margin: int, span: Any):
-    """Find the columns ``span`` (rows, 2), first and one past the last, that lie within ``margin`` cells of any ``volume``."""
-    rows, columns = volume.shape
-    for i in prange(rows):
-        first, last = columns, 0
-        for k in range(max(i - margin, 0), min(i + margin + 1, rows)):
-            for j in range(columns):
-                if volume[k, j] != 0.0:
-                    first, last = min(first, j), max(last, j + 1)
-        span[i, 0] = max(min(first, last) - margin, 0)
-        span[i, 1] = min(last + margin, columns)
-        if last == 0:
-            span[i, 1] = span[i, 0]
+def _three(x: Any, step: Any, first: Any, last: Any, y: Any):
+    """Sums of three cells, ``step`` apart, from the cell ``first`` to ``last``."""
+    for j in range(first, last):
+        y[j] = x[j - step] + x[j] + x[j + step]
 
 
-def smooth(values: Any, span: Any, lanes: int, width: int, total: Any):
-    """Add to ``total`` (rows, columns lanes) the means of ``values`` over squares of ``width`` cells.
+def _five(x: Any, step: Any, first: Any, last: Any, y: Any):
+    """Sums of five cells."""
+    two = step + step
+    for j in range(first, last):
+        y[j] = (x[j - two] + x[j - step]) + x[j] + (x[j + step] + x[j + two])
 
-    What lies beyond the ``span`` of columns of a row counts as nothing.
+
+def _three_parts(x: Any, scale: Any, first: Any, last: Any, y: Any):
+    """Sums of the parts ``scale`` of three cells in a row."""
+    by = np.uint64(1)
+    for j in range(first, last):
+        y[j] = scale[j - by] * x[j - by] + scale[j] * x[j] + scale[j + by] * x[j + by]
+
+
+def _five_parts(x: Any, scale: Any, first: Any, last: Any, y: Any):
+    """Sums of the parts ``scale`` of five cells in a row."""
+    by, two = np.uint64(1), np.uint64(2)
+    for j in range(first, last):
+        outer, inner = scale[j - two] * x[j - two] + scale[j - by] * x[j - by], scale[j] * x[j]
+        y[j] = outer + inner + (scale[j + by] * x[j + by] + scale[j + two] * x[j + two])
+
+
+def _columns_with_mass(volume: Any, south: int, north: int):
+    """First column with any ``volume`` between two rows, and one past the last."""
+    first, last = volume.shape[1], 0
+    for i in range(max(south, 0), min(north, volume.shape[0])):
+        for j in range(first):
+            if volume[i, j] != 0.0:
+                first = j
+                break
+        for j in range(volume.shape[1], last, -1):
+            if volume[i, j - 1] != 0.0:
+                last = j
+                break
+    return first, last
+
+
+def _fill(values: Any, south: int, west: int, columns: int, band: Any):
+    """Copy the part of ``values`` (rows, columns) from a row and column on to a band with so many columns; nothing beyond."""
+    rows = len(band) // columns
+    for i in range(rows):
+        k = south + i
+        for j in range(columns):
+            band[i * columns + j] = 0.0
+        if 0 <= k < values.shape[0]:
+            for j in range(max(0, -west), min(columns, values.shape[1] - west)):
+                band[i * columns + j] = values[k, west + j]
+
+
+def find_extent(v: Any, one: float, sharing: float, areas: Any, columns: int, work: Any, covered: Any):
+    """Part of each cell of a band that the flow covers: its volume ``v`` over narrow footprints. ``work`` holds five bands."""
+    m, n = np.uint64(columns), np.uint64(len(v))
+    row, around, narrow, wide, share = work[0], work[1], work[2], work[3], 1.0 / 25.0
+    a = np.uint64(2)
+    _five(v, np.uint64(1), a, n - a, row)
+    a += np.uint64(2) * m
+    _five(row, m, a, n - a, around)
+    for j in range(a, n - a):
+        area = footprint_area(share * around[j] / one, sharing, areas[2])
+        beyond = part_beyond(area, areas[1], areas[2])
+        within = part_beyond(area, areas[0], areas[1])
+        around[j] = (1.0 - within) * v[j]
+        narrow[j] = (within - beyond) * v[j] / 9.0
+        wide[j] = share * beyond * v[j]
+    a += np.uint64(2)
+    _three(narrow, np.uint64(1), a, n - a, row)
+    _five(wide, np.uint64(1), a, n - a, narrow)
+    a += np.uint64(2) * m
+    two = m + m
+    for j in range(a, n - a):
+        three = row[j - m] + row[j] + row[j + m]
+        five = (narrow[j - two] + narrow[j - m]) + narrow[j] + (narrow[j + m] + narrow[j + two])
+        covered[j] = covered_part(around[j] + three + five, one)
+
+
+def find_scales(v: Any, one: float, sharing: float, areas: Any, columns: int, covered: Any, work: Any, scales: Any):
+    """Parts of the mass of each cell of a band that get each of four footprints, over the covered part of these (4, cells)."""
+    m, n, by = np.uint64(columns), np.uint64(len(v)), np.uint64(1)
+    row, around, three, five, nine = work[0], work[1], work[2], work[3], work[4]
+    a = np.uint64(4)
+    _three(v, by, a - np.uint64(3), n - a + np.uint64(3), row)
+    _three(row, np.uint64(3), a, n - a, five)
+    _three(five, m, a + m, n - a - m, around)  # of columns: nine in a row, three across
+    a += np.uint64(4) * m
+    _three(covered, by, a + by, n - a - by, three)
+    _five(covered, by, a + by + by, n - a - by - by, five)
+    a += np.uint64(4)
+    _three(three, np.uint64(3), a, n - a, row)
+    _three(row, m, a + m, n - a - m, nine)
+    a += np.uint64(4) * m
+    above, two = np.uint64(3) * m, m + m
+    for j in range(a, n - a):
+        volume = (around[j - above] + around[j] + around[j + above]) / 81.0
+        area = footprint_area(volume / one, sharing, areas[3])
+        first = part_beyond(area, areas[0], areas[1])
+        second = part_beyond(area, areas[1], areas[2])
+        third = part_beyond(area, areas[2], areas[3])
+        in_three = three[j - m] + three[j] + three[j + m]
+        in_five = (five[j - two] + five[j - m]) + five[j] + (five[j + m] + five[j + two])
+        in_nine = nine[j - above] + nine[j] + nine[j + above]
+        scales[0, j] = 1.0 - first  # where no mass is, nothing may be covered
+        scales[1, j] = (first - second) / max(in_three, 1e-300)
+        scales[2, j] = (second - third) / max(in_five, 1e-300)
+        scales[3, j] = third / max(in_nine, 1e-300)
+
+
+def smooth_band(x: Any, scales: Any, columns: int, covered: Any, work: Any, total: Any):
+    """Sums ``x`` of a band over the footprints that the ``scales`` (4, cells) tell, within the covered part of each cell."""
+    m, n, by = np.uint64(columns), np.uint64(len(x)), np.uint64(1)
+    part, three, five, nine, row = work[0], work[1], work[2], work[3], work[4]
+    o, two, above = np.uint64(8) * m + np.uint64(8), m + m, np.uint64(3) * m
+    a = o + np.uint64(4)
+    _three_parts(x, scales[1], a, n - a, three)
+    _five_parts(x, scales[2], a, n - a, five)
+    _three_parts(x, scales[3], o + by, n - o - by, row)
+    _three(row, np.uint64(3), a, n - a, part)
+    _three(part, m, a + m, n - a - m, nine)
+    a += np.uint64(4) * m
+    for j in range(a, n - a):
+        in_three = three[j - m] + three[j] + three[j + m]
+        in_five = (five[j - two] + five[j - m]) + five[j] + (five[j + m] + five[j + two])
+        in_nine = nine[j - above] + nine[j] + nine[j + above]
+        total[j] = covered[j] * (in_three + in_five + in_nine) + scales[0, j] * x[j]
+
+
+def spread_band(sums: Any, one: float, sharing: Any, areas: Any, first: int, spread: Any):
+    """Write the rows of a band, from ``first`` on, of ``spread`` (lanes, rows, columns): see :func:`spread_bands`."""
+    lanes, rows, columns = sums.shape
+    end = min(first + BAND, rows)
+    low, high = _columns_with_mass(sums[0], first - HALO, end + HALO)
+    for k in range(lanes):
+        spread[k, first:end] = 0.0
+    if low >= high:
+        return
+    west, m, n = low - MARGIN, high - low + 2 * MARGIN, end - first + 2 * HALO
+    x, covered, total = np.empty(n * m), np.empty(n * m), np.empty(n * m)
+    work, scales = np.empty((5, n * m)), np.empty((4, n * m))
+    _fill(sums[0], first - HALO, west, m, x)
+    find_extent(x, one, sharing[0], areas[0], m, work, covered)
+    find_scales(x, one, sharing[1], areas[1], m, covered, work, scales)
+    for k in range(lanes):
+        if k > 0:
+            _fill(sums[k], first - HALO, west, m, x)
+        smooth_band(x, scales, m, covered, work, total)
+        for i in range(first, end):
+            for j in range(max(low - REACH, 0), min(high + REACH, columns)):
+                spread[k, i, j] = total[(i - first + HALO) * m + j - west]
+
+
+def spread_bands(sums: Any, one: float, sharing: Any, areas: Any, spread: Any):
+    """Bring ``sums`` (lanes, rows, columns) on a lattice to ``spread``, each mass over the footprint that the volume around needs.
+
+    The first lane is volume, ``one`` that of a particle a cell [m3]. ``sharing`` (2,) particles share each place of the extent and
+    of the thickness; ``areas`` (2, 4) are those of the box and of the footprints [grid cells].
     """
-    rows, size = values.shape
-    reach, share = width // 2, 1.0 / (width * width)
-    for i in prange(rows):
-        first, last = span[i, 0] * lanes, span[i, 1] * lanes
-        if first < last:
-            column = np.zeros(size)
-            for k in range(max(i - reach, 0), min(i + reach + 1, rows)):
-                for j in range(span[k, 0] * lanes, span[k, 1] * lanes):
-                    column[j] += share * values[k, j]
-            for s in range(-reach, reach + 1):
-                for j in range(max(first, -s * lanes), min(last, size - s * lanes)):
-                    total[i, j] += column[j + s * lanes]
-
-
-def take(sums: Any, span: Any, around: Any, covered: Any, one: float, sharing: float, areas: Any, n: int, part: Any):
-    """Take the ``part`` (rows, columns, lanes) of ``sums`` that gets footprints of the area ``areas[n]`` [grid cells].
-
-    ``around`` (rows, columns) is the mean volume over cells near each, ``one`` that of one particle a grid cell [m3]; ``covered``
-    the mean of the part that the flow covers over that area, on which alone the mass will lie.
-    """
-    for i in prange(sums.shape[0]):
-        for j in range(span[i, 0], span[i, 1]):
-            scale = 0.0
-            if around[i, j] > 0.0:
-                area = footprint_area(around[i, j] / one, sharing, areas[-1])
-                scale = 1.0
-                if n > 0:
-                    scale = part_beyond(area, areas[n - 1], areas[n])
-                if n + 1 < len(areas):
-                    scale -= part_beyond(area, areas[n], areas[n + 1])
-                if n > 0 and scale > 0.0:  # where no mass is, nothing may be covered
-                    scale /= max(covered[i, j], 1e-300)
-            for k in range(sums.shape[2]):
-                part[i, j, k] = scale * sums[i, j, k]
-
-
-def cover(volume: Any, span: Any, one: float, covered: Any):
-    """Part of each cell that the flow covers, ``covered`` (rows, columns), from the ``volume`` of narrow footprints in it [m3]."""
-    for i in prange(volume.shape[0]):
-        for j in range(span[i, 0], span[i, 1]):
-            covered[i, j] = covered_part(volume[i, j], one)
-
-
-def confine(rest: Any, span: Any, covered: Any, total: Any):
-    """Keep the part of ``total`` (rows, columns, lanes) in cells that the flow covers, and add the ``rest``."""
-    for i in prange(total.shape[0]):
-        for j in range(span[i, 0], span[i, 1]):
-            for k in range(total.shape[2]):
-                total[i, j, k] = covered[i, j] * total[i, j, k] + rest[i, j, k]
+    for band in prange((sums.shape[1] + BAND - 1) // BAND):
+        spread_band(sums, one, sharing, areas, BAND * band, spread)
 
 
 def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, shared: Any):
-    """Bring ``sums`` (rows, columns, 5) of a lattice to the cells of a raster, ``shared`` (rows, columns, 5).
+    """Bring ``sums`` (lanes, rows, columns) of a lattice to the cells of a raster, ``shared`` (lanes, rows, columns).
 
     ``row`` (rows,) is the first row of the lattice under each row of the raster and ``row_part`` (rows, n) its parts that lie in
     it; ``column`` and ``column_part`` likewise.
     """
-    for i in prange(shared.shape[0]):
-        across = np.zeros((sums.shape[1], 5))
-        for a in range(row_part.shape[1]):
-            part = row_part[i, a]
-            if part > 0.0:
-                for j in range(sums.shape[1]):
-                    for k in range(5):
-                        across[j, k] += part * sums[row[i] + a, j, k]
-        for j in range(shared.shape[1]):
-            for k in range(5):
-                shared[i, j, k] = 0.0
-            for a in range(column_part.shape[1]):
-                part = column_part[j, a]
+    for i in prange(shared.shape[1]):
+        across = np.empty(sums.shape[2])
+        for k in range(sums.shape[0]):
+            across[:] = 0.0
+            for a in range(row_part.shape[1]):
+                part = row_part[i, a]
                 if part > 0.0:
-                    for k in range(5):
-                        shared[i, j, k] += part * across[column[j] + a, k]
+                    for j in range(sums.shape[2]):
+                        across[j] += part * sums[k, row[i] + a, j]
+            for j in range(shared.shape[2]):
+                total = 0.0
+                for a in range(column_part.shape[1]):
+                    if column_part[j, a] > 0.0:
+                        total += column_part[j, a] * across[column[j] + a]
+                shared[k, i, j] = total
+
+
+def take_peaks(
+    volume: Any, mass: Any, momentum: Any, corner: Any, area: float, threshold: float, times: Any, thickness: Any, peaks: Any,
+    arrival: Any,
+):  # fmt: skip
+    """Raise the ``peaks`` (3, rows, columns), thickness, speed and pressure, to those of a window of columns, from ``corner`` on.
+
+    ``thickness`` (rows, columns) is that of the look before, and becomes that of this one; ``times`` (2,) are those of both. Cells
+    of ``area`` [m2] count from a ``threshold`` [m] on, and get the time of ``arrival`` at which the thickness passed it.
+    """
+    for i in prange(volume.shape[0]):
+        r = corner[0] + i
+        for j in range(volume.shape[1]):
+            c = corner[1] + j
+            before, depth = thickness[r, c], volume[i, j] / area
+            thickness[r, c] = depth
+            if depth > peaks[0, r, c]:
+                peaks[0, r, c] = depth
+            if depth >= threshold and depth > 0.0:
+                speed = column_speed(mass[i, j], momentum[0, i, j], momentum[1, i, j], momentum[2, i, j])
+                peaks[1, r, c] = max(peaks[1, r, c], speed)
+                peaks[2, r, c] = max(peaks[2, r, c], dynamic_pressure(mass[i, j], volume[i, j], speed))
+                if np.isnan(arrival[r, c]):
+                    arrival[r, c] = time_of_passing(threshold, min(before, threshold), depth, times[0], times[1])

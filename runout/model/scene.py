@@ -149,8 +149,8 @@ class Scene:
 
     @property
     def observed_length(self) -> float:
-        """Length [m] that maps tell apart between two observations: a cell of the raster, or half a grid cell if that is longer."""
-        return max(min(self.raster.cell_size), 0.5 * min(self.spacing[:2]))
+        """Length [m] that maps tell apart between two observations: a cell of the grid, or of the raster if that is longer."""
+        return max(min(self.raster.cell_size), min(self.spacing[:2]))
 
     @cached_property
     def ground(self) -> NodalSurface | None:

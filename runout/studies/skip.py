@@ -55,7 +55,7 @@ class Switch:
 
 SWITCHES = (
     Switch("crop", {"crop": False}, True, "observe only the cells under the flow / the whole raster"),
-    Switch("cadence", {"crossing": 0.0}, False, "observe as the flow crosses half a cell / after every step"),
+    Switch("cadence", {"crossing": 0.0}, False, "observe as the flow crosses half a grid cell / after every step"),
     Switch("stop rule", {"stop": False}, False, "stop at rest / go on to the end time", "resting"),
     *(
         Switch(f"sleep {speed:g}, {scene}", {}, False, f"rest below {speed:g} m/s / move all", scene, {"sleep_speed": speed})
@@ -82,7 +82,7 @@ def follow(scene: Scene, particles: Particles, control: RunControl) -> Outcome:
     started, wall = time.process_time(), time.perf_counter()
     run.go()
     seconds, wall = time.process_time() - started, time.perf_counter() - wall
-    return Outcome(run.peaks.maps(), seconds, run.observing / wall, run.engine.counters.steps, len(run.ledger.time))
+    return Outcome(run.peaks.maps(), seconds, run.observing / wall, run.engine.counters.steps, run.peaks.looks)
 
 
 def compared(scene: Scene, particles: Particles, control: RunControl, switch: Switch, repeats: int) -> dict[str, Any]:

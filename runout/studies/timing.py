@@ -64,7 +64,7 @@ class TimedRun:
         self.n = len(particles)
         self.engine = engine_of(self.case)
         self.engine.load(scene, particles)
-        self.peaks, self.ledger, self.now = PeakMaps(scene.raster, 0.1), Ledger(), 0.0
+        self.peaks, self.ledger, self.now = PeakMaps(scene, 0.1), Ledger(), 0.0
         self.dt = STEP_SHARE * self.engine.stable_step()
         crossing = CROSSING * scene.observed_length / self.engine.ledger().max_speed
         self.steps = max(1, math.floor(crossing / self.dt))

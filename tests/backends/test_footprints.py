@@ -1,5 +1,6 @@
 """Footprints on rasters finer than the grid: mass exact, no holes between particles that have moved apart, bits that repeat."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scenes import ROCK, at, engine_of, loaded, scene
 from test_columns import overlaps
 
-from runout.backends.footprints import DEPTH, EXTENT, apply_to
+from runout.backends.footprints import AREAS, DEPTH, EXTENT, SHARING, apply_to, lattice_cell, loops, on_raster, on_whole
 from runout.model.scene import Raster
 from runout.physics.numerical_scales import footprint_area
 
@@ -78,6 +79,60 @@ def test_window_of_the_flow_holds_the_bits_of_the_whole(name):
     whole, window = engine.columns(), engine.flow_columns()
     assert (whole.mass[window.window] == window.mass).all()
     assert whole.mass.sum() == pytest.approx(window.mass.sum(), rel=1e-15)
+
+
+@pytest.mark.parametrize("edge", [0.0, 30.0])
+def test_sums_on_the_lattice_brought_to_the_raster_are_those_of_the_raster(backend, edge):
+    """In the middle, and where footprints hang over two edges of the raster."""
+    p, a = sheet(0.9), scene(spacing=COARSE)
+    p.node[:, :2] -= round(edge / 6.0)
+    engine = loaded(backend, a, p)
+    whole, found = engine.columns(), engine.lattice_columns()
+    assert found.mass.sum() == pytest.approx(p.mass.sum(), rel=1e-13)
+    assert found.row >= 0
+    assert found.column >= 0
+    shared = on_whole(on_raster(found, a.raster, lattice_cell(a)), a.raster)
+    np.testing.assert_allclose(shared.momentum, whole.momentum, rtol=0, atol=1e-9 * np.abs(whole.momentum).max())
+
+
+def mean_over_squares(values, width):
+    """Means over squares of ``width`` cells; nothing lies beyond the array."""
+    padded = np.pad(values, width // 2)
+    return sum(np.roll(padded, (i, j), (0, 1)) for i in range(width) for j in range(width))[width - 1 :, width - 1 :] / width**2
+
+
+def spread_plainly(sums, one):
+    """What the compiled loops of a band make of ``sums``, in whole arrays, as docs/guide/maps.md states it."""
+    covered = np.ones(sums.shape[1:])
+    for footprint in (EXTENT, DEPTH):
+        widths, areas = (1, *footprint.widths), footprint.areas
+        around = mean_over_squares(sums[0], widths[-1])
+        area = np.clip(footprint.sharing * one / np.maximum(around, 1e-300), 1.0, areas[-1])
+        beyond = [
+            np.ones_like(area),
+            *(np.clip((area - a) / (b - a), 0.0, 1.0) for a, b in itertools.pairwise(areas)),
+            0.0,
+        ]
+        total = (beyond[0] - beyond[1]) * sums
+        for n, width in enumerate(widths[1:], 1):
+            part = (beyond[n] - beyond[n + 1]) * sums / np.maximum(mean_over_squares(covered, width), 1e-300)
+            total = total + covered * np.array([mean_over_squares(lane, width) for lane in part])
+        if footprint is EXTENT:
+            covered = np.minimum(4.0 * total[0] / one, 1.0)
+    return total
+
+
+def test_bands_of_rows_spread_as_whole_arrays_do():
+    """A mound of few particles over four bands: deep in its middle, scattered at its rim."""
+    rng = np.random.default_rng(5)
+    y, x = np.mgrid[:170, :90]
+    count = rng.poisson(3.0 * np.maximum(0.0, 1.0 - ((x - 45) / 32) ** 2 - ((y - 85) / 75) ** 2))
+    boxes = mean_over_squares(count.astype(float), 3)
+    sums = np.array([2.0 * boxes, *(boxes * rng.normal(size=(3, *boxes.shape)))])
+    found = np.empty_like(sums)
+    loops().spread_bands(sums, 0.5, SHARING, AREAS, found)
+    np.testing.assert_allclose(found, spread_plainly(sums, 0.5), rtol=0, atol=1e-13 * sums.max())
+    assert found[0].sum() == pytest.approx(sums[0].sum(), rel=1e-13)
 
 
 def test_sums_have_the_same_bits_for_any_number_of_threads():

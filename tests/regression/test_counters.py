@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from runout.backends.protocol import get_backend
+from runout.model.scene import Raster
+from runout.run import Run, RunControl
 from runout.studies.sloping_layer import MARGIN, SPACING, Layer
 from runout.studies.timing import memory_of
 
@@ -25,6 +27,8 @@ ACCELERATION = 9.81 * np.cos(np.radians(20)) * (np.sin(np.radians(20)) - np.tan(
 LARGEST_REBUILDS = 2  # particles cross about 2.5 cells, and the margin lets them cross two
 PARTICLE_BYTES = 190  # of all arrays, beside 64 an active node; 178 now, and 220 is what the design allows
 THIN_PARTICLE_BYTES = 220  # of a layer of two cells, where blocks hold few particles
+LARGEST_LOOKS, LARGEST_ROWS = 340, 170  # observations of a run of the scene, and rows of its ledger
+LARGEST_LATTICE = 4.5  # cells of the lattice that an observation touches over those of the grid: four, and a rim
 STEP_BYTES = 6_000  # that Python itself holds in a step: frames and numbers
 
 
@@ -78,6 +82,26 @@ def test_blocks_and_bytes_do_not_grow_with_the_distance_between_two_bodies():
     near, far = (loaded(replace(LAYER, sparsity=s, aligned=True)) for s in (4.0, 400.0))
     assert far.ledger().active_blocks <= 1.05 * near.ledger().active_blocks
     assert memory_of(far, N)["bytes"] <= 1.05 * memory_of(near, N)["bytes"]
+
+
+def observed(finer):
+    """Looks of 4 s of the pinned scene, cells that each touched, and rows of the ledger; the raster is so many times finer."""
+    scene, particles = LAYER.build()
+    whole = scene.raster
+    raster = Raster(finer * whole.rows, finer * whole.columns, (SPACING / finer, SPACING / finer))
+    control = RunControl(4.0, stop=False, crossing=0.03)  # of a slow layer: as many looks as of a fast flow
+    run = Run(get_backend("scan", "cpu", 1), replace(scene, raster=raster), control, None, None)
+    run.start(particles)
+    run.go()
+    return run.peaks.looks, run.peaks.cells / run.peaks.looks, len(run.ledger.time)
+
+
+def test_what_an_observation_touches_does_not_follow_the_raster():
+    """The ledger has a row every 200th of the time, whatever the looks."""
+    own, four_times, eight_times = observed(1), observed(4), observed(8)
+    assert own[0] == four_times[0] == eight_times[0] <= LARGEST_LOOKS
+    assert own[2] <= LARGEST_ROWS < own[0]
+    assert four_times[1] == eight_times[1] <= LARGEST_LATTICE * own[1]
 
 
 def test_bytes_stay_within_their_limit():

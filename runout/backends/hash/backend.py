@@ -1,5 +1,7 @@
 """The GPU backend of :mod:`runout.backends.protocol`: a batch of one scene."""
 
+from collections.abc import Callable, Sequence
+
 import warp as wp
 
 from runout.backends.hash.batch import Batch
@@ -43,9 +45,11 @@ class HashBackend(Batch):
         """One explicit step of ``dt`` [s]."""
         self.advance([dt], [1])
 
-    def steps(self, dt: float, count: int) -> None:
+    def steps(
+        self, dt: float, count: int, looks: Sequence[int] = (), take: Callable[[int, RasterSums], None] | None = None
+    ) -> None:
         """``count`` explicit steps of ``dt`` [s]; the host looks in only when particles are sorted or the index must grow."""
-        self.advance([dt], [count])
+        self.advance([dt], [count], {0: looks}, (lambda _, step, columns: take(step, columns)) if take else None)
 
     def checkpoint(self) -> State:
         """The state between two steps, for :meth:`restore`."""
@@ -70,6 +74,15 @@ class HashBackend(Batch):
     def flow_columns(self) -> RasterSums:
         """The same over a window of cells that holds all mass."""
         return self.flow_columns_of(0)
+
+    def lattice_columns(self) -> RasterSums:
+        """The same on the lattice of footprints."""
+        return self.lattice_columns_of(0)
+
+    @property
+    def max_speed(self) -> float:
+        """Largest speed [m/s] of any particle."""
+        return self.max_speed_of(0)
 
 
 def bytes_needed(

@@ -5,13 +5,14 @@ so that one index serves all; and its own terrain, materials, friction, time ste
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
 
+from runout.backends import footprints
 from runout.backends.hash import gradient_transfer, readback, sort, step
 from runout.backends.hash.device_status import DeviceStatus
 from runout.backends.hash.graphs import Graphs
@@ -20,6 +21,7 @@ from runout.backends.hash.index import Index
 from runout.backends.hash.kernels import compiled_kernels
 from runout.backends.hash.layout import FAILED, PENDING, STEPS, UNSTABLE, run
 from runout.backends.hash.loading import Loaded
+from runout.backends.hash.looks import Looks, Take
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.scenes import SceneArrays
 from runout.backends.hash.validation import require_alike
@@ -63,7 +65,7 @@ class Batch:
         kernels = compiled_kernels(given[0].law, given[0].basal.law, given[0].precision, deterministic, *also)
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)
-        self.since_sort, self.sorting = 0, False
+        self.since_sort, self.sorting, self.looks = 0, False, Looks(len(scenes))
         with self._on_device(sum(len(p) for _, p in scenes)):
             self.report = readback.Report(kernels.groups, len(given), self.device.is_cuda)
             loaded = Loaded.of(SceneArrays(given, kernels), [p for _, p in scenes])
@@ -128,9 +130,17 @@ class Batch:
         """Largest admissible time step [s] of a scene."""
         return self.parts.scenes.scenes[scene].stable_step(self.accounts[scene].max_speed)
 
-    def advance(self, dt: Sequence[float], count: Sequence[int]) -> None:
-        """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted."""
+    def advance(
+        self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None, take: Take | None = None
+    ) -> None:
+        """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted.
+
+        ``take`` gets scene, step and columns after the steps that ``looks`` names by scene, from 1 on.
+        """
         started = time.perf_counter()
+        self.looks.begin(looks or {}, take)
+        with self._on_device():
+            self.looks.find_mass(self.parts, self.report, self.accounts, np.asarray(dt, float) * np.asarray(count))
         self.report.forget()
         self._require_stable(dt, count)
         left = np.where(self.present, np.asarray(count, np.int64), 0)
@@ -183,12 +193,15 @@ class Batch:
         parts = self.parts
         if not self.sorting:
             parts.status.flags.zero_()
-        for _ in range(count):
+        for k in range(count):
             self._launch((parts.store.turn, parts.index.launched), lambda: step.enqueue(parts), int(count == 1))
+            self.looks.launch(parts, self.accounts, k + 1, left)
+        self.looks.deliver(parts, self.accounts)
         status = self._settle() if self.sorting else parts.status.read()
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])
         self.counters.steps += done
+        self.looks.made += np.minimum(done, left)
         held = [parts.store.n] if len(self.accounts) == 1 else [a.particles for a in self.accounts]
         self.counters.particle_steps += int(np.minimum(done, left) @ np.array(held))
         self.since_sort += done
@@ -250,9 +263,19 @@ class Batch:
 
     def flow_columns_of(self, scene: int) -> RasterSums:
         """The same over a window of cells that holds all mass."""
+        s = self.parts.scenes.scenes[scene]
+        found = self.lattice_columns_of(scene)
+        return footprints.on_raster(found, s.raster, footprints.lattice_cell(s)) if footprints.apply_to(s) else found
+
+    def lattice_columns_of(self, scene: int) -> RasterSums:
+        """The same of a scene that needs footprints, on their lattice."""
         if scene not in self.report.cached_columns:
             self.look_at([scene])
         return self.report.cached_columns[scene]
+
+    def max_speed_of(self, scene: int) -> float:
+        """Largest speed [m/s] of any particle of a scene."""
+        return self.accounts[scene].max_speed
 
     def look_at(self, scenes: Sequence[int]) -> None:
         """Bring the columns over windows of some scenes at once, for :meth:`flow_columns_of`; the host waits once for all."""

@@ -64,6 +64,7 @@ def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
         scenes, status = parts.scenes, parts.status
         status.peaks.assign(state["peaks"])
         scenes.group.step_counts.assign(state["step_counts"])
+        engine.looks.made[:] = state["step_counts"]
         engine.report.kept.assign(state["kept"])
         scenes.set_steps(np.array([engine.accounts[0].packed_dt]))
         parts.ground = ground_of(scenes, float(state["own.largest"]))

@@ -22,6 +22,8 @@ from runout.backends.hash.layout import (
     AFFINE,
     BLOCKS,
     GONE,
+    GROW,
+    HALT,
     MASS,
     MOMENTUM,
     NEXT,
@@ -257,7 +259,16 @@ def _add_whole(raster: Longs, place: int, value: wp.float64):
     wp.atomic_add(raster, place, wp.int64(wp.round(value)))
 
 
-def add_columns(particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, windows: Table2, scales: Doubles2, raster: Longs):
+def note_step(scenes: SceneGroup, raster: Longs):
+    """Write the steps that each scene has made behind the sums: a look that comes after a halt finds fewer than it should."""
+    s = wp.tid()
+    raster[raster.shape[0] - scenes.step_counts.shape[0] + s] = wp.int64(scenes.step_counts[s])
+
+
+def add_columns(
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, windows: Table2, scales: Doubles2,
+    raster: Longs,
+):  # fmt: skip
     """Add each particle, spread over a plan box of one grid cell, to the window (rows x columns x 5) of its scene.
 
     A window holds all mass. Its row: place in ``raster`` or -1, rows and columns of the whole, first row, first column, columns.
@@ -266,7 +277,7 @@ def add_columns(particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup
     """
     p = wp.tid()
     k = particles.key[p]
-    if k < 0:
+    if status.flags[HALT] == GROW or k < 0:
         return
     s = blocks.member[k >> 6]
     begin = windows[s, 0]

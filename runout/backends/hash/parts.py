@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from runout.backends.hash.device_status import DeviceStatus
 from runout.backends.hash.grid import NodeArrays
 from runout.backends.hash.ground import Ground
+from runout.backends.hash.host_buffers import HostBuffers
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import bytes_of
 from runout.backends.hash.scenes import SceneArrays
@@ -25,6 +26,7 @@ class Parts:
     ground: Ground | None
     store: Store
     index: Index
+    buffers: HostBuffers = field(default_factory=HostBuffers)
     nodes: NodeArrays = field(init=False)
 
     def make_nodes(self) -> None:

@@ -26,7 +26,10 @@ WHOLE = 2.0**62  # sums over columns are whole numbers below this
 KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
 LEDGER_NUMBERS = KEPT + SUMS + 5  # numbers of a scene; the last are blocks with particles and their extent in plan
 NO_BLOCKS = np.array([0, 2**29, 2**29, -(2**29), -(2**29)])
+FASTEST = 1024.0  # [m/s] of a column; sums of momentum have bits that do not depend on when the host last read the speed
 Window: TypeAlias = tuple[int, int, int, int]
+Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
+LANES = [0, 2, 3, 4, 1]  # of sums by column, in the order of footprints: volume, momentum, mass
 REACH = 5  # cells from the first of a block that its particles cover
 
 
@@ -148,37 +151,33 @@ def whole(parts: Parts, report: Report, accounts: Sequence[Account], scene: int)
     """Sums over all cells of a scene's raster."""
     s = parts.scenes.scenes[scene]
     if footprints.apply_to(s):
-        return footprints.on_whole(around_flow(parts, report, accounts, [scene])[scene], s.raster)
+        found = around_flow(parts, report, accounts, [scene])[scene]
+        return footprints.on_whole(footprints.on_raster(found, s.raster, footprints.lattice_cell(s)), s.raster)
     every = (0, 0, s.raster.rows, s.raster.columns)
-    return _columns_of(_sums(parts, accounts, {scene: _raster_window(s, every)})[scene], every)
+    plan = _raster_window(s, every)
+    return columns_from(s, accounts[scene], plan, LaunchedSums(parts, accounts, {scene: plan}).arrived()[scene][1])
 
 
 def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chosen: Iterable[int]) -> dict[int, RasterSums]:
-    """Sums over the smallest windows of the rasters of chosen scenes that hold all mass; the host waits once for all."""
-    found, fine, coarse, scenes = {}, {}, {}, parts.scenes.scenes
-    for n in chosen:
-        s, bounds = scenes[n], _bounds(parts, report, n)
-        if bounds is None:
-            found[n] = footprints.nothing()
-        elif footprints.apply_to(s):
-            fine[n] = footprints.Lattice.around(s, *bounds)
-        else:
-            coarse[n] = _window(s, *bounds)
-    windows = {n: _lattice_window(scenes[n], lattice) for n, lattice in fine.items()}
-    sums = _sums(parts, accounts, windows | {n: _raster_window(scenes[n], window) for n, window in coarse.items()})
-    found |= {n: _columns_of(sums[n], window) for n, window in coarse.items()}
-    for n, lattice in fine.items():
-        found[n] = footprints.on_raster(sums[n], lattice, scenes[n].raster, accounts[n].particle_volume)
-    return found
+    """Sums over the smallest windows that hold all mass of chosen scenes; the host waits once for all.
+
+    They are windows of the raster, or of the lattice of a scene that needs footprints.
+    """
+    scenes = parts.scenes.scenes
+    bounds = {n: bounds_of(parts, report, n) for n in chosen}
+    plans = {n: window_around(scenes[n], b) for n, b in bounds.items() if b is not None}
+    sums = LaunchedSums(parts, accounts, plans).arrived()
+    found = {n: columns_from(scenes[n], accounts[n], plan, sums[n][1]) for n, plan in plans.items()}
+    return dict.fromkeys(bounds, footprints.nothing()) | found
 
 
-def _bounds(parts: Parts, report: Report, scene: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Lowest and highest node (2,) in plan that the particles of a scene cover; None without particles."""
+def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Bounds | None:
+    """Lowest and highest node (2,) in plan that the particles cover, ``margin`` nodes farther out; None without particles."""
     low, high = np.split(4 * report.rows(parts)[scene, -4:], 2)
     if low[0] > high[0]:
         return None
     shift = (0, parts.scenes.shifts[scene])
-    return low - shift, high - shift + REACH
+    return low - shift - margin, high - shift + REACH + margin
 
 
 def _window(s: Scene, low: np.ndarray, high: np.ndarray) -> Window:
@@ -191,7 +190,7 @@ def _window(s: Scene, low: np.ndarray, high: np.ndarray) -> Window:
     return r.rows - south - rows, west, rows, columns
 
 
-class _PlanWindow(NamedTuple):
+class PlanWindow(NamedTuple):
     """A window of plan cells: place and size in the whole, the whole, grid cells over plan cells, and where the whole begins."""
 
     window: Window
@@ -199,50 +198,78 @@ class _PlanWindow(NamedTuple):
     columns: int
     wide: tuple[float, float]
     begin: tuple[int, int] = (0, 0)
+    lattice: footprints.Lattice | None = None
 
 
-def _raster_window(s: Scene, window: Window) -> _PlanWindow:
+def window_around(s: Scene, bounds: Bounds) -> PlanWindow:
+    """Window of the raster, or of the lattice of footprints, around all mass between two nodes."""
+    if footprints.apply_to(s):
+        return _lattice_window(s, footprints.Lattice.around(s, *bounds))
+    return _raster_window(s, _window(s, *bounds))
+
+
+def _raster_window(s: Scene, window: Window) -> PlanWindow:
     cell = s.raster.cell_size
-    return _PlanWindow(window, s.raster.rows, s.raster.columns, (s.spacing[0] / cell[0], s.spacing[1] / cell[1]))
+    return PlanWindow(window, s.raster.rows, s.raster.columns, (s.spacing[0] / cell[0], s.spacing[1] / cell[1]))
 
 
-def _lattice_window(s: Scene, lattice: footprints.Lattice) -> _PlanWindow:
+def _lattice_window(s: Scene, lattice: footprints.Lattice) -> PlanWindow:
     columns, rows = lattice.shape
     wide = s.spacing[0] / lattice.cell[0], s.spacing[1] / lattice.cell[1]
-    return _PlanWindow((0, 0, rows, columns), rows, columns, wide, lattice.first)
+    return PlanWindow((0, 0, rows, columns), rows, columns, wide, lattice.first, lattice)
 
 
-def _columns_of(sums: np.ndarray, window: Window) -> RasterSums:
-    """Columns from sums (rows, columns, 5) over a window of the raster."""
-    return RasterSums(sums[..., 0], sums[..., 1], sums[..., 2:], *window[:2])
+def columns_from(s: Scene, account: Account, plan: PlanWindow, sums: np.ndarray) -> RasterSums:
+    """Columns from sums (rows, columns, 5) over a window, of the lattice if the scene needs footprints."""
+    if plan.lattice is None:
+        return RasterSums(sums[..., 0], sums[..., 1], sums[..., 2:], *plan.window[:2])
+    lanes = np.ascontiguousarray(np.moveaxis(sums[::-1, :, LANES], -1, 0))
+    return footprints.spread(lanes, plan.lattice, s.raster, account.particle_volume)
 
 
-def _sums(parts: Parts, accounts: Sequence[Account], covered: Mapping[int, _PlanWindow]) -> dict[int, np.ndarray]:
-    """Volume, mass and momentum (rows, columns, 5) over windows of plan cells of some scenes; windows hold all mass."""
-    store, scenes, many = parts.store, parts.scenes, len(accounts)
-    windows, scales = np.full((many, 6), -1, np.int32), np.zeros((many, 7))
-    begin, found = 0, {}
-    for n, plan in covered.items():
-        row, column, rows, width = plan.window
-        windows[n] = begin, plan.rows, plan.columns, row, column, width
-        scales[n] = *plan.wide, *_units(accounts[n], scenes.scenes[n]), *plan.begin
-        begin += 5 * rows * width
-    raster = wp.zeros(begin, dtype=wp.int64)
-    if begin:
-        run(
-            parts.k.add_columns, store.n, store.group, parts.index.block_group, scenes.group,
-            wp.array(windows, dtype=wp.int32), wp.array(scales, dtype=wp.float64), raster,
-        )  # fmt: skip
-    sums = raster.numpy()
-    for n, plan in covered.items():
-        _, _, rows, width = plan.window
-        part = sums[windows[n, 0] :][: 5 * rows * width].reshape(rows, width, 5)
-        found[n] = part / np.repeat(scales[n, 2:5], (1, 1, 3))
-    return found
+class LaunchedSums:
+    """Volume, mass and momentum over windows of plan cells of some scenes that the device adds up; windows hold all mass.
+
+    The launch is made at once. :meth:`arrived` waits until the sums are on the host, and for no later launch. ``steps`` are
+    those that the scenes should have made by then.
+    """
+
+    def __init__(
+        self, parts: Parts, accounts: Sequence[Account], covered: Mapping[int, PlanWindow], steps: Mapping[int, int] | None = None
+    ):
+        many, begin, self.expected = len(accounts), 0, steps or {}
+        self.covered, self.windows, self.scales = covered, np.full((many, 6), -1, np.int32), np.zeros((many, 7))
+        for n, plan in covered.items():
+            row, column, rows, width = plan.window
+            self.windows[n] = begin, plan.rows, plan.columns, row, column, width
+            self.scales[n] = *plan.wide, *_units(accounts[n], parts.scenes.scenes[n]), *plan.begin
+            begin += 5 * rows * width
+        raster = wp.zeros(begin + many, dtype=wp.int64)
+        if begin:
+            windows, scales = wp.array(self.windows, dtype=wp.int32), wp.array(self.scales, dtype=wp.float64)
+            groups = parts.status.group, parts.store.group, parts.index.block_group, parts.scenes.group
+            run(parts.k.add_columns, parts.store.size, *groups, windows, scales, raster)
+            run(parts.k.note_step, many, parts.scenes.group, raster)
+        self.buffers, self.size = parts.buffers, len(raster)
+        self.numbers = parts.buffers.lend(self.size, raster.device.is_cuda)
+        wp.copy(self.numbers, raster, count=self.size)
+        self.event = wp.record_event() if raster.device.is_cuda else None
+
+    def arrived(self) -> dict[int, tuple[int, np.ndarray]]:
+        """Steps that a scene had made, and sums (rows, columns, 5), by scene; to be called once."""
+        if self.event is not None:
+            wp.synchronize_event(self.event)
+        numbers, found = self.numbers.numpy()[: self.size], {}
+        for n, plan in self.covered.items():
+            _, _, rows, width = plan.window
+            part = numbers[self.windows[n, 0] :][: 5 * rows * width].reshape(rows, width, 5)
+            found[n] = int(numbers[n - len(self.windows)]), part / np.repeat(self.scales[n, 2:5], (1, 1, 3))
+        self.buffers.take_back(self.numbers)
+        return found
 
 
 def _units(a: Account, scene: Scene) -> np.ndarray:
     """Whole numbers for a unit of volume [1/m3], mass [1/kg] and momentum [1/(kg m/s)], so that no sum overflows."""
     light = min(m.density for m in scene.materials)
     mass = max(a.mass, 1e-30)
-    return WHOLE / np.array([mass / light, mass, mass * max(a.max_speed, 1e-9)])
+    return WHOLE / np.array([mass / light, mass, mass * max(FASTEST, 2.0 * a.max_speed)])

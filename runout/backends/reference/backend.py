@@ -65,6 +65,11 @@ class ReferenceBackend:
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
         self._contacts, self._basal_impulse = 0, np.zeros(3)
 
+    @property
+    def max_speed(self) -> float:
+        """Largest speed [m/s] of any particle."""
+        return self._max_speed()
+
     def stable_step(self) -> float:
         """Largest admissible time step [s] from the acoustic and the particle limit."""
         return self.scene.stable_step(self._max_speed())
@@ -122,6 +127,14 @@ class ReferenceBackend:
     def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""
         return footprints.columns_of(self.scene, self._p, self.particle_volume)
+
+    def flow_columns(self) -> RasterSums:
+        """The same: this backend knows no window."""
+        return self.columns()
+
+    def lattice_columns(self) -> RasterSums:
+        """Sums over the cells of the lattice of footprints."""
+        return footprints.lattice_columns(self.scene, self._p, self.particle_volume)
 
     def _particles_to_grid(self, stencils: Stencils, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodal mass (nodes, 1) [kg], velocity (nodes, 3) [m/s] as given by particles, and with internal force and gravity.

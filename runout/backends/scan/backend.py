@@ -148,6 +148,11 @@ class ScanBackend:
             origin, size = tuple(map(float, surface.origin)), tuple(map(float, surface.spacing))
             k.cut_tiles(surface.coefficients, origin, size, ground.change, ground.first, b, c.corner, c.spacing, w.ground)
 
+    @property
+    def max_speed(self) -> float:
+        """Largest speed [m/s] of any particle."""
+        return self.totals.max_speed
+
     def stable_step(self) -> float:
         """Largest admissible time step [s]."""
         return self.scene.stable_step(self.totals.max_speed)
@@ -301,6 +306,10 @@ class ScanBackend:
     def flow_columns(self) -> RasterSums:
         """The same over a window of cells that holds all mass."""
         return self._summed().around_flow()
+
+    def lattice_columns(self) -> RasterSums:
+        """The same over the cells of the lattice of footprints."""
+        return self._summed().on_lattice()
 
     def _summed(self) -> Summed:
         return Summed(self.scene, self.k, self.store, self.index.blocks, self.tables)

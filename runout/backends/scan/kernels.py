@@ -16,6 +16,7 @@ from runout.backends.scan import (
     ground,
     groups,
     index,
+    lattice_sums,
     observe,
     particles_to_grid,
     precompile,
@@ -45,6 +46,7 @@ COMMON = (
     sort,
     observe,
     raster_sums,
+    lattice_sums,
     rest,
     zones,
 )  # know no law

@@ -4,7 +4,7 @@
 
     | stripe 0 | stripe 1 | stripe 2 | stripe 3 |    blocks in plan: the even stripes are added at once, then the odd ones
 
-A particle counts where a plan box of one grid cell around it lies; on rasters finer than the grid, the cells are those of the
+A particle counts where a plan box of one grid cell around it lies; on rasters finer than the grid, ``lattice_sums`` add to the
 lattice of :mod:`runout.backends.footprints`. A stripe is so wide that it shares cells only with its two neighbours.
 """
 
@@ -12,6 +12,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -52,25 +53,35 @@ class Summed:
 
     def around_flow(self) -> RasterSums:
         """Sums over the smallest window of cells that the blocks with particles cover: none beside it holds any mass."""
-        raster, b, constants = self.scene.raster, self.blocks, self.tables.constants
-        occupied = b.bxyz[: b.nown][b.held[: b.nown] > 0, :2]
-        if not len(occupied):
-            return footprints.nothing()
-        low, high = 4 * occupied.min(0) + constants.corner[:2], 4 * occupied.max(0) + constants.corner[:2] + 5
+        raster, constants = self.scene.raster, self.tables.constants
         if footprints.apply_to(self.scene):
-            return self._on_lattice(footprints.Lattice.around(self.scene, low, high))
+            return footprints.on_raster(self.on_lattice(), raster, footprints.lattice_cell(self.scene))
+        extent = self._extent()
+        if extent is None:
+            return footprints.nothing()
         h, cell, count = constants.spacing[:2], np.array(raster.cell_size), np.array((raster.columns, raster.rows))
-        first = np.clip(np.floor(low * h / cell - 1e-6), 0, count - 1).astype(int)
-        last = np.clip(np.floor(high * h / cell + 1e-6), 0, count - 1).astype(int)
+        first = np.clip(np.floor(extent[0] * h / cell - 1e-6), 0, count - 1).astype(int)
+        last = np.clip(np.floor(extent[1] * h / cell + 1e-6), 0, count - 1).astype(int)
         (west, south), (columns, rows) = first.tolist(), (last - first + 1).tolist()
         return self._on_raster((raster.rows - south - rows, west, rows, columns))
 
-    def _on_lattice(self, lattice: footprints.Lattice) -> RasterSums:
-        """Sums over the cells of the raster under a window of the lattice that holds all mass, of particles with footprints."""
-        (east, north), (columns, rows) = lattice.first, lattice.shape
-        sums = self._over(lattice.cell, (0, east, north + rows), (rows, columns))
-        together = np.concatenate([self._volume(sums)[..., None], sums[..., :4]], axis=-1)
-        return footprints.on_raster(together, lattice, self.scene.raster, self.tables.particle_volume)
+    def on_lattice(self) -> RasterSums:
+        """Sums over a window of the lattice that holds all mass, of particles with footprints."""
+        extent, density = self._extent(), self.tables.constants.density
+        if extent is None:
+            return footprints.nothing()
+        lattice = footprints.Lattice.around(self.scene, *extent)
+        (columns, rows), several = lattice.shape, len(density) > 1
+        nodes, sums = np.zeros((rows + 1, columns + 1, 4 + 4 * several)), np.empty((4 + several, rows, columns))
+        self._add(self.k.add_to_nodes, lattice.cell, (np.array(lattice.first),), nodes)
+        self.k.add_nodes_to_cells(nodes, density, sums)
+        return footprints.spread(sums, lattice, self.scene.raster, self.tables.particle_volume, float(density[0]))
+
+    def _extent(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Lowest and highest node (2,) in plan that the particles cover; None without particles."""
+        b, corner = self.blocks, self.tables.constants.corner[:2]
+        occupied = b.bxyz[: b.nown][b.held[: b.nown] > 0, :2]
+        return (4 * occupied.min(0) + corner, 4 * occupied.max(0) + corner + 5) if len(occupied) else None
 
     def _on_raster(self, window: tuple[int, int, int, int]) -> RasterSums:
         """Sums over a window (first row, first column, rows, columns) of the raster that holds all mass."""
@@ -89,16 +100,18 @@ class Summed:
 
         ``place``: its first row from the north and first column, and the rows of the whole, whose last ends at the local origin.
         """
-        sums, constants = np.zeros((*shape, WIDTH)), self.tables.constants
+        sums, wide = np.zeros((*shape, WIDTH)), self.tables.constants.spacing[:2] / np.array(cell)
         if sums.size and self.store.n:
-            listed, stripes = _stripes(self.blocks, constants.spacing, cell)
-            wide = constants.spacing[:2] / np.array(cell)
-            for parity, over_density in itertools.product((0, 1), (False, True) if len(constants.density) > 1 else (False,)):
-                self.k.add_stripes(
-                    self.store.particles, self.blocks, constants.corner, constants.density, over_density, wide, np.array(place),
-                    listed, stripes, parity, sums,
-                )  # fmt: skip
+            self._add(self.k.add_stripes, cell, (wide, np.array(place)), sums)
         return sums
+
+    def _add(self, kernel: Any, cell: tuple[float, float], where: tuple[np.ndarray, ...], sums: np.ndarray) -> None:
+        """Add all particles to ``sums``, by stripes that share cells of size ``cell`` [m] only with their neighbours."""
+        constants = self.tables.constants
+        listed, stripes = _stripes(self.blocks, constants.spacing, cell)
+        for parity, over_density in itertools.product((0, 1), (False, True) if len(constants.density) > 1 else (False,)):
+            held = self.store.particles, self.blocks, constants.corner, constants.density
+            kernel(*held, over_density, *where, listed, stripes, parity, sums)
 
 
 def _stripes(blocks: Blocks, h: np.ndarray, cell: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,74 @@
+"""Observations between the steps of a series: the device adds up columns and goes on, the host takes them meanwhile.
+
+    device   | step | step | sums | copy | step | step | sums | copy | ...
+    host     launches all of it, then waits for the first copy, spreads it over the map, waits for the second, ...
+
+The windows of the sums are larger than the mass, by a margin that it cannot pass until they are found anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from runout.backends.hash.account import Account
+from runout.backends.hash.parts import Parts
+from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of, columns_from, window_around
+from runout.backends.protocol import RasterSums
+
+MARGIN = 8  # grid cells around the mass
+Take = Callable[[int, int, RasterSums], None]
+
+
+class Looks:
+    """Looks at so many scenes, and where their mass was when the host last read it.
+
+    Attributes
+    ----------
+    made : (scenes,) int
+        Steps that each scene has made.
+    """
+
+    def __init__(self, scenes: int):
+        self.bounds: list[Bounds | None] = [None] * scenes
+        self.travelled = np.full(scenes, np.inf)  # [cells] at most, since then
+        self.made = np.zeros(scenes, np.int64)
+        self.wanted: Mapping[int, Sequence[int]] = {}
+        self.take: Take | None = None
+        self.begun = self.made.copy()
+        self.launched: list[LaunchedSums] = []
+
+    def begin(self, wanted: Mapping[int, Sequence[int]], take: Take | None) -> None:
+        """Open a series of steps; ``take`` gets scene, step and columns after the ``wanted`` steps of each scene, from 1 on."""
+        self.wanted, self.take, self.begun = wanted, take, self.made.copy()
+
+    def find_mass(self, parts: Parts, report: Report, accounts: Sequence[Account], lengths: np.ndarray) -> None:
+        """Make windows hold all mass for the ``lengths`` [s] of a series; the host waits if they have to be found anew."""
+        for s, steps in self.wanted.items():
+            if not steps:
+                continue
+            scene, time = parts.scenes.scenes[s], lengths[s]
+            reach = (accounts[s].max_speed + np.linalg.norm(scene.gravity) * time) * time / min(scene.spacing[:2])
+            if self.travelled[s] + reach > MARGIN:
+                self.bounds[s], self.travelled[s] = bounds_of(parts, report, s, max(MARGIN, int(np.ceil(reach)))), 0.0
+            self.travelled[s] += reach
+
+    def launch(self, parts: Parts, accounts: Sequence[Account], step: int, left: np.ndarray) -> None:
+        """Launch the sums that are wanted after this ``step`` of a batch, before which ``left`` (scenes,) steps were."""
+        done, plans = self.made - self.begun, {}
+        for s, steps in self.wanted.items():
+            bounds = self.bounds[s]
+            if left[s] >= step and done[s] + step in steps and bounds is not None:
+                plans[s] = window_around(parts.scenes.scenes[s], bounds)
+        if plans:
+            self.launched.append(LaunchedSums(parts, accounts, plans, {s: int(self.made[s]) + step for s in plans}))
+
+    def deliver(self, parts: Parts, accounts: Sequence[Account]) -> None:
+        """Hand over what has been launched, each as soon as it is on the host; not those of steps that the device left out."""
+        for sums in self.launched:
+            for s, (step, found) in sums.arrived().items():
+                if step == sums.expected[s] and self.take:
+                    columns = columns_from(parts.scenes.scenes[s], accounts[s], sums.covered[s], found)
+                    self.take(s, int(step - self.begun[s]), columns)
+        self.launched = []

@@ -1,0 +1,141 @@
+"""Peaks over the columns of a flow: on the raster, or on the lattice of footprints where the raster is much finer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import at, engine_of, scene
+
+from runout.backends import footprints
+from runout.backends.protocol import RasterSums
+from runout.model.scene import Raster
+from runout.observers import PeakMaps
+from runout.run import Run, RunControl
+
+COARSE = (5.0, 5.0, 5.0)
+FINE = replace(scene(spacing=COARSE), raster=Raster(120, 200, (1.0, 1.0)))  # a lattice of 2.5 m
+LATTICE = footprints.lattice_cell(FINE)
+DENSITY = 2000.0
+
+
+def mound(time):
+    """Columns on the lattice of a mound that moves 10 m/s east and 3 m/s north and becomes flatter, in cells of 2.5 m."""
+    y, x = (np.mgrid[:48, :80] + 0.5) * 2.5
+    thickness = (3.0 - 0.2 * time) * np.maximum(0.0, 1 - ((x - 40 - 10 * time) ** 2 + (y - 40 - 3 * time) ** 2) / 30**2)
+    mass = DENSITY * thickness * 6.25
+    return RasterSums(mass / DENSITY, mass, mass[..., None] * np.array((10.0, 3.0, 0.0)))
+
+
+def on_raster(columns):
+    return footprints.on_raster(columns, FINE.raster, LATTICE)
+
+
+@pytest.fixture(scope="module")
+def both():
+    """Maps of the mound over 6 s: kept on the lattice every 0.25 s, and on the raster every 0.05 s."""
+    lattice, raster = PeakMaps(FINE, 0.1, on_lattice=True), PeakMaps(FINE, 0.1)
+    for time in np.arange(0.0, 6.01, 0.05):
+        raster.observe(time, on_raster(mound(time)))
+        if round(time / 0.05) % 5 == 0:
+            lattice.observe(time, mound(time))
+    return lattice, raster
+
+
+def difference(found, expected):
+    return np.nansum(np.abs(found - expected)) / np.nansum(np.abs(expected))
+
+
+def test_peaks_on_the_lattice_are_those_of_the_raster_within_one_percent(both):
+    found, expected = (peaks.maps() for peaks in both)
+    assert difference(found["max_flow_thickness"], expected["max_flow_thickness"]) < 0.01
+    assert difference(found["max_speed"], expected["max_speed"]) < 0.01
+    assert difference(found["max_pressure"], expected["max_pressure"]) < 0.01
+    reached = [np.isfinite(maps["arrival_time"]) for maps in (found, expected)]
+    assert (reached[0] & reached[1]).sum() > 0.995 * (reached[0] | reached[1]).sum()
+    came = reached[0] & reached[1]
+    assert np.abs(found["arrival_time"] - expected["arrival_time"])[came].mean() < 0.06  # a cell of the lattice takes 0.24 s
+
+
+def test_deposit_kept_on_the_lattice_is_that_of_the_raster_to_rounding(both):
+    found, expected = (peaks.maps()["deposit_thickness"] for peaks in both)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+    assert found.sum() == pytest.approx(mound(6.0).volume.sum(), rel=1e-12)
+
+
+def test_cells_count_as_reached_where_the_peak_is_thick_enough(both):
+    for peaks in both:
+        maps = peaks.maps()
+        assert (np.isfinite(maps["arrival_time"]) == (maps["max_flow_thickness"] >= 0.1)).all()
+        assert ((maps["max_speed"] > 0) == np.isfinite(maps["arrival_time"])).all()
+        assert (maps["max_flow_thickness"] >= maps["deposit_thickness"] * (1 - 1e-12)).all()
+
+
+def test_flow_arrives_when_its_thickness_passes_the_threshold_between_two_looks():
+    peaks, area = PeakMaps(scene(), 0.5), 5.0
+    for time, thickness in ((0.0, 0.1), (2.0, 0.2), (6.0, 1.0), (8.0, 0.2), (9.0, 3.0)):
+        peaks.observe(time, RasterSums(np.full((1, 1), thickness * area), np.ones((1, 1)), np.ones((1, 1, 3)), 4, 7))
+    assert peaks.maps()["arrival_time"][4, 7] == pytest.approx(2.0 + 4.0 * 0.3 / 0.8)
+    assert np.isfinite(peaks.arrival).sum() == 1
+
+
+def test_cells_that_the_window_leaves_hold_no_thickness():
+    peaks, rng = PeakMaps(scene(), 0.5), np.random.default_rng(0)
+    for time in range(20):
+        row, column, rows, columns = rng.integers(0, (20, 25, 10, 15))
+        volume = rng.uniform(1.0, 2.0, (rows, columns))
+        peaks.observe(float(time), RasterSums(volume, volume, np.ones((rows, columns, 3)), row, column))
+        assert peaks.maps()["deposit_thickness"].sum() == pytest.approx(volume.sum() / 5.0)
+
+
+def test_lattice_keeps_peaks_only_under_rasters_four_times_finer_than_the_grid():
+    assert footprints.keep_peaks(FINE)
+    assert footprints.keep_peaks(replace(FINE, raster=Raster(96, 160, (1.25, 1.25))))
+    assert not footprints.keep_peaks(replace(FINE, raster=Raster(60, 100, (1.3, 1.3))))
+
+
+def sliding():
+    """Particles that fly east over a raster of 1 m, without ground."""
+    x = np.random.default_rng(2).uniform((40.0, 40.0, 0.0), (70.0, 70.0, 10.0), (600, 3))
+    p = at(x, COARSE, volume=8.0)
+    p.velocity[:] = (20.0, 5.0, 0.0)
+    return replace(FINE, gravity=(0.0, 0.0, -0.1)), p
+
+
+def test_all_backends_find_the_maps_of_the_reference(backend):
+    """Over 2 s in float64; particles move alike, so that maps differ by rounding."""
+    found = []
+    for engine in (backend, engine_of("reference")):
+        a_scene, particles = sliding()
+        run = Run(engine, a_scene, RunControl(2.0, stop=False), None, None)
+        run.start(particles)
+        run.go()
+        assert run.peaks.on_lattice
+        assert run.peaks.looks > 20
+        found.append(run.peaks.maps())
+    for name, expected in found[1].items():
+        np.testing.assert_allclose(found[0][name], expected, rtol=0, atol=1e-6 * np.nanmax(expected), err_msg=name)
+
+
+@pytest.mark.parametrize("raster", [FINE.raster, Raster(24, 40, (5.0, 5.0))], ids=["lattice", "raster"])
+def test_columns_between_the_steps_of_a_series_are_those_of_steps_made_one_by_one(raster):
+    """Particles fly ten cells, so that the index is made anew on the way and the window of the looks is found anew."""
+    looks, found, wanted = [1, 6, 7, 25, 40], {}, {}
+    a_scene, particles = sliding()
+    a_scene = replace(a_scene, raster=raster)
+    series, single = engine_of("hash"), engine_of("hash")
+    for engine in (series, single):
+        engine.load(a_scene, particles)
+    for begin in (0, 20):
+        there = [n - begin for n in looks if 0 < n - begin <= 20]
+        series.steps(0.06, 20, there, lambda step, columns, begin=begin: found.update({begin + step: columns}))
+    for step in range(1, 41):
+        single.step(0.06)
+        if step in looks:
+            wanted[step] = single.lattice_columns() if footprints.apply_to(a_scene) else single.flow_columns()
+    assert list(found) == looks
+    for step, columns in wanted.items():
+        for name in ("mass", "momentum"):
+            whole = np.zeros((2, 70, 110, *getattr(columns, name).shape[2:]))
+            whole[0][found[step].window], whole[1][columns.window] = getattr(found[step], name), getattr(columns, name)
+            np.testing.assert_allclose(whole[0], whole[1], rtol=0, atol=1e-9 * whole.max(), err_msg=f"{name} after {step}")
+    assert series.counters.rebuilds > 2
