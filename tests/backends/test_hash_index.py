@@ -190,8 +190,13 @@ def test_memory_keeps_to_147_bytes_a_particle_and_100_bytes_a_node_in_float32():
     assert needed(10_240_000, 63_401, near=46_473) / 10_240_000 <= 147
 
 
-def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_counts():
-    """Particles 130 bytes; the rest are blocks, 80 bytes a node of a block that holds any where the layer is two blocks thick."""
+def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_counts(monkeypatch):
+    """Particles 130 bytes; the rest are blocks, 80 bytes a node of a block that holds any where the layer is two blocks thick.
+
+    Without the room to spread of a small flow.
+    """
+    monkeypatch.setattr(layout, "AMPLE", 0)
+    monkeypatch.setattr(index, "SMALLEST_TABLE", 1024)
     p = box((20.0, 20.0, 0.1), (32.0, 32.0, 8.0), UNIT)
     backend = loaded(on_cpu(), scene(plane(), precision="float32"), p)
     assert layout.bytes_of(backend.parts.store) == 130 * len(p)

@@ -28,14 +28,14 @@ class Graphs:
     def launch(self, name: Hashable, of: Hashable, enqueue: Callable[[], None], before: int = 0) -> None:
         """Launch what ``enqueue`` launches; all is recorded anew once ``of`` changes, which stands for the arrays.
 
-        To record and to build a graph takes many times as long as the launches themselves: it is put off until these have come
-        ``before`` times, and never done where graphs are not ``enabled``, as on a CPU.
+        To record and to build a graph takes longer than the launches themselves: it is put off until these have come ``before``
+        times in all, and never done where graphs are not ``enabled``, as on a CPU.
         """
         if not self.enabled:
             enqueue()
             return
         if self.of != of:
-            self.of, self.recorded, self.direct = of, {}, Counter()
+            self.of, self.recorded = of, {}
         if name not in self.recorded:
             self.direct[name] += 1
             if self.direct[name] <= before:

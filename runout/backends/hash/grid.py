@@ -19,6 +19,8 @@ import warp as wp
 from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.layout import CELL_LANES, TILE, more_room_for, room_for
 
+NEARLY = 0.8  # share of the room from which on arrays grow with others
+
 if TYPE_CHECKING:
     from runout.backends.hash.index import Index
     from runout.backends.hash.state import Store
@@ -67,7 +69,13 @@ class NodeArrays:
         return wp.array(ptr=self.grid.ptr, dtype=kind, shape=shape, device=self.grid.device)
 
     def make_room(self, places: int, slots: int, exactly: bool = False) -> None:
-        """Room for the surface under so many blocks, and for the impulses of so many; ``exactly`` so many, or some more."""
+        """Room for the surface under so many blocks, and for the impulses of so many; ``exactly`` so many, or some more.
+
+        What is nearly full grows with the other, since both are recorded in the same graphs.
+        """
+        if self.places > 0 and not exactly and (places > self.places or slots > self.slots):
+            nearly = ((places, self.places), (slots, self.slots))
+            places, slots = (room + 1 if NEARLY * room < held <= room else held for held, room in nearly)
         if places > self.places:
             self.places = places if exactly else more_room_for(places) if self.places > 0 else room_for(places)
             self.generation += 1

@@ -48,7 +48,7 @@ from runout.physics.tensors import i64
 count_in: Any = None  # adds one to a count; the binding puts it in its place
 add_marks: Any = None  # sets bits of a block, likewise
 
-SMALLEST_TABLE = 1024  # entries
+SMALLEST_TABLE = 2**13  # entries
 PARTICLES_PER_ENTRY = 128  # of the first table; it grows when it is half full
 NO_KEY = 2**63 - 1  # comes after every key
 MARGIN = 1  # cells that a particle moves from one sort to the next at most
@@ -358,8 +358,8 @@ class Index:
 
         Idle ones cost less than the graph that is recorded for each number.
         """
-        if not held <= self.launched <= 2 * more_room_for(held):
-            self.launched = min(more_room_for(held), self.capacity)
+        if not held <= self.launched <= 2 * room_for(held):
+            self.launched = min(room_for(held), self.capacity)
 
 
 def first_table(particles: int) -> int:

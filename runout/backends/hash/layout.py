@@ -81,7 +81,7 @@ STARTS = CELL_LANES + 1  # where the cells of a block start and the last ends
 WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
 AT_ONCE = 4  # numbers that a thread of a sort loads at once
 CLEARING = 2**12  # threads that clear what lies behind the particles
-AMPLE = 2**12  # blocks, about 12 MB, that arrays which grow get beyond what is needed
+AMPLE = 2**12  # blocks, about 12 MB, that arrays get beyond what is needed
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
 
@@ -103,13 +103,16 @@ def run_blocks(kernel: Any, blocks: int, lanes: int, *arguments: Any) -> None:
 
 
 def room_for(blocks: int) -> int:
-    """Blocks that arrays get room for when ``blocks`` are needed."""
-    return blocks + blocks // 16 + 8 * (blocks > 0)
+    """Blocks that arrays get room for when ``blocks`` are needed: twice as many where they are few.
+
+    A flow spreads, and all graphs are recorded anew whenever arrays grow.
+    """
+    return blocks + max(blocks // 16, min(blocks, AMPLE)) + 8 * (blocks > 0)
 
 
 def more_room_for(blocks: int) -> int:
-    """The same once a sort has found too little: as many again where they are few, since all graphs are recorded anew."""
-    return room_for(blocks + max(blocks // 16, min(blocks, AMPLE)) + 64 * (blocks > 0))
+    """The same once a sort has found too little: each such find costs a sort and the steps behind it."""
+    return room_for(blocks + blocks // 16 + 64 * (blocks > 0))
 
 
 def bytes_of(*holders: Any) -> int:
