@@ -16,6 +16,7 @@ from runout.interrupt import at_end
 from runout.io.lock import exclusive
 from runout.io.part import remove_stale
 from runout.lifetime import end_workers
+from runout.workflow.compilation import compile_ahead
 from runout.workflow.stages import Stage
 from runout.workflow.study import PLAN, STAGES, Study
 
@@ -106,6 +107,8 @@ def _run_part(study: Study, members: str) -> Outcome:
 
 
 def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
+    if "ensemble" in [stage.name for stage in stages] and study.left and not study.cluster:
+        study.compilation = compile_ahead(study.site)
     _require_sound(study, stages)
     done = []
     for stage in stages:
@@ -186,6 +189,9 @@ def make_members(study: Study) -> Iterable[Path]:
     from runout.workflow.plan import member_bytes, require_budget
 
     workers = study.workers
+    if study.compilation and study.compilation.is_running:
+        with log.progress("compiling") as bar:
+            study.compilation.wait(bar)
     if study.cluster is None:
         workers = require_budget(study.site, study.left_at_most, workers=workers)
     with log.progress("members") as bar:

@@ -1,14 +1,17 @@
 """Every run executes the code of the cache: a process that has compiled a kernel would round differently from one that loads it."""
 
+import logging
 import os
 import subprocess
+import sys
+import threading
 from types import SimpleNamespace
 
 import pytest
-from scenes import SAND, box, plane, scene
+from scenes import ROCK, SAND, box, plane, scene
 
 from runout.backends.compile import cache_root
-from runout.backends.scan import precompile
+from runout.backends.scan import ahead, precompile
 from runout.backends.scan.backend import ScanBackend
 from runout.backends.scan.kernels import kernels_for
 from runout.model.particles import Particles
@@ -111,3 +114,71 @@ def test_only_the_process_that_rehearses_starts_no_other(monkeypatch, tmp_path):
     monkeypatch.delenv(precompile.WARM_UP)
     precompile.ensure_compiled(scene(materials=(SAND,)), (precompile,))
     assert len(started) == 1
+
+
+def sums_of_a_slide(material):
+    """The kernels of a short run with a material, and the types of their arguments."""
+    ground = plane(slope_x=-0.5, height=30.0)
+    a_scene = scene(ground, materials=(material,), precision="float32")
+    engine = ScanBackend()
+    particles = box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), material.density, surface=ground)
+    particles.velocity[:] = (3.0, -6.0, -1.5)  # over the southern edge before long
+    engine.load(a_scene, particles)
+    for _ in range(150):
+        engine.step(engine.stable_step())
+    assert engine.ledger().escaped_mass > 0
+    engine.particles()
+    return vars(kernels_for(a_scene))
+
+
+def test_a_second_law_compiles_one_kernel():
+    """A kernel with the types of another law, or bound anew for it, would be compiled again."""
+    first, second = sums_of_a_slide(SAND), sums_of_a_slide(ROCK)
+    called = {name for name, kernel in first.items() if kernel.signatures}
+    assert len(called) == ahead.KERNELS
+    anew = {
+        name for name in called if second[name].stats.cache_path != first[name].stats.cache_path or len(second[name].signatures) > 1
+    }
+    assert anew == {"grid_to_particles"}
+
+
+@pytest.mark.parametrize(("broken", "said"), [("warm_up", "compiling in a process of its own failed"), ("warm_up_ahead", "one of")])
+def test_a_process_that_fails_to_compile_is_said_with_its_reason(monkeypatch, caplog, broken, said):
+    scripts = dict.fromkeys(("warm_up", "warm_up_ahead"), "import time; time.sleep(1.0)")
+    scripts[broken] = "raise RuntimeError('no room for code')"
+    start = subprocess.Popen
+
+    def scripted(command, **options):
+        return start([sys.executable, "-c", scripts[command[-1].split()[-1].rstrip("()")]], **options)
+
+    monkeypatch.setattr(precompile.os, "sched_getaffinity", lambda _: {0, 1})
+    monkeypatch.setattr(precompile.subprocess, "Popen", scripted)
+    with caplog.at_level(logging.WARNING):
+        worked = precompile._warm_up_elsewhere(scene(materials=(SAND,), precision="float32"), "plain")
+    assert worked == (broken == "warm_up_ahead")
+    assert said in caplog.text
+    assert "no room for code" in caplog.text
+
+
+def test_compilation_goes_on_beside_the_process_that_needs_it(monkeypatch):
+    begun, go_on, fractions = threading.Event(), threading.Event(), []
+
+    def compiled(a_scene, sources):
+        assert a_scene.precision == "float32"
+        assert a_scene.sleep_speed == 0.1
+        begun.set()
+        assert go_on.wait(10.0)
+
+    monkeypatch.setattr(ahead, "ensure_compiled", compiled)
+    friction = scene(materials=(SAND,)).basal.law.example
+    found = ahead.CompilingAhead((SAND,), friction, "float32", zones=False, choices={"sleep_speed": 0.1})
+    assert begun.wait(10.0)
+    assert found.is_running
+
+    def note(fraction):
+        fractions.append(fraction)
+        go_on.set()
+
+    found.wait(note)
+    assert not found.is_running
+    assert fractions[-1] == 1.0

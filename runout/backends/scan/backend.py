@@ -201,7 +201,7 @@ class ScanBackend:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""
         longer, c = self.tables.set_step(self.scene, dt), self.tables.constants
         if self.scene.packed:
-            self.k.change_step(self.store.particles, self.index.blocks, self.tables.step.mats, longer, c.h)
+            self.k.change_step(self.store.particles, self.index.blocks, self.tables.moduli, longer, c.h)
 
     def _to_grid(self, dt: float) -> None:
         if dt != self.tables.packed_dt:

@@ -10,6 +10,8 @@ from runout.backends.scan.groups import Constants, Domain, TimeStep, Zones
 from runout.model.scene import Scene
 from runout.physics import moments
 
+MODULI = ("lame_lambda", "shear_modulus")
+
 
 @dataclass
 class Tables:
@@ -19,6 +21,8 @@ class Tables:
     ----------
     constants : Constants
     step : TimeStep
+    moduli : (releases, 2) real
+        Lame parameters of the materials [Pa]. Kernels that need no more take these, so that they are compiled once for all laws.
     packed_dt : float
         Time step [s] with whose stress the records are packed; 0 where they hold no stress.
     domain : Domain
@@ -31,6 +35,7 @@ class Tables:
 
     constants: Constants
     step: TimeStep
+    moduli: np.ndarray
     packed_dt: float
     domain: Domain
     zones: Zones | None
@@ -48,8 +53,10 @@ class Tables:
             spacing=spacing, gravity=np.array(scene.gravity, np.float64), corner=corner, dv=np.zeros(16, real),
         )  # fmt: skip
         none = (real(0),) * 3
-        step = TimeStep(scene.law.table(scene.materials, real), real(0), none, none)
-        return cls(constants, step, 0.0, domain_of(scene, corner), zones, basal, particle_volume)
+        mats = scene.law.table(scene.materials, real)
+        moduli = np.stack([mats[name] for name in MODULI], axis=1)
+        step, domain = TimeStep(mats, real(0), none, none), domain_of(scene, corner)
+        return cls(constants, step, moduli, 0.0, domain, zones, basal, particle_volume)
 
     def set_step(self, scene: Scene, dt: float) -> Any:
         """Set the constants of steps of ``dt`` [s]; returns by how much longer [s] the step is with which records are packed."""

@@ -39,16 +39,15 @@ def _z_slopes(f):
     return z_slope_scale(d) * (d - z_centre(d))
 
 
-def _take_tile(t, particles, start, groups, mats):
+def _take_tile(t, particles, start, groups, moduli):
     """Records, states and moduli of listed particles as columns of a tile; the columns after the last hold any others."""
     order = particles.order
     for g in range(groups):
         store_16_rows(t, 16 * g, load_listed_records(particles.rec, order, start + 16 * g))
         store_8_rows(t, 16 * TILE + 16 * g, load_listed_states(particles.state, order, start + 16 * g))
     for q in range(16 * groups):
-        mat = mats[particles.label[particles.particle_index[order[start + q]], 0]]
-        t[LAMBDA, q] = mat.lame_lambda
-        t[SHEAR, q] = mat.shear_modulus
+        release = particles.label[particles.particle_index[order[start + q]], 0]
+        t[LAMBDA, q], t[SHEAR, q] = moduli[release, 0], moduli[release, 1]
 
 
 def _replace_by_forces(t, s, n):
@@ -97,7 +96,7 @@ def _scatter_slopes(rec, r, rows):
     return a00, a01, a02, a10, a11, a12, a20, a21, a22
 
 
-def add_forces(particles, blocks, mats, s, arenas, buffer):
+def add_forces(particles, blocks, moduli, s, arenas, buffer):
     """Add the impulses of the internal forces to the arenas; ``s`` = dt / h [s/m] by axis.
 
     ``buffer`` (threads, rows, 16) has a row for each particle of the fullest block.
@@ -112,7 +111,7 @@ def add_forces(particles, blocks, mats, s, arenas, buffer):
         for k in range(0, held, TILE):
             count = min(TILE, held - k)
             groups = (count + 15) >> 4
-            _take_tile(t, particles, first[b] + k, groups, mats)
+            _take_tile(t, particles, first[b] + k, groups, moduli)
             _replace_by_forces(t, s, count)
             for g in range(groups):
                 store_records(forces, 16 * (k + 16 * g), load_16_rows(t, 16 * g))

@@ -64,7 +64,7 @@ class GradientTransfer:
             k.particles_to_nodes(particles, blocks, w.schedule.late, w.sleep.giving, w.arenas, self.given, self.still)
             if self.scene.surface is not None:
                 k.begin_contacts(w.contacts, blocks.nown, w.arenas.number, w.arenas.values)
-        k.add_forces(particles, blocks, tables.step.mats, self._cells(tables), w.arenas, buffer)
+        k.add_forces(particles, blocks, tables.moduli, self._cells(tables), w.arenas, buffer)
 
     def take_rates(self, k: SimpleNamespace, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables) -> Gradients:
         """Velocity gradients with their mean dilatation, and velocities that the grid has not seen."""

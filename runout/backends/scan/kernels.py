@@ -1,7 +1,7 @@
 """The compiled kernels of a scene."""
 
 from collections.abc import Callable
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 from runout.backends.compile import PHYSICS, numba_binding
@@ -104,9 +104,14 @@ def kernels_for(scene: Scene) -> SimpleNamespace:
     """Kernels for the number type and the laws of a scene, made once a process and taken from the cache of compiled code."""
     key = (scene.precision, scene.law, scene.basal.law, len(scene.materials) == 1, precompile.variant(scene))
     if key not in _MADE:
-        precompile.ensure_compiled(scene, (*SOURCES, *BY_GRADIENTS) if uses_gradient_transfer(scene) else SOURCES)
+        precompile.ensure_compiled(scene, sources_of(scene))
         _MADE[key] = _bound(scene)
     return _MADE[key]
+
+
+def sources_of(scene: Scene) -> tuple[ModuleType, ...]:
+    """Modules whose change makes the compiled kernels of a scene stale."""
+    return (*SOURCES, *BY_GRADIENTS) if uses_gradient_transfer(scene) else SOURCES
 
 
 def _bound(scene: Scene) -> SimpleNamespace:

@@ -30,6 +30,11 @@ load_listed_records, load_listed_states = listed_record_vectors(16), listed_reco
 store_16_rows, store_8_rows = (row_vectors(count, TILE)[1] for count in (16, 8))
 
 
+def _moduli(moduli, release):
+    """Lame parameters of the material of a release."""
+    return Moduli(moduli[release, 0], moduli[release, 1])
+
+
 def _strain_of(state, p):
     return sym(state[p, 0], state[p, 1], state[p, 2], state[p, 3], state[p, 4], state[p, 5])
 
@@ -50,7 +55,7 @@ def _add_stress(rec, p, tau, volume, slopes):
             rec[p, 5 + 4 * j + i] += push[3 * j + i]
 
 
-def change_step(particles, blocks, mats, ddt, h):
+def change_step(particles, blocks, moduli, ddt, h):
     """Repack the records for a time step longer by ``ddt`` [s]."""
     rec, state, order, particle_index = particles.rec, particles.state, particles.order, particles.particle_index
     first, held, label = blocks.first, blocks.held, particles.label
@@ -58,7 +63,7 @@ def change_step(particles, blocks, mats, ddt, h):
     for b in prange(blocks.nown):
         for k in range(first[b], first[b] + held[b]):
             p = order[k]
-            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[particle_index[p], 0]])
+            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), _moduli(moduli, label[particle_index[p], 0]))
             _add_stress(rec, p, tau, state[p, 7], slopes)
 
 
@@ -78,21 +83,21 @@ def _take_place(t, x, q, mat, node):
         x[NODE + j, q] = node[j]
 
 
-def _take_tile(t, x, particles, first, n, mats, node):
+def _take_tile(t, x, particles, first, n, moduli, node):
     """The ``n`` particles of a list from place ``first`` on as columns; ``node`` is the first of their block."""
     rec, state, order, cell = particles.rec, particles.state, particles.order, particles.cell
     particle_index, label = particles.particle_index, particles.label
     for g in range(0, TILE, 16):
         store_16_rows(t, g, load_listed_records(rec, order, first + g))
         store_8_rows(t, 16 * TILE + g, load_listed_states(state, order, first + g))
-    mat = mats[0]
+    mat = _moduli(moduli, 0)
     for q in range(np.uint64(n)):
         p = order[first + np.int64(q)]
         later = np.int64(order[first + np.int64(q) + TILE])
         prefetch(rec, 16 * later)
         prefetch(state, 8 * later)
-        if len(mats) > 1:
-            mat = mats[label[particle_index[p], 0]]
+        if len(moduli) > 1:
+            mat = _moduli(moduli, label[particle_index[p], 0])
         c = np.int64(cell[p])
         _take_place(t, x, q, mat, (node[0] + (c >> 4), node[1] + ((c >> 2) & 3), node[2] + (c & 3)))
 
@@ -185,18 +190,18 @@ def _clear_sums(sums, b):
         sums[b, k] = 0.0
 
 
-def _sum_block(particles, blocks, b, n, constants, mats, dt, sums):
+def _sum_block(particles, blocks, b, n, constants, moduli, dt, sums):
     """Sums over the first ``n`` particles of the list of a block."""
     t = local_tile(particles.rec)
     x = local_sums(sums)
     node = _node_of(blocks.bxyz, b, 0, constants.corner)
     for k in range(0, n, TILE):
         count = min(TILE, n - k)
-        _take_tile(t, x, particles, blocks.first[b] + k, count, mats, node)
+        _take_tile(t, x, particles, blocks.first[b] + k, count, moduli, node)
         _account_tile(t, x, count, dt, constants.spacing, constants.gravity, sums, b)
 
 
-def _sum_leaving(particles, blocks, b, n, constants, mats, dt, sums):
+def _sum_leaving(particles, blocks, b, n, constants, moduli, dt, sums):
     """Sums over those of the ``n`` particles that leave a block that leave the domain too."""
     t = local_tile(particles.rec)
     x = local_sums(sums)
@@ -209,27 +214,27 @@ def _sum_leaving(particles, blocks, b, n, constants, mats, dt, sums):
             node = (i + 4 * (q // 9 - 1), j + 4 * ((q // 3) % 3 - 1), k + 4 * (q % 3 - 1))
             p = first + (entry >> 12)
             _take_record(t, 0, particles.rec, particles.state, p)
-            _take_place(t, x, 0, mats[particles.label[particles.particle_index[p], 0]], node)
+            _take_place(t, x, 0, _moduli(moduli, particles.label[particles.particle_index[p], 0]), node)
             _account_tile(t, x, 1, dt, constants.spacing, constants.gravity, sums, b)
 
 
-def sum_blocks(particles, blocks, held, constants, mats, dt, sums):
+def sum_blocks(particles, blocks, held, constants, moduli, dt, sums):
     """Sums (nown, 7) over the ``held`` (nown,) particles of each block."""
     for b in prange(blocks.nown):
         _clear_sums(sums, b)
         if held[b] > 0:
-            _sum_block(particles, blocks, b, held[b], constants, mats, dt, sums)
+            _sum_block(particles, blocks, b, held[b], constants, moduli, dt, sums)
 
 
-def sum_escaped(particles, blocks, leaving, constants, mats, dt, sums):
+def sum_escaped(particles, blocks, leaving, constants, moduli, dt, sums):
     """Sums (nown, 7) over the particles of each block that leave the domain in this step."""
     for b in prange(blocks.nown):
         _clear_sums(sums, b)
         if leaving[b] > 0:
-            _sum_leaving(particles, blocks, b, leaving[b], constants, mats, dt, sums)
+            _sum_leaving(particles, blocks, b, leaving[b], constants, moduli, dt, sums)
 
 
-def unpack(particles, blocks, constants, mats, dt, place, node, affine):
+def unpack(particles, blocks, constants, moduli, dt, place, node, affine):
     """First node (n, 3) and velocity gradient (n, 3, 3) of the particles; ``place`` is the first row of each block."""
     rec, order, starts, first = particles.rec, particles.order, blocks.starts, blocks.first
     label, particle_index = particles.label, particles.particle_index
@@ -242,7 +247,7 @@ def unpack(particles, blocks, constants, mats, dt, place, node, affine):
                 d = place[b] + t
                 node[d, 0], node[d, 1], node[d, 2] = _node_of(bxyz, b, c, corner)
                 _take_record(column, 0, rec, particles.state, p)
-                tau = kirchhoff_stress(log_strain(_strain(column, 0)), mats[label[particle_index[p], 0]])
+                tau = kirchhoff_stress(log_strain(_strain(column, 0)), _moduli(moduli, label[particle_index[p], 0]))
                 columns = _affine(column, 0, tau, dt, h)
                 m = np.float64(column[0, 0])
                 for j in range(3):

@@ -23,6 +23,7 @@ from runout.lifetime import interrupts_kept
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
+IN_THIS_PROCESS = "kernels are compiled where they run; the last bits of the results may differ from those of later runs"
 WARM_UP = "RUNOUT_REHEARSAL"  # the variable that tells the process which compiles from the others
 SOURCE = str(Path(__file__).with_name("warm_up.py"))  # of what that process runs; it imports the backend, which imports this module
 
@@ -73,24 +74,38 @@ def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
     try:
         with interrupts_kept():
             process, *others = [subprocess.Popen(c, env=environment, stdout=PIPE, stderr=PIPE, text=True) for c in commands]
-        said = _ended(process, others)
+        said, failures = _ended(process, others)
     except OSError as error:
-        LOGGER.debug("no process to compile in: %s", error)
+        LOGGER.warning("no process to compile in (%s); %s", error, IN_THIS_PROCESS)
         return False
+    for failure in failures:
+        LOGGER.warning("one of %d processes that compile failed, another one does its work: %s", len(commands), _reason(failure))
     if process.returncode:
-        LOGGER.debug("compiling in a process of its own failed: %s", said)
+        LOGGER.warning("compiling in a process of its own failed: %s; %s", _reason(said), IN_THIS_PROCESS)
     return process.returncode == 0
 
 
-def _ended(process: "subprocess.Popen[str]", others: "Sequence[subprocess.Popen[str]]" = ()) -> str:
-    """The error output of a process, after it has ended; ``others`` then end, and all of them if this process is interrupted."""
+def _reason(said: str) -> str:
+    """Last line of what a process wrote to its error output."""
+    return (said.strip().splitlines() or ["no reason is stated"])[-1]
+
+
+def _ended(process: "subprocess.Popen[str]", others: "Sequence[subprocess.Popen[str]]" = ()) -> tuple[str, list[str]]:
+    """The error output of a process, after it has ended, and of those of the ``others`` that failed before.
+
+    The others then end, and all of them if this process is interrupted.
+    """
+    failures = []
     with process:
         try:
-            return process.communicate()[1]
+            said = process.communicate()[1]
         except BaseException:
             process.kill()
             raise
         finally:
             for other in others:
+                failed = other.poll()
                 other.kill()
-                other.communicate()
+                wrote = other.communicate()[1]
+                failures += [wrote] if failed else []
+    return said, failures

@@ -2,7 +2,7 @@
 
 from numba import prange
 
-from runout.backends.scan.observe import _add_stress, _strain_of
+from runout.backends.scan.observe import _add_stress, _moduli, _strain_of
 from runout.physics.elastic import kirchhoff_stress, log_strain
 from runout.physics.moments import moment_slope
 from runout.physics.tensors import real
@@ -79,7 +79,7 @@ def share_work(blocks, sleep):
                     giving[b] = held[b]
 
 
-def put_to_rest(particles, blocks, falling, mats, dt, h):
+def put_to_rest(particles, blocks, falling, moduli, dt, h):
     """Take the velocity of the particles that fall asleep: their records hold the stress alone."""
     state, order, particle_index = particles.state, particles.order, particles.particle_index
     rec = particles.rec
@@ -88,7 +88,7 @@ def put_to_rest(particles, blocks, falling, mats, dt, h):
     for b in prange(blocks.nown):
         for k in range(first[b], first[b] + max(falling[b], 0)):
             p = order[k]
-            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), mats[label[particle_index[p], 0]])
+            tau = kirchhoff_stress(log_strain(_strain_of(state, p)), _moduli(moduli, label[particle_index[p], 0]))
             for k in range(1, 4):
                 for j in range(4):
                     rec[p, k + 4 * j] = real(0.0)

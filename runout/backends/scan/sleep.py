@@ -50,7 +50,7 @@ def after_step(
         total, c = sums(k.sum_blocks, np.maximum(sleep.falling, 0)), tables.constants
         totals.basal_impulse -= total[observe.MOMENTUM : observe.KINETIC]
         totals.basal_dissipation += float(total[observe.KINETIC])
-        k.put_to_rest(store.particles, blocks, sleep.falling, tables.step.mats, c.h.dtype.type(tables.packed_dt), c.h)
+        k.put_to_rest(store.particles, blocks, sleep.falling, tables.moduli, c.h.dtype.type(tables.packed_dt), c.h)
     if woken or sleep.falling.any():
         totals.sleepers = k.change_sleepers(blocks.nown, sleep)
         totals.sleeping_mass = float(sums(k.sum_blocks, np.where(sleep.asleep, blocks.held, 0))[observe.MASS])

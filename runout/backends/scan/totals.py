@@ -69,6 +69,6 @@ def add_up(
 ) -> np.ndarray:
     """Sums (7,) by a kernel of :mod:`runout.backends.scan.observe` over the ``chosen`` (nown,) particles of each block."""
     dt = tables.constants.h.dtype.type(tables.packed_dt)
-    kernel(store.particles, blocks, chosen, tables.constants, tables.step.mats, dt, workspace.sums)
+    kernel(store.particles, blocks, chosen, tables.constants, tables.moduli, dt, workspace.sums)
     k.total_rows(workspace.sums, blocks.capacity, blocks.nown, workspace.total)
     return workspace.total

@@ -17,7 +17,7 @@ def unloaded(k: SimpleNamespace, store: Store, blocks: Blocks, tables: Tables, s
     node, affine = np.empty((n, 3), np.int32), np.empty((n, 3, 3))
     place = np.cumsum(blocks.held) - blocks.held
     dt = slots.rec.dtype.type(tables.packed_dt)
-    k.unpack(slots, blocks, tables.constants, tables.step.mats, dt, place, node, affine)
+    k.unpack(slots, blocks, tables.constants, tables.moduli, dt, place, node, affine)
     slot = slots.order[np.repeat(blocks.first - place, blocks.held) + np.arange(n)]
     found, rank = Particles.zeros(n), np.empty(n, np.int32)
     rank[np.argsort(slots.label[slots.particle_index[slot], 1])] = np.arange(n, dtype=np.int32)

@@ -32,7 +32,7 @@ def _job() -> tuple[Scene, Particles, str]:
     """The small scene, its particles and the kind of scene of a process that compiles; the process ends with its parent."""
     materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
-    scene, particles = _small_slope(materials, friction, precision)
+    scene, particles = small_slope(materials, friction, precision)
     return (scene if "zones" in kind else replace(scene, friction_zones=None)), particles, kind
 
 
@@ -71,7 +71,7 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
         dense.step(dense.stable_step())
 
 
-def _small_slope(materials: tuple[Material, ...], friction: BasalFriction, precision: str) -> tuple[Scene, Particles]:
+def small_slope(materials: tuple[Material, ...], friction: BasalFriction, precision: str) -> tuple[Scene, Particles]:
     """A cube of particles that slides over the edge of a plane."""
     surface = Surface.through(np.fromfunction(lambda i, j: -0.2 * i, (CELLS + 1, CELLS + 1)), (1.0, 1.0))
     zones = FrictionZones(np.ones((CELLS, CELLS)), np.zeros((CELLS, CELLS)), (1.0, 1.0))

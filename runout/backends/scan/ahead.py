@@ -1,0 +1,60 @@
+"""Compiles the kernels of a run in other processes while this one reads and checks its inputs."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from runout.backends.compile import cache_root
+from runout.backends.scan.kernels import sources_of
+from runout.backends.scan.precompile import ensure_compiled
+from runout.backends.scan.warm_up import small_slope
+from runout.model.basal_friction import BasalFriction
+from runout.model.materials import Material
+
+LOOK_SECONDS = 0.2  # between two looks at what is compiled
+KERNELS = 26  # that a run calls without sleep or another transfer
+
+
+class CompilingAhead:
+    """Compilation that goes on beside this process. Without it, or where it fails, the kernels are compiled when a run loads them.
+
+    Parameters
+    ----------
+    materials : tuple of Material
+        One for each release; their laws count, not their numbers.
+    friction : BasalFriction
+        Its law counts.
+    precision : str
+        "float32" or "float64".
+    zones : bool
+        Whether the run has friction zones.
+    choices : dict
+        ``transfer``, ``f_bar`` and ``sleep_speed`` of :class:`runout.model.scene.Scene`.
+    """
+
+    def __init__(
+        self, materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any]
+    ):
+        slope = small_slope(materials, friction, precision)[0]
+        scene = replace(slope, friction_zones=slope.friction_zones if zones else None, **choices)
+        self.before = _stored()
+        self.thread = threading.Thread(target=ensure_compiled, args=(scene, sources_of(scene)), daemon=True)
+        self.thread.start()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether something is left to compile."""
+        return self.thread.is_alive()
+
+    def wait(self, progress: Callable[[float], None]) -> None:
+        """Wait for the end; ``progress`` is called with the finished fraction, 0 to 1."""
+        while self.thread.is_alive():
+            progress(min((_stored() - self.before) / KERNELS, 0.99))
+            self.thread.join(LOOK_SECONDS)
+        progress(1.0)
+
+
+def _stored() -> int:
+    """Number of kernels in the cache, of all laws and versions."""
+    return sum(1 for _ in cache_root().rglob("*.nbc"))
