@@ -4,12 +4,14 @@ import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from runout.backends.state import State
 from runout.errors import DeviceError
+from runout.model.basal_friction import BasalFriction
+from runout.model.materials import Material
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -176,6 +178,25 @@ def get_batch(scenes: Sequence[tuple[Scene, ParticleSource]], device: str) -> Sc
         If scenes differ in settings that they must share, or need more memory than the device has.
     """
     return import_module("runout.backends.hash.batch").Batch(scenes, device)  # type: ignore[no-any-return]
+
+
+class Compilation(Protocol):
+    """Compilation of kernels that goes on beside this process."""
+
+    @property
+    def is_running(self) -> bool:
+        """Whether something is left to compile."""
+
+    def wait(self, progress: Callable[[float], None]) -> None:
+        """Wait for the end; ``progress`` is called with the finished fraction, 0 to 1."""
+
+
+def start_compilation(
+    materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any]
+) -> Compilation:
+    """Compilation for the backend scan, with the parameters of :class:`runout.backends.scan.ahead.CompilingAhead`."""
+    ahead = import_module("runout.backends.scan.ahead")
+    return ahead.CompilingAhead(materials, friction, precision, zones=zones, choices=choices)  # type: ignore[no-any-return]
 
 
 def free_memory(device: str) -> float:

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from runout.model.scene import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from runout.backends.scan.ahead import CompilingAhead
+    from runout.backends.protocol import Compilation
     from runout.config.site import Site
 
 SEVERAL = 2  # materials of a run with several releases
 
 
-def compile_ahead(site: "Site") -> "CompilingAhead | None":
+def compile_ahead(site: "Site") -> "Compilation | None":
     """Compilation for the members of a site that run on the CPU; None for other backends.
 
     How many releases the polygons make is not known yet. If the guess is wrong, one kernel is compiled later.
@@ -19,10 +19,10 @@ def compile_ahead(site: "Site") -> "CompilingAhead | None":
     stated = site.settings.simulation
     if stated.backend != "scan" or stated.device != "cpu":
         return None
-    from runout.backends.scan.ahead import CompilingAhead
+    from runout.backends.protocol import start_compilation
 
     material = site.material().chosen(1.0, 1.0, STANDARD_GRAVITY)
     count = SEVERAL if len(site.settings.release) > 1 else 1
     choices = {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed}
     zones = bool(site.settings.terrain.friction_zones)
-    return CompilingAhead((material,) * count, site.friction.law.example, stated.precision, zones=zones, choices=choices)
+    return start_compilation((material,) * count, site.friction.law.example, stated.precision, zones=zones, choices=choices)

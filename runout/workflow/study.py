@@ -14,7 +14,7 @@ from runout.workflow.stages import Stage, StageRecord, digest_files, stage_key
 if TYPE_CHECKING:
     import pandas as pd
 
-    from runout.backends.scan.ahead import CompilingAhead
+    from runout.backends.protocol import Compilation
     from runout.config.site import Site
     from runout.ensemble.cluster import Cluster
     from runout.ensemble.run import EnsembleReport
@@ -46,7 +46,7 @@ class Study:
     threads: int | None = None
     part: range | None = None
     cluster: "Cluster | None" = None
-    compilation: "CompilingAhead | None" = field(default=None, repr=False)
+    compilation: "Compilation | None" = field(default=None, repr=False)
     _watched: Unchanged | None = field(default=None, init=False, repr=False)
 
     @classmethod
