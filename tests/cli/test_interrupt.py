@@ -37,6 +37,7 @@ MOMENTS = {
         study.run = run
     """,
     "a file is written": """
+        from dataclasses import dataclass
         from pathlib import Path
         import runout.workflow.hazard_map as study
         from runout.io.atomic import whole_file
@@ -44,11 +45,13 @@ MOMENTS = {
             with whole_file(study.results / "maps" / "a.tif") as temporary:
                 temporary.write_text("half")
                 wait()
-        class Study: results = Path(sys.argv[2]) / "results"
-        study.Study.open = lambda *_, **__: Study
+        @dataclass
+        class Study: results: Path; cluster: object = None
+        study.Study.open = lambda *_, **__: Study(Path(sys.argv[2]) / "results")
         study._run = write
     """,
     "a worker process computes": """
+        from dataclasses import dataclass
         from pathlib import Path
         import runout.workflow.hazard_map as study
         from runout.ensemble.worker import start_worker
@@ -56,8 +59,9 @@ MOMENTS = {
             workers = [start_worker(k, time.sleep, None) for k in range(2)]
             for worker in workers: worker.hear(), worker.give(60)
             wait()
-        class Study: results = Path(sys.argv[2]) / "results"
-        study.Study.open = lambda *_, **__: Study
+        @dataclass
+        class Study: results: Path; cluster: object = None
+        study.Study.open = lambda *_, **__: Study(Path(sys.argv[2]) / "results")
         study._run = run
     """,
     "kernels are compiled": """

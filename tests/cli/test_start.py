@@ -4,6 +4,8 @@ import json
 import logging
 import subprocess
 import sys
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -133,8 +135,16 @@ def test_log_file_holds_json_lines_with_details(tmp_path, capsys):
     assert capsys.readouterr().err == "warning: member 3 failed\n"
 
 
+@dataclass
+class FakeStudy:
+    """What a run needs of a study before its first stage."""
+
+    results: Path
+    cluster: object = None
+
+
 def test_log_folder_that_cannot_be_made_is_said_clearly(tmp_path, capsys, monkeypatch):
     (tmp_path / "results").write_text("a file, not a folder")
-    monkeypatch.setattr("runout.workflow.study.Study.open", lambda *_, **__: type("Study", (), {"results": tmp_path / "results"}))
+    monkeypatch.setattr("runout.workflow.study.Study.open", lambda *_, **__: FakeStudy(tmp_path / "results"))
     assert cli.main(["run", "site"]) == ExitCode.FAILURE
     assert "--out" in capsys.readouterr().err
