@@ -13,7 +13,7 @@ from runout.model.basal_friction import BasalFriction
 from runout.model.materials import Material
 
 LOOK_SECONDS = 0.2  # between two looks at what is compiled
-KERNELS = 26  # that a run calls without sleep or another transfer
+KERNELS = 28  # that a run calls without sleep or another transfer
 
 
 class CompilingAhead:

@@ -62,7 +62,7 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
     for k in range(STEPS):
         engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
         if k % 8 == 0:
-            engine.ledger(), engine.columns(), engine.flow_columns()
+            engine.ledger(), engine.columns(), engine.flow_columns(), engine.lattice_columns()
     engine.particles()
     ScanBackend(threads=1).restore(scene, engine.checkpoint())
     dense = ScanBackend(threads=1, index="dense")
