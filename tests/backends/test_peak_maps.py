@@ -116,6 +116,14 @@ def test_all_backends_find_the_maps_of_the_reference(backend):
         np.testing.assert_allclose(found[0][name], expected, rtol=0, atol=1e-6 * np.nanmax(expected), err_msg=name)
 
 
+def assert_same_columns(found, expected, where):
+    """Equal mass and momentum over the whole, whichever window each has."""
+    for name in ("mass", "momentum"):
+        whole = np.zeros((2, 70, 110, *getattr(expected, name).shape[2:]))
+        whole[0][found.window], whole[1][expected.window] = getattr(found, name), getattr(expected, name)
+        np.testing.assert_allclose(whole[0], whole[1], rtol=0, atol=1e-9 * whole.max(), err_msg=f"{name} {where}")
+
+
 @pytest.mark.parametrize("raster", [FINE.raster, Raster(24, 40, (5.0, 5.0))], ids=["lattice", "raster"])
 def test_columns_between_the_steps_of_a_series_are_those_of_steps_made_one_by_one(raster):
     """Particles fly ten cells, so that the index is made anew on the way and the window of the looks is found anew."""
@@ -134,8 +142,19 @@ def test_columns_between_the_steps_of_a_series_are_those_of_steps_made_one_by_on
             wanted[step] = single.lattice_columns() if footprints.apply_to(a_scene) else single.flow_columns()
     assert list(found) == looks
     for step, columns in wanted.items():
-        for name in ("mass", "momentum"):
-            whole = np.zeros((2, 70, 110, *getattr(columns, name).shape[2:]))
-            whole[0][found[step].window], whole[1][columns.window] = getattr(found[step], name), getattr(columns, name)
-            np.testing.assert_allclose(whole[0], whole[1], rtol=0, atol=1e-9 * whole.max(), err_msg=f"{name} after {step}")
+        assert_same_columns(found[step], columns, f"after {step}")
     assert series.counters.rebuilds > 2
+
+
+@pytest.mark.parametrize("raster", [FINE.raster, Raster(24, 40, (5.0, 5.0))], ids=["lattice", "raster"])
+def test_window_of_a_look_holds_the_mass_that_moved_while_nobody_looked(raster):
+    """Particles fly several times the margin of the window, as a member of a batch does while other members are looked at."""
+    a_scene, particles = sliding()
+    a_scene = replace(a_scene, raster=raster)
+    engine, found = engine_of("hash"), {}
+    engine.load(a_scene, particles)
+    for looks in ([1], *[[]] * 10, [5]):
+        engine.steps(0.06, 5, looks, lambda step, columns: found.update({step: columns}))
+    fresh = engine.lattice_columns() if footprints.apply_to(a_scene) else engine.flow_columns()
+    assert found[5].mass.sum() == pytest.approx(particles.mass.sum(), rel=1e-12)
+    assert_same_columns(found[5], fresh, "in the last look")

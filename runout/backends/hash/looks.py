@@ -44,13 +44,14 @@ class Looks:
         self.wanted, self.take, self.begun = wanted, take, self.made.copy()
 
     def find_mass(self, parts: Parts, report: Report, accounts: Sequence[Account], lengths: np.ndarray) -> None:
-        """Make windows hold all mass for the ``lengths`` [s] of a series; the host waits if they have to be found anew."""
-        for s, steps in self.wanted.items():
-            if not steps:
-                continue
-            scene, time = parts.scenes.scenes[s], lengths[s]
+        """Make windows hold all mass for the ``lengths`` [s] of a series; the host waits if they have to be found anew.
+
+        The mass of every scene moves on, also in a series in which nobody looks at it.
+        """
+        for s, time in enumerate(lengths):
+            scene = parts.scenes.scenes[s]
             reach = (accounts[s].max_speed + np.linalg.norm(scene.gravity) * time) * time / min(scene.spacing[:2])
-            if self.travelled[s] + reach > MARGIN:
+            if self.wanted.get(s) and self.travelled[s] + reach > MARGIN:
                 self.bounds[s], self.travelled[s] = bounds_of(parts, report, s, max(MARGIN, int(np.ceil(reach)))), 0.0
             self.travelled[s] += reach
 

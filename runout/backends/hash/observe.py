@@ -271,7 +271,8 @@ def add_columns(
 ):  # fmt: skip
     """Add each particle, spread over a plan box of one grid cell, to the window (rows x columns x 5) of its scene.
 
-    A window holds all mass. Its row: place in ``raster`` or -1, rows and columns of the whole, first row, first column, columns.
+    A window holds all mass; a particle outside counts at its rim, so that no other memory is written. Its row: place in ``raster``
+    or -1, rows of the whole, first row, first column, rows, columns.
     Volume, mass, momentum: whole numbers of a tiny unit, exact in any order, so that they repeat bit by bit. A row of ``scales``:
     a grid cell in raster cells, how many units make one, and where the whole begins [cells].
     """
@@ -291,15 +292,17 @@ def add_columns(
     x = (qx - wp.float64(0.5)) * wx - scales[s, 5]
     y = (qy - wp.float64(0.5)) * wy - scales[s, 6]
     m = wp.float64(particles.rec[MASS, p])
-    rows = windows[s, 1]
-    columns = windows[s, 2]
+    north = windows[s, 1] - 1 - windows[s, 2]
+    west = windows[s, 3]
+    rows = windows[s, 4]
+    columns = windows[s, 5]
     for i in range(int(wp.floor(x)), int(wp.floor(x + wx)) + 1):
         sx = _covered(x, wx, i)
         for j in range(int(wp.floor(y)), int(wp.floor(y + wy)) + 1):
             share = sx * _covered(y, wy, j)
             if share > wp.float64(0.0):
-                o = (rows - 1 - wp.clamp(j, 0, rows - 1) - windows[s, 3]) * windows[s, 5]
-                o = begin + (o + wp.clamp(i, 0, columns - 1) - windows[s, 4]) * 5
+                o = wp.clamp(north - j, 0, rows - 1) * columns
+                o = begin + (o + wp.clamp(i - west, 0, columns - 1)) * 5
                 _add_whole(raster, o, share * m / scenes.density[int(particles.release[p])] * scales[s, 2])
                 _add_whole(raster, o + 1, share * m * scales[s, 3])
                 for d in range(3):

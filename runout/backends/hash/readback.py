@@ -241,7 +241,7 @@ class LaunchedSums:
         self.covered, self.windows, self.scales = covered, np.full((many, 6), -1, np.int32), np.zeros((many, 7))
         for n, plan in covered.items():
             row, column, rows, width = plan.window
-            self.windows[n] = begin, plan.rows, plan.columns, row, column, width
+            self.windows[n] = begin, plan.rows, row, column, rows, width
             self.scales[n] = *plan.wide, *_units(accounts[n], parts.scenes.scenes[n]), *plan.begin
             begin += 5 * rows * width
         raster = wp.zeros(begin + many, dtype=wp.int64)
