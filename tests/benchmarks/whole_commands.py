@@ -2,7 +2,7 @@
 
     python tests/benchmarks/whole_commands.py --before CHECKOUT --after CHECKOUT --folder WORK --out whole_commands.json
 
-Each lane has two cores of its own. First a run of each version compiles its kernels; then every case runs ``--pairs`` times in turns.
+Each lane has two cores of its own. First a run of each version compiles its kernels; then every case runs ``--pairs`` times.
 Sites state the stiffness that the version before advised (waves ten times the flow), and none in the version after. Errors are
 relative L1 differences of the peak thickness, the mean over the members, from members with half the cells by each version (on
 ``--device``); both references are given. RUNOUT_DATA names the folder of the public rasters.
