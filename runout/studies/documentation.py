@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from runout.studies import error_bar_page, error_page, gpu_page, skip, transfers
+from runout.studies import commands_page, error_bar_page, error_page, gpu_page, skip, transfers
 from runout.studies.stability_cases import page as stability_page
 from runout.studies.study_page import StudyPage
 from runout.studies.verification_cases import page as verification_page
@@ -19,6 +19,7 @@ ONE_RECORD: dict[str, tuple[str, Callable[[Mapping[str, Any]], StudyPage]]] = { 
     "stress": (".", stability_page.page),
     "work_precision": ("benchmarks", error_page.page),
     "error_bars": ("benchmarks", error_bar_page.page),
+    "whole_commands": ("benchmarks", commands_page.page),
     "skip": ("benchmarks", skip.page),
     "transfers": ("benchmarks", transfers.page),
 }

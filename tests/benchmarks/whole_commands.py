@@ -213,13 +213,15 @@ class Study:
             shutil.rmtree(self.cache(version), ignore_errors=True)
         with ThreadPoolExecutor(len(self.lanes) + 1) as pool:
             references = pool.submit(self.references) if self.a.device else None
-            runs = self.first() if FIRST.name in self.a.cases else []
             lanes = self.lanes[:-1] if self.a.device else self.lanes
-            waiting = [pool.submit(self.pairs, case, lanes[k % len(lanes)]) for k, case in enumerate(cases)]
+            places = {case.name: lanes[-1 - k % len(lanes)] for k, case in enumerate(cases[::-1])}
+            waiting = [pool.submit(self.pairs, case, places[case.name]) for case in cases if case.command != "run"]
+            runs = self.first() if FIRST.name in self.a.cases else []
+            waiting = [pool.submit(self.pairs, case, places[case.name]) for case in cases if case.command == "run"] + waiting
             runs += [row for one in waiting for row in one.result()]
             halves = references.result() if references else {}
         errors = {c.name: self.errors(c, halves[c.name]) for c in cases if c.name in halves}
-        return {"runs": runs, "errors": errors, "cores": CORES, "pairs": self.a.pairs, "commits": self.a.commits}
+        return {"runs": runs, "errors": errors, "machine": self.a.machine, "commits": self.a.commits}
 
 
 def summary(record: dict[str, Any]) -> str:
@@ -247,7 +249,8 @@ def main() -> None:
     parser.add_argument("--last-start", type=float, default=np.inf, help="seconds after which no further pair starts")
     parser.add_argument("--device", default="", help="that makes the references, such as cuda:0; without it no errors are measured")
     parser.add_argument("--cases", nargs="*", default=[c.name for c in (*CASES, FIRST)])
-    parser.add_argument("--commits", nargs=2, default=["", ""])
+    parser.add_argument("--commits", nargs=2, default=["an earlier version", "this version"])
+    parser.add_argument("--machine", default="not stated", help="for the page")
     study = Study(parser.parse_args())
     study.folder.mkdir(parents=True, exist_ok=True)
     record = study.record()
