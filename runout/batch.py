@@ -258,9 +258,9 @@ class _Together:
         taken = [min(self.todo[k], count) if k in running else 0 for k in range(len(self.jobs))]
         done = [planned - todo for planned, todo in zip(self.planned, self.todo, strict=True)]
         looks = {k: [n - done[k] for n in self.runs[k].looks if 0 < n - done[k] <= taken[k]] for k in running}
-        self.batch.advance(
-            [run.dt for run in self.runs], taken, looks, lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
-        )
+        going_on = [k for k in running if done[k]]
+        dt, look = [run.dt for run in self.runs], lambda k, step, columns: self.runs[k].look(done[k] + step, columns)
+        self.batch.advance(dt, taken, looks, look, going_on)
         self.rows = []
         for k in running:
             self.todo[k] -= taken[k]

@@ -1,7 +1,7 @@
 """Interface of all backends; only :func:`get_backend` imports them."""
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Protocol, runtime_checkable
@@ -137,9 +137,12 @@ class SceneBatch(Protocol):
 
     def advance(
         self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None,
-        take: Callable[[int, int, RasterSums], None] | None = None,
+        take: Callable[[int, int, RasterSums], None] | None = None, going_on: Collection[int] = (),
     ) -> None:  # fmt: skip
-        """``count[s]`` steps of ``dt[s]`` [s]; ``take`` gets scene, step and columns, as of :meth:`BatchBackend.steps`."""
+        """``count[s]`` steps of ``dt[s]`` [s]; ``take`` gets scene, step and columns, as of :meth:`BatchBackend.steps`.
+
+        Scenes that are ``going_on`` with steps that began in an earlier call keep the length that was admissible then.
+        """
 
     def leave(self, scenes: Sequence[int]) -> None:
         """Remove these scenes from the batch; they have ended."""

@@ -58,6 +58,17 @@ def test_each_scenario_of_a_launch_ends_as_in_its_own_run(way):
         assert (fractions[0], fractions[-1]) == (0.0, 1.0)
 
 
+def test_a_flow_that_speeds_up_between_the_stops_of_another_ends_as_in_its_own_run():
+    """The other stops more often. The first goes on with a step that was admissible when it was chosen, at a lower speed."""
+    soft = scenario(0.0, 60.0, stop=True, material=DruckerPrager(density=2000.0, youngs_modulus=4e5, friction_angle=30.0))
+    stiff = scenario(25.0, 6.0, material=DruckerPrager(density=2000.0, youngs_modulus=4e7, friction_angle=30.0))
+    found = dict(simulate_batch([soft, stiff], device=HASH_DEVICE))[0]
+    alone = simulate(**soft, backend="hash", device=HASH_DEVICE)
+    assert (found.steps, found.stop_reason) == (alone.steps, alone.stop_reason)
+    for name, values in alone.fields.items():  # particles are sorted at other times
+        np.testing.assert_allclose(found.fields[name], values, rtol=0, atol=1e-6 * np.nanmax(values), err_msg=name)
+
+
 def test_a_scenario_that_cannot_be_is_an_error_in_its_place_and_the_others_run():
     bad = scenario(material=DruckerPrager(density=2000.0, youngs_modulus=1e3, friction_angle=30.0))
     found = dict(simulate_batch([SCENARIOS[1], bad], device=HASH_DEVICE))

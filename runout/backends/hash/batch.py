@@ -5,7 +5,7 @@ so that one index serves all; and its own terrain, materials, friction, time ste
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -131,18 +131,20 @@ class Batch:
         return self.parts.scenes.scenes[scene].stable_step(self.accounts[scene].max_speed)
 
     def advance(
-        self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None, take: Take | None = None
-    ) -> None:
+        self, dt: Sequence[float], count: Sequence[int], looks: Mapping[int, Sequence[int]] | None = None, take: Take | None = None,
+        going_on: Collection[int] = (),
+    ) -> None:  # fmt: skip
         """``count[s]`` explicit steps of ``dt[s]`` [s] of scene s; the host looks in only when particles are sorted.
 
-        ``take`` gets scene, step and columns after the steps that ``looks`` names by scene, from 1 on.
+        ``take`` gets scene, step and columns after the steps that ``looks`` names by scene, from 1 on. A step is checked where
+        its series begins: scenes that are ``going_on`` with one keep its length, as in a run of their own.
         """
         started = time.perf_counter()
         self.looks.begin(looks or {}, take)
         with self._on_device():
             self.looks.find_mass(self.parts, self.report, self.accounts, np.asarray(dt, float) * np.asarray(count))
         self.report.forget()
-        self._require_stable(dt, count)
+        self._require_stable(dt, [0 if s in going_on else n for s, n in enumerate(count)])
         left = np.where(self.present, np.asarray(count, np.int64), 0)
         with self._on_device():
             self._set_steps(np.asarray(dt, float), left)
