@@ -22,11 +22,12 @@ from runout.backends.protocol import Backend, ResumableBackend
 from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.io.atomic import whole_file
+from runout.map_quantities import member_map_names
 from runout.model.particle_source import ParticleSource
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 10  # version of the file; increase it when the meaning of a state changes
+FORMAT = 11  # version of the file; increase it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 # errors of a damaged archive; RuntimeError: it seems to be encrypted, or has an unknown compression
 DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -109,7 +110,7 @@ def checkpoint_for(path: str | os.PathLike[str] | None, every: float, engine: Ba
 
 def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
     """Checksum of everything a run depends on: version, scene, particles, and further choices with a complete ``repr``."""
-    digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, choices)).encode())
+    digest = hashlib.sha256(repr((FORMAT, __version__, np.__version__, member_map_names(), choices)).encode())
     ground = scene.ground
     plain = (scene.spacing, scene.raster, scene.materials, scene.friction, scene.gravity, scene.cfl, scene.precision)
     transfer = (scene.transfer, scene.flip_ratio, scene.f_bar, scene.sleep_speed)

@@ -10,6 +10,7 @@ import numpy as np
 
 from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
 from runout.errors import CapacityError
+from runout.map_quantities import member_map_names
 from runout.model.release import Release
 from runout.model.surface import Surface
 
@@ -20,7 +21,7 @@ REACH, REACH_ON_DEVICE = ((-4, 0, 3), 3), ((-2, 0, 2), 1)
 WHILE_LOADED = 8, 24  # bytes a particle beside the arrays of a backend on the CPU while it loads them, and on the host of a GPU
 CHUNKS = 1e7  # bytes of the particles that are made at once
 BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
-PER_MAP_CELL = 150  # bytes per cell of the raster: sums, peaks and work arrays
+PER_MAP_CELL = 110 + 8 * len(member_map_names())  # bytes per cell of the raster: sums, work arrays, and the maps
 PROGRAM = 0.22e9  # libraries and compiled code
 
 

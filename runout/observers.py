@@ -8,9 +8,10 @@ from runout.backends import footprints
 from runout.backends.compile import array_binding
 from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
+from runout.map_quantities import member_map_names, peak_quantities
 from runout.model.scene import Raster, Scene
 
-THICKNESS, SPEED, PRESSURE = range(3)  # of the peaks
+THICKNESS = 0  # of the peaks
 
 
 @dataclass
@@ -18,7 +19,7 @@ class PeakMaps:
     """Peaks over time in columns of the flow.
 
     Thickness is vertical: the volume over a cell divided by its area. Speed is that of the column as a whole, momentum
-    over mass; speed and pressure count while the flow is at least ``arrival_threshold`` thick, so that a single stray
+    over mass; all but the thickness count while the flow is at least ``arrival_threshold`` thick, so that a single stray
     particle makes no peak. Between two observations, thickness grows at a steady rate to where it arrives.
 
     Attributes
@@ -26,8 +27,8 @@ class PeakMaps:
     on_lattice : bool
         Whether the columns are those over the lattice of :mod:`runout.backends.footprints`, with rows from the south, and not those
         over the raster. :meth:`maps` are on the raster.
-    peaks : (3, rows, columns)
-        Thickness [m], speed [m/s] and dynamic pressure [Pa].
+    peaks : (quantities, rows, columns)
+        Those of :func:`runout.map_quantities.peak_quantities`: thickness [m], speed [m/s], dynamic pressure [Pa], ...
     arrival : (rows, columns)
         [s], NaN where nothing has arrived.
     thickness : (rows, columns)
@@ -51,7 +52,8 @@ class PeakMaps:
         raster = self.scene.raster
         self.cell = footprints.lattice_cell(self.scene) if self.on_lattice else raster.cell_size
         shape = footprints.lattice_shape(raster, self.cell) if self.on_lattice else (raster.rows, raster.columns)
-        self.peaks, self.thickness, self.arrival = np.zeros((3, *shape)), np.zeros(shape), np.full(shape, np.nan)
+        self.peaks = np.zeros((len(peak_quantities()), *shape))
+        self.thickness, self.arrival = np.zeros(shape), np.full(shape, np.nan)
         self.window = np.zeros(4, np.int64)
 
     def observe(self, time: float, columns: RasterSums) -> None:
@@ -79,20 +81,20 @@ class PeakMaps:
 
     def maps(self) -> dict[str, np.ndarray]:
         """The maps (rows, columns) by name, on the raster."""
-        names = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
-        return dict(zip(names, self._on_raster() if self.on_lattice else (*self.peaks, self.arrival, self.thickness), strict=True))
+        maps = self._on_raster() if self.on_lattice else (*self.peaks, self.arrival, self.thickness)
+        return dict(zip(member_map_names(), maps, strict=True))
 
     def _on_raster(self) -> np.ndarray:
-        """The five maps (5, rows, columns) on the raster: volumes by area, the others as means over the volume that has arrived."""
+        """The maps (maps, rows, columns) on the raster: volumes by area, the others as means over the volume that has arrived."""
         raster, came = self.scene.raster, np.isfinite(self.arrival)
         weight = np.where(came, self.peaks[THICKNESS], 0.0)
-        others = weight * np.stack([*self.peaks[SPEED:], np.where(came, self.arrival, 0.0)])
+        others = weight * np.stack([*self.peaks[THICKNESS + 1 :], np.where(came, self.arrival, 0.0)])
         sums = np.stack([self.peaks[THICKNESS], self.thickness, weight, *others]) * (self.cell[0] * self.cell[1])
         *_, (thickest, deposit, weight, *others) = footprints.shared_by_area(sums, (0, 0), raster, self.cell)
         area = raster.cell_size[0] * raster.cell_size[1]
         reached = (thickest / area >= self.arrival_threshold) & (weight > 0)
-        speed, pressure, arrival = np.where(reached, np.array(others) / np.maximum(weight, np.finfo(float).tiny), 0.0)
-        return np.array([thickest / area, speed, pressure, np.where(reached, arrival, np.nan), deposit / area])
+        *peaks, arrival = np.where(reached, np.array(others) / np.maximum(weight, np.finfo(float).tiny), 0.0)
+        return np.array([thickest / area, *peaks, np.where(reached, arrival, np.nan), deposit / area])
 
 
 def flow_fields(columns: RasterSums, raster: Raster) -> tuple[np.ndarray, np.ndarray]:

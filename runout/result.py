@@ -69,8 +69,9 @@ class Result:
     def maps(self) -> "xr.Dataset":
         """Maps on the cells of the elevation raster, with its coordinate system.
 
-        ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``arrival_time`` [s] (missing in
-        cells that the flow does not reach) and ``deposit_thickness`` [m]. Thickness is vertical. Cells without elevation are NaN.
+        ``max_flow_thickness`` [m], ``max_speed`` [m s-1], ``max_pressure`` [Pa], ``max_momentum_flux`` [m3 s-2] (largest h v^2),
+        ``arrival_time`` [s] (missing in cells that the flow does not reach) and ``deposit_thickness`` [m]. Thickness is vertical.
+        Cells without elevation are NaN.
         """
         from runout.io.netcdf import map_dataset
 

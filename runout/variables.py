@@ -1,10 +1,13 @@
 """Table of all variables that runout writes: name -> unit, long name, CF standard name, type, valid range.
 
-Files are described from this table alone. A standard name is given only where the CF table has one; there is none for
-debris, deposit, impact pressure or arrival, and none is borrowed from floods.
+Files are described from this table alone; the names of map quantities come from :mod:`runout.map_quantities`. A standard name is
+given only where the CF table has one; there is none for debris, deposit, impact pressure or arrival, and none is borrowed from
+floods.
 """
 
 from dataclasses import dataclass, replace
+
+from runout.map_quantities import ARRIVAL, ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 
 FILL = -9999.0
 PRINTED = {"Pa": ("kPa", 1000.0)}  # unit in files -> printed unit and divisor
@@ -84,11 +87,8 @@ def _count(long_name: str, comment: str | None = None) -> Variable:
 _FRACTION = "fraction of the ensemble's weight, given that the release happens; not an annual probability"
 
 _MEMBER_MAPS = {
-    "max_flow_thickness": _positive("m", "maximum flow thickness, vertical"),
-    "max_speed": _positive("m s-1", "maximum speed of the flow"),
-    "max_pressure": _positive("Pa", "maximum dynamic pressure (density times speed squared)"),
-    "arrival_time": _positive("s", "time from the release to the arrival of the flow", comment="missing where no flow arrives"),
-    "deposit_thickness": _positive("m", "thickness of the deposit at the end of the run, vertical"),
+    **{q.member_map: _positive(q.units, f"maximum {q.described}" if q.formula else q.described) for q in QUANTITIES.values()},
+    ARRIVAL: _positive("s", "time from the release to the arrival of the flow", comment="missing where no flow arrives"),
     "flow_thickness": _positive("m", "flow thickness, vertical"),
     "speed": _positive("m s-1", "speed of the flow"),
 }
@@ -101,31 +101,38 @@ _TERRAIN_MAPS = {
 }
 
 
-def _exceedance(quantity: str) -> dict[str, Variable]:
+def _exceedance(name: str, condition: str, cells: str) -> dict[str, Variable]:
+    """Probability that a condition holds and its standard errors; ``cells`` says which ones count for the mean error."""
     return {
-        f"{quantity}_exceedance_probability": Variable(
-            "1",
-            f"conditional probability that the maximum {quantity} reaches or exceeds the threshold",
-            valid_min=0.0,
-            valid_max=1.0,
-            comment=_FRACTION,
+        f"{name}_exceedance_probability": Variable(
+            "1", f"conditional probability that {condition}", valid_min=0.0, valid_max=1.0, comment=_FRACTION
         ),
-        f"{quantity}_exceedance_standard_error": Variable(
+        f"{name}_exceedance_standard_error": Variable(
             "1",
-            f"standard error of the conditional probability that the maximum {quantity} reaches or exceeds the threshold",
+            f"standard error of the conditional probability that {condition}",
             valid_min=0.0,
             valid_max=1.0,
             comment="sampling error alone; the attribute estimator has its formula. Of blocks: three degrees of freedom in a cell; "
             "0 where all blocks agree",
         ),
-        f"{quantity}_exceedance_rms_error": Variable(
+        f"{name}_exceedance_rms_error": Variable(
             "1",
-            f"mean standard error of the probability that the maximum {quantity} reaches or exceeds the threshold",
+            f"mean standard error of the probability that {condition}",
             dtype="float64",
             valid_min=0.0,
-            comment="root mean square over the cells that any member reaches at the threshold",
+            comment=f"root mean square over the cells {cells}",
         ),
     }
+
+
+def _over_members(q: MapQuantity) -> dict[str, Variable]:
+    """Maps over the members of a quantity."""
+    found = _exceedance(q.name, f"the {q.extreme} reaches or exceeds the threshold", "that any member reaches at the threshold")
+    found[q.percentile] = _positive(q.units, f"percentile over the members of the {q.extreme}")
+    found[q.peak] = _positive(q.units, f"largest {q.words} of any member")
+    if q.mean:
+        found[q.mean] = _positive(q.units, f"weighted mean over the members of the {q.extreme}")
+    return found
 
 
 _HAZARD_MAPS = {
@@ -136,19 +143,18 @@ _HAZARD_MAPS = {
         valid_max=1.0,
         comment=_FRACTION,
     ),
-    **_exceedance("thickness"),
-    **_exceedance("speed"),
-    **_exceedance("pressure"),
-    "flow_thickness_percentile": _positive("m", "percentile over the members of the maximum flow thickness"),
-    "speed_percentile": _positive("m s-1", "percentile over the members of the maximum speed"),
-    "pressure_percentile": _positive("Pa", "percentile over the members of the maximum dynamic pressure"),
-    "deposit_thickness_percentile": _positive("m", "percentile over the members of the deposit's thickness"),
-    "peak_flow_thickness": _positive("m", "largest flow thickness of any member"),
-    "peak_speed": _positive("m s-1", "largest speed of any member"),
-    "peak_pressure": _positive("Pa", "largest dynamic pressure of any member"),
-    "peak_deposit_thickness": _positive("m", "largest deposit of any member"),
-    "mean_deposit_thickness": _positive("m", "weighted mean over the members of the deposit's thickness"),
-    "first_arrival_time": _positive("s", "earliest arrival of any member", comment="missing where no member arrives"),
+    **{name: variable for q in QUANTITIES.values() for name, variable in _over_members(q).items()},
+    **_exceedance(
+        "joint",
+        "the maxima reach or exceed all thresholds of the joint condition, each at its own time",
+        "where any member meets the condition",
+    ),
+    FIRST_ARRIVAL: _positive("s", "earliest arrival of any member", comment="missing where no member arrives"),
+    ARRIVAL_PERCENTILE: _positive(
+        "s",
+        "percentile over the members of the arrival time",
+        comment="members that do not arrive count as infinity; missing where those that arrive weigh less than the percentile",
+    ),
     "members_reached": _count(
         "number of valid members that inundate the cell", "maximum flow thickness of at least the lowest threshold"
     ),
@@ -174,9 +180,15 @@ _ENSEMBLE = {
 }
 
 _COORDINATES = {
-    "thickness_threshold": Variable("m", "threshold of the maximum flow thickness", dtype="float64"),
-    "speed_threshold": Variable("m s-1", "threshold of the maximum speed", dtype="float64"),
-    "pressure_threshold": Variable("Pa", "threshold of the maximum dynamic pressure", dtype="float64"),
+    **{q.threshold: Variable(q.units, f"threshold of the {q.extreme}", dtype="float64") for q in QUANTITIES.values()},
+    "joint": Variable("1", "number of the joint condition", dtype="int32"),
+    "joint_condition": Variable("", "joint condition in words", dtype="str"),
+    **{
+        q.joint_threshold: Variable(
+            q.units, f"threshold of the {q.extreme} in a joint condition", dtype="float64", comment="missing if it has none"
+        )
+        for q in QUANTITIES.values()
+    },
     "percentile": Variable("percent", "percentile over the members, by weight", dtype="float64"),
     "realization": Variable("1", "number of the ensemble member", "realization", dtype="int32"),
     "time": Variable("s", "time since the release", dtype="float64"),

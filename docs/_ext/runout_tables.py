@@ -1,10 +1,11 @@
 """Directives that print tables from the code itself, so that they cannot go stale.
 
 ``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
-``{friction-laws}`` those of every friction law, and ``{law-classes}`` their classes; ``{variables} max_speed ...`` lists variables
-of the products; ``{presets}`` the presets of accuracy.
+``{friction-laws}`` those of every friction law, and ``{law-classes}`` their classes; ``{variables} max_speed peak_* ...`` lists
+variables of the products; ``{presets}`` the presets of accuracy.
 """
 
+from fnmatch import filter
 from typing import Any
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -79,7 +80,7 @@ class VariablesTable(SphinxDirective):
         """Nodes of the table."""
         from runout.variables import VARIABLES
 
-        names = " ".join(self.content).split()
+        names = [name for pattern in " ".join(self.content).split() for name in filter(VARIABLES, pattern) or [pattern]]
         rows = [[f"`{n}`", VARIABLES[n].units, _sentence(VARIABLES[n].long_name, VARIABLES[n].comment)] for n in names]
         return _table(self, ["variable", "unit", "meaning"], rows)
 
@@ -114,9 +115,9 @@ def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, h
 
 
 def _settings_class(name: str) -> Any:
-    from runout.config import distributions, schema
+    from runout.config import distributions, hazard, schema
 
-    return getattr(schema, name, None) or getattr(distributions, name)
+    return next(getattr(home, name) for home in (schema, hazard, distributions) if hasattr(home, name))
 
 
 def _setting_row(name: str, field: Any) -> list[str]:

@@ -14,7 +14,7 @@ import inspect
 import os
 import tempfile
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
@@ -160,6 +160,25 @@ class NumbaBinding:
             self._laws[law] = _bind_friction(law, self.names, self._compiled, numba.njit(**self.inlined))
             self._laws[law].record = namedtuple("record", law.fields)  # type: ignore[misc]
         return self._laws[law]
+
+    def chain(self, link: Any, formulas: Sequence[Any], first: int = 0) -> Any:
+        """Copies of the function ``link`` that call each other, each with one of the formulas and its place from ``first`` on."""
+        import numba
+
+        inline, found = numba.njit(**self.inlined), self._inlined(link.__globals__["others"])
+        for place, formula in reversed(list(enumerate(formulas, first))):
+            copy = rebound(link, {"PLACE": place, "formula": self._inlined(formula), "others": found}, {})
+            copy.__qualname__ = "_".join([link.__name__, *(f.__name__ for f in formulas[place - first :])])
+            found = inline(copy)
+        return found
+
+    def _inlined(self, function: FunctionType) -> Any:
+        """A function in the subset of physics, compiled."""
+        import numba
+
+        if function not in self._compiled:
+            self._compiled[function] = numba.njit(**self.inlined)(rebound(function, self.names, self._compiled))
+        return self._compiled[function]
 
     def kernels(self, *modules: ModuleType, sources: tuple[ModuleType, ...] = (), **names: Any) -> SimpleNamespace:
         """Functions of kernel modules, compiled in order.

@@ -7,16 +7,19 @@ there. Every cell of the raster then takes its share by area. Each stage keeps t
 threads.
 """
 
+import inspect
 import math
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
-from runout.backends import spreading
+from runout.backends import column_peaks, spreading
 from runout.backends.compile import numba_binding
 from runout.backends.protocol import RasterSums
+from runout.map_quantities import peak_quantities
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.physics.numerical_scales import smoothed_area
@@ -102,7 +105,11 @@ def nothing() -> RasterSums:
 @cache
 def loops() -> SimpleNamespace:
     """The compiled loops of :mod:`runout.backends.spreading`, without fused operations."""
-    return numba_binding(np.float64, False).kernels(spreading)
+    binding = numba_binding(np.float64, False)
+    formulas: list[Any] = [q.formula for q in peak_quantities()[1:]]  # the loop itself raises the thickness
+    sources: dict[Any, None] = dict.fromkeys([column_peaks, *map(inspect.getmodule, formulas)])
+    chain = binding.chain(column_peaks.raise_peaks, formulas, 1)
+    return binding.kernels(spreading, sources=tuple(sources), raise_peaks=chain)
 
 
 def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float, density: float = 0.0) -> RasterSums:

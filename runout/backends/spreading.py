@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.physics.flow_columns import column_speed, dynamic_pressure, time_of_passing
+from runout.backends.column_peaks import raise_peaks
+from runout.physics.flow_columns import column_speed, time_of_passing
 from runout.physics.numerical_scales import covered_part, footprint_area, part_beyond
 
 prange = range  # that of the compiler takes its place
@@ -213,7 +214,7 @@ def take_peaks(
     volume: Any, mass: Any, momentum: Any, corner: Any, area: float, threshold: float, times: Any, thickness: Any, peaks: Any,
     arrival: Any,
 ):  # fmt: skip
-    """Raise the ``peaks`` (3, rows, columns), thickness, speed and pressure, to those of a window of columns, from ``corner`` on.
+    """Raise the ``peaks`` (quantities, rows, columns) to those of a window of columns, from ``corner`` on; thickness is the first.
 
     ``thickness`` (rows, columns) is that of the look before, and becomes that of this one; ``times`` (2,) are those of both. Cells
     of ``area`` [m2] count from a ``threshold`` [m] on, and get the time of ``arrival`` at which the thickness passed it.
@@ -228,7 +229,6 @@ def take_peaks(
                 peaks[0, r, c] = depth
             if depth >= threshold and depth > 0.0:
                 speed = column_speed(mass[i, j], momentum[0, i, j], momentum[1, i, j], momentum[2, i, j])
-                peaks[1, r, c] = max(peaks[1, r, c], speed)
-                peaks[2, r, c] = max(peaks[2, r, c], dynamic_pressure(mass[i, j], volume[i, j], speed))
+                raise_peaks(peaks, r, c, depth, speed, mass[i, j] / volume[i, j])
                 if np.isnan(arrival[r, c]):
                     arrival[r, c] = time_of_passing(threshold, min(before, threshold), depth, times[0], times[1])

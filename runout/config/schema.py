@@ -1,10 +1,9 @@
 """Keys, types, ranges and descriptions of site.yaml. The descriptions are also the comments of a new site.yaml."""
 
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, SerializeAsAny, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, SerializeAsAny, Tag, model_validator
 
 from runout.accuracy import CFL, CHOICES, PARTICLES_PER_CELL, PRESETS
 from runout.config.distributions import (
@@ -17,6 +16,7 @@ from runout.config.distributions import (
 )
 from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
+from runout.config.hazard import HazardSettings
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.metadata import METADATA, MetadataSettings
 from runout.config.quantities import (
@@ -320,35 +320,6 @@ def growth_conflicts(tolerance: float | None, members: int, parameters: list[str
         yield "members", f"{members} with tolerance, where it is a power of two from {SMALLEST_NET} on", f"set it to {fits}"
     elif not parameters:
         yield "tolerance", "no parameters are sampled, so that members differ by their seeds only", "remove it, or add parameters"
-
-
-def _rising(values: list[float]) -> list[float]:
-    if any(b <= a for a, b in pairwise(values)):
-        raise refuse(f"{values} does not rise", "list every value once, the smallest first")
-    return values
-
-
-def _percent(values: list[float]) -> list[float]:
-    if max(values) < 1:
-        raise refuse(f"{values} are suspiciously small; percentiles are in percent here", "write 5 for 0.05")
-    return _rising(values)
-
-
-Positive = Annotated[float, Field(gt=0)]
-Thresholds = Annotated[list[Positive], Field(min_length=1), AfterValidator(_rising)]
-Pressures = Annotated[list[Annotated[float, Field(ge=100)]], Field(min_length=1), AfterValidator(_rising)]
-Percentiles = Annotated[list[Annotated[float, Field(gt=0, lt=100)]], Field(min_length=1), AfterValidator(_percent)]
-
-
-class HazardSettings(Settings):
-    """What the maps show."""
-
-    thickness_thresholds: Thresholds = quantity("probability of at least this thickness", [0.1, 0.5, 1.0, 2.0], unit="m")
-    speed_thresholds: Thresholds = quantity("probability of at least this speed", [1.0, 5.0], unit="m s-1")
-    pressure_thresholds: Pressures = quantity(
-        "probability of at least this pressure (density times speed squared)", [3e3, 3e4], unit="Pa", hint="3 kPa is 3.0e3"
-    )
-    percentiles: Percentiles = quantity("percentiles over the members", [5.0, 50.0, 95.0], unit="%")
 
 
 class BudgetSettings(Settings):

@@ -13,6 +13,7 @@ from runout.ensemble.design import Design, member_table
 from runout.errors import RunoutError
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
+from runout.map_quantities import member_map_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,9 +129,10 @@ def _design_key(site: "Site") -> str:
 
 
 def _common_key(site: "Site") -> str:
-    """Checksum of what all members share: input contents, configuration, version of the solver."""
+    """Checksum of what all members share: input contents, configuration, version of the solver, maps in their files."""
     configuration = {k: v for k, v in site.computed().items() if k not in NOT_IN_KEY}
-    return checksum({"inputs": site.checksums(), "configuration": configuration, "version": __version__})
+    made = {"version": __version__, "maps": member_map_names()}
+    return checksum({"inputs": site.checksums(), "configuration": configuration, **made})
 
 
 def stored_key(path: Path) -> str | None:

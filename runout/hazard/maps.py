@@ -7,10 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.hazard.exceedance import QUANTITIES
+from runout.hazard.joint import conditions_of
 from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_text
 from runout.io.geotiff import write_cog
+from runout.map_quantities import (
+    ARRIVAL_PERCENTILE,
+    DEPOSIT,
+    FIRST_ARRIVAL,
+    QUANTITIES,
+    MapQuantity,
+    peak_quantities,
+    quantity_of,
+)
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -18,29 +27,32 @@ if TYPE_CHECKING:
 
 HEADLINE_MAPS = (
     "inundation_probability",
-    "peak_flow_thickness",
-    "peak_speed",
-    "peak_pressure",
-    "first_arrival_time",
-    "mean_deposit_thickness",
-    "peak_deposit_thickness",
+    *(q.peak for q in peak_quantities()),
+    FIRST_ARRIVAL,
+    QUANTITIES[DEPOSIT].mean,
+    QUANTITIES[DEPOSIT].peak,
     "members_reached",
 )
 TERRAIN_MAPS = ("elevation", "ground_slope", "release_thickness")
-OWN_MAP = re.compile(rf"({'|'.join(VARIABLES)})(_over)?(_[-+.0-9e]+(kPa)?)?\.(tif|qml|tif\.aux\.xml)")  # names of map_layers
-PERCENTILES = (*(quantity.percentile for quantity in QUANTITIES.values()), "deposit_thickness_percentile")
+_VALUE = r"_[-+.0-9e]+(kPa)?"
+_JOINT = rf"(_({'|'.join(QUANTITIES)}){_VALUE})+"
+OWN_MAP = re.compile(rf"({'|'.join(VARIABLES)})((_over)?({_VALUE})?|{_JOINT})\.(tif|qml|tif\.aux\.xml)")  # names of map_layers
+PERCENTILES = (*(q.percentile for q in QUANTITIES.values()), ARRIVAL_PERCENTILE)
+_KINDS = ("probability", "standard_error")
 
 
 def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float]]]:
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
-    for quantity in QUANTITIES:
-        dimension = f"{quantity}_threshold"
-        for product in ("probability", "standard_error"):
-            name = f"{quantity}_exceedance_{product}"
-            for value in hazard[dimension].values if dimension in hazard.coords else ():
-                yield f"{name}_over_{_stem(dimension, value)}", name, {dimension: float(value)}
+    for quantity in QUANTITIES.values():
+        for name in map(quantity.exceedance, _KINDS):
+            for value in hazard[quantity.threshold].values if quantity.threshold in hazard.coords else ():
+                yield f"{name}_over_{_stem(quantity, value)}", name, {quantity.threshold: float(value)}
+    for kind in _KINDS:
+        for number, condition in enumerate(conditions_of(hazard), 1):
+            of = "_".join(f"{name}_{_stem(QUANTITIES[name], limit)}" for name, limit in condition.items())
+            yield f"joint_exceedance_{kind}_{of}", f"joint_exceedance_{kind}", {"joint": number}
     for name in PERCENTILES:
         for value in hazard["percentile"].values if name in hazard else ():
             yield f"{name}_{value:g}", name, {"percentile": float(value)}
@@ -67,12 +79,14 @@ def _style(hazard: "xr.Dataset", name: str) -> str:
 
 def _thresholds(hazard: "xr.Dataset", name: str) -> list[float]:
     """Thresholds of the quantity that a map shows, in the unit for people; none for times and counts."""
-    dimension = next((f"{q}_threshold" for q in QUANTITIES if q in name), "")
-    return (hazard[dimension].values / VARIABLES[dimension].printed[1]).tolist() if dimension in hazard.coords else []
+    quantity = quantity_of(name)
+    if quantity is None or quantity.threshold not in hazard.coords:
+        return []
+    return (hazard[quantity.threshold].values / VARIABLES[quantity.threshold].printed[1]).tolist()
 
 
-def _stem(dimension: str, value: float) -> str:
+def _stem(quantity: MapQuantity, value: float) -> str:
     """A threshold as part of a file name, with its unit where that is not the one of site.yaml."""
-    variable = VARIABLES[dimension]
+    variable = VARIABLES[quantity.threshold]
     units, divisor = variable.printed
     return f"{value / divisor:g}{units if units != variable.units else ''}"

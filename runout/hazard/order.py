@@ -46,19 +46,24 @@ def equal(weights: np.ndarray) -> bool:
 class CellValues:
     """Values of the members in some cells, none below 0; cells of which a value is NaN have no meaning.
 
+    The members that are not given have ``absent``, the least or the largest possible value.
+
     Parameters
     ----------
     values : ndarray (cells, members that are given)
-        float32; sorted in place where the weights are equal. The other members have 0.
+        float32; sorted in place where the weights are equal.
     given : ndarray (members that are given,)
         Their numbers.
     weights : ndarray (members,)
         Of all members, of sum 1.
+    absent : float
+        0, or infinity for a time that never comes; then only :meth:`percentiles` has a meaning.
     """
 
     values: np.ndarray
     given: np.ndarray
     weights: np.ndarray
+    absent: float = 0.0
 
     def __post_init__(self) -> None:
         if self.alike:
@@ -88,12 +93,14 @@ class CellValues:
     def percentiles(self, percentiles: Sequence[float] | np.ndarray) -> np.ndarray:
         """Percentiles (k, cells) as :func:`weighted_percentiles` has them."""
         if not self.alike:
-            nothing = np.zeros((1, len(self.values)), self.values.dtype)
+            nothing = np.full((1, len(self.values)), self.absent, self.values.dtype)
             weights = np.concatenate([[np.delete(self.weights, self.given).sum()], self.weights[self.given]])
             return weighted_percentiles(np.concatenate([nothing, self.values.T]), weights, percentiles)
         reached = np.cumsum(self.weights)
-        ranks = [int(np.argmax(reached >= q / 100.0 - _ROUNDING)) - self.others for q in percentiles]
-        return np.stack([self.values[:, rank] if rank >= 0 else np.zeros_like(self.peak) for rank in ranks])
+        below = 0 if self.absent > 0 else self.others
+        ranks = [int(np.argmax(reached >= q / 100.0 - _ROUNDING)) - below for q in percentiles]
+        absent, given = np.full_like(self.peak, self.absent), range(len(self.given))
+        return np.stack([self.values[:, rank] if rank in given else absent for rank in ranks])
 
     def count(self, limit: np.floating) -> np.ndarray:
         """Number of the members that reach ``limit`` (cells,)."""

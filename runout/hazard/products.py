@@ -10,6 +10,7 @@ import numpy as np
 
 from runout.errors import PartialEnsembleError, StorageError
 from runout.hazard.exceedance import aggregate, stated_thresholds
+from runout.hazard.joint import stated_conditions
 from runout.hazard.maps import OWN_MAP, write_maps
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.outline_style import outline_styles
@@ -133,7 +134,6 @@ def hazard_dataset(
     ``folder`` and ``each`` are those of :func:`runout.hazard.exceedance.aggregate`.
     """
     settings = site.settings.hazard
-    thresholds = stated_thresholds(settings)
     maps = {
         "elevation": terrain.elevation,
         "ground_slope": ground_slope(terrain),
@@ -142,8 +142,9 @@ def hazard_dataset(
     dataset = netcdf.map_dataset(terrain, maps, title=f"{_title(site)}: hazard maps", attrs=attrs)
     files = list(ensemble.files.values())
     estimator = Estimator.of(ensemble.table, ensemble.files)
+    thresholds, joint = stated_thresholds(settings), stated_conditions(settings)
     over_members = aggregate(
-        files, ensemble.weights, thresholds, settings.percentiles, estimator=estimator, folder=folder, each=each
+        files, ensemble.weights, thresholds, settings.percentiles, joint=joint, estimator=estimator, folder=folder, each=each
     )
     if not (np.array_equal(over_members["x"], dataset["x"]) and np.array_equal(over_members["y"], dataset["y"])):
         raise StorageError(f"{files[0]}: its grid is not that of {terrain.source}; remove the members and run the ensemble again")

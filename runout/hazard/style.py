@@ -14,7 +14,7 @@ _RAMPS |= {"elevation": "cividis", "slope": "YlOrBr"}
 _DEFAULT_RAMP = "plasma_r"
 _GROUND = ("elevation", "slope")  # coloured without steps
 _OPAQUE = ("arrival", *_GROUND)  # their least value is one like any other
-_LEGEND_UNITS = {"1": "", "m s-1": " m/s", "degree": "°"}
+_LEGEND_UNITS = {"1": "", "m s-1": " m/s", "m3 s-2": " m³/s²", "degree": "°"}
 _CLASSES = 8
 _MOST_STEPS = 8  # above the last threshold
 _LINEAR = 4.0  # ratio of the largest value to the last threshold from which steps grow like 1, 2, 5
@@ -28,8 +28,7 @@ def class_edges(name: str, thresholds: Sequence[float], smallest: float, largest
     name : str
         Name of the map.
     thresholds : sequence of float
-        Thresholds of its quantity; used for thickness, speed and pressure. Round numbers follow above the last one that is
-        reached.
+        Thresholds of its quantity, if it has some. Round numbers follow above the last one that is reached.
     smallest, largest : float
         Range of the values, in the unit of the thresholds.
     """

@@ -112,10 +112,11 @@ def _tags(dataset: "xr.Dataset", layer: "xr.DataArray", selection: dict[str, flo
     variable = VARIABLES[str(layer.name)]
     stated = {key: dataset.attrs[key] for key in _CARRIED if key in dataset.attrs}
     chosen = {dim: _printed(dim, value) for dim, value in selection.items()}
+    chosen |= {str(name): str(text.item()) for name, text in layer.coords.items() if text.ndim == 0 and text.dtype.kind in "OU"}
     described = variable.attributes() | {"units": variable.printed[0]}
     return {"TIFFTAG_IMAGEDESCRIPTION": variable.long_name} | described | chosen | stated
 
 
 def _printed(name: str, value: float) -> str:
     units, divisor = VARIABLES[name].printed
-    return f"{value / divisor:g} {units}"
+    return f"{value / divisor:g}" + (f" {units}" if units != "1" else "")

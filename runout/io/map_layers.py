@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.map_quantities import UNTIL_ARRIVAL
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import netCDF4
 
 CHUNK = 256
-UNTIL_ARRIVAL = ("arrival_time", "first_arrival_time")  # maps that hold no value, not 0, where no flow arrives
 
 
 def add_layers(file: "netCDF4.Dataset", name: str, attributes: Mapping[str, Any], dims: tuple[str, ...] = ()) -> "netCDF4.Variable":

@@ -13,13 +13,14 @@ from runout.errors import StorageError
 from runout.io import netcdf
 from runout.io.grid import grid_coordinates
 from runout.io.window import NEVER_BELOW, Part
+from runout.map_quantities import ARRIVAL, member_map_names
 from runout.model.terrain import Terrain
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MEMBER_MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
+MEMBER_MAPS = member_map_names()
 RASTER = "raster"  # group with the place of the whole raster, in files that hold a part of it
 STEP = 64  # cells; parts begin and end on multiples of it
 SMALLEST_BLOCK = netcdf.CHUNK  # rows, and columns
@@ -179,7 +180,7 @@ class MemberMaps:
         values = self._values(name, slice(None), slice(None))
         if not self.is_part:
             return values
-        whole = np.full(self.shape, np.nan if name == "arrival_time" else 0.0, np.float32)
+        whole = np.full(self.shape, np.nan if name == ARRIVAL else 0.0, np.float32)
         if known is not None:
             whole[~known] = np.nan
         whole[self.part.slices] = values
@@ -188,7 +189,7 @@ class MemberMaps:
     def within(self, name: str, place: tuple[slice, slice]) -> np.ndarray:
         """One map in a rectangle of the whole raster: no arrival and 0 beyond the part that the file holds."""
         rows, columns = (range(size)[span] for size, span in zip(self.shape, place, strict=True))
-        found = np.full((len(rows), len(columns)), np.nan if name == "arrival_time" else 0.0, np.float32)
+        found = np.full((len(rows), len(columns)), np.nan if name == ARRIVAL else 0.0, np.float32)
         top, bottom = max(rows.start, self.part.row), min(rows.stop, self.part.row + self.part.rows)
         left, right = max(columns.start, self.part.column), min(columns.stop, self.part.column + self.part.columns)
         if top < bottom and left < right:

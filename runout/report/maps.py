@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from runout.map_quantities import QUANTITIES, MapQuantity
 from runout.report.marks import INK, Mark, draw_marks, draw_unknown
+from runout.report.wording import unit
+from runout.variables import VARIABLES
 
 Window = tuple[slice, slice]  # rows and columns of the raster
 Extent = tuple[float, float, float, float]  # outer edges west, east, south, north [m]
@@ -57,13 +60,18 @@ class MapStyle:
 
 
 TENTHS = tuple(float(np.float32(i / 10)) for i in range(11))  # float32 as in files; a value on a bound is in the class above
+
+
+def _style_of(quantity: MapQuantity) -> MapStyle:
+    units, divisor = VARIABLES[quantity.peak].printed
+    label = f"{quantity.symbol} [{unit(units)}]"
+    return MapStyle(label, quantity.colours, scale=1.0 / divisor, logarithmic=quantity.logarithmic)
+
+
 STYLES = {
     "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
-    "thickness": MapStyle("vertical thickness [m]", "viridis_r"),
-    "speed": MapStyle("speed [m s⁻¹]", "plasma_r"),
-    "pressure": MapStyle("pressure \u03c1v² [kPa]", "inferno_r", scale=1e-3, logarithmic=True),
     "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
-    "deposit": MapStyle("vertical thickness [m]", "viridis_r"),
+    **{name: _style_of(quantity) for name, quantity in QUANTITIES.items()},
 }
 
 

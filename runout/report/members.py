@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.map_quantities import QUANTITIES
+
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
@@ -34,7 +36,6 @@ FIGURES = {
 }
 
 
-PEAKS = ("peak_flow_thickness", "peak_speed", "peak_deposit_thickness")
 Ledger = Mapping[str, np.ndarray]  # mass and energy, each (time,), by name
 
 
@@ -68,9 +69,9 @@ class Reach:
         """Distances on the raster of the hazard maps."""
         released = hazard["release_thickness"].values > 0
         covered = released | np.isfinite(hazard["first_arrival_time"].values)
-        for name in PEAKS:
-            if name in hazard:
-                covered |= hazard[name].values > 0
+        for quantity in QUANTITIES.values():
+            if quantity.peak in hazard:
+                covered |= hazard[quantity.peak].values > 0
         part = _bounds(covered)
         easting, northing = hazard["x"].values[part[1]], hazard["y"].values[part[0]]
         return cls.on(released[part], easting, northing, hazard["elevation"].values[part], part)

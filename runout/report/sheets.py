@@ -1,11 +1,13 @@
 """Maps of the report in their order: variable, colours, title and caption."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.hazard.joint import conditions_of
+from runout.map_quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 from runout.report.maps import Window, draw_location
 from runout.report.picture import png
 from runout.report.study import Study
@@ -17,11 +19,7 @@ if TYPE_CHECKING:
 
 HEADLINE_THICKNESS = 0.5  # [m] the first map of the report has the threshold nearest to this
 LARGEST_SHARE = 0.5  # share of the raster; the report locates smaller windows on a map of the whole terrain
-EXCEEDANCES = {  # start of the title by variable; the threshold follows
-    "thickness": "Probability of a flow thickness of",
-    "speed": "Probability of a flow speed of",
-    "pressure": "Probability of a dynamic pressure of",
-}
+HEADLINES = ("thickness", "speed")  # quantities whose percentiles are among the first maps
 
 
 @dataclass(frozen=True)
@@ -64,66 +62,105 @@ def headline_sheets(study: Study) -> list[Sheet]:
     first = float(levels[np.argmin(np.abs(levels - HEADLINE_THICKNESS))])
     return [
         exceedance_sheet(hazard, "thickness", first),
-        *_percentile_sheets(hazard, "flow_thickness_percentile", "Peak flow thickness", "thickness"),
-        *_percentile_sheets(hazard, "speed_percentile", "Peak flow speed", "speed"),
+        *(sheet for name in HEADLINES for sheet in _percentile_sheets(hazard, QUANTITIES[name])),
         _arrival_sheet(hazard),
         *_deposit_sheets(hazard),
     ]
 
 
 def further_sheets(study: Study, headline: list[Sheet]) -> list[Sheet]:
-    """Further maps of the report: exceedance of all other thresholds, and peak dynamic pressure."""
-    titles = {sheet.title for sheet in headline}
+    """Further maps of the report: exceedance of all other thresholds and of joint conditions, other extremes, arrival."""
+    titles, hazard = {sheet.title for sheet in headline}, study.hazard
     exceedances = [
-        exceedance_sheet(study.hazard, name, float(level))
-        for name in EXCEEDANCES
-        if f"{name}_threshold" in study.hazard.coords
-        for level in study.hazard[f"{name}_threshold"].values
+        exceedance_sheet(hazard, name, float(level))
+        for name, quantity in QUANTITIES.items()
+        if quantity.threshold in hazard.coords
+        for level in hazard[quantity.threshold].values
     ]
-    pressure = Sheet(
-        "Peak dynamic pressure, worst member",
-        "Density times speed squared, the largest of all members. "
-        "It is the pressure of the undisturbed flow, not the load on an obstacle.",
-        study.hazard["peak_pressure"].values,
-        "pressure",
-    )
-    return [sheet for sheet in exceedances if sheet.title not in titles] + [pressure]
+    joint = [joint_sheet(hazard, number, condition) for number, condition in enumerate(conditions_of(hazard), 1)]
+    peaks = [_peak_sheet(hazard, quantity) for name, quantity in QUANTITIES.items() if name not in HEADLINES]
+    return [sheet for sheet in (*exceedances, *joint, *peaks, *_arrival_percentile_sheets(hazard)) if sheet.title not in titles]
 
 
 def exceedance_sheet(hazard: "xr.Dataset", name: str, level: float) -> Sheet:
-    """Map of the probability that the maximum reaches ``level`` (in the unit of the variable)."""
-    units, divisor = VARIABLES[f"{name}_threshold"].printed
-    shown = quantity(level / divisor, units)
-    at = {f"{name}_threshold": level}
+    """Map of the probability that a quantity reaches ``level`` (in the unit of the variable)."""
+    mapped = QUANTITIES[name]
+    shown = _limit(name, level)
+    caption = (
+        f"Conditional probability: the weighted fraction of the members whose {mapped.extreme} reaches {shown}, given that the "
+        "release happens. "
+    )
+    return _probability_sheet(hazard, name, {mapped.threshold: level}, f"a {mapped.words} of {shown} or more", caption)
+
+
+def joint_sheet(hazard: "xr.Dataset", number: int, condition: Mapping[str, float]) -> Sheet:
+    """Map of the probability of joint condition ``number``."""
+    parts = " and ".join(f"{QUANTITIES[name].words} of {_limit(name, level)} or more" for name, level in condition.items())
+    caption = (
+        "Conditional probability that the maxima of a member reach all of these values. Each maximum counts at its own time: the "
+        "probability that they are reached at the same time is at most this. "
+    )
+    return _probability_sheet(hazard, "joint", {"joint": number}, parts, caption)
+
+
+def _limit(name: str, level: float) -> str:
+    """A threshold with its printed unit."""
+    units, divisor = VARIABLES[QUANTITIES[name].threshold].printed
+    return quantity(level / divisor, units)
+
+
+def _probability_sheet(hazard: "xr.Dataset", name: str, at: dict[str, float], what: str, caption: str) -> Sheet:
     error = hazard[f"{name}_exceedance_rms_error"]
     of = "the spread over blocks of the net" if "blocks" in error.attrs.get("estimator", "") else "independent members"
     return Sheet(
-        f"{EXCEEDANCES[name]} {shown} or more",
-        f"Conditional probability: the weighted fraction of the members whose maximum reaches {shown}, given that the release "
-        f"happens. Its standard error from the number of members alone is {number(float(error.sel(at)), 2)} (that of {of}, "
+        f"Probability of {what}",
+        f"{caption}Its standard error from the number of members alone is {number(float(error.sel(at)), 2)} (that of {of}, "
         "root mean square over these cells).",
         hazard[f"{name}_exceedance_probability"].sel(at).values,
         "probability",
     )
 
 
-def _percentile_sheets(hazard: "xr.Dataset", name: str, words: str, style: str) -> Iterator[Sheet]:
+def _peak_sheet(hazard: "xr.Dataset", mapped: MapQuantity) -> Sheet:
+    caption = f"{mapped.described[:1].upper()}{mapped.described[1:]}, the largest of all members. {mapped.remark}".rstrip()
+    return Sheet(f"Peak {mapped.words}, worst member", caption, hazard[mapped.peak].values, mapped.name)
+
+
+def _percentile_sheets(hazard: "xr.Dataset", mapped: MapQuantity) -> Iterator[Sheet]:
     levels = hazard["percentile"].values
-    middle, top = float(levels[np.argmin(np.abs(levels - 50))]), float(levels.max())
-    for level in dict.fromkeys((middle, top)):
-        label = "median of the members" if level == 50 else f"{level:g}th percentile of the members"
+    for level in dict.fromkeys((_middle(levels), float(levels.max()))):
         caption = (
             f"At least {level:g} % of the members (by weight) stay at or below the value shown, "
             f"at most {100 - level:g} % pass it; no colour means 0."
         )
-        yield Sheet(f"{words}, {label}", caption, hazard[name].sel(percentile=level).values, style)
+        values = hazard[mapped.percentile].sel(percentile=level).values
+        yield Sheet(f"Peak {mapped.words}, {_rank(level)}", caption, values, mapped.name)
+
+
+def _arrival_percentile_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
+    levels = hazard["percentile"].values
+    for level in dict.fromkeys((float(levels.min()), _middle(levels))):
+        caption = (
+            f"The flow of {level:g} % of the members (by weight) has arrived by the time shown. Members that never arrive count: "
+            f"no colour means that fewer than {level:g} % arrive."
+        )
+        yield Sheet(f"Arrival, {_rank(level)}", caption, hazard[ARRIVAL_PERCENTILE].sel(percentile=level).values, "time")
+
+
+def _middle(levels: np.ndarray) -> float:
+    """The percentile next to the median."""
+    return float(levels[np.argmin(np.abs(levels - 50))])
+
+
+def _rank(level: float) -> str:
+    return "median of the members" if level == 50 else f"{level:g}th percentile of the members"
 
 
 def _arrival_sheet(hazard: "xr.Dataset") -> Sheet:
     return Sheet(
         "First arrival",
         "Earliest time after the release at which the flow of any member arrives in a cell.",
-        hazard["first_arrival_time"].values,
+        hazard[FIRST_ARRIVAL].values,
         "time",
     )
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.map_quantities import QUANTITIES
 from runout.model.depth_resolution import FEWEST_CELLS
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, Ledger
@@ -13,7 +14,7 @@ from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
 from runout.stiffness import sentence_of
-from runout.variables import PRINTED, VARIABLES
+from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,9 +40,7 @@ SETTING_UNITS = {
     "youngs_modulus": "Pa",
     "density": "kg m-3",
     "cohesion": "Pa",
-    "thickness_thresholds": "m",
-    "speed_thresholds": "m s-1",
-    "pressure_thresholds": "kPa",
+    **{q.setting: VARIABLES[q.threshold].printed[0] for q in QUANTITIES.values()},
     "percentiles": "%",
     "hours": "h",
 }
@@ -298,8 +297,8 @@ def _value(key: str, value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, int | float):
         return quantity(value, SETTING_UNITS.get(key, "1"), 10)
-    if key == "pressure_thresholds":
-        value = [limit / PRINTED["Pa"][1] for limit in value]
+    divisor = next((VARIABLES[q.threshold].printed[1] for q in QUANTITIES.values() if q.setting == key), 1.0)
+    value = [limit / divisor for limit in value] if divisor != 1.0 else value
     if isinstance(value, list):
         listed = ", ".join(_value("", v) for v in value)
         return f"{listed} {unit(SETTING_UNITS[key])}" if key in SETTING_UNITS else listed

@@ -17,6 +17,7 @@ from runout import DruckerPrager, Release, Terrain, __version__, log
 from runout.backends.protocol import ResumableBackend, get_backend
 from runout.checkpoint import EVERY, Checkpoint
 from runout.io.atomic import write_json
+from runout.map_quantities import member_map_names
 from runout.model.particles import Particles
 from runout.model.release import Placement
 from runout.model.scene import Scene
@@ -30,7 +31,7 @@ from runout.studies.work_precision import commit
 
 SITE = Path(__file__).parents[2] / "sites" / "jacksboro"
 FILE = "skip.json"
-MAPS = ("max_flow_thickness", "max_speed", "max_pressure", "arrival_time", "deposit_thickness")
+MAPS = member_map_names()
 REPEATS, CHECKPOINTED = 2, 400_000
 FLOWING = (15.0, 60.0, False)  # basal friction angle [deg], end time [s], stop rule: a flow that stays fast
 RESTING = (25.0, 180.0, True)  # a flow that comes to rest before the end

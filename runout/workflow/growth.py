@@ -11,6 +11,7 @@ from runout.ensemble.design import member_table
 from runout.ensemble.member import plan_members
 from runout.ensemble.run import EnsembleReport, run_ensemble
 from runout.hazard.exceedance import aggregate, stated_thresholds
+from runout.hazard.joint import stated_conditions
 from runout.hazard.sampling import Estimator
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
@@ -175,7 +176,8 @@ def measured(site: "Site", results: Path, members: "Sequence[Member]", valid: It
     having = set(valid)
     files = [member.file(results) for member in members if member.number in having]
     estimator = Estimator.of(member_table(site.settings.ensemble, len(members)), files)
-    maps = aggregate(files, [1.0] * len(files), stated_thresholds(site.settings.hazard), [50.0], estimator=estimator)
+    thresholds, joint = _asked(site)
+    maps = aggregate(files, [1.0] * len(files), thresholds, [50.0], joint=joint, estimator=estimator)
     errors = [float(maps[name].max()) for name in maps.data_vars if str(name).endswith("_exceedance_rms_error")]
     return Size(len(members), max(errors), estimator.reason)
 
@@ -183,4 +185,9 @@ def measured(site: "Site", results: Path, members: "Sequence[Member]", valid: It
 def _key(site: "Site", members: "Sequence[Member]", failed: Sequence[int]) -> str:
     """Checksum of what the error of a size depends on."""
     without = [number for number in failed if number < len(members)]
-    return checksum([__version__, [member.key for member in members], without, stated_thresholds(site.settings.hazard)])
+    return checksum([__version__, [member.key for member in members], without, _asked(site)])
+
+
+def _asked(site: "Site") -> tuple[dict[str, list[float]], list[dict[str, float]]]:
+    """Thresholds and joint conditions of a site, whose probabilities have a sampling error."""
+    return stated_thresholds(site.settings.hazard), stated_conditions(site.settings.hazard)

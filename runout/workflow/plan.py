@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import BudgetError, CapacityError
+from runout.map_quantities import member_map_names
 from runout.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
 from runout.model.basal_friction import USUAL_ANGLE
 from runout.model.limits import spacing_of
@@ -27,7 +28,6 @@ LOGGER = logging.getLogger(__name__)
 SETUP_SECONDS = 0.3  # time of a member beside its steps [s]
 START_SECONDS = 8.0  # start of a worker process [s]: imports, compiled code from the cache
 CROWDING = 1.2  # time on a core while the others are busy, relative to an idle machine
-MEMBER_MAPS = 5
 CHECKPOINT_BYTES = {"float32": 130, "float64": 240}  # of disk per particle, while its member runs
 
 
@@ -117,7 +117,8 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
     arguments = site.member_arguments(largest.parameters)
     cost = step_cost(arguments)
     seconds = SETUP_SECONDS + cost.step * steps + cost.particle * particle_steps
-    disk = 2.0 * len(members) * MEMBER_MAPS * 4 * site.terrain().elevation.size  # members/*.nc and members.nc, before compression
+    maps = 2.0 * len(members) * len(member_map_names())  # of members/*.nc and members.nc, before compression
+    disk = maps * 4 * site.terrain().elevation.size
     disk += together * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]
     work, longest = float(seconds.sum()), float(seconds.max())
     total = work if together == 1 else START_SECONDS + CROWDING * max(work / together, longest)

@@ -104,6 +104,13 @@ def test_all_problems_are_listed_at_once_in_the_order_of_the_file(edited):
             2,
             "it must be at least 100 Pa; 3 kPa",
         ),
+        ("title: A tilted plane", "hazard: {thickness_thresholds: []}", 2, "a list of 0; 1 value is needed"),
+        ("title: A tilted plane", "hazard: {momentum_flux_thresholds: [0]}", 2, "it must be above 0 m3 s-2"),
+        ("title: A tilted plane", "hazard: {joint: [{thickness: 1, sped: 2}]}", 2, "unknown key; did you mean 'speed'?"),
+        ("title: A tilted plane", "hazard: {joint: [{thickness: 1}]}", 2, "only thickness has a threshold; give two or more of"),
+        ("title: A tilted plane", "hazard: {joint: [{speed: 1, pressure: 3}]}", 2, "it must be at least 100 Pa; 3 kPa"),
+        ("title: A tilted plane", "hazard: {joint: {speed: 1, thickness: 3}}", 2, "a list such as"),
+        ("title: A tilted plane", "hazard: {joint: [{speed: 1, deposit: 3}, {deposit: 3.0, speed: 1}]}", 2, "is listed twice"),
         ("title: A tilted plane", "budget: {hours: -1}", 2, "-1 h is out of range"),
     ],
 )

@@ -44,6 +44,7 @@ def member_maps(number: int) -> dict[str, np.ndarray]:
         "max_flow_thickness": thickness,
         "max_speed": speed,
         "max_pressure": 2000.0 * speed**2,
+        "max_momentum_flux": 0.5 * thickness * speed**2,  # the two maxima are not at the same time
         "arrival_time": arrival,
         "deposit_thickness": thickness / 2,
     }
@@ -79,6 +80,9 @@ class FakeSite:
                 thickness_thresholds=[0.1, 1.0, 2.0],
                 speed_thresholds=[1.0, 5.0],
                 pressure_thresholds=[3e3, 3e4],
+                momentum_flux_thresholds=[10.0],
+                deposit_thresholds=[0.5, 1.0],
+                joint=[{"thickness": 2.0, "speed": 3.0}, {"pressure": 3e4, "deposit": 0.7, "momentum_flux": 1.0}],
                 percentiles=[5, 50, 95],
             ),
             ensemble=SimpleNamespace(seed=7),

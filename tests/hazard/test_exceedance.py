@@ -9,11 +9,15 @@ from synthetic_ensemble import MARKER, SHAPE, make_terrain, member_maps, write_m
 from runout.errors import StorageError
 from runout.hazard.exceedance import aggregate, effective_sample_size, normalised, weighted_percentiles
 from runout.io import netcdf
+from runout.map_quantities import QUANTITIES
 from runout.model.terrain import Terrain
 
 THRESHOLDS = {"thickness": [0.1, 1.0, 2.0], "speed": [1.0, 5.0], "pressure": [3e3, 3e4]}
+THRESHOLDS |= {"momentum_flux": [1.0, 10.0, 50.0], "deposit": [0.5, 1.0]}
+JOINT = [{"thickness": 2.0, "speed": 3.0}, {"deposit": 0.7, "momentum_flux": 20.0, "pressure": 3e4}]
 PERCENTILES = [5, 50, 95]
-NAMES = {"thickness": "max_flow_thickness", "speed": "max_speed", "pressure": "max_pressure"}
+NAMES = {name: quantity.member_map for name, quantity in QUANTITIES.items()}
+DIFFERENT = pytest.mark.parametrize("weights", [[1, 1, 1, 1], [0.4, 0.3, 0.2, 0.1]])
 
 
 @pytest.fixture
@@ -27,7 +31,7 @@ def stack(name: str) -> np.ndarray:
     return np.stack([member_maps(number)[name].astype(np.float32) for number in range(4)])
 
 
-@pytest.mark.parametrize("weights", [[1, 1, 1, 1], [0.4, 0.3, 0.2, 0.1]])
+@DIFFERENT
 def test_exceedance_is_the_summed_weight_of_the_members_that_reach_the_threshold(members: list[Path], weights: list[float]) -> None:
     maps = aggregate(members, weights, THRESHOLDS, PERCENTILES)
     w = np.array(weights) / np.sum(weights)
@@ -47,10 +51,10 @@ def test_a_value_at_the_threshold_reaches_it(members: list[Path]) -> None:
     np.testing.assert_allclose(maps["thickness_exceedance_probability"][:, 3, 6], [1.0, 1.0, 0.75])
 
 
-@pytest.mark.parametrize("weights", [[1, 1, 1, 1], [0.4, 0.3, 0.2, 0.1]])
+@DIFFERENT
 def test_percentiles_agree_with_numpy_everywhere(members: list[Path], weights: list[float]) -> None:
     maps = aggregate(members, weights, THRESHOLDS, PERCENTILES)
-    names = {"flow_thickness": "max_flow_thickness", "speed": "max_speed", "deposit_thickness": "deposit_thickness"}
+    names = {quantity.stem: quantity.member_map for quantity in QUANTITIES.values()}
     for product, name in names.items():
         w = np.broadcast_to(np.reshape(weights, (4, 1, 1)), (4, *SHAPE))
         expected = np.quantile(stack(name), np.array(PERCENTILES) / 100, axis=0, weights=w, method="inverted_cdf")
@@ -72,6 +76,44 @@ def test_a_weighted_percentile_splits_the_weight(values: list[float], heaviness:
     assert w[v < found].sum() <= percentile / 100 + 1e-9
 
 
+@DIFFERENT
+def test_a_joint_condition_counts_members_whose_maxima_reach_all_its_thresholds(members: list[Path], weights: list[float]) -> None:
+    maps = aggregate(members, weights, THRESHOLDS, PERCENTILES, joint=JOINT)
+    w = np.array(weights) / np.sum(weights)
+    assert maps["joint_condition"].values[0] == "maximum flow thickness >= 2 m and maximum flow speed >= 3 m s-1"
+    for k, condition in enumerate(JOINT):
+        met = np.all([stack(NAMES[name]) >= limit for name, limit in condition.items()], axis=0)
+        p = np.tensordot(w, met, axes=1)
+        assert len(np.unique(p)) > 2
+        np.testing.assert_allclose(maps["joint_exceedance_probability"][k], p, atol=1e-7)
+        error = np.sqrt(np.clip(p * (1 - p), 0, None) * np.sum(w**2))
+        np.testing.assert_allclose(maps["joint_exceedance_standard_error"][k], error, atol=1e-6)
+        mean = np.sqrt(np.mean(error[p > 0] ** 2))
+        assert float(maps["joint_exceedance_rms_error"][k]) == pytest.approx(mean, rel=1e-5)
+        for name, limit in condition.items():
+            assert float(maps[f"joint_{name}_threshold"][k]) == limit
+    assert np.isnan(maps["joint_thickness_threshold"].values[1])
+
+
+@pytest.mark.parametrize("condition", [{"speed": 1.0}, {"speed": 1.0, "colour": 2.0}, {"speed": 1.0, "thickness": 0.0}])
+def test_joint_conditions_without_a_meaning_are_refused(members: list[Path], condition: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="joint condition"):
+        aggregate(members, [1] * 4, THRESHOLDS, PERCENTILES, joint=[condition])
+
+
+@DIFFERENT
+def test_percentiles_of_the_arrival_count_members_that_never_arrive_as_infinity(members: list[Path], weights: list[float]) -> None:
+    maps = aggregate(members, weights, THRESHOLDS, [5, 25, 50, 75, 90, 100])
+    times = np.where(np.isnan(stack("arrival_time")), np.inf, stack("arrival_time"))
+    w = np.broadcast_to(np.reshape(weights, (4, 1, 1)), (4, *SHAPE))
+    shares = maps["percentile"].values / 100
+    expected = np.quantile(times, shares, axis=0, weights=w, method="inverted_cdf")
+    np.testing.assert_array_equal(maps["arrival_time_percentile"], np.where(np.isinf(expected), np.nan, expected))
+    arrived = (np.isfinite(times) * w).sum(0) / np.sum(weights)
+    for share, found in zip(shares, maps["arrival_time_percentile"].values, strict=True):
+        np.testing.assert_array_equal(np.isfinite(found), (arrived >= share - 1e-9) & (arrived > 0))
+
+
 def test_extremes_first_arrival_and_counts(members: list[Path]) -> None:
     maps = aggregate(members, [1, 1, 1, 1], THRESHOLDS, PERCENTILES)
     np.testing.assert_array_equal(maps["peak_flow_thickness"], stack("max_flow_thickness").max(0))
@@ -80,6 +122,7 @@ def test_extremes_first_arrival_and_counts(members: list[Path]) -> None:
     np.testing.assert_array_equal(maps["first_arrival_time"], np.fmin.reduce(stack("arrival_time")))
     np.testing.assert_array_equal(maps["members_reached"], (stack("max_flow_thickness") >= 0.1).sum(0))
     assert np.isnan(maps["first_arrival_time"].values[-1, -1])
+    np.testing.assert_array_equal(maps["peak_momentum_flux"], stack("max_momentum_flux").max(0))
     assert maps["peak_flow_thickness"].values[0, 0] == MARKER
 
 
@@ -97,7 +140,9 @@ def test_a_cell_that_a_member_leaves_undefined_is_undefined(tmp_path: Path) -> N
         write_member(tmp_path, 0, terrain),
         netcdf.write(netcdf.map_dataset(terrain, holed, title="t"), tmp_path / "0001.nc"),
     ]
-    maps = aggregate(paths, [1, 1], THRESHOLDS, PERCENTILES)
+    maps = aggregate(paths, [1, 1], THRESHOLDS, PERCENTILES, joint=JOINT)
+    assert np.isnan(maps["joint_exceedance_probability"].values[0, 4]).all(), "it holds the speed"
+    assert np.isfinite(maps["joint_exceedance_probability"].values[1]).all(), "it does not"
     for name in ("speed_exceedance_probability", "speed_exceedance_standard_error", "speed_percentile", "peak_speed"):
         assert np.isnan(maps[name].values[..., 4, :]).all()
         assert np.isfinite(maps[name].values[..., 5, :]).all()

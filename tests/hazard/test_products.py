@@ -38,6 +38,9 @@ CORNER = {
     "thickness_exceedance_probability": 1.0,
     "peak_speed": 6.0,
     "peak_pressure": 72_000.0,
+    "peak_momentum_flux": 0.5 * MARKER * 36.0,
+    "momentum_flux_exceedance_probability": 1.0,
+    "joint_exceedance_probability": 2 / 3,
     "peak_deposit_thickness": MARKER / 2,
     "mean_deposit_thickness": MARKER / 2,
     "flow_thickness_percentile": MARKER,
@@ -85,7 +88,7 @@ def test_every_cog_holds_the_map_of_hazard_nc_with_a_style(system: str, request:
     made: Products = request.getfixturevalue(system)
     hazard = netcdf.read(made.results / "hazard.nc")
     layers = list(map_layers(hazard))
-    assert len(layers) == len(HEADLINE_MAPS) + len(TERRAIN_MAPS) + 2 * (3 + 2 + 2) + 3 * (3 + 1)
+    assert len(layers) == len(HEADLINE_MAPS) + len(TERRAIN_MAPS) + 2 * (3 + 2 + 2 + 1 + 2 + 2) + 3 * (5 + 1)
     for stem, name, selection in layers:
         with rasterio.open(made.results / "maps" / f"{stem}.tif") as raster:
             require_in_place(raster, made.site.terrain())

@@ -111,7 +111,7 @@ def net_of(folder: Path, members: int) -> list[Path]:
         rng = np.random.default_rng(number)
         wet = (np.indices(terrain.shape)[0] < 20 + 3 * number) & (rng.random(terrain.shape) < 0.7) & (number < members - 1)
         h = np.where(wet, rng.uniform(0, 3, terrain.shape), 0.0)
-        values = (h, 2 * h, 100 * h, np.where(h > 0, 1.0, np.nan), h / 2)
+        values = (h, 2 * h, 100 * h, 4 * h**3, np.where(h > 0, 1.0, np.nan), h / 2)
         paths.append(write_part(folder, number, terrain, dict(zip(MEMBER_MAPS, values, strict=True))))
     return paths
 
@@ -140,6 +140,21 @@ def test_maps_of_a_net_carry_the_spread_over_its_blocks_and_say_so(tmp_path, mem
     for name in ("thickness_exceedance_standard_error", "thickness_exceedance_rms_error", "pressure_exceedance_standard_error"):
         assert "4 consecutive blocks of 4 members of one Sobol net" in maps[name].attrs["estimator"]
     assert "speed_exceedance_rms_error" not in maps
+
+
+@pytest.mark.parametrize("limits", [(1.0, 4.5), (0.2, 5.0)])
+def test_a_joint_condition_of_a_net_carries_the_spread_over_its_blocks(tmp_path, limits):
+    """Speed is twice the thickness in these members: together they reach the larger of the limits."""
+    joint, thickness = [dict(zip(("thickness", "speed"), limits, strict=True))], max(limits[0], limits[1] / 2)
+    paths = net_of(tmp_path, 16)
+    maps = aggregate(paths, [1.0] * 16, {"thickness": [thickness]}, [50], joint=joint, estimator=Estimator(BLOCKS))
+    known = np.isfinite(scene().elevation)
+    for kind in ("probability", "standard_error", "rms_error"):
+        one, other = (maps[f"{name}_exceedance_{kind}"].values for name in ("joint", "thickness"))
+        np.testing.assert_array_equal(one, other)
+    found = maps["joint_exceedance_standard_error"].values[0]
+    np.testing.assert_allclose(found[known], expected(paths, thickness)[known], atol=1e-7)
+    assert "4 consecutive blocks of 4 members" in maps["joint_exceedance_rms_error"].attrs["estimator"]
 
 
 def test_without_an_estimator_members_count_as_independent_and_the_map_says_so(tmp_path):

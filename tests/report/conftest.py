@@ -8,6 +8,9 @@ import pytest
 import shapely
 import xarray as xr
 
+from runout.hazard.joint import with_conditions
+from runout.map_quantities import QUANTITIES
+
 ROWS, COLUMNS, CELL = 130, 150, 20.0
 WEST, SOUTH = 735000.0, 4040000.0
 FRICTION = np.linspace(12.0, 22.0, 8)
@@ -91,32 +94,38 @@ def write_members_table(path):
     table.to_netcdf(path)
 
 
+def add_exceedance(hazard, name, dimension, reached):
+    """Probability and errors of members (limits, members, rows, columns) of bool that reach limits."""
+    p = reached.mean(axis=1)
+    error = np.sqrt(p * (1 - p) / reached.shape[1])
+    hazard[f"{name}_exceedance_probability"] = ((dimension, "y", "x"), p)
+    hazard[f"{name}_exceedance_standard_error"] = ((dimension, "y", "x"), error)
+    means = np.sqrt([np.mean(e[q > 0] ** 2) for e, q in zip(error, p, strict=True)])
+    hazard[f"{name}_exceedance_rms_error"] = (dimension, means)
+
+
 def hazard_dataset(maps):
     """``hazard.nc`` of the members."""
     x, y, z = valley()
     thickness, speed, arrival = (np.stack([m[i] for m in maps.values()]) for i in range(3))
-    pressure = 2000.0 * speed**2
+    pressure, flux = 2000.0 * speed**2, 0.7 * thickness * speed**2
     hazard = xr.Dataset(coords={"x": x, "y": y, "percentile": [5.0, 50.0, 95.0]})
     hazard["crs"] = ((), np.int32(0), {"long_name": "coordinate reference system: WGS 84 / UTM zone 16N"})
     hazard["elevation"] = (("y", "x"), z)
     hazard["release_thickness"] = (("y", "x"), release_thickness(x, y))
     stacks = {"thickness": (thickness, [0.1, 0.5, 2.0]), "speed": (speed, [1.0, 5.0]), "pressure": (pressure, [3e3, 3e4])}
+    stacks |= {"momentum_flux": (flux, [10.0]), "deposit": (0.4 * thickness, [1.0])}
     for name, (values, levels) in stacks.items():
-        p = np.stack([(values > level).mean(axis=0) for level in levels])
         hazard[f"{name}_threshold"] = levels
-        hazard[f"{name}_exceedance_probability"] = ((f"{name}_threshold", "y", "x"), p)
-        error = np.sqrt(p * (1 - p) / len(maps))
-        hazard[f"{name}_exceedance_standard_error"] = ((f"{name}_threshold", "y", "x"), error)
-        hazard[f"{name}_exceedance_rms_error"] = (
-            f"{name}_threshold",
-            np.sqrt([np.mean(e[q > 0] ** 2) for e, q in zip(error, p, strict=True)]),
-        )
-    for name, values in (("flow_thickness", thickness), ("speed", speed)):
-        hazard[f"{name}_percentile"] = (("percentile", "y", "x"), np.percentile(values, [5, 50, 95], axis=0))
+        add_exceedance(hazard, name, f"{name}_threshold", np.stack([values > level for level in levels]))
+        quantity = QUANTITIES[name]
+        hazard[quantity.percentile] = (("percentile", "y", "x"), np.percentile(values, [5, 50, 95], axis=0))
+        hazard[quantity.peak] = (("y", "x"), values.max(axis=0))
+    hazard = with_conditions(hazard, [{"thickness": 2.0, "speed": 5.0}])
+    add_exceedance(hazard, "joint", "joint", ((thickness > 2) & (speed > 5))[None])
+    hazard["arrival_time_percentile"] = (("percentile", "y", "x"), np.nanpercentile(arrival, [5, 50, 95], axis=0))
     hazard["inundation_probability"] = (("y", "x"), (thickness > 0.1).mean(axis=0))
     hazard["members_reached"] = (("y", "x"), (thickness > 0.1).sum(axis=0))
-    hazard["peak_flow_thickness"] = (("y", "x"), thickness.max(axis=0))
-    hazard["peak_pressure"] = (("y", "x"), pressure.max(axis=0))
     hazard["mean_deposit_thickness"] = (("y", "x"), 0.4 * thickness.mean(axis=0))
     hazard["first_arrival_time"] = (("y", "x"), np.fmin.reduce(arrival))
     return hazard

@@ -1,0 +1,77 @@
+"""Settings of the maps over the members; thresholds are those of the table of map quantities."""
+
+from itertools import pairwise
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, create_model, model_validator
+
+from runout.config.distributions import Settings, quantity, refuse
+from runout.map_quantities import QUANTITIES, MapQuantity
+
+
+def _rising(values: list[float]) -> list[float]:
+    if any(b <= a for a, b in pairwise(values)):
+        raise refuse(f"{values} does not rise", "list every value once, the smallest first")
+    return values
+
+
+def _percent(values: list[float]) -> list[float]:
+    if max(values) < 1:
+        raise refuse(f"{values} are suspiciously small; percentiles are in percent here", "write 5 for 0.05")
+    return _rising(values)
+
+
+def _limit(q: MapQuantity) -> Any:
+    """A threshold of a quantity."""
+    return Annotated[float, Field(ge=q.least_threshold) if q.least_threshold else Field(gt=0)]
+
+
+def _thresholds(q: MapQuantity) -> tuple[Any, Any]:
+    """The field of the thresholds of a quantity; inundation needs one of the thickness."""
+    needed = q.name == "thickness"
+    text = f"probability of at least this {q.words}" + ("" if needed else "; [] for none")
+    values: Any = Annotated[list[_limit(q)], Field(min_length=int(needed)), AfterValidator(_rising)]  # type: ignore[misc]
+    return values, quantity(text, list(q.thresholds), unit=q.units, hint=q.hint)
+
+
+def _part(q: MapQuantity) -> tuple[Any, Any]:
+    """The field of the threshold of a quantity in a joint condition."""
+    return _limit(q) | None, quantity(f"at least this {q.extreme}", None, unit=q.units, hint=q.hint)
+
+
+class _JointSettings(Settings):
+    """Thresholds of two or more quantities that the maxima of a member reach together."""
+
+    @model_validator(mode="after")
+    def _several(self) -> "_JointSettings":
+        stated = list(self.model_dump(exclude_none=True))
+        if len(stated) < 2:
+            said = f"only {stated[0]} has a threshold" if stated else "no quantity has a threshold"
+            raise refuse(said, f"give two or more of {', '.join(QUANTITIES)}")
+        return self
+
+
+def _distinct(conditions: list[Any]) -> list[Any]:
+    if any(a == b for k, a in enumerate(conditions) for b in conditions[:k]):
+        raise refuse("a condition is listed twice", "list it once")
+    return conditions
+
+
+Percentiles = Annotated[list[Annotated[float, Field(gt=0, lt=100)]], Field(min_length=1), AfterValidator(_percent)]
+JointSettings = create_model("JointSettings", __base__=_JointSettings, **{name: _part(q) for name, q in QUANTITIES.items()})  # type: ignore[call-overload]
+_Thresholds: Any = create_model(
+    "_Thresholds", __base__=Settings, **{q.setting: _thresholds(q) for q in QUANTITIES.values()}
+)  # type: ignore[call-overload]
+
+
+class HazardSettings(_Thresholds):  # type: ignore[misc]
+    """What the maps show."""
+
+    joint: Annotated[list[JointSettings], AfterValidator(_distinct)] | None = quantity(  # type: ignore[valid-type]
+        "list of joint conditions, each with thresholds of two or more quantities: probability that the maxima of a member reach "
+        "all of them, each at its own time",
+        None,
+        min_length=1,
+        examples=[[{"thickness": 1.0, "speed": 1.0}]],
+    )
+    percentiles: Percentiles = quantity("percentiles over the members", [5.0, 50.0, 95.0], unit="%")

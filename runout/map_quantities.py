@@ -1,0 +1,154 @@
+"""Table of the quantities that runout maps: a row makes the maps of members, the products, the settings and the report.
+
+A quantity is added with one row. Its formula takes a column of the flow (:mod:`runout.physics.flow_columns`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from runout.physics import flow_columns
+
+
+@dataclass(frozen=True)
+class MapQuantity:
+    """A quantity of a flow that has a map per member, and maps over the members.
+
+    Parameters
+    ----------
+    name : str
+        Start of the names of thresholds and probabilities, as in ``speed_thresholds``.
+    units : str
+        UDUNITS unit.
+    words : str
+        Name in sentences, such as "flow speed".
+    described : str
+        Name with the definition, for legends.
+    formula : function, optional
+        Value of a column from its thickness [m], speed [m/s] and density [kg/m3], in the subset of Python of
+        :mod:`runout.physics`; the map of a member holds its largest value over time. None: the thickness at the end of the run.
+    thresholds : tuple of float
+        Default thresholds of exceedance, ascending.
+    stem : str
+        Name in the maps themselves; default: ``name``.
+    symbol : str
+        Label of a colour bar.
+    colours : str
+        Colour map of matplotlib, light for small values.
+    logarithmic : bool
+        Logarithmic colours in the report.
+    least_threshold : float
+        Smallest threshold that is accepted, against wrong units; 0: any positive one.
+    hint : str
+        Remedy for thresholds that are too small.
+    has_mean : bool
+        Whether the products have its mean over the members.
+    remark : str
+        Sentence for the caption of its map.
+    """
+
+    name: str
+    units: str
+    words: str
+    described: str
+    formula: Callable[[Any, Any, Any], Any] | None
+    thresholds: tuple[float, ...]
+    stem: str = ""
+    symbol: str = ""
+    colours: str = "plasma_r"
+    logarithmic: bool = False
+    least_threshold: float = 0.0
+    hint: str = ""
+    has_mean: bool = False
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stem", self.stem or self.name)
+        object.__setattr__(self, "symbol", self.symbol or self.words)
+
+    @property
+    def extreme(self) -> str:
+        """What thresholds are compared with, in words."""
+        return f"maximum {self.words}" if self.formula else self.words
+
+    @property
+    def member_map(self) -> str:
+        """Name of the map of a member."""
+        return f"max_{self.stem}" if self.formula else self.stem
+
+    @property
+    def percentile(self) -> str:
+        """Name of the percentiles over the members."""
+        return f"{self.stem}_percentile"
+
+    @property
+    def peak(self) -> str:
+        """Name of the largest value of any member."""
+        return f"peak_{self.stem}"
+
+    @property
+    def mean(self) -> str:
+        """Name of the mean over the members; empty if there is none."""
+        return f"mean_{self.stem}" if self.has_mean else ""
+
+    @property
+    def threshold(self) -> str:
+        """Name of the dimension of the thresholds."""
+        return f"{self.name}_threshold"
+
+    @property
+    def setting(self) -> str:
+        """Key of the thresholds in site.yaml."""
+        return f"{self.name}_thresholds"
+
+    @property
+    def joint_threshold(self) -> str:
+        """Name of the thresholds in joint conditions."""
+        return f"joint_{self.name}_threshold"
+
+    def exceedance(self, kind: str) -> str:
+        """Name of the maps of exceedance: "probability", "standard_error" or "rms_error"."""
+        return f"{self.name}_exceedance_{kind}"
+
+
+_ROWS = (  # thickness is first: the observers need it
+    MapQuantity(
+        "thickness", "m", "flow thickness", "flow thickness, vertical", flow_columns.flow_thickness, (0.1, 0.5, 1.0, 2.0),
+        stem="flow_thickness", symbol="vertical thickness", colours="viridis_r",
+    ),
+    MapQuantity("speed", "m s-1", "flow speed", "speed of the flow", flow_columns.flow_speed, (1.0, 5.0), symbol="speed"),
+    MapQuantity(
+        "pressure", "Pa", "dynamic pressure", "dynamic pressure (density times speed squared)", flow_columns.dynamic_pressure,
+        (3e3, 3e4), symbol="pressure \u03c1v²", colours="inferno_r", logarithmic=True, least_threshold=100.0,
+        hint="3 kPa is 3.0e3", remark="It is the pressure of the undisturbed flow, not the load on an obstacle.",
+    ),
+    MapQuantity(
+        "momentum_flux", "m3 s-2", "momentum flux", "momentum flux (thickness times speed squared)", flow_columns.momentum_flux,
+        (1.0, 10.0, 100.0), symbol="momentum flux hv²", colours="inferno_r", logarithmic=True,
+        remark="It is the largest product of thickness and squared speed at one time, not the product of their maxima.",
+    ),
+    MapQuantity(
+        "deposit", "m", "thickness of the deposit", "thickness of the deposit at the end of the run, vertical", None, (0.5, 1.0),
+        stem="deposit_thickness", symbol="vertical thickness", colours="viridis_r", has_mean=True,
+    ),
+)  # fmt: skip
+QUANTITIES: dict[str, MapQuantity] = {row.name: row for row in _ROWS}
+DEPOSIT = "deposit"
+ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE = "arrival_time", "first_arrival_time", "arrival_time_percentile"
+UNTIL_ARRIVAL = (ARRIVAL, FIRST_ARRIVAL, ARRIVAL_PERCENTILE)  # maps that hold no value, not 0, where no flow arrives
+
+
+def peak_quantities() -> list[MapQuantity]:
+    """Quantities whose largest value over time is mapped; thickness is the first."""
+    return [q for q in QUANTITIES.values() if q.formula]
+
+
+def member_map_names() -> tuple[str, ...]:
+    """Names of the maps of a member: peaks, arrival, and the deposit."""
+    return (*(q.member_map for q in peak_quantities()), ARRIVAL, QUANTITIES[DEPOSIT].member_map)
+
+
+def quantity_of(variable: str) -> MapQuantity | None:
+    """The quantity whose values a map shows, None for probabilities, times and the ground."""
+    shown = {name: q for q in QUANTITIES.values() for name in (q.member_map, q.percentile, q.peak, q.mean) if name}
+    return shown.get(variable)
