@@ -36,12 +36,15 @@ _HOME = {
     "DemError": "runout.errors",
     "ReleaseError": "runout.errors",
     "ZoneError": "runout.errors",
+    "ObservationError": "runout.errors",
     "ConfigError": "runout.errors",
     "MaterialError": "runout.errors",
     "CapacityError": "runout.errors",
     "StabilityError": "runout.errors",
     "DeviceError": "runout.errors",
 }
+
+_PACKAGES = ("scores",)  # public as a whole
 
 declare_readers(
     {
@@ -65,9 +68,11 @@ def _homes() -> dict[str, str]:
 def __getattr__(name: str) -> Any:
     if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module 'runout' has no attribute {name!r}")
+    if name in _PACKAGES:
+        return import_module(f"runout.{name}")
     homes = _HOME if name in _HOME else _homes()
     if name == "__all__":
-        return sorted(homes)
+        return sorted([*homes, *_PACKAGES])
     if name not in homes:
         raise AttributeError(f"module 'runout' has no attribute {name!r}")
     value = getattr(import_module(homes[name]), name)
@@ -76,4 +81,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_homes()])
+    return sorted({*globals(), *_homes(), *_PACKAGES})

@@ -41,6 +41,10 @@ class ZoneError(InputError):
     """Friction zones that cannot be used."""
 
 
+class ObservationError(InputError):
+    """Observations or products that cannot be scored or compared."""
+
+
 class MaterialError(InputError):
     """Material parameters out of their range."""
 

@@ -2,7 +2,7 @@
 
 ``{settings} TerrainSettings`` lists the keys of a block of site.yaml; ``{laws}`` those of the material of every law,
 ``{friction-laws}`` those of every friction law, and ``{law-classes}`` their classes; ``{variables} max_speed peak_* ...`` lists
-variables of the products; ``{presets}`` the presets of accuracy.
+variables of the products; ``{presets}`` the presets of accuracy; ``{scores}`` the scores.
 """
 
 from fnmatch import filter
@@ -107,6 +107,20 @@ class PresetsTable(SphinxDirective):
         return _table(self, heads, rows)
 
 
+class ScoresTable(SphinxDirective):
+    """Table of the scores of :mod:`runout.scores`."""
+
+    def run(self) -> list[Any]:
+        """Nodes of the table."""
+        from runout.scores import DEFINITIONS
+
+        rows = [
+            [f"`{name}`", one.units or "of the map", one.range, f"{one.best:g}", one.meaning, one.reference]
+            for name, one in DEFINITIONS.items()
+        ]
+        return _table(self, ["score", "unit", "range", "best", "meaning", "reference"], rows)
+
+
 def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, history: str = "") -> list[Any]:
     """What a law is, and a table of its keys; ``sampled`` holds those that an ensemble may sample."""
     said = directive.parse_text_to_nodes(f"`law: {law}`. {model.__doc__}{history}")
@@ -160,4 +174,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("law-classes", LawClasses)
     app.add_directive("variables", VariablesTable)
     app.add_directive("presets", PresetsTable)
+    app.add_directive("scores", ScoresTable)
     return {"parallel_read_safe": True}

@@ -1,10 +1,13 @@
 """Grid convergence index of one quantity over three grids (Roache 1994, J. Fluids Eng. 116:405), and distances between maps."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+
+from runout.scores.contingency import contingency
 
 SAFETY = 1.25  # for three grids
 LOWEST_ORDER, HIGHEST_ORDER = 0.5, 2.0  # range of trusted orders; outside, the three grids do not converge
@@ -87,8 +90,8 @@ def compared(field: np.ndarray, reference: np.ndarray, block: int, thresholds: S
     a, b = restricted(field, block), restricted(reference, block)
     index = {}
     for threshold in thresholds:
-        either = int(((a > threshold) | (b > threshold)).sum())
-        index[f"{threshold:g}"] = float(((a > threshold) & (b > threshold)).sum() / either) if either else 1.0
+        found = contingency(a > threshold, b > threshold).critical_success_index
+        index[f"{threshold:g}"] = 1.0 if math.isnan(found) else found
     return {"relative_l1": relative_l1(a, b), "critical_success_index": index}
 
 

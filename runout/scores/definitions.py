@@ -1,0 +1,111 @@
+"""Table of all scores: name -> meaning, unit, range and best value. The report and the documentation print it."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from runout.io.provenance import plain
+
+WILKS = "Wilks 2011, sec. 8.2"
+
+
+@dataclass(frozen=True)
+class Definition:
+    """What a score is.
+
+    Attributes
+    ----------
+    title : str
+        Short name for tables.
+    units : str
+        UDUNITS unit, "1" for a pure number; "" where it is that of the map.
+    low, high, best : float
+        Range, and value of a perfect model.
+    meaning : str
+        One sentence; modelled over, or minus, observed.
+    reference : str
+        Paper.
+    """
+
+    title: str
+    units: str
+    low: float
+    high: float
+    best: float
+    meaning: str
+    reference: str = ""
+
+    @property
+    def range(self) -> str:
+        """The range in words."""
+        if math.isinf(self.low):
+            return "any"
+        return f"{self.low:g} or more" if math.isinf(self.high) else f"{self.low:g} to {self.high:g}"
+
+
+_INF = math.inf
+DEFINITIONS = {
+    "csi": Definition("CSI", "1", 0, 1, 1, "critical success index: area reached in both over area reached in either", WILKS),
+    "pod": Definition("POD", "1", 0, 1, 1, "probability of detection: area reached in both over observed area", WILKS),
+    "far": Definition("FAR", "1", 0, 1, 0, "false alarm ratio: area reached in the model alone over modelled area", WILKS),
+    "area_bias": Definition("area bias", "1", 0, _INF, 1, "modelled over observed area", WILKS),
+    "volume_bias": Definition("volume bias", "1", 0, _INF, 1, "modelled over observed volume"),
+    "bias": Definition("bias", "", -_INF, _INF, 0, "mean difference on the cells that either reaches", "Wilks 2011, sec. 8.3"),
+    "rmse": Definition("RMSE", "", 0, _INF, 0, "root mean square difference on the same cells", "Wilks 2011, sec. 8.3"),
+    "relative_l1": Definition("relative L1", "1", 0, _INF, 0, "sum of absolute differences over sum of the observed values"),
+    "front_error": Definition(
+        "front error", "m", -_INF, _INF, 0, "difference of the farthest reach along the thalweg; positive: too far", "Fischer 2013"
+    ),
+    "lateral_error": Definition("lateral error", "m", 0, _INF, 0, "mean absolute difference of both edges", "Fischer 2013"),
+    "lateral_shift": Definition("lateral shift", "m", -_INF, _INF, 0, "displacement of the middle of the flow; positive: left"),
+    "width_bias": Definition("width bias", "1", 0, _INF, 1, "modelled over observed mean width"),
+    "energy_line_error_deg": Definition(
+        "energy line error", "degree", -_INF, _INF, 0, "difference of the angles from the release to the front", "Heim 1932"
+    ),
+    "arrival_bias": Definition("arrival bias", "s", -_INF, _INF, 0, "mean difference of the arrival times; positive: too late"),
+    "arrival_rmse": Definition("arrival RMSE", "s", 0, _INF, 0, "root mean square difference of the arrival times"),
+    "missed_arrivals": Definition("missed arrivals", "1", 0, _INF, 0, "points with an arrival that the flow does not reach"),
+    "erosion_volume_bias": Definition("erosion volume bias", "1", 0, _INF, 1, "modelled over observed volume of lowering"),
+    "deposition_volume_bias": Definition("deposition volume bias", "1", 0, _INF, 1, "modelled over observed volume of rise"),
+    "erosion_csi": Definition("erosion CSI", "1", 0, 1, 1, "CSI of the area that is lowered", WILKS),
+    "deposition_csi": Definition("deposition CSI", "1", 0, 1, 1, "CSI of the area that is raised", WILKS),
+}
+
+
+@dataclass(frozen=True)
+class Score:
+    """One score.
+
+    Attributes
+    ----------
+    of : str
+        What is scored, such as "outline" or "thickness 0.5 m".
+    name : str
+        Key of :data:`DEFINITIONS`.
+    value : float
+        NaN where it is not defined.
+    units : str
+        Unit; that of the map where the definition states none.
+    numerical_error : float or None
+        Half width of the numerical error bar of the value, in its unit; None where it is not known.
+    """
+
+    of: str
+    name: str
+    value: float
+    units: str = ""
+    numerical_error: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "units", self.definition.units or self.units)
+
+    @property
+    def definition(self) -> Definition:
+        """Meaning, range and best value."""
+        return DEFINITIONS[self.name]
+
+    def stored(self) -> dict[str, Any]:
+        """The score as values for JSON; a value that is not defined is None."""
+        value = None if math.isnan(self.value) else plain(self.value)
+        found = {"of": self.of, "name": self.name, "value": value, "units": self.units}
+        return found if self.numerical_error is None else found | {"numerical_error": float(self.numerical_error)}
