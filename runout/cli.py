@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from runout import __version__, interrupt
 from runout.errors import ConfigError, ExitCode, RunoutError
@@ -158,6 +158,35 @@ def simulate(
     return ExitCode.OK
 
 
+def compare(
+    first: Annotated[Path, Parameter(help="What is scored: a site, its results, hazard.nc, a member, run.nc, or a raster.")],
+    second: Annotated[Path, Parameter(help="What it is scored against: one of these, an outline, or points.")],
+    *,
+    quantity: Annotated[
+        str | None, Parameter(help="thickness, deposit, change, speed, pressure or arrival [default: all that both have].")
+    ] = None,
+    threshold: Annotated[
+        tuple[float, ...], Parameter(consume_multiple=True, negative="", help="Thicknesses [m], or values of --quantity.")
+    ] = (),
+    probability: Annotated[float, Parameter(help="Outline of an ensemble.")] = 0.5,
+    thalweg: Annotated[Path | None, Parameter(help="Line of a vector file, for errors of front and sides.")] = None,
+    half_width: Annotated[float, Parameter(help="Largest distance from the thalweg that counts [m].")] = float("inf"),
+    slope_normal: Annotated[
+        bool, Parameter(negative="", help="Rasters hold thickness normal to the slope; so do the scores.")
+    ] = False,
+    dem: Annotated[Path | None, Parameter(help="Elevation raster, where no product has one.")] = None,
+    layer: Annotated[str | None, Parameter(help="Layer of the outline or points, where their file has several.")] = None,
+    nodata: Annotated[Literal["unknown", "zero"], Parameter(help="What cells of rasters without a value mean.")] = "unknown",
+    session: Injected,
+) -> int:
+    """Score a product against another one or an observation; --out DIR writes a page, a record and difference maps."""
+    from runout.scores.comparison import Choices
+    from runout.workflow.comparison import command
+
+    choices = Choices(quantity, threshold, probability, thalweg, dem, half_width, slope_normal, nodata, layer)
+    return command(first, second, choices, session.out)
+
+
 def bench(
     *,
     error: Annotated[
@@ -249,7 +278,7 @@ def doctor(*, session: Injected) -> int:
 COMMANDS: tuple[Callable[..., int], ...] = (
     *(new, check, run),
     *(terrain, release, ensemble, hazard, report),
-    *(status, clean, simulate, bench, verify, stress, doctor),
+    *(status, clean, simulate, compare, bench, verify, stress, doctor),
 )
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)

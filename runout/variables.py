@@ -160,6 +160,15 @@ _HAZARD_MAPS = {
     ),
 }
 
+_DIFFERENCES = {
+    "flow_thickness_difference": Variable("m", "difference of the maximum flow thickness, first minus second"),
+    "deposit_thickness_difference": Variable("m", "difference of the deposit's thickness, first minus second"),
+    "speed_difference": Variable("m s-1", "difference of the maximum speed, first minus second"),
+    "pressure_difference": Variable("Pa", "difference of the maximum dynamic pressure, first minus second"),
+    "arrival_time_difference": Variable("s", "difference of the arrival time, first minus second"),
+    "elevation_change_difference": Variable("m", "difference of the change of elevation, first minus second"),
+}
+
 _ENSEMBLE = {
     "members_planned": _count("number of planned members"),
     "members_valid": _count("number of valid members, on which every map rests"),
@@ -223,6 +232,7 @@ VARIABLES: dict[str, Variable] = {
     **_of("referenceInformation", _TERRAIN_MAPS),
     **_HAZARD_MAPS,
     **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith(("standard_error", "rms_error"))}),
+    **_DIFFERENCES,
     **_of("auxiliaryInformation", _ENSEMBLE),
     **_of("coordinate", _COORDINATES),
     **_LEDGER,

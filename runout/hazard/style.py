@@ -9,10 +9,14 @@ import numpy as np
 from runout.io.vector import PROBABILITY_LEVELS
 
 PROLOGUE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
-_RAMPS = {"standard_error": "Purples", "probability": "YlOrRd", "arrival": "viridis_r", "members": "YlOrRd"}
+DIVERGING = "RdBu_r"
+_SIGNED = ("difference", "change")  # symmetric about 0
+_RAMPS = dict.fromkeys(_SIGNED, DIVERGING)
+_RAMPS |= {"standard_error": "Purples", "probability": "YlOrRd", "arrival": "viridis_r", "members": "YlOrRd"}
 _RAMPS |= {"elevation": "cividis", "slope": "YlOrBr"}
 _DEFAULT_RAMP = "plasma_r"
-_GROUND = ("elevation", "slope")  # coloured without steps
+_GROUND = ("elevation", "slope")
+_SMOOTH = (*_GROUND, *_SIGNED)  # coloured without steps
 _OPAQUE = ("arrival", *_GROUND)  # their least value is one like any other
 _LEGEND_UNITS = {"1": "", "m s-1": " m/s", "m3 s-2": " m³/s²", "degree": "°"}
 _CLASSES = 8
@@ -32,6 +36,9 @@ def class_edges(name: str, thresholds: Sequence[float], smallest: float, largest
     smallest, largest : float
         Range of the values, in the unit of the thresholds.
     """
+    if any(word in name for word in _SIGNED):
+        top = max(_ticks(0.0, max(-smallest, largest), classes=4))
+        return [-top, -0.5 * top, 0.0, 0.5 * top, top]
     if "standard_error" in name:
         return _ticks(0.0, largest)
     if "probability" in name:
@@ -90,7 +97,7 @@ def below(edge: float) -> float:
 def qml(edges: Sequence[float], unit: str, name: str) -> str:
     """Text of a QGIS style with one colour a class; 0 is transparent where it means that nothing happens.
 
-    The ground has colours between the edges, without steps.
+    Ground and differences have colours between the edges, without steps.
 
     Parameters
     ----------
@@ -117,7 +124,7 @@ def qml(edges: Sequence[float], unit: str, name: str) -> str:
     shader = ElementTree.SubElement(
         ElementTree.SubElement(renderer, "rastershader"),
         "colorrampshader",
-        colorRampType="INTERPOLATED" if any(word in name for word in _GROUND) else "DISCRETE",
+        colorRampType="INTERPOLATED" if any(word in name for word in _SMOOTH) else "DISCRETE",
         classificationMode="1",
         clip="0",
         minimumValue=f"{edges[0]:g}",
@@ -159,11 +166,12 @@ def _label(lower: float, upper: float | None, unit: str, transparent: bool) -> s
 
 
 def class_colours(ramp: str, classes: int) -> list[str]:
-    """Colours of classes as hexadecimal numbers, from light to dark or as the ramp of matplotlib goes."""
+    """Colours of classes as hexadecimal numbers, from light to dark or as the ramp of matplotlib goes, light in its middle."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    return [to_hex(colormaps[ramp](0.15 + 0.85 * k / max(1, classes - 1))) for k in range(classes)]
+    first = 0.0 if ramp == DIVERGING else 0.15  # other ramps begin too light
+    return [to_hex(colormaps[ramp](first + (1.0 - first) * k / max(1, classes - 1))) for k in range(classes)]
 
 
 def _ramp(name: str) -> str:

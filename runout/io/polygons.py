@@ -130,7 +130,7 @@ def read_frame(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
 
 def _layer(path: Path, layers: list[str], layer: str | None, what: str) -> str:
     if not layers:
-        raise ReleaseError(f"{path}: holds a table but no geometries; write the {what} polygons into it")
+        raise ReleaseError(f"{path}: holds a table but no geometries; write the {what} into it")
     if layer is None and len(layers) > 1:
         names = ", ".join(layers)
         raise ReleaseError(f"{path}: holds {len(layers)} layers ({names}); name the one with the {what}: layer={layers[0]!r}")

@@ -53,7 +53,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "headline": [_printed(sheet, pictures) for sheet in headline],
         "further": [_printed(sheet, pictures) for sheet in further],
         "legend": _legend(study),
-        "location": _embedded(sheets.location(study, window)),
+        "location": embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study.convergence),
         "members": tables.members(study),
@@ -79,11 +79,11 @@ def _plots(study: Study) -> dict[str, Any]:
     if not len(valid):
         return {"budget": None, "kinetic": None, "representative": None, "dependence": []}
     return {
-        "budget": _embedded(png(figures.budget_figure(ledgers, valid))),
-        "kinetic": _embedded(png(figures.kinetic_figure(ledgers, valid))),
+        "budget": embedded(png(figures.budget_figure(ledgers, valid))),
+        "kinetic": embedded(png(figures.kinetic_figure(ledgers, valid))),
         "representative": representative(valid),
         "dependence": [
-            (figures.parameter_label(name), _embedded(png(figures.parameter_figure(valid, name))))
+            (figures.parameter_label(name), embedded(png(figures.parameter_figure(valid, name))))
             for name in tables.sampled_parameters(study)
         ],
     }
@@ -91,17 +91,23 @@ def _plots(study: Study) -> dict[str, Any]:
 
 def _printed(sheet: sheets.Sheet, pictures: MapPictures) -> dict[str, str | None]:
     image = pictures.png(sheet.values, STYLES[sheet.style])
-    return {"title": sheet.title, "caption": sheet.caption, "image": _embedded(image)}
+    return {"title": sheet.title, "caption": sheet.caption, "image": embedded(image)}
 
 
-def _embedded(picture: bytes | None) -> str | None:
+def embedded(picture: bytes | None) -> str | None:
+    """A PNG as the address of an image; None for none."""
     return None if picture is None else "data:image/png;base64," + b64encode(picture).decode("ascii")
 
 
-def render(content: dict[str, Any]) -> str:
-    """HTML text from the content of the template."""
-    from jinja2 import Environment, StrictUndefined
+def render(content: dict[str, Any], template: str = TEMPLATE) -> str:
+    """HTML text from the content of a template of this package."""
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    source = files("runout.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
-    return environment.from_string(source).render(**content)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(_template)
+    )
+    return environment.get_template(template).render(**content)
+
+
+def _template(name: str) -> str:
+    return files("runout.report").joinpath(name).read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from runout.map_quantities import QUANTITIES, MapQuantity
-from runout.report.marks import INK, Mark, draw_marks, draw_unknown
+from runout.report.marks import INK, Mark, draw_marks, draw_observed, draw_unknown
 from runout.report.wording import unit
 from runout.variables import VARIABLES
 
@@ -48,6 +48,10 @@ class MapStyle:
         Values at or below it are transparent.
     scale : float
         Factor from the stored unit to the printed one.
+    diverging : bool
+        A continuous scale that is symmetric about 0.
+    top : float
+        Largest value of a continuous scale, in the printed unit; 0: the 99th percentile.
     """
 
     label: str
@@ -57,6 +61,8 @@ class MapStyle:
     logarithmic: bool = False
     faintest: float = 0.0
     scale: float = 1.0
+    diverging: bool = False
+    top: float = 0.0
 
 
 TENTHS = tuple(float(np.float32(i / 10)) for i in range(11))  # float32 as in files; a value on a bound is in the class above
@@ -89,6 +95,8 @@ class Basemap:
         Outlines of the releases in map coordinates.
     obstacles, zones : list of Mark
         Obstacles and friction zones, with their labels.
+    observed : list of Mark
+        What was observed: outlines, points with labels, a thalweg.
     """
 
     easting: np.ndarray
@@ -97,6 +105,7 @@ class Basemap:
     outlines: list[Any] = field(default_factory=list)
     obstacles: list[Mark] = field(default_factory=list)
     zones: list[Mark] = field(default_factory=list)
+    observed: list[Mark] = field(default_factory=list)
 
     @property
     def cell_size(self) -> tuple[float, float]:
@@ -225,21 +234,24 @@ def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
     values = shown.compressed()
     if values.size == 0:
         return {"cmap": colours, "norm": Normalize(0.0, 1.0)}
+    if style.diverging:
+        top = float(np.percentile(np.abs(values), 99)) or 1.0
+        return {"cmap": colormaps[style.colours], "norm": Normalize(-top, top, clip=True)}
     if style.classes:
         bounds = MaxNLocator(style.classes).tick_values(0.0, max(float(values.max()), 1e-9))
         return {"cmap": colours, "norm": BoundaryNorm(bounds, 256)}
-    top = float(np.percentile(values, 99)) or 1.0
+    top = style.top or float(np.percentile(values, 99)) or 1.0
     if style.logarithmic:
         return {"cmap": colours, "norm": LogNorm(max(float(values.min()), top * 1e-3, 1e-9), max(top, 2e-9), clip=True)}
     return {"cmap": colours, "norm": Normalize(0.0, top, clip=True)}
 
 
 def _colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
-    above = shown.count() > 0 and not (style.steps or style.classes) and float(shown.max()) > painted.norm.vmax
-    extend = "max" if above else "neither"
+    above = shown.count() > 0 and not (style.steps or style.classes) and float(np.abs(shown).max()) > painted.norm.vmax
+    extend = ("both" if style.diverging else "max") if above else "neither"
     bar = below.figure.colorbar(painted, cax=below, orientation="horizontal", extend=extend, extendfrac=0.03)
     bar.solids.set_alpha(1.0)
-    largest = f", largest {_short(float(shown.max()))}" if above else ""
+    largest = f", largest {_short(float(np.abs(shown).max()))}" if above else ""
     bar.set_label(style.label + largest, fontsize=NORMAL, color=INK)
     if style.logarithmic and shown.count():
         ticks = _logarithmic_ticks(painted.norm.vmin, painted.norm.vmax)
@@ -269,6 +281,7 @@ def draw_frame(axes: Any, basemap: Basemap, window: Window, labels: bool = True)
     west, east, south, north = basemap.extent(window)
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
     draw_marks(axes, basemap.outlines, basemap.obstacles, basemap.zones, labels)
+    draw_observed(axes, basemap.observed, labels)
     _coordinates(axes, max(east - west, north - south))
     _scale_bar(axes, east - west)
     _north_arrow(axes)

@@ -9,6 +9,7 @@ import numpy as np
 INK = "#22282f"
 RELEASE = "#d7263d"
 OBSTACLE = "#6b3f16"
+OBSERVED = "#0b4fae"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
 UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # hatched unlike obstacles
@@ -16,7 +17,7 @@ UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # hatched
 
 @dataclass(frozen=True)
 class Mark:
-    """A shapely polygon or multipolygon in map coordinates, with its label."""
+    """A shapely geometry in map coordinates, with its label."""
 
     geometry: Any
     label: str
@@ -35,6 +36,23 @@ def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zo
     marks = [*((obstacle, OBSTACLE) for obstacle in obstacles), *((zone, INK) for zone in zones)]
     for mark, colour in _largest(marks) if labels else ():
         _label(axes, mark, colour)
+
+
+def draw_observed(axes: Any, observed: Sequence[Mark], labels: bool = True) -> None:
+    """Draw observed outlines blue, a thalweg dotted and points as triangles with their labels."""
+    kinds: dict[str, list[Mark]] = {}
+    for mark in observed:
+        kinds.setdefault(mark.geometry.geom_type.removeprefix("Multi"), []).append(mark)
+    for x, y in _rings([mark.geometry for mark in kinds.get("Polygon", [])]):
+        axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
+        axes.plot(x, y, color=OBSERVED, linewidth=1.3, zorder=4)
+    for mark in kinds.get("LineString", []):
+        axes.plot(*mark.geometry.xy, color=OBSERVED, linewidth=1.0, linestyle=(0, (1, 2)), zorder=4)
+    points = kinds.get("Point", [])
+    for mark in points:
+        axes.plot(mark.geometry.x, mark.geometry.y, "^", color=OBSERVED, markeredgecolor="white", markersize=6, zorder=5)
+    for mark in points[:MOST_LABELS] if labels else ():
+        _label(axes, mark, OBSERVED, (0, 9))
 
 
 def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, float, float]) -> None:
@@ -71,8 +89,8 @@ def _hatched(geometry: Any) -> Any:
     return PathPatch(path, facecolor=(1.0, 1.0, 1.0, 0.35), edgecolor=OBSTACLE, linewidth=1.2, hatch="////", zorder=3)
 
 
-def _label(axes: Any, mark: Mark, colour: str) -> None:
-    """Write a label inside the visible part of a mark."""
+def _label(axes: Any, mark: Mark, colour: str, offset: tuple[float, float] = (0, 0)) -> None:
+    """Write a label inside the visible part of a mark, or ``offset`` [pt] from there."""
     from matplotlib.patheffects import withStroke
     from shapely import box
 
@@ -83,8 +101,8 @@ def _label(axes: Any, mark: Mark, colour: str) -> None:
     place = shown.representative_point()
     halo = [withStroke(linewidth=2.5, foreground="white")]
     axes.annotate(
-        mark.label, (place.x, place.y), ha="center", va="center", fontsize=LABEL_SIZE, color=colour,
-        path_effects=halo, zorder=6,
+        mark.label, (place.x, place.y), offset, textcoords="offset points", ha="center", va="center", fontsize=LABEL_SIZE,
+        color=colour, path_effects=halo, zorder=6,
     )  # fmt: skip
 
 

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runout.errors import ObservationError, ReleaseError
-from runout.io.layer_crs import Points, to_terrain
+from runout.io.layer_crs import Points, ToTerrain, to_terrain
 from runout.io.polygon_coverage import SAME_EDGE, regrid
 from runout.model.terrain import Terrain
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 KNOWN_SHARE = 0.5  # least share of a cell's area with known values
+EDGE_POINTS = 33  # along each side of a map in another coordinate system
 FEWEST, MOST = 4, 16  # sampling points along each side of a cell of another coordinate system
 
 
@@ -130,7 +132,7 @@ def resampled(values: np.ndarray, grid: Grid, target: Grid) -> np.ndarray:
     ObservationError
         If no transformation between the systems is known.
     """
-    found = transformation(grid, target)
+    found = placed(grid, target).inverse
     if found is None and grid.same_cells(target):
         return np.array(values, np.float64)
     known = np.isfinite(values)
@@ -142,13 +144,51 @@ def resampled(values: np.ndarray, grid: Grid, target: Grid) -> np.ndarray:
     return np.divide(total, share, out=np.full(target.shape, np.nan), where=share >= KNOWN_SHARE - SAME_EDGE)
 
 
-def transformation(grid: Grid, target: Grid) -> Points | None:
-    """Transformation of map coordinates (n, 2) of a target grid to those of a grid; None if they are the same."""
+def placed(grid: Grid, target: Grid) -> ToTerrain:
+    """Transformation of map coordinates of a grid to those of a target.
+
+    Raises
+    ------
+    ObservationError
+        If no transformation between the systems is known.
+    """
     try:
-        found = to_terrain(grid.source, grid.crs, target.terrain(), grid.extent, "gdalwarp")  # type: ignore[arg-type]
+        return to_terrain(Path(grid.source), grid.crs, target.terrain(), grid.extent, "gdalwarp")
     except ReleaseError as error:  # the readers of layers are those of a release, and so are their errors
         raise ObservationError(str(error)) from error
-    return found.inverse
+
+
+def common_grid(one: Grid, other: Grid) -> Grid:
+    """Grid that covers two maps, in the system of the first: on the cells of the coarser one, or of the first if systems differ.
+
+    Raises
+    ------
+    ObservationError
+        If the maps do not overlap, or no transformation between their systems is known.
+    """
+    found = placed(other, one)
+    bounds = other.extent if found.forward is None else _moved_bounds(other, found.forward)
+    (w1, s1, e1, n1), (w2, s2, e2, n2) = one.extent, bounds
+    if not (max(w1, w2) < min(e1, e2) and max(s1, s2) < min(n1, n2)):
+        first, second = ([f"{edge:.10g}" for edge in box] for box in (one.extent, bounds))
+        raise ObservationError(
+            f"{one.source} and {other.source} do not overlap: [{', '.join(first)}] and [{', '.join(second)}] (west, south, east, "
+            "north); check the coordinate systems of both"
+        )
+    coarser = other if found.forward is None and other.cell_area > one.cell_area * (1 + SAME_EDGE) else one
+    return replace(coarser, crs=one.crs).covering([one.extent, bounds])
+
+
+def _moved_bounds(grid: Grid, forward: Points) -> tuple[float, float, float, float]:
+    """West, south, east and north of a grid in another system; edges are followed at points."""
+    west, south, east, north = grid.extent
+    x, y = np.linspace(west, east, EDGE_POINTS), np.linspace(south, north, EDGE_POINTS)
+    rim = [(x, np.full_like(x, south)), (x, np.full_like(x, north)), (np.full_like(y, west), y), (np.full_like(y, east), y)]
+    moved = forward(np.concatenate([np.column_stack(side) for side in rim]))
+    if not np.isfinite(moved).all():
+        raise ObservationError(f"{grid.source}: part of it has no place in the other system; cut it to the area under study")
+    (low_x, low_y), (high_x, high_y) = moved.min(axis=0).tolist(), moved.max(axis=0).tolist()
+    return low_x, low_y, high_x, high_y
 
 
 def _shared(values: np.ndarray, grid: Grid, target: Grid) -> np.ndarray:

@@ -5,8 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from runout import scores
+
+settings.register_profile("arrays", deadline=None, suppress_health_check=[HealthCheck.too_slow])  # other work on the machine
+settings.load_profile("arrays")
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,176 @@
+"""Page of a comparison: scores, and maps of both products and of their difference."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from runout import __version__
+from runout.io.vector import outline
+from runout.report.html import embedded, render
+from runout.report.maps import STYLES, Basemap, MapStyle
+from runout.report.marks import Mark
+from runout.report.picture import MapPictures
+from runout.report.scores import score_tables
+from runout.report.wording import UNKNOWN, number, quantity, unit
+from runout.scores.comparison import Comparison
+from runout.scores.flow import THICKNESSES, TITLES, UNITS
+from runout.variables import PRINTED
+
+TEMPLATE = "comparison.html.jinja"
+STYLE_OF = {"thickness": "thickness", "deposit": "deposit", "speed": "speed", "pressure": "pressure", "arrival": "time"}
+DIVERGING = "RdBu_r"
+
+
+def comparison_page(found: Comparison) -> str:
+    """HTML text of one self-contained page."""
+    stored = found.found.stored()
+    a, b = names(found)
+    heading = [("Scored", str(found.a.path)), ("Against", str(found.b.path)), ("Grid", _grid(found))]
+    return render(
+        {
+            "title": f"{a} against {b}",
+            "heading": [*heading, ("Made by", f"runout {__version__}")],
+            "lead": _lead(found),
+            "scores": score_tables(stored["scores"]),
+            "counts": [(of, _counts(counts)) for of, counts in stored["counts"].items()],
+            "legend": _legend(found, a, b),
+            "sheets": list(_sheets(found, a, b)),
+            "changes": found.changes,
+        },
+        TEMPLATE,
+    )
+
+
+def names(found: Comparison) -> tuple[str, str]:
+    """Short names of the two; their folders are added where the last parts are equal."""
+    a, b = found.a.name, found.b.name
+    if a != b:
+        return a, b
+    return "/".join(found.a.path.absolute().parts[-3:]), "/".join(found.b.path.absolute().parts[-3:])
+
+
+def _grid(found: Comparison) -> str:
+    (rows, columns), (dx, dy) = found.grid.shape, found.grid.cell_size
+    return f"{rows} x {columns} cells of {dx:.4g} x {dy:.4g} m"
+
+
+def _lead(found: Comparison) -> str:
+    known = any(score.numerical_error is not None for score in found.found.scores)
+    bars = "± is the numerical error bar of the first." if known else "The numerical error of the first is not known."
+    return (
+        "Differences are the first minus the second. Cells that one of the two does not know are in no score; they are counted "
+        f"below. {bars}"
+    )
+
+
+def _counts(counts: dict[str, Any]) -> str:
+    """Areas, volumes and numbers in words."""
+    return "; ".join(f"{_words(name)} {_amount(name, value)}" for name, value in counts.items())
+
+
+def _words(name: str) -> str:
+    for suffix in ("_m2", "_m3", "_m"):
+        name = name.removesuffix(suffix)
+    return name.replace("_", " ")
+
+
+def _amount(name: str, value: float | None) -> str:
+    units = next((u for suffix, u in (("_m2", "m2"), ("_m3", "m3"), ("_m", "m")) if name.endswith(suffix)), "1")
+    return UNKNOWN if value is None else quantity(value, units)
+
+
+def _legend(found: Comparison, a: str, b: str) -> str:
+    lines = ["Cells without colour are below the lowest threshold in both, or unknown"]
+    if found.thresholds or found.vector:
+        least = f" (from {number(min(found.thresholds))} m on)" if found.thresholds else ""
+        lines.append(f"the dashed line is the outline of {a}{least}")
+        lines.append(f"blue is what was observed: {b}" if found.vector else f"the blue line is that of {b}")
+    if found.setting.thalweg:
+        lines.append("the dotted line is the thalweg")
+    return "; ".join(lines) + "."
+
+
+def basemap(found: Comparison) -> Basemap:
+    """Ground, outlines and observations under the maps; level ground where no elevation is known."""
+    from shapely import LineString
+
+    grid, ground = found.grid, found.elevation
+    if ground is None or not np.isfinite(ground).any():
+        ground = np.zeros(grid.shape)
+    released = [] if found.release is None else [outline(np.nan_to_num(found.release) > 0, grid.terrain())]
+    observed = list(_observed(found))
+    if found.setting.thalweg:
+        observed.append(Mark(LineString(found.setting.thalweg.points), ""))
+    zones = [Mark(shape, "") for shape in [_outline_of(found, 0)] if shape is not None]
+    return Basemap(grid.easting, grid.northing, ground, [r for r in released if not r.is_empty], [], zones, observed)
+
+
+def _observed(found: Comparison) -> Iterator[Mark]:
+    from shapely import Point
+
+    if found.vector is None:
+        shape = _outline_of(found, 1)
+        if shape is not None:
+            yield Mark(shape, "")
+    elif found.vector.gauges is None:
+        yield Mark(found.vector.outline, "")
+    else:
+        gauges = found.vector.gauges
+        for k, (x, y) in enumerate(zip(gauges.easting, gauges.northing, strict=True)):
+            yield Mark(Point(x, y), gauges.label(k))
+
+
+def _outline_of(found: Comparison, place: int) -> Any:
+    """Outline of a flow at the lowest threshold; None if it has none."""
+    flow = found.flows[place]
+    quantity = next((name for name in (*THICKNESSES, "speed", "pressure") if name in flow.maps), None)
+    if quantity is None or not found.thresholds:
+        return None
+    shape = outline(flow.area(quantity, min(found.thresholds)) >= 0.5, found.grid.terrain())
+    return None if shape.is_empty else shape
+
+
+def _sheets(found: Comparison, a: str, b: str) -> Iterator[dict[str, str | None]]:
+    base = basemap(found)
+    shown = [np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in found.flows for name in flow.maps]
+    pictures = MapPictures(base, base.window(np.any(shown, axis=0)))
+    both = found.quantities or [name for name in ("thickness", "deposit") if name in found.flows[0].maps][:1]
+    for name in both:
+        style = _style(found, name)
+        for flow, label in zip(found.flows, (a, b), strict=True):
+            if name in flow.maps:
+                values = np.where(np.isfinite(flow.maps[name]), flow.maps[name], np.nan)
+                yield {"title": f"{_title(name)}: {label}", "caption": "", "image": embedded(pictures.png(values, style))}
+        if name in found.quantities:
+            image = embedded(pictures.png(_shown_difference(found, name), difference_style(name)))
+            yield {"title": f"{_title(name)}: difference", "caption": f"{a} minus {b}", "image": image}
+
+
+def _title(name: str) -> str:
+    return TITLES[name][:1].upper() + TITLES[name][1:]
+
+
+def _style(found: Comparison, name: str) -> MapStyle:
+    """Colours of a quantity, on one scale for both."""
+    if name not in STYLE_OF:
+        return MapStyle("change of elevation [m]", DIVERGING, faintest=-np.inf, diverging=True)
+    style = STYLES[STYLE_OF[name]]
+    known = np.concatenate([flow.maps[name].ravel() for flow in found.flows if name in flow.maps])
+    known = known[np.isfinite(known) & (known > 0)] * style.scale
+    top = float(np.percentile(known, 99)) if known.size else 0.0
+    label = "thickness normal to the slope [m]" if name in THICKNESSES and found.slope_normal else style.label
+    return replace(style, top=top, label=label)
+
+
+def difference_style(name: str) -> MapStyle:
+    """Colours of a difference of maps of a quantity: blue where the first is less, red where it is more."""
+    units, divisor = PRINTED.get(UNITS[name], (UNITS[name], 1.0))
+    return MapStyle(f"difference [{unit(units)}]", DIVERGING, faintest=-np.inf, scale=1.0 / divisor, diverging=True)
+
+
+def _shown_difference(found: Comparison, name: str) -> np.ndarray:
+    """Difference without the cells that neither flow reaches."""
+    either = np.any([np.nan_to_num(flow.maps[name], posinf=0.0) != 0 for flow in found.flows], axis=0)
+    return np.where(either, found.difference(name), np.nan)

@@ -1,0 +1,80 @@
+"""Tables of scores for pages: one row for what is scored, one column a score."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from runout.report.wording import MINUS, THIN, UNKNOWN, number, unit
+from runout.scores.definitions import DEFINITIONS
+from runout.variables import PRINTED
+
+
+@dataclass
+class ScoreTable:
+    """Scores of the same kinds.
+
+    Attributes
+    ----------
+    heading : str
+        Of the first column.
+    columns : list of (title, unit and best value, meaning)
+    rows : list of (what is scored, cells)
+    """
+
+    heading: str
+    columns: list[tuple[str, str, str]]
+    rows: list[tuple[str, list[str]]] = field(default_factory=list)
+
+
+def score_tables(scores: Sequence[Mapping[str, Any]], heading: str = "Scored") -> list[ScoreTable]:
+    """Tables of scores as :meth:`runout.scores.Score.stored` makes them."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for score in scores:
+        groups.setdefault(score["of"], []).append(score)
+    tables: dict[tuple[tuple[str, str], ...], ScoreTable] = {}
+    for of, members in groups.items():
+        kinds = tuple((score["name"], score["units"]) for score in members)
+        if kinds not in tables:
+            tables[kinds] = ScoreTable(heading, [column(*kind) for kind in kinds])
+        tables[kinds].rows.append((of, [cell(score) for score in members]))
+    return list(tables.values())
+
+
+def column(name: str, units: str) -> tuple[str, str, str]:
+    """Title, unit with best value, and meaning of a score."""
+    definition = DEFINITIONS[name]
+    shown = unit(PRINTED.get(units, (units, 1.0))[0])
+    best = f"best {definition.best:g}"
+    return definition.title, f"{shown}, {best}" if shown else best, f"{definition.meaning}; range: {definition.range}"
+
+
+def cell(score: Mapping[str, Any]) -> str:
+    """Value and numerical error bar."""
+    divisor = PRINTED.get(score["units"], ("", 1.0))[1]
+    value = number_of(None if score["value"] is None else score["value"] / divisor)
+    error = score.get("numerical_error")
+    return value if error is None or value == UNKNOWN else f"{value}{THIN}±{THIN}{number(error / divisor, 2)}"
+
+
+def number_of(value: float | None) -> str:
+    """A value of a score; a dash if it is not defined."""
+    if value is None:
+        return UNKNOWN
+    return number(value) if abs(value) >= 0.0005 or value == 0 else f"{MINUS if value < 0 else ''}0.000"
+
+
+def range_table(ensemble: Sequence[Mapping[str, Any]], members: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[ScoreTable]:
+    """Table of the scores of each member, for those that the ensemble has; names of what is scored become part of the columns."""
+    kinds = [(score["of"], score["name"], score["units"]) for score in ensemble if score["name"] in HEADLINE]
+    columns = []
+    for of, name, units in kinds:
+        title, best, meaning = column(name, units)
+        columns.append((title, f"{of}; {best}", meaning))
+    table = ScoreTable("Member", columns)
+    for member, scores in members.items():
+        found = {(score["of"], score["name"]): score for score in scores}
+        table.rows.append((member, [cell(found[of, name]) if (of, name) in found else UNKNOWN for of, name, _ in kinds]))
+    return [table] if table.rows and columns else []
+
+
+HEADLINE = ("csi", "front_error", "volume_bias", "deposition_csi", "arrival_bias")

@@ -1,0 +1,177 @@
+"""All scores of a flow against the observations of a site."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from runout.scores import scoring
+from runout.scores.contingency import Contingency, contingency
+from runout.scores.definitions import Score
+from runout.scores.elevation_change import change_errors
+from runout.scores.energy_line import ReleasePoint
+from runout.scores.field_errors import field_errors
+from runout.scores.flow import BAR_MAPS, THICKNESSES, UNITS, Flow
+from runout.scores.gauges import POINT_UNITS
+from runout.scores.observations import Observations
+from runout.scores.points import arrival_errors, point_errors, values_at
+from runout.scores.scoring import NO_BARS, ErrorBars, Ground
+from runout.scores.thalweg import Thalweg, thalweg_errors
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What scores need besides the two flows.
+
+    Attributes
+    ----------
+    thresholds : sequence of float
+        Thicknesses [m] whose outlines are scored.
+    bars : ErrorBars
+        Numerical errors of the site.
+    thalweg : Thalweg or None
+    start : ReleasePoint or None
+        Upper end of the energy line.
+    elevation : ndarray (rows, columns) or None
+        Ground [m] on the grid of the scores, for the energy line.
+    half_width : float
+        Largest distance [m] from the thalweg that counts.
+    """
+
+    thresholds: Sequence[float]
+    bars: ErrorBars = NO_BARS
+    thalweg: Thalweg | None = None
+    start: ReleasePoint | None = None
+    elevation: np.ndarray | None = None
+    half_width: float = float("inf")
+
+
+@dataclass
+class Assessment:
+    """Scores, and the areas and numbers of cells or points behind each group of them."""
+
+    scores: list[Score] = field(default_factory=list)
+    counts: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, of: str, scores: Iterator[Score], **counts: Any) -> None:
+        """Add a group of scores and what it rests on."""
+        self.scores += scores
+        known = {name: value if np.isfinite(value) else None for name, value in counts.items()}
+        self.counts.setdefault(of, {}).update(known)
+
+    def stored(self) -> dict[str, Any]:
+        """Values for JSON."""
+        return {"scores": [score.stored() for score in self.scores], "counts": self.counts}
+
+
+def against_observations(flow: Flow, observed: Observations, setting: Setting, change: np.ndarray | None = None) -> Assessment:
+    """Scores of a flow against all that was observed.
+
+    Parameters
+    ----------
+    flow : Flow
+        On the grid of the observations.
+    observed : Observations
+    setting : Setting
+    change : ndarray (rows, columns), optional
+        Modelled change of elevation [m].
+    """
+    found = Assessment()
+    if observed.outline is not None:
+        quantity = "deposit" if observed.outline_shows == "deposit" else "thickness"
+        for threshold in setting.thresholds:
+            of = f"outline, {quantity_name(quantity)} of {threshold:g} m"
+            add_areas(found, of, flow.grid, flow.area(quantity, threshold), observed.shares, quantity, threshold, setting)
+    if observed.deposit is not None:
+        add_maps(found, flow, Flow(flow.grid, {"deposit": observed.deposit}), "deposit", setting)
+    if observed.change is not None and change is not None:
+        errors = change_errors(change, observed.change, flow.grid.cell_area, observed.detection_limit)
+        parts = {"modelled": errors.change.modelled_sum, "observed": errors.change.observed_sum}
+        volumes = {f"{name}_net_m3": value for name, value in parts.items()}
+        for name, part in (("erosion", errors.erosion), ("deposition", errors.deposition)):
+            volumes |= {f"modelled_{name}_m3": part.modelled_sum, f"observed_{name}_m3": part.observed_sum}
+        of = "DEM of difference"
+        found.add(of, scoring.change_scores(of, errors), **volumes, unknown_cells=errors.change.unknown)
+    if observed.gauges is not None:
+        _add_gauges(found, flow, observed)
+    return found
+
+
+def quantity_name(quantity: str) -> str:
+    """A quantity in the name of a group of scores."""
+    return "flow" if quantity == "thickness" else quantity
+
+
+def add_areas(
+    found: Assessment,
+    of: str,
+    grid: Any,
+    modelled: np.ndarray,
+    observed: np.ndarray,
+    quantity: str,
+    threshold: float,
+    setting: Setting,
+) -> None:
+    """Scores of the area in which a quantity reaches a threshold; with a thalweg also those of front, sides and energy line."""
+    table = contingency(modelled, observed, grid.cell_area)
+    found.add(of, scoring.area_scores(of, table, setting.bars, BAR_MAPS.get(quantity, ""), threshold), **_areas(table))
+    if setting.thalweg is None or quantity not in THICKNESSES:
+        return
+    errors = thalweg_errors(setting.thalweg, grid.easting, grid.northing, modelled, observed, half_width=setting.half_width)
+    bars = setting.bars if quantity == "thickness" else NO_BARS
+    fronts = {"modelled_front_m": errors.modelled_front, "observed_front_m": errors.observed_front}
+    found.add(of, scoring.thalweg_scores(of, errors, bars), **fronts, cells_beyond_half_width=errors.outside)
+    if setting.start is not None and setting.elevation is not None:
+        ground = Ground(grid.easting, grid.northing, setting.elevation)
+        found.add(of, iter([scoring.energy_line_score(of, errors, setting.start, setting.thalweg, ground, bars)]))
+
+
+def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, setting: Setting) -> None:
+    """Scores of a map against another one: its areas at all thresholds, and its values.
+
+    The volume is that of a deposit: maxima over time and percentiles over members hold none.
+    """
+    grid, units = modelled.grid, UNITS[quantity]
+    for threshold in setting.thresholds:
+        of = f"{quantity_name(quantity)} of {threshold:g} {units}"
+        areas = modelled.area(quantity, threshold), observed.area(quantity, threshold)
+        add_areas(found, of, grid, *areas, quantity, threshold, setting)
+    errors = field_errors(modelled.maps[quantity], observed.maps[quantity], grid.cell_area)
+    counts: dict[str, float] = {"cells": errors.cells, "unknown_cells": errors.unknown}
+    volume = quantity == "deposit" and not (modelled.is_percentile or observed.is_percentile)
+    if volume:
+        counts |= {"modelled_volume_m3": errors.modelled_sum, "observed_volume_m3": errors.observed_sum}
+    of = f"{quantity_name(quantity)}, whole map"
+    found.add(of, scoring.field_scores(of, errors, units, volume), **counts)
+
+
+def add_arrivals(found: Assessment, modelled: Flow, observed: Flow) -> None:
+    """Scores of a map of arrival times against another one, on the cells that both know."""
+    pair = [flow.maps["arrival"].ravel() for flow in (modelled, observed)]
+    both = arrival_errors(pair[0], np.where(np.isfinite(pair[1]), pair[1], np.nan))
+    counts = {"cells": both.points, "missed_cells": both.missed}
+    found.add("arrival, whole map", scoring.arrival_scores("arrival, whole map", both), **counts)
+
+
+def _add_gauges(found: Assessment, flow: Flow, observed: Observations) -> None:
+    gauges = observed.gauges
+    assert gauges is not None
+    for name, values in gauges.values.items():
+        quantity = "arrival" if name == "arrival_time" else name
+        if quantity not in flow.maps:
+            continue
+        modelled = values_at(flow.grid, flow.maps[quantity], gauges.easting, gauges.northing)
+        add_points(found, name, modelled, values)
+
+
+def add_points(found: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray) -> None:
+    """Scores of a quantity at gauges."""
+    of = f"gauges, {name.replace('_', ' ')}"
+    errors = arrival_errors(modelled, observed) if name == "arrival_time" else point_errors(modelled, observed)
+    made = scoring.arrival_scores(of, errors) if name == "arrival_time" else scoring.point_scores(of, errors, POINT_UNITS[name])
+    found.add(of, made, points=errors.points, unknown_points=errors.unknown)
+
+
+def _areas(table: Contingency) -> dict[str, float]:
+    return {f"{name}_m2": value for name, value in asdict(table).items() if name != "correct_rejections"}

@@ -1,0 +1,275 @@
+"""Compares two products, or a product with an observation: on one grid, with scores and differences."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ObservationError
+from runout.model.terrain import Terrain
+from runout.scores.assessment import Assessment, Setting, add_areas, add_arrivals, add_maps, against_observations, quantity_name
+from runout.scores.elevation_change import change_errors
+from runout.scores.energy_line import release_point
+from runout.scores.flow import THICKNESSES, UNITS, Flow
+from runout.scores.grid import Grid, common_grid, placed, resampled
+from runout.scores.observations import Observations
+from runout.scores.outline import outline_shares
+from runout.scores.products import Product, Reading, read_product
+from runout.scores.read import Nodata, read_thalweg
+from runout.scores.scoring import NO_BARS, change_scores
+from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
+from runout.scores.vector_product import VectorContent, read_vector
+
+DEFAULT_THRESHOLDS = (0.1, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Choices of a comparison.
+
+    Attributes
+    ----------
+    quantity : str or None
+        The one that is compared, and that a raster shows; by default all that both have, and thickness of a raster or outline.
+    thresholds : sequence of float
+        In the unit of the quantity; by default those of the site, else 0.1, 0.5 and 1 m.
+    probability : float
+        Outline of an ensemble [1].
+    thalweg, dem : Path or None
+        Line, and elevation raster where no product has one.
+    half_width : float
+        Largest distance [m] from the thalweg that counts.
+    slope_normal : bool
+        Rasters hold thickness normal to the slope, and so do the scores.
+    nodata : str
+        What cells of rasters without a value mean, "unknown" or "zero".
+    layer : str or None
+        Layer of the outline or points, where their file has several.
+    """
+
+    quantity: str | None = None
+    thresholds: Sequence[float] = ()
+    probability: float = 0.5
+    thalweg: Path | None = None
+    dem: Path | None = None
+    half_width: float = float("inf")
+    slope_normal: bool = False
+    nodata: str = "unknown"
+    layer: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.quantity is not None and self.quantity not in UNITS:
+            raise ObservationError(f"--quantity is {self.quantity!r}; choose one of {', '.join(UNITS)}")
+        if not 0.0 < self.probability < 1.0:
+            raise ObservationError(f"--probability is {self.probability:g}; it must be above 0 and below 1")
+        wrong = [value for value in self.thresholds if not (np.isfinite(value) and value > 0)]
+        if wrong:
+            raise ObservationError(f"--threshold is {wrong[0]:g}; it must be above 0")
+        if not self.half_width > 0:
+            raise ObservationError(f"--half-width is {self.half_width:g} m; it must be above 0")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Result of a comparison.
+
+    Attributes
+    ----------
+    a, b : Product
+        As read.
+    grid : Grid
+        Common cells.
+    flows : tuple of Flow
+        Maps of both on the common cells; that of an outline or of points holds none.
+    elevation, release : ndarray (rows, columns) or None
+        Of the product that has them [m].
+    vector : VectorContent or None
+        Outline or points.
+    found : Assessment
+        Scores of ``a`` against ``b``.
+    thresholds : tuple of float
+    changes : tuple of str
+        What was changed on the way in.
+    setting : Setting
+    slope_normal : bool
+        Whether thickness is normal to the slope.
+    """
+
+    a: Product
+    b: Product
+    grid: Grid
+    flows: tuple[Flow, Flow]
+    elevation: np.ndarray | None
+    release: np.ndarray | None
+    vector: VectorContent | None
+    found: Assessment
+    thresholds: tuple[float, ...]
+    setting: Setting
+    changes: tuple[str, ...] = field(default=())
+    slope_normal: bool = False
+
+    @property
+    def quantities(self) -> list[str]:
+        """Quantities that both have as maps."""
+        return [name for name in UNITS if all(name in flow.maps for flow in self.flows)]
+
+    def difference(self, quantity: str) -> np.ndarray:
+        """Map of the first minus that of the second (rows, columns); NaN where one is unknown, or one has no arrival."""
+        one, other = (flow.maps[quantity] for flow in self.flows)
+        with np.errstate(invalid="ignore"):
+            found = one - other
+        return np.where(np.isfinite(found), found, np.nan)
+
+
+def compare(first: Path, second: Path, choices: Choices) -> Comparison:
+    """Compare a product with another one, or with an observation.
+
+    Parameters
+    ----------
+    first : Path
+        What is scored: results of a site, ``hazard.nc``, a member, the file of a run, or a raster.
+    second : Path
+        What it is scored against: one of these, an outline, or points with the attributes ``arrival_time``, ``thickness`` or
+        ``speed``.
+
+    Raises
+    ------
+    ObservationError
+        If one of them cannot be read, they do not overlap, or have nothing in common.
+    """
+    reading = Reading(choices.quantity or "thickness", choices.probability, Nodata(choices.nodata))
+    a, b = read_product(first, reading), read_product(second, reading)
+    if a.flow is None:
+        remedy = "exchange the two" if b.flow is not None else "name a product with maps"
+        raise ObservationError(f"{a.path}: holds no maps, and the first of the two is the one that is scored; {remedy}")
+    vector = None
+    if b.flow is None:
+        vector = read_vector(b.path, a.flow.grid.terrain(), choices.layer)
+        grid = a.flow.grid if vector.outline is None else a.flow.grid.covering([vector.outline.bounds])
+    else:
+        grid = common_grid(a.flow.grid, b.flow.grid)
+    changes = [*a.changes, *b.changes, *(vector.changes if vector else ())]
+    if b.flow is not None:
+        changes += placed(b.flow.grid, grid).sentences
+    ground, release = _ground(a, b, grid, choices.dem)
+    flows = _flows(a, b, grid, ground if choices.slope_normal else None, choices)
+    setting, said = _setting(a, b, grid, ground, release, choices)
+    found = _scored(flows, vector, grid, setting, choices)
+    said = (*changes, *said)
+    normal = choices.slope_normal
+    return Comparison(a, b, grid, flows, ground, release, vector, found, tuple(setting.thresholds), setting, said, normal)
+
+
+def _ground(a: Product, b: Product, grid: Grid, dem: Path | None) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Elevation and thickness of the release [m] on the common grid; None where no product has them."""
+    source = next((one for one in (a, b) if one.elevation is not None), None)
+    elevation = release = None
+    if source is not None and source.flow is not None:
+        elevation = resampled(np.asarray(source.elevation), source.flow.grid, grid)
+        release = resampled(np.asarray(source.release), source.flow.grid, grid)
+    if dem is not None:
+        terrain = Terrain.from_raster(dem)
+        elevation = resampled(terrain.elevation, Grid.of(terrain), grid)
+    return elevation, release
+
+
+def _flows(a: Product, b: Product, grid: Grid, ground: np.ndarray | None, choices: Choices) -> tuple[Flow, Flow]:
+    """Maps of both on the common grid; thickness of runout normal to the slope where that is chosen."""
+    flows = []
+    for product in (a, b):
+        flow = Flow(grid, {}) if product.flow is None else product.flow.on(grid)
+        if product.kind == "raster" and choices.nodata == Nodata.ZERO:  # also beyond the raster
+            flow = replace(flow, maps={name: np.nan_to_num(values) for name, values in flow.maps.items()})
+        if choices.slope_normal and product.kind in ("ensemble", "member"):
+            if ground is None:
+                raise ObservationError("--slope-normal needs the elevation of the ground; name its raster with --dem")
+            flow = _slope_normal(flow, terrain_slope(ground, grid.cell_size))
+        flows.append(flow)
+    return flows[0], flows[1]
+
+
+def _slope_normal(flow: Flow, slope: np.ndarray) -> Flow:
+    maps = {name: slope_normal_thickness(values, slope) if name in THICKNESSES else values for name, values in flow.maps.items()}
+    return replace(flow, maps=maps, probabilities={})
+
+
+def _setting(
+    a: Product, b: Product, grid: Grid, ground: np.ndarray | None, release: np.ndarray | None, choices: Choices
+) -> tuple[Setting, tuple[str, ...]]:
+    """Thresholds, thalweg, start of the energy line and error bars; sentences on changes to the thalweg."""
+    of_site = next((one.thresholds for one in (a, b) if one.thresholds), DEFAULT_THRESHOLDS)
+    thresholds = tuple(sorted(set(choices.thresholds))) or (of_site if choices.quantity in (None, *THICKNESSES) else ())
+    place = grid.terrain() if ground is None or not np.isfinite(ground).any() else replace(grid.terrain(), elevation=ground)
+    thalweg, said = read_thalweg(choices.thalweg, place) if choices.thalweg else (None, ())
+    start = None
+    if thalweg is not None and ground is not None and release is not None:
+        start = release_point(grid.easting, grid.northing, ground, release)
+    bars = NO_BARS if choices.slope_normal else a.bars
+    return Setting(thresholds, bars, thalweg, start, ground, choices.half_width), said
+
+
+def _scored(flows: tuple[Flow, Flow], vector: VectorContent | None, grid: Grid, setting: Setting, choices: Choices) -> Assessment:
+    modelled, observed = flows
+    found = Assessment()
+    if vector is not None and vector.gauges is not None:
+        found = against_observations(modelled, Observations(grid, gauges=vector.gauges), setting)
+    elif vector is not None:
+        quantity = _outlined(modelled.maps, choices)
+        shares = outline_shares(vector.outline, grid)
+        for threshold in setting.thresholds or DEFAULT_THRESHOLDS:
+            of = f"outline, {quantity_name(quantity)} of {threshold:g} {UNITS[quantity]}"
+            add_areas(found, of, grid, modelled.area(quantity, threshold), shares, quantity, threshold, setting)
+    else:
+        for quantity in _common(flows, choices):
+            _add_quantity(found, modelled, observed, quantity, setting, choices)
+    if not found.scores:
+        raise ObservationError("the two have nothing in common that can be scored")
+    return found
+
+
+def _outlined(maps: Mapping[str, np.ndarray], choices: Choices) -> str:
+    quantity = choices.quantity or ("thickness" if "thickness" in maps else next(iter(maps)))
+    if quantity not in maps or quantity in ("change", "arrival"):
+        usable = [name for name in maps if name not in ("change", "arrival")]
+        raise ObservationError(f"--quantity {quantity}: an outline scores one of {', '.join(usable) or 'none'} of the first")
+    return quantity
+
+
+def _common(flows: tuple[Flow, Flow], choices: Choices) -> list[str]:
+    both = [name for name in UNITS if all(name in flow.maps for flow in flows)]
+    chosen = [name for name in both if choices.quantity in (None, name)]
+    if not chosen:
+        held = " and ".join(f"[{', '.join(flow.maps) or 'none'}]" for flow in flows)
+        wanted = f"the quantity {choices.quantity}" if choices.quantity else "a quantity"
+        raise ObservationError(f"the two do not share {wanted}: they have {held}; choose one that both have with --quantity")
+    return chosen
+
+
+def _add_quantity(found: Assessment, a: Flow, b: Flow, quantity: str, setting: Setting, choices: Choices) -> None:
+    if quantity == "arrival":
+        add_arrivals(found, a, b)
+    elif quantity == "change":
+        limit = min(choices.thresholds, default=0.0)
+        errors = change_errors(a.maps[quantity], b.maps[quantity], a.grid.cell_area, limit)
+        found.add("change of elevation", change_scores("change of elevation", errors), unknown_cells=errors.change.unknown)
+    else:
+        own = quantity in THICKNESSES or quantity == choices.quantity
+        add_maps(found, a, b, quantity, setting if own else replace(setting, thresholds=()))
+
+
+def summary(found: Comparison) -> dict[str, Any]:
+    """Content of ``comparison.json``."""
+    grid = found.grid
+    return {
+        "a": {"path": str(found.a.path), "kind": found.a.kind},
+        "b": {"path": str(found.b.path), "kind": found.vector.kind if found.vector else found.b.kind},
+        "grid": {"cell_size": list(grid.cell_size), "rows_columns": list(grid.shape), "extent": list(grid.extent)},
+        "thresholds": list(found.thresholds),
+        "probability": found.flows[0].probability,
+        "thickness": "normal to the slope" if found.slope_normal else "vertical",
+        "energy_line_from": "top of the release" if found.setting.start else None,
+        "changes": list(found.changes),
+        **found.found.stored(),
+    }

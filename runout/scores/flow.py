@@ -1,0 +1,87 @@
+"""Maps of one flow on a grid: of a member, or of the percentile of an ensemble that has a stated probability."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from runout.errors import ObservationError
+from runout.scores.contingency import reached
+from runout.scores.grid import Grid, resampled
+
+UNITS = {"thickness": "m", "deposit": "m", "change": "m", "speed": "m s-1", "pressure": "Pa", "arrival": "s"}
+TITLES = {
+    "thickness": "maximum flow thickness",
+    "deposit": "deposit thickness",
+    "change": "change of elevation",
+    "speed": "maximum speed",
+    "pressure": "maximum dynamic pressure",
+    "arrival": "arrival time",
+}
+BAR_MAPS = {"thickness": "flow_thickness", "deposit": "deposit"}  # names in convergence.json
+THICKNESSES = ("thickness", "deposit")
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Maps of one flow.
+
+    Attributes
+    ----------
+    grid : Grid
+        Their cells.
+    maps : mapping of str to ndarray (rows, columns)
+        By the names of :data:`UNITS`; NaN where unknown. ``arrival`` is infinite where the flow never arrives.
+    probabilities : mapping of float to ndarray (rows, columns)
+        Of an ensemble: probability that the maximum thickness reaches a threshold [m].
+    probability : float
+        Of an ensemble: the outline of a threshold holds the cells that reach it with this probability or more.
+    is_percentile : bool
+        Whether the maps are percentiles over members, which have no volume of their own.
+    """
+
+    grid: Grid
+    maps: Mapping[str, np.ndarray]
+    probabilities: Mapping[float, np.ndarray] = field(default_factory=dict)
+    probability: float = 0.5
+    is_percentile: bool = False
+
+    def area(self, quantity: str, threshold: float) -> np.ndarray:
+        """Cells (rows, columns) in which a quantity reaches a threshold: 1 or 0, NaN where unknown."""
+        if quantity == "thickness" and threshold in self.probabilities:
+            return reached(self.probabilities[threshold], self.probability)
+        return reached(self.maps[quantity], threshold)
+
+    def on(self, grid: Grid) -> "Flow":
+        """The flow on another grid, by area. Where part of a cell is never reached, its arrival is that of the rest."""
+        maps = {name: resampled_map(name, values, self.grid, grid) for name, values in self.maps.items()}
+        probabilities = {threshold: resampled(values, self.grid, grid) for threshold, values in self.probabilities.items()}
+        return replace(self, grid=grid, maps=maps, probabilities=probabilities)
+
+
+def resampled_map(name: str, values: np.ndarray, own: Grid, grid: Grid) -> np.ndarray:
+    """A map of a flow on another grid."""
+    if name != "arrival":
+        return resampled(values, own, grid)
+    never = resampled(np.where(np.isnan(values), np.nan, np.isposinf(values)), own, grid)
+    times = resampled(np.where(np.isfinite(values), values, np.nan), own, grid)
+    return np.where(np.isnan(never), np.nan, np.where(np.isnan(times) | (never > 0.5), np.inf, times))
+
+
+def percentile_of(probability: float, known: np.ndarray, source: str) -> float:
+    """Percentile that a probability of exceedance stands for: 100 (1 - p).
+
+    Raises
+    ------
+    ObservationError
+        If it is not among the known ones.
+    """
+    wanted = 100.0 * (1.0 - probability)
+    nearest = float(known[np.argmin(np.abs(known - wanted))])
+    if abs(nearest - wanted) > 1e-6:
+        fitting = ", ".join(f"{1 - value / 100:g}" for value in known)
+        raise ObservationError(
+            f"{source}: holds no percentile {wanted:g}, which the probability {probability:g} needs; choose one of {fitting}, or "
+            "add the percentile to hazard.percentiles of the site"
+        )
+    return nearest

@@ -1,0 +1,66 @@
+"""Observations of a site on the cells of its terrain."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from runout.errors import ObservationError
+from runout.scores.gauges import Gauges
+from runout.scores.grid import Grid, resampled
+from runout.scores.outline import outline_shares
+from runout.scores.thalweg import Thalweg
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What was observed of a flow; None for what was not.
+
+    Attributes
+    ----------
+    grid : Grid
+        Cells of the maps.
+    outline : shapely geometry or None
+        Area that was reached, in map coordinates.
+    outline_shows : str
+        "flow": all ground that was reached; "deposit": ground with a deposit.
+    deposit : ndarray (rows, columns) or None
+        Vertical thickness of the deposit [m], NaN where unknown.
+    change : ndarray (rows, columns) or None
+        DEM of difference: later minus earlier elevation [m], NaN where unknown.
+    detection_limit : float
+        Smallest change that the DEM of difference shows [m].
+    gauges : Gauges or None
+    thalweg : Thalweg or None
+    changes : tuple of str
+        What was changed on the way in, one sentence each.
+    """
+
+    grid: Grid
+    outline: Any = None
+    outline_shows: str = "flow"
+    deposit: np.ndarray | None = None
+    change: np.ndarray | None = None
+    detection_limit: float = 0.0
+    gauges: Gauges | None = None
+    thalweg: Thalweg | None = None
+    changes: tuple[str, ...] = field(default=())
+
+    @property
+    def shares(self) -> np.ndarray:
+        """Share (rows, columns) of each cell inside the outline [1]."""
+        return outline_shares(self.outline, self.grid)
+
+
+def on_grid(values: np.ndarray, own: Grid, grid: Grid, fill: float = np.nan) -> np.ndarray:
+    """A map by area on another grid; cells beyond the map hold ``fill``.
+
+    Raises
+    ------
+    ObservationError
+        If the map lies beside the grid, or no transformation is known.
+    """
+    found = resampled(values, own, grid)
+    if not np.isfinite(found).any():
+        raise ObservationError(f"{own.source}: no known cell lies on {grid.source}; check the coordinate system of both")
+    return found if np.isnan(fill) else np.where(np.isnan(found), fill, found)

@@ -1,0 +1,204 @@
+"""Reads what is compared: results of a site, members, rasters, outlines and points."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.errors import ObservationError
+from runout.io import netcdf
+from runout.io.boundary import exists
+from runout.io.member_maps import read_maps
+from runout.io.opening import open_netcdf
+from runout.scores.error_bars import ErrorBars
+from runout.scores.flow import Flow, percentile_of
+from runout.scores.grid import Grid
+from runout.scores.points import arrival_or_never
+from runout.scores.read import Nodata, read_map
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+VECTORS = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".gdb")
+OF_MEMBER = {
+    "thickness": "max_flow_thickness",
+    "speed": "max_speed",
+    "pressure": "max_pressure",
+    "arrival": "arrival_time",
+    "deposit": "deposit_thickness",
+}
+OF_ENSEMBLE = {
+    "thickness": "flow_thickness_percentile",
+    "speed": "speed_percentile",
+    "pressure": "pressure_percentile",
+    "deposit": "deposit_thickness_percentile",
+}
+ARRIVALS = "arrival_time_percentile"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How products are read.
+
+    Attributes
+    ----------
+    quantity : str
+        What a raster shows, a name of :data:`runout.scores.flow.UNITS`.
+    probability : float
+        Outline of an ensemble.
+    nodata : Nodata
+        What cells of a raster without a value mean.
+    """
+
+    quantity: str = "thickness"
+    probability: float = 0.5
+    nodata: Nodata = Nodata.UNKNOWN
+
+
+@dataclass(frozen=True)
+class Product:
+    """One of two things that are compared.
+
+    Attributes
+    ----------
+    path : Path
+    kind : str
+        "ensemble", "member", "raster" or "vector".
+    flow : Flow or None
+        Its maps; None of a vector file, which is read on the grid of the other product.
+    thresholds : tuple of float
+        Thicknesses [m] that the site states.
+    elevation, release : ndarray (rows, columns) or None
+        Ground and thickness of the release [m] on the grid, where a site holds them.
+    bars : ErrorBars
+        Numerical errors of the site.
+    changes : tuple of str
+        What was changed on the way in.
+    """
+
+    path: Path
+    kind: str
+    flow: Flow | None = None
+    thresholds: tuple[float, ...] = ()
+    elevation: np.ndarray | None = None
+    release: np.ndarray | None = None
+    bars: ErrorBars = field(default_factory=lambda: ErrorBars({}))
+    changes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name for tables and maps: the last parts of the path."""
+        last = [part for part in self.path.absolute().parts if part not in ("results", "hazard.nc", "members", "simulations")]
+        return "/".join(last[-2:]) if self.kind == "member" else Path(last[-1]).stem
+
+    @property
+    def is_of_runout(self) -> bool:
+        """Whether its thickness is vertical for certain."""
+        return self.kind in ("ensemble", "member")
+
+
+def read_product(path: Path, reading: Reading) -> Product:
+    """What a path holds: a site or results folder, ``hazard.nc``, the file of a member or of :func:`runout.simulate`, or a raster.
+
+    Raises
+    ------
+    ObservationError
+        If it is none of these, or cannot be read.
+    """
+    if not exists(path):
+        raise ObservationError(f"{path}: no such file or folder; name results, hazard.nc, a member, a raster, an outline or points")
+    if path.is_dir() and path.suffix.lower() not in VECTORS:
+        return _of_folder(path, reading)
+    if path.suffix.lower() in VECTORS:
+        return Product(path, "vector")
+    if path.suffix.lower() in (".nc", ".nc4"):
+        return _of_netcdf(path, reading)
+    values, grid, changes = read_map(path, reading.nodata, signed=reading.quantity == "change")
+    maps = {reading.quantity: np.where(np.isfinite(values), values, np.nan)}
+    return Product(path, "raster", Flow(grid, maps, probability=reading.probability), changes=changes)
+
+
+def _of_folder(path: Path, reading: Reading) -> Product:
+    for place in (path / "hazard.nc", path / "results" / "hazard.nc"):
+        if place.is_file():
+            return _of_netcdf(place, reading)
+    if (path / "hdr.adf").is_file():  # an ESRI grid is a folder
+        values, grid, changes = read_map(path, reading.nodata, signed=reading.quantity == "change")
+        return Product(path, "raster", Flow(grid, {reading.quantity: values}, probability=reading.probability), changes=changes)
+    raise ObservationError(f"{path}: holds no hazard.nc; run `runout run {path}` first, or name the file that is compared")
+
+
+def _of_netcdf(path: Path, reading: Reading) -> Product:
+    with open_netcdf(path, ObservationError) as file:
+        names = set(map(str, file.variables))
+    if "thickness_exceedance_probability" in names:
+        return _of_ensemble(path, netcdf.read(path), reading)
+    if "max_flow_thickness" in names:
+        return _of_member(path, read_maps(path), reading)
+    held = ", ".join(sorted(names)[:6]) or "nothing"
+    raise ObservationError(
+        f"{path}: is neither hazard.nc nor a member of runout (it holds {held}); write its map as a GeoTIFF: "
+        f"gdal_translate NETCDF:{path.name}:VARIABLE map.tif"
+    )
+
+
+def _of_ensemble(path: Path, hazard: "xr.Dataset", reading: Reading) -> Product:
+    percentile = percentile_of(reading.probability, hazard["percentile"].values, str(path))
+    maps = {q: hazard[name].sel(percentile=percentile).values for q, name in OF_ENSEMBLE.items() if name in hazard}
+    if ARRIVALS in hazard and reading.probability == 0.5:
+        maps["arrival"] = arrival_or_never(hazard[ARRIVALS].sel(percentile=percentile).values, maps["thickness"])
+    levels = hazard["thickness_threshold"].values.tolist()
+    exceedance = hazard["thickness_exceedance_probability"].values
+    flow = Flow(
+        Grid.of_dataset(hazard, str(path)),
+        {name: values.astype(np.float64) for name, values in maps.items()},
+        dict(zip(levels, exceedance, strict=True)),
+        reading.probability,
+        is_percentile=True,
+    )
+    elevation, release = hazard["elevation"].values, hazard["release_thickness"].values
+    return Product(path, "ensemble", flow, tuple(levels), elevation, release, _bars(path.parent))
+
+
+def _of_member(path: Path, member: "xr.Dataset", reading: Reading) -> Product:
+    maps = {q: member[name].values.astype(np.float64) for q, name in OF_MEMBER.items() if name in member}
+    if "arrival" in maps:
+        maps["arrival"] = arrival_or_never(maps["arrival"], maps["thickness"])
+    flow = Flow(Grid.of_dataset(member, str(path)), maps, probability=reading.probability)
+    results = path.absolute().parent.parent if path.absolute().parent.name in ("members", "simulations") else path.parent
+    found = Product(path, "member", flow)
+    if not (results / "terrain.nc").is_file() or not (results / "release.nc").is_file():
+        return found
+    terrain, release = netcdf.read(results / "terrain.nc"), netcdf.read(results / "release.nc")
+    if not Grid.of_dataset(terrain, "terrain.nc").same_cells(flow.grid):
+        return found
+    return replace(
+        found, elevation=terrain["elevation"].values, release=release["release_thickness"].values, bars=_bars(results)
+    )
+
+
+def _bars(results: Path) -> ErrorBars:
+    return ErrorBars(read_convergence(results))
+
+
+def read_convergence(results: Path) -> Mapping[str, Any]:
+    """Content of ``convergence.json`` of a results folder; empty if there is none.
+
+    Raises
+    ------
+    ObservationError
+        If it is damaged.
+    """
+    path = Path(results) / "convergence.json"
+    if not path.is_file():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as cause:
+        content = cause
+    if not isinstance(content, dict):
+        raise ObservationError(f"{path}: not what was written there; run `runout verify --convergence` again, or remove the file")
+    return content

@@ -1,0 +1,246 @@
+"""`runout compare`: two members, two products, and a product against rasters, outlines and points."""
+
+import json
+import re
+from xml.etree import ElementTree
+
+import geopandas
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from ramp_site import CELL, NORTH, WEST, member_file, ramp, write_raster
+from rasterio.warp import calculate_default_transform, reproject
+
+from runout import cli
+from runout.errors import ExitCode
+from runout.io.member_maps import read_maps
+
+UTM = "EPSG:32632"
+
+
+@pytest.fixture(scope="module")
+def members(finished_site):
+    """Files of two members: steep friction and low friction."""
+    folder, _ = finished_site
+    return member_file(folder, 0), member_file(folder, 1)
+
+
+def compare(capsys, *arguments):
+    """Exit code, lines by what is scored, and the errors."""
+    code = cli.main(["-q", "compare", *map(str, arguments)])
+    told = capsys.readouterr()
+    return code, dict(line.split(": ", 1) for line in told.out.splitlines()), told.err
+
+
+def scores(line):
+    """Values of a line by the name of the score."""
+    return {name: float(value) for name, value in re.findall(r"([A-Za-z][A-Za-z1 ]*?) (-?[\d.e+-]+)(?=[ ,]|$)", line)}
+
+
+def thickness_of(path):
+    return read_maps(path)["max_flow_thickness"].values.astype(float)
+
+
+def outline_of(mask):
+    from rasterio.features import shapes
+    from rasterio.transform import from_origin
+
+    parts = shapes(mask.astype(np.uint8), mask=mask, transform=from_origin(WEST, NORTH, CELL, CELL))
+    return geopandas.GeoDataFrame(geometry=[shapely.union_all([shapely.geometry.shape(p) for p, _ in parts])], crs=UTM)
+
+
+def test_two_members_are_scored_and_written_as_page_record_and_maps(members, tmp_path, capsys):
+    out = tmp_path / "comparison"
+    code = cli.main(["-q", "--out", str(out), "compare", *map(str, members), "--threshold", "0.5", "0.1"])
+    told = capsys.readouterr().out
+    assert code == ExitCode.OK
+    assert told.index("flow of 0.1 m: CSI") < told.index("flow of 0.5 m: CSI")
+    record = json.loads((out / "comparison.json").read_text())
+    assert record["thresholds"] == [0.1, 0.5]
+    assert {score["name"] for score in record["scores"]} >= {"csi", "pod", "far", "area_bias", "rmse", "arrival_bias"}
+    one, other = map(thickness_of, members)
+    both, either = ((one >= 0.5) & (other >= 0.5)).sum(), ((one >= 0.5) | (other >= 0.5)).sum()
+    (csi,) = [s["value"] for s in record["scores"] if (s["of"], s["name"]) == ("flow of 0.5 m", "csi")]
+    assert csi == pytest.approx(both / either)
+    assert record["counts"]["flow of 0.5 m"]["hits_m2"] == both * CELL**2
+    with rasterio.open(out / "flow_thickness_difference.tif") as file:
+        assert file.crs.to_epsg() == 32632
+        assert file.read(1) == pytest.approx(one - other, abs=1e-5)
+    for name in record["maps"]:
+        assert (out / name).is_file()
+    style = ElementTree.parse(out / "flow_thickness_difference.qml").getroot()
+    stops = [float(item.get("value")) for item in style.iter("item")]
+    assert stops == sorted(stops)
+    assert stops[0] == -stops[-1]
+    page = (out / "comparison.html").read_text()
+    assert "Maximum flow thickness: difference" in page
+    assert not re.findall(r"(?:src|href)=\"(?!data:|#)", page)
+    assert page.count("data:image/png;base64") == 15  # five quantities, each of both and as difference
+
+
+def test_a_product_against_itself_is_perfect_and_its_reverse_has_the_other_sign(members, finished_site, capsys):
+    folder, _ = finished_site
+    code, same, _ = compare(capsys, folder, folder / "results")
+    assert code == ExitCode.OK
+    assert scores(same["flow of 1 m"]) == {"CSI": 1.0, "POD": 1.0, "FAR": 0.0, "area bias": 1.0}
+    assert "volume" not in same["deposit, whole map"]  # a percentile over the members has none
+    _, there, _ = compare(capsys, *members)
+    _, back, _ = compare(capsys, *members[::-1])
+    assert scores(there["flow, whole map"])["bias"] == -scores(back["flow, whole map"])["bias"]
+    assert scores(there["flow of 0.5 m"])["POD"] == pytest.approx(1 - scores(back["flow of 0.5 m"])["FAR"], abs=2e-3)
+
+
+def test_a_raster_of_other_cells_in_another_system_finds_its_place(members, tmp_path, capsys):
+    values = thickness_of(members[0])
+    write_raster(tmp_path / "same.tif", values)
+    with rasterio.open(tmp_path / "same.tif") as file:
+        place, width, height = calculate_default_transform(UTM, "EPSG:3035", file.width, file.height, *file.bounds, resolution=4.0)
+        moved = np.full((height, width), -9999.0, np.float32)
+        reproject(rasterio.band(file, 1), moved, dst_transform=place, dst_crs="EPSG:3035", dst_nodata=-9999.0)
+    profile = {"driver": "GTiff", "height": height, "width": width, "count": 1, "dtype": "float32", "nodata": -9999.0}
+    with rasterio.open(tmp_path / "moved.tif", "w", crs="EPSG:3035", transform=place, **profile) as file:
+        file.write(moved, 1)
+    _, exact, _ = compare(capsys, members[0], tmp_path / "same.tif")
+    assert scores(exact["flow of 0.5 m"])["CSI"] == 1.0
+    _, near, _ = compare(capsys, members[0], tmp_path / "moved.tif")
+    assert scores(near["flow of 0.5 m"])["CSI"] > 0.85
+    assert abs(scores(near["flow of 0.5 m"])["area bias"] - 1) < 0.05
+
+
+def test_cells_without_a_value_are_unknown_unless_they_are_declared_dry(members, tmp_path, capsys):
+    values = thickness_of(members[0])
+    write_raster(tmp_path / "observed.tif", np.where(values > 2.0, values, -9999.0))
+    _, unknown, _ = compare(capsys, members[0], tmp_path / "observed.tif", "--threshold", "0.5")
+    assert scores(unknown["flow of 0.5 m"])["FAR"] == 0.0
+    assert f"{(values <= 2.0).sum() * CELL**2:.4g} m2 unknown" in unknown["flow of 0.5 m"]
+    _, dry, _ = compare(capsys, members[0], tmp_path / "observed.tif", "--threshold", "0.5", "--nodata", "zero")
+    assert scores(dry["flow of 0.5 m"])["FAR"] > 0.1
+    assert "unknown" not in dry["flow of 0.5 m"]
+
+
+def test_a_raster_normal_to_the_slope_is_compared_normal_to_it(members, tmp_path, capsys):
+    slope = np.arctan(np.hypot(*np.gradient(ramp(), CELL)))
+    write_raster(tmp_path / "normal.tif", thickness_of(members[0]) * np.cos(slope))
+    _, found, _ = compare(capsys, members[0], tmp_path / "normal.tif", "--slope-normal", "--threshold", "0.5")
+    assert scores(found["flow of 0.5 m"])["CSI"] == 1.0
+    assert scores(found["flow, whole map"])["RMSE"] < 1e-6
+    _, wrong, _ = compare(capsys, members[0], tmp_path / "normal.tif", "--threshold", "0.5")
+    assert scores(wrong["flow, whole map"])["bias"] > 0.1
+    code, _, error = compare(capsys, tmp_path / "normal.tif", tmp_path / "normal.tif", "--slope-normal")
+    assert code == ExitCode.OK  # both are normal already
+    write_raster(tmp_path / "alone.tif", slope)
+    assert error == ""
+
+
+def test_an_outline_in_degrees_and_a_thalweg_give_areas_front_and_energy_line(members, tmp_path, capsys):
+    outline_of(thickness_of(members[0]) >= 0.5).to_crs("EPSG:4326").to_file(tmp_path / "outline.geojson")
+    line = [(WEST + 60.0, NORTH - 120.0), (WEST + 490.0, NORTH - 120.0)]
+    geopandas.GeoDataFrame(geometry=[shapely.LineString(line[::-1])], crs=UTM).to_file(tmp_path / "thalweg.gpkg")
+    options = ("--threshold", "0.5", "--thalweg", tmp_path / "thalweg.gpkg")
+    code, found, error = compare(capsys, members[0], tmp_path / "outline.geojson", *options)
+    assert code == ExitCode.OK
+    values = scores(found["outline, flow of 0.5 m"])
+    assert values["CSI"] > 0.99
+    assert values["front error"] == 0.0
+    assert values["energy line error"] == 0.0
+    assert "the line runs uphill" in error
+    _, other, _ = compare(capsys, members[1], tmp_path / "outline.geojson", *options)
+    reach = [np.flatnonzero((thickness_of(m) >= 0.5).any(axis=0)).max() for m in members]
+    assert scores(other["outline, flow of 0.5 m"])["front error"] == pytest.approx(CELL * (reach[1] - reach[0]), abs=0.1)
+    assert np.sign(scores(other["outline, flow of 0.5 m"])["energy line error"]) == -np.sign(reach[1] - reach[0])
+
+
+def test_points_are_scored_by_the_attributes_that_they_have(members, tmp_path, capsys):
+    arrival = read_maps(members[0])["arrival_time"].values
+    row, column = 12, [15, 20, 49]
+    places = [shapely.Point(WEST + (c + 0.5) * CELL, NORTH - (row + 0.5) * CELL) for c in column]
+    observed = [float(arrival[row, 15]) + 1.0, float(arrival[row, 20]) + 1.0, 30.0]
+    frame = geopandas.GeoDataFrame({"arrival_time": observed, "speed": [None, 5.0, None]}, geometry=places, crs=UTM)
+    frame.to_file(tmp_path / "gauges.gpkg")
+    _, found, _ = compare(capsys, members[0], tmp_path / "gauges.gpkg")
+    values = scores(found["gauges, arrival time"])
+    assert values["arrival bias"] == pytest.approx(-1.0, abs=1e-3)
+    assert values["missed arrivals"] == 1
+    assert "2 points unknown" in found["gauges, speed"]
+
+
+BAD = {
+    "missing.tif": "missing.tif: no such file or folder",
+    "lines.gpkg": "lines.gpkg: holds LineString; an outline is polygons, gauges are points, a thalweg goes to --thalweg",
+    "nameless.gpkg": r"its points have none of the attributes arrival_time, thickness, speed; they have: height",
+    "far.tif": "do not overlap",
+    "negative.tif": r"negative.tif: 1 cells are negative, the least -3",
+    "two.gpkg": r"two.gpkg: holds 2 layers \(a, b\); name the one with the observation",
+    "note.nc": "cannot be read as NetCDF",
+    "empty": "holds no hazard.nc; run `runout run",
+}
+
+
+def make_bad(folder):
+    point, line = shapely.Point(WEST + 50, NORTH - 50), shapely.LineString([(WEST, NORTH - 50), (WEST + 50, NORTH - 50)])
+    geopandas.GeoDataFrame(geometry=[line], crs=UTM).to_file(folder / "lines.gpkg")
+    geopandas.GeoDataFrame({"height": [1.0]}, geometry=[point], crs=UTM).to_file(folder / "nameless.gpkg")
+    for layer in "ab":
+        geopandas.GeoDataFrame(geometry=[point.buffer(9)], crs=UTM).to_file(folder / "two.gpkg", layer=layer)
+    write_raster(folder / "far.tif", np.ones((5, 5)), crs="EPSG:32610")
+    values = np.ones((24, 50))
+    values[3, 3] = -3.0
+    write_raster(folder / "negative.tif", values)
+    (folder / "note.nc").write_text("no numbers")
+    (folder / "empty").mkdir()
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_compared_gets_one_line(name, members, tmp_path, capsys):
+    make_bad(tmp_path)
+    code, found, error = compare(capsys, members[0], tmp_path / name)
+    assert code == ExitCode.CONFIGURATION
+    assert found == {}
+    assert re.search(BAD[name], " ".join(error.split()))
+    assert error.count("error:") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--quantity", "sped"), "choose one of thickness, deposit, change"),
+        (("--quantity", "change"), "do not share the quantity change"),
+        (("--threshold", "-1"), "--threshold is -1; it must be above 0"),
+        (("--probability", "50"), "--probability is 50; it must be above 0 and below 1"),
+        (("--half-width", "0"), "--half-width is 0 m"),
+        (("--thalweg", "nowhere.gpkg"), "nowhere.gpkg: no such file"),
+        (("--nodata", "dry"), "nodata"),
+    ],
+)
+def test_wrong_options_get_one_line(options, message, members, capsys):
+    code, _, error = compare(capsys, *members, *options)
+    assert code == ExitCode.CONFIGURATION
+    assert message in " ".join(error.split())
+
+
+def test_a_probability_whose_percentile_is_not_there_names_those_that_are(finished_site, capsys):
+    code, _, error = compare(capsys, finished_site[0], finished_site[0], "--probability", "0.05")
+    assert code == ExitCode.CONFIGURATION
+    assert "holds no percentile 95, which the probability 0.05 needs; choose one of 0.5" in " ".join(error.split())
+
+
+def test_maps_must_come_first(members, tmp_path, capsys):
+    outline_of(thickness_of(members[0]) >= 0.5).to_file(tmp_path / "outline.gpkg")
+    code, _, error = compare(capsys, tmp_path / "outline.gpkg", members[0])
+    assert code == ExitCode.CONFIGURATION
+    assert "the first of the two is the one that is scored; exchange the two" in " ".join(error.split())
+
+
+def test_error_bars_of_the_site_stand_beside_the_scores(finished_site, members, tmp_path, capsys):
+    from runout.io.atomic import write_json
+
+    bars = finished_site[0] / "results" / "convergence.json"
+    quantity = {"title": "t", "unit": "m", "fine": 1.0, "error": 7.0}
+    index = [{"level": 1, "map": "flow_thickness", "critical_success_index": {"0.1": 0.9}, "relative_l1": 0.1}]
+    write_json({"quantities": {"f99": quantity, "area_above_0.1_m": quantity}, "fields": index, "levels": []}, bars)
+    try:
+        _, found, _ = compare(capsys, *members, "--threshold", "0.1")
+    finally:
+        bars.unlink()
+    assert re.search(r"CSI [\d.]+ \+- 0\.0\d+, POD", found["flow of 0.1 m"])
