@@ -17,6 +17,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 BACKENDS = ("scan", "hash", "reference")
+INDEXES = ("sparse", "dense")  # of scan and hash; the second is a control for measurements
 
 
 @dataclass
@@ -223,7 +224,7 @@ def get_backend(
     deterministic : bool
         Results on a GPU repeat bit by bit; those on the CPU always do.
     index : str
-        "sparse", or for scan "dense": every block of the box around the particles, a control for measurements.
+        "sparse", or for scan and hash "dense": every block of the box around the particles, a control for measurements.
 
     Raises
     ------
@@ -235,7 +236,7 @@ def get_backend(
     if name in ("hash", "auto"):
         place = find_device(device)
         if name == "hash" or place != "cpu":
-            return import_module("runout.backends.hash.backend").create(place, deterministic)  # type: ignore[no-any-return]
+            return import_module("runout.backends.hash.backend").create(place, deterministic, index)  # type: ignore[no-any-return]
         name = "scan"
     elif device not in ("cpu", "auto"):
         raise DeviceError(f"device is {device!r}; backend {name!r} runs on 'cpu' only")

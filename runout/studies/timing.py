@@ -17,6 +17,7 @@ from runout.studies.sloping_layer import Layer
 STEP_SHARE = 0.475 / CFL  # share of the stable step at the start, for a flow that accelerates; all records use it
 UNTIMED_STEPS = 3
 WORK_OF_A_RUN = 400_000  # particle-steps between two readings of the clock
+WORK_ON_A_GPU = 2e9  # the same on a GPU, where the host waits for the device at each reading
 NODE_BYTES = 64  # target for bytes per node
 
 
@@ -90,7 +91,7 @@ class TimedRun:
     def repeat(self) -> None:
         """The steps between two observations in short runs, and one observation."""
         clock = clock_of(self.case)
-        for run in _runs(self.steps, self.n):
+        for run in _runs(self.steps, self.n, WORK_OF_A_RUN if self.case.device == "cpu" else WORK_ON_A_GPU):
             before, rebuilds, started = dict(self.engine.counters.seconds), self.engine.counters.rebuilds, clock()
             self.advance(run)
             total = clock() - started
@@ -142,9 +143,9 @@ def clock_of(case: Case) -> Callable[[], float]:
     return time.process_time if case.threads == 1 and case.device == "cpu" else time.perf_counter
 
 
-def _runs(steps: int, n: int) -> list[int]:
+def _runs(steps: int, n: int, work: float) -> list[int]:
     """Lengths of short runs that add up to ``steps``; short runs are less likely to be disturbed."""
-    length = min(max(WORK_OF_A_RUN // n, 1), steps)
+    length = min(max(int(work) // n, 1), steps)
     return [min(length, steps - done) for done in range(0, steps, length)]
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from runout import __version__, log
 from runout.accuracy import PARTICLES_PER_CELL
+from runout.backends.protocol import INDEXES
 from runout.errors import BudgetError, CapacityError, ConfigError
 from runout.studies.prototype import PrototypeRun, load_prototype
 from runout.studies.sloping_layer import PER_CELL, Layer
@@ -138,10 +139,9 @@ def planned(choices: Choices) -> list[tuple[str, list[Case]]]:
     plan = [("size", [case(s, t) for s in group if s for t in choices.usable_threads]) for group in (small, *([s] for s in large))]
     plan.append(("precision", [case(precision=p) for p in choices.precision]))
     plan.append(("depth", [case(depth=d, upwards=u) for u in UPWARDS for d in (*THIN, DEEP)]))
-    kinds = ("sparse", "dense") if choices.device == "cpu" else ("sparse",)
     apart = [Layer(choices.size, sparsity=s, precision=choices.precision[0], aligned=True) for s in SPARSITIES]
     one = choices.usable_threads[0]
-    plan.append(("sparsity", [Case(a, one, kind, choices.device, observed=False) for a in apart for kind in kinds]))
+    plan.append(("sparsity", [Case(a, one, kind, choices.device, observed=False) for a in apart for kind in INDEXES]))
     return [(name, cases) for name, cases in plan if cases]
 
 

@@ -5,7 +5,8 @@ import pytest
 from scenes import IN_ORDER, ROCK, SAND, assert_same_numbers, at, box, cloud, loaded, on_cpu, plane, scene
 
 from runout.backends.protocol import get_backend
-from runout.errors import CapacityError, DeviceError
+from runout.errors import CapacityError, ConfigError, DeviceError
+from runout.model.particles import Particles
 
 index = pytest.importorskip("runout.backends.hash.index")
 hash_backend = pytest.importorskip("runout.backends.hash.backend")
@@ -96,6 +97,25 @@ def test_restored_run_spreads_into_new_blocks_as_the_one_that_went_on(determinis
     assert one.parts.index.nall == other.parts.index.nall
     assert_same_numbers(one.particles(), other.particles())
     assert one.ledger().basal_dissipation == other.ledger().basal_dissipation > 0
+
+
+def test_dense_index_holds_the_whole_box_around_two_bodies_and_gives_what_the_sparse_one_gives():
+    p = Particles.concatenate([box((x, 36.0, 0.0), (3.0, 3.0, 2.0), UNIT) for x in (30.0, 62.0)])
+    p.velocity[:] = (2.0, 1.0, 0.0)
+    sparse, dense = (loaded(on_cpu(index=kind), scene(plane()), p) for kind in ("sparse", "dense"))
+    low, high = p.node.min(0) >> 2, p.node.max(0) >> 2
+    assert dense.parts.index.nall == np.prod(high - low + 4)  # a block more on each side, and one upwards for their nodes
+    assert dense.parts.index.nall > 3 * sparse.parts.index.nall
+    for backend in (sparse, dense):
+        backend.steps(2e-3, 300)
+        assert backend.counters.rebuilds > 1
+    assert dense.parts.index.nall == np.prod(high - low + 4)
+    assert_same_numbers(sparse.particles(), dense.particles())
+
+
+def test_unknown_index_is_refused_with_the_names():
+    with pytest.raises(ConfigError, match="'loose'; choose one of sparse, dense"):
+        on_cpu(index="loose")
 
 
 def test_index_stays_while_the_particles_stay_in_its_blocks():

@@ -8,16 +8,27 @@ from runout.backends.hash.batch import Batch
 from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import ROWS, TILE, room_for
-from runout.backends.protocol import Counters, LedgerRow, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.state import State
+from runout.errors import ConfigError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 
 
-def create(device: str = "cpu", deterministic: bool = False) -> "HashBackend":
-    """A backend on a device; ``deterministic`` makes a GPU repeat a run bit by bit (the CPU always does)."""
-    return HashBackend(device, deterministic)
+def create(device: str = "cpu", deterministic: bool = False, index: str = "sparse") -> "HashBackend":
+    """A backend on a device; ``deterministic`` makes a GPU repeat a run bit by bit (the CPU always does).
+
+    ``index`` is "sparse", or "dense" for every block of the box around the particles at the start: what sparse is measured against.
+
+    Raises
+    ------
+    ConfigError
+        For another index.
+    """
+    if index not in INDEXES:
+        raise ConfigError(f"index is {index!r}; choose one of {', '.join(INDEXES)}")
+    return HashBackend(device, deterministic, dense=index == "dense")
 
 
 def cuda_devices() -> tuple[str, ...]:
@@ -33,13 +44,13 @@ def free_memory(device: str) -> float:
 class HashBackend(Batch):
     """Sparse hash backend (see :class:`runout.backends.protocol.Backend`)."""
 
-    def __init__(self, device: str = "cpu", deterministic: bool = False):
-        self.device, self.deterministic = wp.get_device(device), deterministic
+    def __init__(self, device: str = "cpu", deterministic: bool = False, dense: bool = False):
+        self.device, self.deterministic, self.dense = wp.get_device(device), deterministic, dense
         self.counters = Counters()
 
     def load(self, scene: Scene, particles: ParticleSource) -> None:
         """Take over a scene and its particles."""
-        super().__init__([(scene, particles)], self.device.alias, self.deterministic)
+        super().__init__([(scene, particles)], self.device.alias, self.deterministic, self.dense)
 
     def step(self, dt: float) -> None:
         """One explicit step of ``dt`` [s]."""

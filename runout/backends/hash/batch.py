@@ -17,7 +17,7 @@ from runout.backends.hash import gradient_transfer, readback, sort, step
 from runout.backends.hash.device_status import DeviceStatus
 from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
-from runout.backends.hash.index import Index
+from runout.backends.hash.index import Index, box_around
 from runout.backends.hash.kernels import compiled_kernels
 from runout.backends.hash.layout import FAILED, PENDING, STEPS, UNSTABLE, run
 from runout.backends.hash.loading import Loaded
@@ -48,6 +48,8 @@ class Batch:
         "cpu" or "cuda:N".
     deterministic : bool
         Results on a GPU repeat bit by bit, and those of a scene equal those of its own run.
+    dense : bool
+        All blocks of the box around the particles at the start are in use, for measurements.
 
     Raises
     ------
@@ -57,7 +59,9 @@ class Batch:
         If they need more memory or more blocks than there are.
     """
 
-    def __init__(self, scenes: Sequence[tuple[Scene, ParticleSource]], device: str = "cpu", deterministic: bool = False):
+    def __init__(
+        self, scenes: Sequence[tuple[Scene, ParticleSource]], device: str = "cpu", deterministic: bool = False, dense: bool = False
+    ):
         self.device, self.deterministic, self.counters = wp.get_device(device), deterministic, Counters()
         given = [s for s, _ in scenes]
         require_alike(given)
@@ -71,6 +75,8 @@ class Batch:
             loaded = Loaded.of(SceneArrays(given, kernels), [p for _, p in scenes])
             self.accounts = loaded.accounts
             self.parts: Parts = self._parts_of(loaded, kernels)
+            if dense:
+                self.parts.index.box = wp.array(box_around(loaded.nodes.numpy()), dtype=wp.int32)
             self._place(loaded.nodes)
 
     @contextmanager

@@ -272,6 +272,8 @@ class Index:
         Counts how often arrays were made anew.
     status : DeviceStatus
         Where the numbers of a step and of a sort are written.
+    box : (blocks, 3) int32, optional
+        A node of each block that is in use whether it holds particles or not: a dense grid, the control of measurements.
     """
 
     def __init__(
@@ -280,6 +282,7 @@ class Index:
         self.k, self.status, self.ordered, self.many, self.rows = kernels, status, ordered, many, rows
         self.nown = self.nall = self.capacity = self.generation = self.launched = 0
         self.former: Any = None
+        self.box: Any = None
         self.make_table(first_table(particles))
         self.make_room(0)
 
@@ -319,6 +322,8 @@ class Index:
         k, entries, status = self.k, self.table.shape[0], self.status.group
         self.table.zero_(), self.status.counts.zero_()
         enter()
+        if self.box is not None:
+            run(k.enter_given, len(self.box), status, self.key_group, self.box)
         run(k.note_owners, 1, status)
         run(k.enter_above, entries // 2, status, self.key_group)
         sorted_ = min(self.capacity, entries // 2)
@@ -360,6 +365,14 @@ class Index:
         """
         if not held <= self.launched <= 2 * room_for(held):
             self.launched = min(room_for(held), self.capacity)
+
+
+def box_around(nodes: np.ndarray) -> np.ndarray:
+    """Node (blocks, 3) int32 inside each block of the box around particles with first nodes (n, 3), a block wider on each side."""
+    low, high = (nodes.min(0) >> 2) - 1, (nodes.max(0) >> 2) + 1
+    shape = tuple((high - low + 1).tolist())
+    place = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1) + low
+    return (4 * place + MARGIN).astype(np.int32)  # so far inside that no other block is entered
 
 
 def first_table(particles: int) -> int:

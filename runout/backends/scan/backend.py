@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends.loading import surveyed
-from runout.backends.protocol import Counters, LedgerRow, RasterSums
+from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
@@ -42,7 +42,6 @@ from runout.model.scene import Scene
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
-INDEXES = ("sparse", "dense")
 
 
 def create(threads: int | None = None, index: str = "sparse") -> "ScanBackend":
