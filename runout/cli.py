@@ -192,8 +192,11 @@ def bench(
     error: Annotated[
         bool, Parameter(negative="", help="Error against time instead: problems with a known answer; --out DIR writes a page.")
     ] = False,
+    published: Annotated[
+        bool, Parameter(negative="", help="The benchmarks of the published sparse method instead; --out DIR writes a page.")
+    ] = False,
     full: Annotated[
-        bool, Parameter(negative="", help="Up to 1e7 particles (hours); with --error finer grids (half an hour).")
+        bool, Parameter(negative="", help="Up to 1e7 particles (hours); with --error or --published finer grids (half an hour).")
     ] = False,
     json: Annotated[Path | None, Parameter(help="Write all measurements to this file.")] = None,
     figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf).")] = None,
@@ -208,6 +211,11 @@ def bench(
         from runout.studies import error_against_time
 
         error_against_time.command(session.out, full)
+        return ExitCode.OK
+    if published:
+        from runout.studies import published_benchmarks
+
+        published_benchmarks.command(session.out, full, device, json)
         return ExitCode.OK
     from runout.studies import work_precision
 

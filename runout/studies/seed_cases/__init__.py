@@ -1,0 +1,1 @@
+"""Benchmarks of the published sparse material point method at full size: our numbers beside the published ones."""

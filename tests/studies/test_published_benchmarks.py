@@ -1,0 +1,144 @@
+"""The published benchmarks: the synthetic site has the stated size, the controls are dense, the page shows what is measured."""
+
+import json
+
+import numpy as np
+import pytest
+
+from runout import cli
+from runout.backends.protocol import get_backend
+from runout.studies.published_benchmarks import FILE, planned
+from runout.studies.seed_cases import ladder, published, site_runs
+from runout.studies.seed_cases import synthetic_site as site
+from runout.studies.seed_cases.blocks import count_blocks
+from runout.studies.seed_cases.memory_peak import forget_host_peak, host_peak
+from runout.studies.seed_cases.page import page, tables
+from runout.studies.sloping_layer import Layer
+from runout.studies.study_page import TABLES
+
+
+@pytest.fixture(scope="module")
+def ground():
+    return site.terrain()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Folder of the command in its small size."""
+    folder = tmp_path_factory.mktemp("published")
+    assert cli.main(["--out", str(folder), "bench", "--published"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def record(made):
+    return json.loads((made / FILE).read_text())
+
+
+def test_the_site_falls_a_thousand_metres_and_releases_the_stated_volume(ground):
+    release = site.release(ground)
+    assert release.thickness.sum() * np.prod(ground.cell_size) == pytest.approx(site.VOLUME, rel=1e-12)
+    middle = ground.elevation[ground.shape[0] // 2]
+    edge = middle[np.flatnonzero(release.thickness.any(axis=0))[0]]
+    assert edge - middle.min() == pytest.approx(1000.0, rel=0.1)
+    slope = np.abs(np.diff(ground.elevation, axis=1)).max() / ground.cell_size[0]
+    assert 30 < np.degrees(np.arctan(slope)) < 45
+
+
+def test_path_length_counts_from_the_top_of_the_release(ground):
+    deposit = np.zeros(ground.shape)
+    deposit[:, 200:202] = 1.0  # 2000 to 2020 m from the western edge
+    top = site.CROWN + site.CENTRE - site.HALF_AXES[0]
+    assert site.path_length(deposit, ground, 0.5) == pytest.approx(2010.0 - top)
+    assert site.path_length(deposit, ground, 0.75) == pytest.approx(2015.0 - top)
+
+
+@pytest.mark.parametrize("name", ["scan", "hash"])
+def test_blocks_of_the_dense_index_fill_their_box(name):
+    scene, particles = Layer(3000, sparsity=20.0, aligned=True).build()
+    found = {}
+    for kind in ("sparse", "dense"):
+        engine = get_backend(name, "cpu", index=kind)
+        engine.load(scene, particles)
+        found[kind] = count_blocks(engine)
+    assert found["dense"].sparsity < 1.5  # but for the neighbours upwards, which hold the nodes of the last blocks
+    assert found["sparse"].sparsity > 4
+    assert found["dense"].held > 3 * found["sparse"].held
+
+
+def test_a_rung_without_room_for_the_dense_grid_has_the_sparse_part_only(monkeypatch):
+    load = ladder.TimedRun
+
+    def refused(case):
+        if case.index == "dense":
+            raise MemoryError
+        return load(case)
+
+    monkeypatch.setattr(ladder, "TimedRun", refused)
+    found = ladder.rung(3.0, 2000, "cpu", 1)
+    assert "dense" not in found
+    assert "speed_up" not in found
+    [(_, table)] = tables([{"device": "cpu", "ladder": [found]}])
+    assert table.count("no room") == 4
+
+
+def test_memory_peak_falls_back_to_what_the_process_holds():
+    held = np.ones(30_000_000)
+    peak = host_peak()
+    assert peak > held.nbytes
+    del held
+    forget_host_peak()
+    assert host_peak() <= peak
+
+
+def test_the_record_has_every_part_with_its_rows(record):
+    assert [r["slope_deg"] for r in record["slides"]] == list(published.SLOPES)
+    assert [r["friction_angle_deg"] for r in record["collapses"]] == list(published.FRICTION_ANGLES)
+    assert [r["sparsity"] for r in record["ladder"]] == list(ladder.FEW_RUNGS)
+    assert [r["cell"] for r in record["site"]] == list(site_runs.COARSE)
+
+
+def test_the_box_rests_at_14_degrees_and_slides_as_a_rigid_block_above(record):
+    rest, *slides = record["slides"]
+    assert abs(rest["displacement"]) < 1e-3
+    assert all(abs(r["relative_displacement_error"]) < 0.006 for r in slides)
+
+
+def test_stronger_sand_runs_out_less(record):
+    runouts = [r["runout"] for r in record["collapses"]]
+    assert runouts == sorted(runouts, reverse=True)
+    assert runouts[0] > 1.3 * runouts[-1]
+
+
+def test_the_flow_keeps_its_mass_and_moves_down_the_path(record):
+    for row in record["site"]:
+        assert row["mass_error"] < 1e-6
+        assert row["runout"] > 2 * site.HALF_AXES[0]
+        assert row["sparsity"] > 1
+        assert row["nodes"] == 64 * row["blocks"] > 64 * row["active_blocks"] > 0
+        assert row["host_bytes"] > row["backend_bytes"] > 100 * row["particles"]
+
+
+def test_the_page_and_its_tables_are_made_from_the_record(made, record):
+    text = (made / "published.md").read_text()
+    assert text == page([record]).text
+    assert "synthetic" in text
+    assert "small size" in text
+    for reason in published.NOT_COMPARABLE:
+        assert reason[1] in text
+    assert (made / TABLES / "published_ladder.csv").read_text().count("\n") == 1 + len(record["ladder"])
+    assert (made / "published.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_published_figures_stand_beside_rows_of_the_same_sparsity_and_cell():
+    rung = {"sparsity": 373.0, "particles": 10, "speed_up": 3.0, "memory_ratio": 5.0, "measured_sparsity": 300.0}
+    rung |= {kind: {"step": 1e-3, "index": 1e-4, "bytes": 10, "blocks": 5} for kind in ("sparse", "dense")}
+    [(title, table), _] = tables([{"device": "cuda:0", "card": "card", "ladder": [rung]}])
+    assert title == "Beside the published figures"
+    assert "| 11.5 | 3 | GPU |" in table
+    assert len(tables([{"device": "cuda:0", "ladder": [rung | {"sparsity": 100.0}]}])) == 1
+
+
+def test_a_gpu_runs_the_site_and_the_ladder_only():
+    assert list(planned("cuda:0", True)) == ["site", "ladder"]
+    assert list(planned("cpu", True)) == ["slides", "collapses", "site", "ladder"]
