@@ -72,9 +72,9 @@ def _figure(record: Mapping[str, Any]) -> bytes:
         axes.bar_label(bars, fmt="%.1f s", padding=3, fontsize=8)
     axes.set_yticks(range(len(wall), 0, -1), list(wall))
     axes.set_xscale("log")
-    axes.margins(x=0.12)
+    axes.margins(x=0.15)
     axes.set_xlabel("wall time [s]")
-    axes.legend(frameon=False, loc="upper right")
+    figure.legend(loc="outside upper center", ncols=len(VERSIONS), frameon=False)
     return as_png(figure)
 
 
