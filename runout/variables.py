@@ -160,13 +160,24 @@ _HAZARD_MAPS = {
     ),
 }
 
+_OBSERVED = {
+    "observed_deposit_thickness": _positive("m", "observed thickness of the deposit, vertical", "missing where unknown"),
+    "observed_elevation_change": Variable("m", "observed change of elevation", comment="missing where unknown"),
+    "mean_elevation_change": Variable(
+        "m", "weighted mean over the members of the change of elevation", comment="deposit minus the released mass"
+    ),
+}
+
 _DIFFERENCES = {
-    "flow_thickness_difference": Variable("m", "difference of the maximum flow thickness, first minus second"),
-    "deposit_thickness_difference": Variable("m", "difference of the deposit's thickness, first minus second"),
-    "speed_difference": Variable("m s-1", "difference of the maximum speed, first minus second"),
-    "pressure_difference": Variable("Pa", "difference of the maximum dynamic pressure, first minus second"),
-    "arrival_time_difference": Variable("s", "difference of the arrival time, first minus second"),
-    "elevation_change_difference": Variable("m", "difference of the change of elevation, first minus second"),
+    name: Variable(units, f"difference of the {what}", comment="modelled minus observed, or first minus second product")
+    for name, units, what in (
+        ("flow_thickness_difference", "m", "maximum flow thickness"),
+        ("deposit_thickness_difference", "m", "deposit's thickness"),
+        ("speed_difference", "m s-1", "maximum speed"),
+        ("pressure_difference", "Pa", "maximum dynamic pressure"),
+        ("arrival_time_difference", "s", "arrival time"),
+        ("elevation_change_difference", "m", "change of elevation"),
+    )
 }
 
 _ENSEMBLE = {
@@ -232,6 +243,7 @@ VARIABLES: dict[str, Variable] = {
     **_of("referenceInformation", _TERRAIN_MAPS),
     **_HAZARD_MAPS,
     **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith(("standard_error", "rms_error"))}),
+    **_OBSERVED,
     **_DIFFERENCES,
     **_of("auxiliaryInformation", _ENSEMBLE),
     **_of("coordinate", _COORDINATES),

@@ -129,9 +129,10 @@ def _law_table(directive: SphinxDirective, law: str, model: Any, sampled: Any, h
 
 
 def _settings_class(name: str) -> Any:
-    from runout.config import distributions, hazard, schema
+    from runout.config import distributions, hazard, observations, remote, schema
 
-    return next(getattr(home, name) for home in (schema, hazard, distributions) if hasattr(home, name))
+    homes = (schema, hazard, distributions, observations, remote)
+    return next(getattr(home, name) for home in homes if hasattr(home, name))
 
 
 def _setting_row(name: str, field: Any) -> list[str]:

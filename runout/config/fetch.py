@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from runout.config.download import download
-from runout.config.schema import RemoteFile
+from runout.config.remote import RemoteFile
 from runout.errors import InputError, StorageError
 from runout.io.boundary import exists, require_regular
 

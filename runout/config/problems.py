@@ -10,7 +10,8 @@ from runout.config.distributions import DISTRIBUTIONS
 from runout.config.document import Document, Location
 from runout.config.friction import BLOCK, KEY, own_model, stated_law
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
-from runout.config.schema import RemoteFile, SiteSettings
+from runout.config.remote import RemoteFile
+from runout.config.schema import SiteSettings
 from runout.config.wording import choice_fix, nearest, shown
 from runout.errors import Problem
 from runout.model.parameters import AUTO

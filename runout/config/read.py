@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from runout.config.document import Document, Location, read_document, shortened
 from runout.config.friction import ANGLE, KEY, PREFIX, sampled_ranges, stated_law
 from runout.config.material import foreign_parameters, known_law
+from runout.config.observations import FILE_KEYS
 from runout.config.problems import problems_of
 from runout.config.schema import (
     SAMPLE_DEMS,
@@ -160,6 +161,8 @@ def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
     named: list[Any] = [terrain.dem, *(r.polygons for r in settings.release), *(r.raster for r in settings.release)]
     named += [zone.polygons for zone in terrain.friction_zones or []]
     named += [obstacle.polygons for obstacle in terrain.obstacles or []]
+    observed = settings.observations
+    named += [getattr(getattr(observed, name), key) for name, key in FILE_KEYS.items() if getattr(observed, name, None)]
     local = dict.fromkeys(name for name in named if isinstance(name, str) and not name.startswith("matplotlib:"))
     root = folder.resolve()
     places = {name: (folder / name).resolve() for name in local}
@@ -173,6 +176,7 @@ def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
     places += [("release", i, key) for i in range(count) for key in ("polygons", "raster")]
     for key in ("friction_zones", "obstacles"):
         places += [("terrain", key, i, "polygons") for i in range(len(_overlays(document, key)))]
+    places += [("observations", name, key) for name, key in FILE_KEYS.items()]
     for place in places:
         name = document.value(place)
         if isinstance(name, str) and name:

@@ -2,9 +2,10 @@
 
 from typing import Annotated
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Discriminator, Tag
 
-from runout.config.distributions import Settings, quantity, refuse
+from runout.config.distributions import Settings, quantity, refuse, shape
+from runout.config.quantities import Text
 
 
 def _below_data(path: str) -> str:
@@ -25,3 +26,6 @@ class RemoteFile(Settings):
     sha256: str = quantity("SHA-256 of the file", pattern=r"^[0-9a-f]{64}$", hint="64 digits 0-9a-f; `sha256sum FILE` prints it")
     size: int = quantity("size of the file", gt=0, unit="bytes")
     path: BelowData | None = quantity("path below the folder RUNOUT_DATA, where a copy is looked for first", None)
+
+
+InputFile = Annotated[Text | Annotated[RemoteFile, Tag("<block>")], Discriminator(shape)]

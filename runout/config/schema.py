@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, SerializeAsAny, Tag, model_validator
+from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from runout.accuracy import CFL, CHOICES, PARTICLES_PER_CELL, PRESETS
 from runout.config.distributions import (
@@ -12,13 +12,13 @@ from runout.config.distributions import (
     limited,
     quantity,
     refuse,
-    shape,
 )
 from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.metadata import METADATA, MetadataSettings
+from runout.config.observations import OBSERVATIONS, ObservationSettings
 from runout.config.quantities import (
     CellSize,
     Degrees,
@@ -27,10 +27,9 @@ from runout.config.quantities import (
     FrictionFactor,
     Height,
     ParticlesPerCell,
-    Text,
     Thickness,
 )
-from runout.config.remote import RemoteFile
+from runout.config.remote import InputFile
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import SMALLEST_NET
 
@@ -41,7 +40,6 @@ NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 OwnFriction = Annotated[dict[str, float], BeforeValidator(own_parameters(attributes=False))]
 ZoneFriction = Annotated[dict[str, float | str], BeforeValidator(own_parameters(attributes=True))]
-InputFile = Annotated[Text | Annotated[RemoteFile, Tag("<block>")], Discriminator(shape)]
 
 
 def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
@@ -351,6 +349,7 @@ class SiteSettings(Settings):
     simulation: SimulationSettings = quantity("how each member is computed")
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())
+    observations: ObservationSettings | None = OBSERVATIONS
     budget: BudgetSettings | None = quantity(
         "a run that is forecast to need more is refused", None, examples=[{"hours": 1.0, "memory_gb": 8.0, "disk_gb": 2.0}]
     )

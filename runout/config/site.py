@@ -13,6 +13,7 @@ from runout.config.read import load, site_file
 from runout.config.schema import SiteSettings
 from runout.config.site_files import SiteFiles
 from runout.config.site_friction import SiteFriction
+from runout.config.site_observations import SiteObservations
 from runout.errors import ConfigError, InputError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
@@ -248,6 +249,21 @@ class Site:
             If a public file cannot be downloaded or has another checksum than stated.
         """
         return self._sources.all()
+
+    @property
+    def observed(self) -> SiteObservations:
+        """What site.yaml says of observations. Members do not depend on them."""
+        return SiteObservations(self.settings.observations, self.folder)
+
+    def observation_checksums(self) -> list[tuple[str, str]]:
+        """Names and checksums of the files of the observations.
+
+        Raises
+        ------
+        InputError, StorageError
+            If one cannot be read or downloaded.
+        """
+        return [(path.name, self._checksum(path)) for path in self.observed.paths()]
 
     def checksums(self) -> list[str]:
         """Checksums of the contents of :meth:`inputs`.

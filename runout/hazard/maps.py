@@ -33,6 +33,13 @@ HEADLINE_MAPS = (
     QUANTITIES[DEPOSIT].peak,
     "members_reached",
 )
+OBSERVED_MAPS = (  # of sites with observations
+    "observed_deposit_thickness",
+    "deposit_thickness_difference",
+    "observed_elevation_change",
+    "mean_elevation_change",
+    "elevation_change_difference",
+)
 TERRAIN_MAPS = ("elevation", "ground_slope", "release_thickness")
 _VALUE = r"_[-+.0-9e]+(kPa)?"
 _JOINT = rf"(_({'|'.join(QUANTITIES)}){_VALUE})+"
@@ -45,6 +52,9 @@ def map_layers(hazard: "xr.Dataset") -> Iterator[tuple[str, str, dict[str, float
     """File name without suffix, variable and coordinates of every map that becomes a raster of its own."""
     for name in (*HEADLINE_MAPS, *TERRAIN_MAPS):
         yield name, name, {}
+    for name in OBSERVED_MAPS:
+        if name in hazard:
+            yield name, name, {}
     for quantity in QUANTITIES.values():
         for name in map(quantity.exceedance, _KINDS):
             for value in hazard[quantity.threshold].values if quantity.threshold in hazard.coords else ():

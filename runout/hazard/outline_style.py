@@ -10,6 +10,7 @@ from runout.io.vector import PROBABILITY_LEVELS
 _RELEASE = "#d7263d"
 _OBSTACLE = "#6b4a2b"
 _ZONE = "#22282f"
+_OBSERVED = "#0b4fae"
 _PROBABILITY_RAMP = "YlOrRd"
 _OBSTACLE_LABEL = "if(\"height_m\" < 0, '', '+') || \"height_m\" || ' m'"
 _REPLACED = "coalesce(round(\"basal_friction_angle_deg\", 1) || '°', attribute(@feature, 'parameters'))"
@@ -28,6 +29,9 @@ def outline_styles() -> dict[str, str]:
         ),
         "friction_zones": _one_symbol(
             {"outline_color": _ZONE, "outline_width": "0.4", "outline_style": "dash", "style": "no"}, _ZONE_LABEL, _ZONE
+        ),
+        "observed_outline": _one_symbol(
+            {"outline_color": _OBSERVED, "outline_width": "0.7", "style": "no"}, "'observed ' || \"shows\"", _OBSERVED
         ),
     }
 

@@ -13,6 +13,7 @@ from runout.hazard.exceedance import aggregate, stated_thresholds
 from runout.hazard.joint import stated_conditions
 from runout.hazard.maps import OWN_MAP, write_maps
 from runout.hazard.members import Ensemble, members_file
+from runout.hazard.observed import observed_layers, scored
 from runout.hazard.outline_style import outline_styles
 from runout.hazard.sampling import Estimator
 from runout.io import netcdf
@@ -24,6 +25,7 @@ from runout.io.vector import write_outlines
 from runout.model.depth_resolution import worst
 from runout.model.release import Release
 from runout.model.terrain import Terrain
+from runout.scores.observations import Observations
 from runout.stiffness import RECORDED, extremes
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
@@ -56,7 +58,7 @@ def write_products(
     ----------
     site : Site
         Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``friction_zones(terrain)``, ``obstacles(terrain)``,
-        ``inputs()`` and ``resolved()`` are used.
+        ``observed``, ``inputs()`` and ``resolved()`` are used.
     results : Path
         Folder that holds ``members/`` and takes the products.
     members : pandas.DataFrame
@@ -85,12 +87,16 @@ def write_products(
     attributes = _attributes(site, ensemble, origin)
     hazard, of_members = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
     origin |= {name: values for name, values in of_members.items() if values}
+    observed = site.observed.read(terrain)
+    if observed is not None:
+        origin["observations"] = _score(observed, site, ensemble, terrain, releases, results, hazard)
+        origin["changes"] = [*origin["changes"], *observed.changes]
     outdated = _earlier_products(results)
     paths = [
         netcdf.write(hazard, results / "hazard.nc"),
         results / "members.nc",
         *write_maps(hazard, results / "maps"),
-        _write_outlines(hazard, ensemble, site, terrain, releases, results / "outlines.gpkg"),
+        _write_outlines(hazard, ensemble, site, terrain, releases, observed, results / "outlines.gpkg"),
     ]
     paths.append(_write_origin(origin, paths, results))
     for path in outdated - set(paths):
@@ -157,8 +163,30 @@ def ground_slope(terrain: Terrain) -> np.ndarray:
     return terrain.where_known(np.degrees(np.arctan(steepness(ground, terrain.cell_size))))
 
 
+def _score(
+    observed: Observations,
+    site: "Site",
+    ensemble: Ensemble,
+    terrain: Terrain,
+    releases: Sequence[Release],
+    results: Path,
+    hazard: "xr.Dataset",
+) -> dict[str, Any]:
+    """Scores for ``run.json``, after adding the maps of observations to the dataset."""
+    found = scored(observed, site, ensemble, terrain, releases, results)
+    for name, values in found.maps.items():
+        netcdf.add_map(hazard, name, values)
+    return found.record
+
+
 def _write_outlines(
-    hazard: "xr.Dataset", ensemble: Ensemble, site: "Site", terrain: Terrain, releases: Sequence[Release], path: Path
+    hazard: "xr.Dataset",
+    ensemble: Ensemble,
+    site: "Site",
+    terrain: Terrain,
+    releases: Sequence[Release],
+    observed: Observations | None,
+    path: Path,
 ) -> Path:
     attributes = {"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | ensemble.counts()
     return write_outlines(
@@ -170,6 +198,7 @@ def _write_outlines(
         zones=site.friction_zones(terrain),
         obstacles=site.obstacles(terrain),
         styles=outline_styles(),
+        further=observed_layers(observed) if observed else {},
     )
 
 
@@ -178,7 +207,7 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     origin = provenance(
         name=site.name,
         folder=site.folder,
-        inputs=site.inputs(),
+        inputs=[*site.inputs(), *site.observed.paths()],
         configuration=site.resolved(),
         seed=settings.ensemble.seed,
         device=settings.simulation.device,

@@ -36,6 +36,7 @@ def write_outlines(
     zones: FrictionZones | None = None,
     obstacles: Sequence[tuple[Any, float]] = (),
     styles: Mapping[str, str] | None = None,
+    further: Mapping[str, tuple[str, list[dict[str, Any]]]] | None = None,
 ) -> Path:
     """Write a GeoPackage with the layers ``release`` and ``inundation`` in the system of the terrain; returns the path.
 
@@ -55,6 +56,8 @@ def write_outlines(
         Outlines in map coordinates, each with its height [m].
     styles : mapping of str to str, optional
         QGIS styles (QML) of layers by their names. They go to the table ``layer_styles``, where QGIS finds them.
+    further : mapping of str to (str, list of dict), optional
+        Further layers: type of geometry, and rows of columns with ``geometry`` (shapely, map coordinates).
 
     Raises
     ------
@@ -69,11 +72,14 @@ def write_outlines(
         layers["obstacles"] = _frame([{"height_m": height, "geometry": _multi(part)} for part, height in obstacles], terrain)
     if zones:
         layers["friction_zones"] = _zone_frame(terrain, zones)
+    kinds = dict.fromkeys(layers, "MultiPolygon")
+    for name, (kind, rows) in (further or {}).items():
+        layers[name], kinds[name] = _frame(_of_kind(rows, kind), terrain), kind
     with whole_file(path) as temporary, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="'crs' was not provided")  # a local system has none
         try:
             for name, frame in layers.items():
-                frame.to_file(temporary, layer=name, engine="pyogrio", geometry_type="MultiPolygon", **_GEOPACKAGE)
+                frame.to_file(temporary, layer=name, engine="pyogrio", geometry_type=kinds[name], **_GEOPACKAGE)
             _write_styles(temporary, {name: text for name, text in (styles or {}).items() if name in layers})
         except RuntimeError as cause:  # errors of pyogrio for data source, layer and feature
             raise storage_error(path, cause) from cause
@@ -174,6 +180,11 @@ def _frame(rows: list[dict[str, Any]], terrain: Terrain, columns: Sequence[str] 
     return gpd.GeoDataFrame(
         rows, columns=columns, geometry="geometry", crs=None if terrain.crs is None else horizontal_crs(terrain.crs)
     )
+
+
+def _of_kind(rows: list[dict[str, Any]], kind: str) -> list[dict[str, Any]]:
+    """Rows whose polygons are multipolygons where the layer holds these."""
+    return [row | {"geometry": _multi(row["geometry"])} for row in rows] if kind == "MultiPolygon" else rows
 
 
 def _multi(geometry: Any) -> "MultiPolygon":

@@ -12,8 +12,8 @@ from runout.report.html import embedded, render
 from runout.report.maps import STYLES, Basemap, MapStyle
 from runout.report.marks import Mark
 from runout.report.picture import MapPictures
-from runout.report.scores import score_tables
-from runout.report.wording import UNKNOWN, number, quantity, unit
+from runout.report.scores import counts_in_words, score_tables
+from runout.report.wording import number, unit
 from runout.scores.comparison import Comparison
 from runout.scores.flow import THICKNESSES, TITLES, UNITS
 from runout.variables import PRINTED
@@ -34,7 +34,7 @@ def comparison_page(found: Comparison) -> str:
             "heading": [*heading, ("Made by", f"runout {__version__}")],
             "lead": _lead(found),
             "scores": score_tables(stored["scores"]),
-            "counts": [(of, _counts(counts)) for of, counts in stored["counts"].items()],
+            "counts": [(of, counts_in_words(counts)) for of, counts in stored["counts"].items()],
             "legend": _legend(found, a, b),
             "sheets": list(_sheets(found, a, b)),
             "changes": found.changes,
@@ -63,22 +63,6 @@ def _lead(found: Comparison) -> str:
         "Differences are the first minus the second. Cells that one of the two does not know are in no score; they are counted "
         f"below. {bars}"
     )
-
-
-def _counts(counts: dict[str, Any]) -> str:
-    """Areas, volumes and numbers in words."""
-    return "; ".join(f"{_words(name)} {_amount(name, value)}" for name, value in counts.items())
-
-
-def _words(name: str) -> str:
-    for suffix in ("_m2", "_m3", "_m"):
-        name = name.removesuffix(suffix)
-    return name.replace("_", " ")
-
-
-def _amount(name: str, value: float | None) -> str:
-    units = next((u for suffix, u in (("_m2", "m2"), ("_m3", "m3"), ("_m", "m")) if name.endswith(suffix)), "1")
-    return UNKNOWN if value is None else quantity(value, units)
 
 
 def _legend(found: Comparison, a: str, b: str) -> str:

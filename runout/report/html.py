@@ -9,6 +9,7 @@ from runout.report import figures, sheets, tables
 from runout.report.maps import STYLES
 from runout.report.members import representative
 from runout.report.picture import MapPictures, png
+from runout.report.scores import counts_in_words, range_table, score_tables
 from runout.report.study import Study, read_study
 
 REPORT = "report.html"
@@ -53,6 +54,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "headline": [_printed(sheet, pictures) for sheet in headline],
         "further": [_printed(sheet, pictures) for sheet in further],
         "legend": _legend(study),
+        "observed": _observed(study, pictures),
         "location": embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study.convergence),
@@ -69,9 +71,26 @@ def _legend(study: Study) -> str:
     lines = ["a red line is the outline of a release"]
     if study.basemap.obstacles:
         lines.append("hatched areas are obstacles, with what they add to the ground")
+    if study.basemap.observed:
+        lines.append("blue is what was observed: outline, gauges (triangles) and thalweg (dotted)")
     if study.basemap.zones:
         lines.append("dashed lines are those of friction zones, with their factor or angle of friction")
     return "; ".join(lines).capitalize()
+
+
+def _observed(study: Study, pictures: MapPictures) -> dict[str, Any] | None:
+    """Scores against the observations, and maps of both; None for a site without observations."""
+    stated = study.run.get("observations")
+    if not stated:
+        return None
+    whole, members = stated["ensemble"], stated["members"]
+    return {
+        "statement": stated["statement"][:1].upper() + stated["statement"][1:],
+        "scores": score_tables(whole["scores"]),
+        "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
+        "members": range_table(whole["scores"], members) if len(members) > 1 else [],
+        "sheets": [_printed(sheet, pictures) for sheet in sheets.observed_sheets(study)],
+    }
 
 
 def _plots(study: Study) -> dict[str, Any]:

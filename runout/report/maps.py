@@ -78,6 +78,7 @@ STYLES = {
     "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
     "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
     **{name: _style_of(quantity) for name, quantity in QUANTITIES.items()},
+    "difference": MapStyle("change or difference [m]", "RdBu_r", faintest=-math.inf, diverging=True),
 }
 
 

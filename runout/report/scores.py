@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from runout.report.wording import MINUS, THIN, UNKNOWN, number, unit
+from runout.report.wording import MINUS, THIN, UNKNOWN, number, quantity, unit
 from runout.scores.definitions import DEFINITIONS
 from runout.variables import PRINTED
+
+HEADLINE = ("csi", "front_error", "volume_bias", "deposition_csi", "arrival_bias")  # of the table of members
 
 
 @dataclass
@@ -77,4 +79,17 @@ def range_table(ensemble: Sequence[Mapping[str, Any]], members: Mapping[str, Seq
     return [table] if table.rows and columns else []
 
 
-HEADLINE = ("csi", "front_error", "volume_bias", "deposition_csi", "arrival_bias")
+def counts_in_words(counts: Mapping[str, Any]) -> str:
+    """Areas, volumes and numbers in words."""
+    return "; ".join(f"{_words(name)} {_amount(name, value)}" for name, value in counts.items())
+
+
+def _words(name: str) -> str:
+    for suffix in ("_m2", "_m3", "_m"):
+        name = name.removesuffix(suffix)
+    return name.replace("_", " ")
+
+
+def _amount(name: str, value: float | None) -> str:
+    units = next((u for suffix, u in (("_m2", "m2"), ("_m3", "m3"), ("_m", "m")) if name.endswith(suffix)), "1")
+    return UNKNOWN if value is None else quantity(value, units)

@@ -170,6 +170,23 @@ def _deposit_sheets(hazard: "xr.Dataset") -> Iterator[Sheet]:
     yield Sheet("Deposit, mean of the members", caption, hazard["mean_deposit_thickness"].values, "deposit")
 
 
+def observed_sheets(study: Study) -> list[Sheet]:
+    """Maps of a site with observed deposits or changes of elevation: observed, and modelled minus observed."""
+    titles = {
+        "observed_deposit_thickness": ("Observed deposit", "Cells without colour have none, or are unknown.", "deposit"),
+        "deposit_thickness_difference": ("Deposit: difference", "Mean of the members minus observed.", "difference"),
+        "observed_elevation_change": ("Observed change of elevation", "DEM of difference: later minus earlier.", "difference"),
+        "mean_elevation_change": ("Modelled change of elevation", "Mean over the members: deposit minus release.", "difference"),
+        "elevation_change_difference": ("Change of elevation: difference", "Mean of the members minus observed.", "difference"),
+    }
+    present = [(name, *words) for name, words in titles.items() if name in study.hazard]
+    return [Sheet(title, caption, _without_zero(study.hazard[name].values), style) for name, title, caption, style in present]
+
+
+def _without_zero(values: np.ndarray) -> np.ndarray:
+    return np.where(values == 0, np.nan, values)
+
+
 def hazard_extent(hazard: "xr.Dataset", values: Any, least: float) -> float:
     """Area [km2] of the cells with at least ``least``."""
     cell = abs(float(hazard["x"][1] - hazard["x"][0]) * float(hazard["y"][1] - hazard["y"][0]))

@@ -18,6 +18,7 @@ from runout.report.wording import MINUS, number
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+OBSERVED = ("observed_outline", "thalweg", "gauges")  # layers of outlines.gpkg
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ def read_study(results: Path) -> Study:
         [feature["geometry"] for feature in features(drawn, "release")],
         [Mark(feature["geometry"], obstacle_label(feature)) for feature in features(drawn, "obstacles")],
         [Mark(feature["geometry"], zone_label(feature)) for feature in features(drawn, "friction_zones")],
+        [Mark(feature["geometry"], feature.get("label", "")) for name in OBSERVED for feature in features(drawn, name)],
     )
     error = Path(results) / "convergence.json"
     return Study(

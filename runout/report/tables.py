@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 BOOKKEEPING = ("weight", "seed", "file", "status", "failure_reason")
 # entries of run.json that the report prints in another place
-ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes", "metadata", "resolution", "stiffness")
+ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes", "metadata", "resolution", "stiffness", "observations")
 ABBREVIATIONS = {
     "crs": "CRS",
     "dem": "DEM",

@@ -3,6 +3,7 @@
 All functions take arrays of one grid (:func:`resampled` brings maps there). Unknown cells are NaN; they are excluded and counted.
 """
 
+from runout.scores.comparison import Choices, Comparison, compare
 from runout.scores.contingency import Contingency, contingency, reached
 from runout.scores.definitions import DEFINITIONS, Definition, Score
 from runout.scores.elevation_change import ChangeErrors, change_errors, elevation_change
@@ -18,6 +19,8 @@ from runout.scores.thalweg import Thalweg, ThalwegErrors, thalweg_errors
 __all__ = [
     "DEFINITIONS",
     "ChangeErrors",
+    "Choices",
+    "Comparison",
     "Contingency",
     "Definition",
     "ErrorBars",
@@ -32,6 +35,7 @@ __all__ = [
     "arrival_errors",
     "arrival_or_never",
     "change_errors",
+    "compare",
     "contingency",
     "elevation_change",
     "energy_line_angle",

@@ -1,6 +1,6 @@
 """All scores of a flow against the observations of a site."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -13,7 +13,7 @@ from runout.scores.elevation_change import change_errors
 from runout.scores.energy_line import ReleasePoint
 from runout.scores.field_errors import field_errors
 from runout.scores.flow import BAR_MAPS, THICKNESSES, UNITS, Flow
-from runout.scores.gauges import POINT_UNITS
+from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.observations import Observations
 from runout.scores.points import arrival_errors, point_errors, values_at
 from runout.scores.scoring import NO_BARS, ErrorBars, Ground
@@ -65,7 +65,13 @@ class Assessment:
         return {"scores": [score.stored() for score in self.scores], "counts": self.counts}
 
 
-def against_observations(flow: Flow, observed: Observations, setting: Setting, change: np.ndarray | None = None) -> Assessment:
+def against_observations(
+    flow: Flow,
+    observed: Observations,
+    setting: Setting,
+    change: np.ndarray | None = None,
+    at_gauges: Mapping[str, np.ndarray] | None = None,
+) -> Assessment:
     """Scores of a flow against all that was observed.
 
     Parameters
@@ -76,6 +82,8 @@ def against_observations(flow: Flow, observed: Observations, setting: Setting, c
     setting : Setting
     change : ndarray (rows, columns), optional
         Modelled change of elevation [m].
+    at_gauges : mapping of str to ndarray (n,), optional
+        Modelled values at the gauges by the names of their quantities; by default those of the maps.
     """
     found = Assessment()
     if observed.outline is not None:
@@ -94,7 +102,9 @@ def against_observations(flow: Flow, observed: Observations, setting: Setting, c
         of = "DEM of difference"
         found.add(of, scoring.change_scores(of, errors), **volumes, unknown_cells=errors.change.unknown)
     if observed.gauges is not None:
-        _add_gauges(found, flow, observed)
+        modelled = values_at_gauges(flow, observed.gauges) if at_gauges is None else at_gauges
+        for name, values in modelled.items():
+            add_points(found, name, values, observed.gauges.values[name])
     return found
 
 
@@ -154,15 +164,14 @@ def add_arrivals(found: Assessment, modelled: Flow, observed: Flow) -> None:
     found.add("arrival, whole map", scoring.arrival_scores("arrival, whole map", both), **counts)
 
 
-def _add_gauges(found: Assessment, flow: Flow, observed: Observations) -> None:
-    gauges = observed.gauges
-    assert gauges is not None
-    for name, values in gauges.values.items():
-        quantity = "arrival" if name == "arrival_time" else name
-        if quantity not in flow.maps:
-            continue
-        modelled = values_at(flow.grid, flow.maps[quantity], gauges.easting, gauges.northing)
-        add_points(found, name, modelled, values)
+def values_at_gauges(flow: Flow, gauges: Gauges) -> dict[str, np.ndarray]:
+    """Values (n,) of the maps of a flow at gauges, by the names of their quantities."""
+    maps = {name: "arrival" if name == "arrival_time" else name for name in gauges.values}
+    return {
+        name: values_at(flow.grid, flow.maps[quantity], gauges.easting, gauges.northing)
+        for name, quantity in maps.items()
+        if quantity in flow.maps
+    }
 
 
 def add_points(found: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray) -> None:

@@ -32,8 +32,8 @@ class Flow:
         Their cells.
     maps : mapping of str to ndarray (rows, columns)
         By the names of :data:`UNITS`; NaN where unknown. ``arrival`` is infinite where the flow never arrives.
-    probabilities : mapping of float to ndarray (rows, columns)
-        Of an ensemble: probability that the maximum thickness reaches a threshold [m].
+    probabilities : mapping of (str, float) to ndarray (rows, columns)
+        Of an ensemble, by quantity and threshold: probability that the quantity reaches the threshold.
     probability : float
         Of an ensemble: the outline of a threshold holds the cells that reach it with this probability or more.
     is_percentile : bool
@@ -42,20 +42,20 @@ class Flow:
 
     grid: Grid
     maps: Mapping[str, np.ndarray]
-    probabilities: Mapping[float, np.ndarray] = field(default_factory=dict)
+    probabilities: Mapping[tuple[str, float], np.ndarray] = field(default_factory=dict)
     probability: float = 0.5
     is_percentile: bool = False
 
     def area(self, quantity: str, threshold: float) -> np.ndarray:
         """Cells (rows, columns) in which a quantity reaches a threshold: 1 or 0, NaN where unknown."""
-        if quantity == "thickness" and threshold in self.probabilities:
-            return reached(self.probabilities[threshold], self.probability)
+        if (quantity, threshold) in self.probabilities:
+            return reached(self.probabilities[quantity, threshold], self.probability)
         return reached(self.maps[quantity], threshold)
 
     def on(self, grid: Grid) -> "Flow":
         """The flow on another grid, by area. Where part of a cell is never reached, its arrival is that of the rest."""
         maps = {name: resampled_map(name, values, self.grid, grid) for name, values in self.maps.items()}
-        probabilities = {threshold: resampled(values, self.grid, grid) for threshold, values in self.probabilities.items()}
+        probabilities = {key: resampled(values, self.grid, grid) for key, values in self.probabilities.items()}
         return replace(self, grid=grid, maps=maps, probabilities=probabilities)
 
 

@@ -51,6 +51,29 @@ class Observations:
         """Share (rows, columns) of each cell inside the outline [1]."""
         return outline_shares(self.outline, self.grid)
 
+    def statement(self) -> str:
+        """What was observed, in one sentence."""
+        parts = []
+        if self.outline is not None:
+            parts.append(f"outline of the {self.outline_shows}, {self.outline.area:.4g} m2")
+        if self.deposit is not None:
+            parts.append(f"deposit, {np.nansum(self.deposit) * self.grid.cell_area:.4g} m3{_unknown(self.deposit)}")
+        if self.change is not None:
+            lost, gained = (np.nansum(np.maximum(sign * self.change, 0.0)) * self.grid.cell_area for sign in (-1.0, 1.0))
+            parts.append(f"DEM of difference, -{lost:.4g} and +{gained:.4g} m3{_unknown(self.change)}")
+        if self.gauges is not None:
+            known = ", ".join(f"{np.isfinite(v).sum()} of {name.replace('_', ' ')}" for name, v in self.gauges.values.items())
+            parts.append(f"{len(self.gauges.easting)} gauges ({known})")
+        if self.thalweg is not None:
+            parts.append(f"thalweg of {self.thalweg.length:.4g} m")
+        return f"observations: {'; '.join(parts)}"
+
+
+def _unknown(values: np.ndarray) -> str:
+    """Number of cells without a value, in words."""
+    count = int(np.isnan(values).sum())
+    return f" ({count} of {values.size} cells unknown)" if count else ""
+
 
 def on_grid(values: np.ndarray, own: Grid, grid: Grid, fill: float = np.nan) -> np.ndarray:
     """A map by area on another grid; cells beyond the map hold ``fill``.

@@ -116,7 +116,7 @@ def read_product(path: Path, reading: Reading) -> Product:
         return Product(path, "vector")
     if path.suffix.lower() in (".nc", ".nc4"):
         return _of_netcdf(path, reading)
-    values, grid, changes = read_map(path, reading.nodata, signed=reading.quantity == "change")
+    values, grid, changes = read_map(path, reading.nodata, quantity=reading.quantity)
     maps = {reading.quantity: np.where(np.isfinite(values), values, np.nan)}
     return Product(path, "raster", Flow(grid, maps, probability=reading.probability), changes=changes)
 
@@ -126,7 +126,7 @@ def _of_folder(path: Path, reading: Reading) -> Product:
         if place.is_file():
             return _of_netcdf(place, reading)
     if (path / "hdr.adf").is_file():  # an ESRI grid is a folder
-        values, grid, changes = read_map(path, reading.nodata, signed=reading.quantity == "change")
+        values, grid, changes = read_map(path, reading.nodata, quantity=reading.quantity)
         return Product(path, "raster", Flow(grid, {reading.quantity: values}, probability=reading.probability), changes=changes)
     raise ObservationError(f"{path}: holds no hazard.nc; run `runout run {path}` first, or name the file that is compared")
 
@@ -155,7 +155,7 @@ def _of_ensemble(path: Path, hazard: "xr.Dataset", reading: Reading) -> Product:
     flow = Flow(
         Grid.of_dataset(hazard, str(path)),
         {name: values.astype(np.float64) for name, values in maps.items()},
-        dict(zip(levels, exceedance, strict=True)),
+        {("thickness", level): values for level, values in zip(levels, exceedance, strict=True)},
         reading.probability,
         is_percentile=True,
     )

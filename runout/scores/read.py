@@ -19,7 +19,11 @@ from runout.model.terrain import Terrain
 from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.thalweg import Thalweg
-from runout.terrain.prepare import known_or_nan, north_up
+from runout.terrain.prepare import LARGEST_NUMBER, known_or_nan, north_up
+from runout.variables import PRINTED
+
+LARGEST_PRESSURE = 1e12  # [Pa] beyond this a number marks an unknown cell
+DIVISORS = dict(PRINTED.values())  # of the printed units in which runout writes rasters: kPa
 
 
 class Nodata(StrEnum):
@@ -38,15 +42,17 @@ def observation_errors() -> Iterator[None]:
         raise ObservationError(str(error)) from error
 
 
-def read_map(path: Path, nodata: Nodata = Nodata.UNKNOWN, *, signed: bool = False) -> tuple[np.ndarray, Grid, tuple[str, ...]]:
+def read_map(
+    path: Path, nodata: Nodata = Nodata.UNKNOWN, *, quantity: str = "thickness"
+) -> tuple[np.ndarray, Grid, tuple[str, ...]]:
     """Values of a raster (rows, columns), north up, its grid, and sentences on changes.
 
     Parameters
     ----------
     nodata : Nodata
-        "unknown": cells without a value are NaN; "zero": they are 0.
-    signed : bool
-        Whether values may be negative, as in a DEM of difference.
+        "unknown": cells without a value are NaN; "zero": they are 0. Bands in kPa are converted to Pa.
+    quantity : str
+        What it shows. Only values of "change" (a DEM of difference) may be negative.
 
     Raises
     ------
@@ -63,13 +69,13 @@ def read_map(path: Path, nodata: Nodata = Nodata.UNKNOWN, *, signed: bool = Fals
             raise ObservationError(f"{path}: has no georeference; add one: gdal_translate -a_ullr WEST NORTH EAST SOUTH")
         require_room(file.height, file.width, path, ObservationError)
         values = file.read(1, masked=True).astype(np.float64).filled(np.nan)
-        values = values * file.scales[0] + file.offsets[0]
+        values = (values * file.scales[0] + file.offsets[0]) * DIVISORS.get(file.units[0] or "", 1.0)
         crs = file.crs.to_wkt() if file.crs else None
-        values, said = known_or_nan(values, str(path))
+        values, said = known_or_nan(values, str(path), LARGEST_PRESSURE if quantity == "pressure" else LARGEST_NUMBER)
         raster = north_up(ElevationRaster(values, tuple(file.transform)[:6], None, None, str(path), said))
     values = raster.values
-    if not signed and (values < 0).any():
-        remedy = "a thickness is 0 or more; if they mark cells without a value, declare them: gdal_edit.py -a_nodata VALUE"
+    if quantity != "change" and (values < 0).any():
+        remedy = f"values of {quantity} are 0 or more; declare those that mark cells without a value: gdal_edit.py -a_nodata"
         raise ObservationError(f"{path}: {int((values < 0).sum())} cells are negative, the least {np.nanmin(values):g}; {remedy}")
     a, _, c, _, e, f = raster.transform
     grid = Grid(c, f + e * values.shape[0], (a, -e), values.shape, crs, str(path))  # type: ignore[arg-type]

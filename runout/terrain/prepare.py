@@ -81,9 +81,9 @@ def trimmed(raster: ElevationRaster) -> ElevationRaster:
     return raster.changed(sentence, values=values, transform=moved(raster.transform, int(rows[0]), int(columns[0])))
 
 
-def known_or_nan(values: np.ndarray, source: str) -> tuple[np.ndarray, tuple[str, ...]]:
+def known_or_nan(values: np.ndarray, source: str, largest: float = LARGEST_NUMBER) -> tuple[np.ndarray, tuple[str, ...]]:
     """Values with NaN for numbers that usually mark unknown cells though the file does not say so, and what was done."""
-    disguised = np.isin(values, NODATA_VALUES) | (np.abs(values) > LARGEST_NUMBER)
+    disguised = np.isin(values, NODATA_VALUES) | (np.abs(values) > largest)
     if not disguised.any():
         return values, ()
     numbers = ", ".join(f"{number:g}" for number in np.unique(values[disguised])[:4])

@@ -13,6 +13,7 @@ from runout.errors import ConfigError, InputError, MaterialError, RunoutError
 from runout.workflow import check_physics, check_stiffness
 
 if TYPE_CHECKING:
+    from runout.config.observations import ObservationSettings
     from runout.config.site import Site
     from runout.model.depth_resolution import DepthResolution
     from runout.model.friction import FrictionZones
@@ -67,6 +68,7 @@ def inspect(checked: "Path | Site") -> Findings:
     found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
     _read_releases(found, readable, found.terrain)
     _read_zones(found, readable, found.terrain)
+    _read_observations(found, readable, found.terrain)
     _inspect_overlaps(found, found.terrain)
     if found.site is not None:
         _inspect_obstacles(found, found.site, found.terrain)
@@ -97,8 +99,19 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
     settings = SiteSettings.model_construct(
         terrain=TerrainSettings.model_validate(stated["terrain"]),
         release=[ReleaseSettings.model_validate(values) for values in right],
+        observations=_readable_observations(stated.get("observations"), wrong),
     )
     return Site(file.parent, file, file.parent.name, settings)
+
+
+def _readable_observations(stated: Any, wrong: list[str]) -> "ObservationSettings | None":
+    """Observations whose settings are valid."""
+    from runout.config.observations import ObservationSettings
+
+    if not isinstance(stated, dict) or "observations" in wrong:
+        return None
+    right = {name: values for name, values in stated.items() if not any(key.startswith(f"observations.{name}") for key in wrong)}
+    return ObservationSettings.model_validate(right)
 
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -120,6 +133,15 @@ def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
         found.note(error)
     if found.zones:
         found.notes += found.zones.changes
+
+
+def _read_observations(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Read the observations one by one to find the problems of each."""
+    observed, problems = site.observed.problems(terrain)
+    for problem in problems:
+        found.note(problem)
+    if observed is not None:
+        found.notes += [observed.statement(), *observed.changes]
 
 
 def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:

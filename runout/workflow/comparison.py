@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 from runout import log
 from runout.errors import ExitCode
+from runout.variables import PRINTED
 
 if TYPE_CHECKING:
     from runout.scores.assessment import Assessment
     from runout.scores.comparison import Choices, Comparison
+    from runout.scores.definitions import Score
 
 LOGGER = logging.getLogger("runout.compare")
 PAGE, RECORD = "comparison.html", "comparison.json"
@@ -36,14 +38,16 @@ def lines(found: "Assessment") -> Iterator[str]:
     """One line for each thing that is scored, with the area or number that is unknown."""
     for of, counts in found.counts.items():
         scores = [score for score in found.scores if score.of == of]
-        shown = ", ".join(
-            f"{score.definition.title} {score.value:.3g}"
-            + (f" +- {score.numerical_error:.2g}" if score.numerical_error is not None else "")
-            + ("" if score.units == "1" else f" {score.units.replace('m s-1', 'm/s')}")
-            for score in scores
-        )
+        shown = ", ".join(map(_shown, scores))
         unknown = [f"{value:.4g} {_unit(name)} unknown" for name, value in counts.items() if name.startswith("unknown") and value]
         yield f"{of}: {shown}" + (f" ({', '.join(unknown)})" if unknown else "")
+
+
+def _shown(score: "Score") -> str:
+    units, divisor = PRINTED.get(score.units, (score.units, 1.0))
+    error = "" if score.numerical_error is None else f" +- {score.numerical_error / divisor:.2g}"
+    unit = "" if units == "1" else f" {units.replace('m s-1', 'm/s')}"
+    return f"{score.definition.title} {score.value / divisor:.3g}{error}{unit}"
 
 
 def _unit(name: str) -> str:

@@ -29,8 +29,8 @@ PLAN = (
     Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
     Stage("release", "read and check the release", ("name", "terrain", "release")),
     Stage("ensemble", "run the members", FLOW),
-    Stage("hazard", "aggregate the members into maps", (*HEAD, *FLOW, "hazard")),
-    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "budget")),  # sections that the report prints
+    Stage("hazard", "aggregate the members into maps", (*HEAD, *FLOW, "hazard", "observations")),
+    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "observations", "budget")),  # sections that the report prints
 )
 STAGES = tuple(stage.name for stage in PLAN)
 
@@ -48,6 +48,7 @@ class Study:
     cluster: "Cluster | None" = None
     compilation: "Compilation | None" = field(default=None, repr=False)
     _watched: Unchanged | None = field(default=None, init=False, repr=False)
+    _watched_observations: Unchanged | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def open(
@@ -87,10 +88,17 @@ class Study:
         names = (path.name for path in self._watched.seen)
         return checksum([list(zip(names, self.site.checksums(), strict=True))])
 
+    @cached_property
+    def observations(self) -> list[tuple[str, str]]:
+        """Names and checksums of the files of the observations at the first access; maps and scores depend on them."""
+        self._watched_observations = Unchanged(self.site.observed.paths())
+        return self.site.observation_checksums()
+
     def require_inputs(self) -> None:
-        """Raise InputError if an input has changed since the first access to :attr:`inputs`."""
-        if self._watched:
-            self._watched.require()
+        """Raise InputError if an input has changed since the first access to :attr:`inputs` or :attr:`observations`."""
+        for watched in (self._watched, self._watched_observations):
+            if watched:
+                watched.require()
 
     @cached_property
     def terrain(self) -> "Terrain":
@@ -216,10 +224,12 @@ class Study:
             return None
         states = {standing.member.number: standing.state for standing in self.standings}
         members = [states, [self.written.checksum(file) for file in self.member_files("done")]]
-        if stage == "hazard":
-            return members
         error = self.results / "convergence.json"
-        return [members, self.record.checksums("hazard"), digest_files([error] if error.is_file() else [])]
+        bars = digest_files([error] if error.is_file() else [])
+        observed = [self.observations] if self.observations else []
+        if stage == "hazard":  # scores have error bars
+            return [*members, observed, bars] if observed else members
+        return [members, self.record.checksums("hazard"), bars, *observed]
 
     def why_stale(self, stage: Stage) -> str | None:
         """Reason why a stage has to be run; None if it is up to date."""

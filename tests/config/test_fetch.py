@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from runout.config import download
 from runout.config.fetch import cached_path, fetch
-from runout.config.schema import RemoteFile
+from runout.config.remote import RemoteFile
 from runout.errors import InputError, StorageError
 
 CONTENT = b"ncols 2\nnrows 2\n" * 40

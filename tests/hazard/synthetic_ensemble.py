@@ -9,6 +9,7 @@ import pandas as pd
 import pyproj
 import shapely
 
+from runout.config.site_observations import SiteObservations
 from runout.io import netcdf
 from runout.io.atomic import write_json
 from runout.io.member_maps import RASTER, cut_to_reached
@@ -106,6 +107,11 @@ class FakeSite:
     def obstacles(self, terrain: Terrain) -> list:
         """A dam of 4 m south of the release."""
         return [(shapely.box(WEST + 60.0, SOUTH + 200.0, WEST + 120.0, SOUTH + 240.0), 4.0)]
+
+    @property
+    def observed(self) -> SiteObservations:
+        """None."""
+        return SiteObservations(None, self.folder)
 
     def inputs(self) -> list[Path]:
         """The elevation raster."""

@@ -39,9 +39,14 @@ def test_lines_of_probability_are_wider_and_darker_the_higher_they_are():
 
 def test_each_layer_has_a_colour_of_its_own_and_labels():
     styles = {name: read(text) for name, text in outline_styles().items()}
-    assert set(styles) == {"release", "inundation", "obstacles", "friction_zones"}
+    assert set(styles) == {"release", "inundation", "obstacles", "friction_zones", "observed_outline"}
     first = {name: options(style)["outline_color"] for name, style in styles.items() if name != "inundation"}
-    assert first == {"release": "215,38,61,255", "obstacles": "107,74,43,255", "friction_zones": "34,40,47,255"}
+    assert first == {
+        "release": "215,38,61,255",
+        "obstacles": "107,74,43,255",
+        "friction_zones": "34,40,47,255",
+        "observed_outline": "11,79,174,255",
+    }
     for name, colour in first.items():
         text = next(styles[name].iter("text-style"))
         assert text.get("textColor") == colour

@@ -134,7 +134,7 @@ def test_pressure_is_shown_in_kilopascal_over_at_most_three_decades():
     assert STYLES["pressure"].scale == 1e-3
 
 
-@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("style", [name for name, style in STYLES.items() if not style.diverging])
 def test_colours_darken_or_brighten_steadily(style):
     from matplotlib.colors import to_rgba_array
 
@@ -142,6 +142,16 @@ def test_colours_darken_or_brighten_steadily(style):
     lightness = colours[:, :3] @ [0.2126, 0.7152, 0.0722]
     steps = np.diff(lightness)
     assert (steps <= 1e-3).all() or (steps >= -1e-3).all()
+
+
+def test_colours_of_a_difference_are_light_at_zero_and_symmetric_about_it():
+    scale = colour_scale(np.ma.array([-1.0, 4.0]), STYLES["difference"])
+    norm, colours = scale["norm"], scale["cmap"]
+    assert norm.vmin == -norm.vmax
+    lightness = [sum(colours(norm(value))[:3]) for value in (norm.vmin, 0.5 * norm.vmin, 0.0, 0.5 * norm.vmax, norm.vmax)]
+    assert max(lightness) == lightness[2]
+    assert lightness[0] < lightness[1]
+    assert lightness[4] < lightness[3]
 
 
 def test_the_scale_bar_is_a_round_length_of_at_most_a_quarter():
