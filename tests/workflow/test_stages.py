@@ -87,6 +87,11 @@ class FakeSite:
     def checksums(self):
         return [sha256(path) for path in self.inputs()]
 
+    observed = SimpleNamespace(paths=list)
+
+    def observation_checksums(self):
+        return []
+
     def resolved(self):
         return self.sections
 
