@@ -144,6 +144,7 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
     if a.flow is None:
         remedy = "exchange the two" if b.flow is not None else "name a product with maps"
         raise ObservationError(f"{a.path}: holds no maps, and the first of the two is the one that is scored; {remedy}")
+    _require_metres(a.flow.grid)
     vector = None
     if b.flow is None:
         vector = read_vector(b.path, a.flow.grid.terrain(), choices.layer)
@@ -160,6 +161,20 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
     said = (*changes, *said)
     normal = choices.slope_normal
     return Comparison(a, b, grid, flows, ground, release, vector, found, tuple(setting.thresholds), setting, said, normal)
+
+
+def _require_metres(grid: Grid) -> None:
+    """Raise ObservationError unless the grid is in metres: lengths and areas of scores are."""
+    if grid.crs is None:
+        return
+    from pyproj import CRS
+
+    system = CRS.from_user_input(grid.crs)
+    if system.is_geographic or any(axis.unit_conversion_factor != 1.0 for axis in system.axis_info[:2]):
+        raise ObservationError(
+            f"{grid.source}: is in {system.name}, which is not in metres; scores are made in the system of the first of the two: "
+            f"exchange them, or reproject it: gdalwarp -t_srs EPSG:CODE {grid.source} reprojected.tif"
+        )
 
 
 def _ground(a: Product, b: Product, grid: Grid, dem: Path | None) -> tuple[np.ndarray | None, np.ndarray | None]:

@@ -55,10 +55,12 @@ class ErrorBars:
 
     def _agreement(self, quantity: str, threshold: float) -> float | None:
         """Critical success index between the two finest grids."""
-        for field in self.content.get("fields", []):
-            if field["level"] == 1 and field["map"] == quantity:
-                found = field["critical_success_index"].get(f"{threshold:g}")
-                return None if found is None else float(found)
+        fields = self.content.get("fields")
+        for field in fields if isinstance(fields, list) else ():
+            if isinstance(field, Mapping) and (field.get("level"), field.get("map")) == (1, quantity):
+                index = field.get("critical_success_index")
+                found = index.get(f"{threshold:g}") if isinstance(index, Mapping) else None
+                return float(found) if isinstance(found, int | float) else None
         return None
 
 

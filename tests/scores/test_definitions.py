@@ -74,6 +74,15 @@ def test_front_and_energy_line_carry_the_error_of_the_front():
     assert angle.numerical_error == pytest.approx(abs(expected[2] - expected[0]), abs=0.02)
 
 
+@pytest.mark.parametrize(
+    "content", [{"quantities": 3, "fields": 4}, {"quantities": {"f99": {"error": "x"}}, "fields": [1, {"level": 1}]}]
+)
+def test_a_study_that_is_not_as_it_was_written_gives_no_bars(content):
+    bars = scores.ErrorBars(content)
+    assert bars.front() is None
+    assert set(bars.of_contingency(TABLE, "flow_thickness", 0.5).values()) == {None}
+
+
 def test_stored_scores_hold_no_numbers_that_json_cannot():
     assert scores.Score("flow", "csi", math.nan).stored() == {"of": "flow", "name": "csi", "value": None, "units": "1"}
     assert scores.Score("flow", "rmse", 1.5, "m", 0.1).stored()["numerical_error"] == 0.1

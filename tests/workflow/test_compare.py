@@ -10,10 +10,13 @@ import pytest
 import rasterio
 import shapely
 from ramp_site import CELL, NORTH, WEST, member_file, ramp, write_raster
+from rasterio.transform import from_origin
 from rasterio.warp import calculate_default_transform, reproject
 
 from runout import cli
 from runout.errors import ExitCode
+from runout.io import netcdf
+from runout.io.geotiff import write_cog
 from runout.io.member_maps import read_maps
 
 UTM = "EPSG:32632"
@@ -44,7 +47,6 @@ def thickness_of(path):
 
 def outline_of(mask):
     from rasterio.features import shapes
-    from rasterio.transform import from_origin
 
     parts = shapes(mask.astype(np.uint8), mask=mask, transform=from_origin(WEST, NORTH, CELL, CELL))
     return geopandas.GeoDataFrame(geometry=[shapely.union_all([shapely.geometry.shape(p) for p, _ in parts])], crs=UTM)
@@ -174,6 +176,7 @@ BAD = {
     "two.gpkg": r"two.gpkg: holds 2 layers \(a, b\); name the one with the observation",
     "note.nc": "cannot be read as NetCDF",
     "empty": "holds no hazard.nc; run `runout run",
+    "degrees.tif": r"degrees.tif: is in WGS 84, which is not in metres",
 }
 
 
@@ -185,6 +188,9 @@ def make_bad(folder):
         geopandas.GeoDataFrame(geometry=[point.buffer(9)], crs=UTM).to_file(folder / "two.gpkg", layer=layer)
     write_raster(folder / "far.tif", np.ones((5, 5)), crs="EPSG:32610")
     values = np.ones((24, 50))
+    profile = {"driver": "GTiff", "height": 24, "width": 50, "count": 1, "dtype": "float32", "crs": "EPSG:4326"}
+    with rasterio.open(folder / "degrees.tif", "w", transform=from_origin(9.0, 45.1, 1e-4, 1e-4), **profile) as file:
+        file.write(values.astype("f4"), 1)
     values[3, 3] = -3.0
     write_raster(folder / "negative.tif", values)
     (folder / "note.nc").write_text("no numbers")
@@ -194,7 +200,8 @@ def make_bad(folder):
 @pytest.mark.parametrize("name", BAD)
 def test_what_cannot_be_compared_gets_one_line(name, members, tmp_path, capsys):
     make_bad(tmp_path)
-    code, found, error = compare(capsys, members[0], tmp_path / name)
+    first = tmp_path / name if name == "degrees.tif" else members[0]
+    code, found, error = compare(capsys, first, tmp_path / name)
     assert code == ExitCode.CONFIGURATION
     assert found == {}
     assert re.search(BAD[name], " ".join(error.split()))
@@ -223,6 +230,19 @@ def test_a_probability_whose_percentile_is_not_there_names_those_that_are(finish
     code, _, error = compare(capsys, finished_site[0], finished_site[0], "--probability", "0.05")
     assert code == ExitCode.CONFIGURATION
     assert "holds no percentile 95, which the probability 0.05 needs; choose one of 0.5" in " ".join(error.split())
+
+
+def test_the_file_of_a_run_and_a_raster_in_kilopascals_are_read(members, finished_site, tmp_path, capsys):
+    run = tmp_path / "run.nc"
+    maps = read_maps(members[0])
+    netcdf.write(maps, run)
+    code, found, _ = compare(capsys, run, members[0])
+    assert code == ExitCode.OK
+    assert scores(found["pressure, whole map"])["RMSE"] == 0.0
+    raster = write_cog(maps, "max_pressure", tmp_path / "pressure.tif")
+    _, found, _ = compare(capsys, members[0], raster, "--quantity", "pressure", "--threshold", "30000")
+    assert scores(found["pressure of 30000 Pa"])["CSI"] == 1.0
+    assert scores(found["pressure, whole map"])["RMSE"] < 0.1
 
 
 def test_maps_must_come_first(members, tmp_path, capsys):
