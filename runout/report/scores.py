@@ -8,7 +8,8 @@ from runout.report.wording import MINUS, THIN, UNKNOWN, number, quantity, unit
 from runout.scores.definitions import DEFINITIONS
 from runout.variables import PRINTED
 
-HEADLINE = ("csi", "front_error", "volume_bias", "deposition_csi", "arrival_bias")  # of the table of members
+CHANGES = ("erosion_volume_bias", "deposition_volume_bias", "deposition_csi")
+HEADLINE = ("csi", "front_error", "volume_bias", "rmse", "arrival_bias", *CHANGES)  # of the table of members
 
 
 @dataclass

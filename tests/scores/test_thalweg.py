@@ -160,3 +160,18 @@ def test_fronts_of_the_iseesnow_tools_along_the_published_thalweg(iseesnow, publ
     assert found.width_bias == pytest.approx(1.0, abs=0.2)
     east = grid.easting[(reached["RAMMS"] == 1).any(axis=0)].max()  # the line runs east from 1020 m, with a bend of 0.4 degrees
     assert found.modelled_front == pytest.approx(east - 1020.0, abs=1.0)
+
+
+def test_places_beside_a_surveyed_thalweg_with_bends_come_back_as_s_and_l(public_data):
+    import geopandas
+
+    path = public_data("avaframe") / "avaKot" / "Inputs" / "LINES" / "path_aimec.shp"
+    line = scores.Thalweg(np.array(geopandas.read_file(path).geometry.iloc[0].coords)[:, :2])
+    s = 0.5 * (line.vertex_s[1:] + line.vertex_s[:-1])  # the middle of every segment
+    normal = np.column_stack([-line.directions[:, 1], line.directions[:, 0]])
+    for offset in (-8.0, 0.0, 5.0):
+        place = line.at(s) + offset * normal
+        along, across = line.coordinates(place[:, 0], place[:, 1])
+        assert along == pytest.approx(s, abs=1e-6)
+        assert across == pytest.approx(np.full(len(s), offset), abs=1e-6)
+    assert line.resampled(10.0).length == pytest.approx(line.length)
