@@ -128,7 +128,7 @@ _ROWS = (  # thickness is first: the observers need it
         remark="It is the largest product of thickness and squared speed at one time, not the product of their maxima.",
     ),
     MapQuantity(
-        "deposit", "m", "thickness of the deposit", "thickness of the deposit at the end of the run, vertical", None, (0.5, 1.0),
+        "deposit", "m", "deposit thickness", "thickness of the deposit at the end of the run, vertical", None, (0.5, 1.0),
         stem="deposit_thickness", symbol="vertical thickness", colours="viridis_r", has_mean=True,
     ),
 )  # fmt: skip

@@ -41,6 +41,7 @@ SETTING_UNITS = {
     "density": "kg m-3",
     "cohesion": "Pa",
     **{q.setting: VARIABLES[q.threshold].printed[0] for q in QUANTITIES.values()},
+    **{q.name: q.units for q in QUANTITIES.values()},
     "percentiles": "%",
     "hours": "h",
 }

@@ -24,7 +24,9 @@ from runout.io.member_maps import MEMBER_MAPS, STEP, MemberMaps, read_maps
 from runout.model.terrain import Terrain
 
 THRESHOLDS = {"thickness": [0.1, 1.0, 2.0], "speed": [1.0, 5.0], "pressure": [3e3, 3e4]}
+THRESHOLDS |= {"momentum_flux": [1.0, 10.0], "deposit": [0.5]}
 PERCENTILES = [5, 50, 95]
+JOINT = [{"thickness": 0.5, "speed": 0.5}]
 CELLS = (70, 90)  # of the wet places below
 
 
@@ -76,9 +78,9 @@ def test_parts_of_the_raster_give_the_same_bits_as_whole_rasters(tmp_path: Path,
 def test_blocks_and_tiles_change_nothing(tmp_path: Path, weights: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     terrain = scene(300, 700, (100, 300))
     paths = members_of(tmp_path, terrain, (100, 300), 6, False)
-    plenty = aggregate(paths, weights, THRESHOLDS, PERCENTILES)
+    plenty = aggregate(paths, weights, THRESHOLDS, PERCENTILES, joint=JOINT)
     monkeypatch.setattr(tiles, "IN_MEMORY", 1)  # all goes through the file
-    little = aggregate(paths, weights, THRESHOLDS, PERCENTILES, memory_bytes=1)
+    little = aggregate(paths, weights, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=1)
     for name in plenty.variables:
         np.testing.assert_array_equal(little[name].values, plenty[name].values, err_msg=name)
 
@@ -165,7 +167,8 @@ def test_memory_of_an_aggregation_is_bounded_by_what_it_says(
     for rows, columns in ((128, 64), (128, 256)) if members > 24 else ((512, 256), (512, 1024)):
         tracemalloc.start()
         w = [1.0] * members if weights == "equal" else np.arange(1.0, members + 1)
-        maps = aggregate([tmp_path / f"{rows}x{columns}"] * members, w, THRESHOLDS, PERCENTILES, memory_bytes=memory_bytes)
+        paths = [tmp_path / f"{rows}x{columns}"] * members
+        maps = aggregate(paths, w, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=memory_bytes)
         extra.append(tracemalloc.get_traced_memory()[1] - maps.nbytes)
         tracemalloc.stop()
     assert max(extra) <= memory_bytes

@@ -87,7 +87,7 @@ def test_the_headline_maps_are_there_with_their_thresholds(text):
         "Probability of a flow speed of 5\u202fm s⁻¹ or more",
         "Probability of a dynamic pressure of 30\u202fkPa or more",
         "Probability of a momentum flux of 10\u202fm³ s⁻² or more",
-        "Probability of a thickness of the deposit of 1\u202fm or more",
+        "Probability of a deposit thickness of 1\u202fm or more",
         "Probability of flow thickness of 2\u202fm or more and flow speed of 5\u202fm s⁻¹ or more",
         "Peak dynamic pressure, worst member",
         "Peak momentum flux, worst member",

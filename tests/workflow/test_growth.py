@@ -22,6 +22,7 @@ from runout.workflow.study import STAGES, Study
 
 MAPS = STAGES[:-1]  # a report takes time
 SHORT = SITE.replace("end_time: 20", "end_time: 2").replace("cell_size: 10", "cell_size: 20").replace("low: 12", "low: 2")
+SHORT = SHORT.replace("percentiles:", "momentum_flux_thresholds: [], deposit_thresholds: [], percentiles:")
 
 
 def text(tolerance, members=32):
