@@ -205,6 +205,9 @@ class _View:
     def ledger(self) -> LedgerRow:
         return self.rows()[self.scene]
 
+    def memory_bytes(self) -> int:
+        return self.batch.memory_bytes()
+
     def columns(self) -> RasterSums:
         return self.batch.columns_of(self.scene)
 

@@ -12,6 +12,7 @@ from runout.map_quantities import member_map_names, peak_quantities
 from runout.model.scene import Raster, Scene
 
 THICKNESS = 0  # of the peaks
+BLOCK_NODES = 64
 
 
 @dataclass
@@ -110,36 +111,43 @@ class Ledger:
     def __init__(self) -> None:
         self.time: list[float] = []
         self.dt: list[float] = []
+        self.memory: list[int] = []
         self.rows: list[LedgerRow] = []
 
-    def record(self, time: float, dt: float, row: LedgerRow) -> None:
-        """Add the row of one time [s]; ``dt`` [s] is the length of the steps before it."""
+    def record(self, time: float, dt: float, row: LedgerRow, memory: int) -> None:
+        """Add the row of one time [s]; ``dt`` [s] is the length of the steps before it, ``memory`` [byte] that of the backend."""
         self.time.append(time)
         self.dt.append(dt)
+        self.memory.append(memory)
         self.rows.append(row)
 
     def state(self) -> State:
         """All rows as arrays (times, ...) by name, for :meth:`restore`."""
         rows = {f"row.{name}": np.array([getattr(row, name) for row in self.rows]) for name in vars(self.rows[0])}
-        return {"time": np.array(self.time), "dt": np.array(self.dt), **rows}
+        return {"time": np.array(self.time), "dt": np.array(self.dt), "memory": np.array(self.memory), **rows}
 
     def restore(self, state: State) -> None:
         """Restore the rows from :meth:`state`."""
-        self.time, self.dt = state["time"].tolist(), state["dt"].tolist()
+        self.time, self.dt, self.memory = (state[name].tolist() for name in ("time", "dt", "memory"))
         rows = part(state, "row.")
         self.rows = [LedgerRow(**{name: plain(values[i, ...]) for name, values in rows.items()}) for i in range(len(self.time))]
 
     def series(self) -> dict[str, np.ndarray]:
         """Arrays (times,) by name; ``numerical_dissipation`` [J] closes the energy budget."""
-        plain = [name for name in vars(self.rows[0]) if name not in ("momentum", "basal_impulse")]
+        plain = [name for name in vars(self.rows[0]) if name not in ("momentum", "basal_impulse", "box_blocks")]
         series = {name: np.array([getattr(row, name) for row in self.rows]) for name in plain}
         for d, axis in enumerate("xyz"):
             series[f"momentum_{axis}"] = np.array([row.momentum[d] for row in self.rows])
         stored = series["kinetic_energy"] + series["potential_energy"] + series["elastic_energy"]
         series["dissipation"] = series["basal_dissipation"] + series["plastic_dissipation"]
         series["numerical_dissipation"] = stored[0] - stored - series["dissipation"] - series["escaped_energy"]
-        series["dt"] = np.array(self.dt)
-        return series
+        series["dt"], series["memory"] = np.array(self.dt), np.array(self.memory, np.int64)
+        return series | self._sparsity(series["active_blocks"])
+
+    def _sparsity(self, active: np.ndarray) -> dict[str, np.ndarray]:
+        """Nodes of the active blocks, and those of the smallest box around them over these; NaN without any."""
+        boxes = np.array([row.box_blocks for row in self.rows], float)
+        return {"active_nodes": BLOCK_NODES * active, "sparsity": np.where(active > 0, boxes / np.maximum(active, 1), np.nan)}
 
 
 @dataclass

@@ -198,7 +198,7 @@ class Run:
             self.snapshots.append((self.pending.pop(0), *self._frame(self._raster_columns())))
         if self.time >= control.end_time * (1 - 1e-12):
             self.reason = "end time"
-        self._record(self.engine.ledger())
+        self._record(self.engine.ledger(), self.engine.memory_bytes())
         self.ledger_due = self.time + control.end_time / OBSERVATIONS
         if self.reason and self.peaks.time < self.time:
             self.peaks.observe(self.time, self._columns())
@@ -206,9 +206,9 @@ class Run:
             self.progress(1.0 if self.reason else self.time / control.end_time)
         self.observing += clock.perf_counter() - started
 
-    def _record(self, row: LedgerRow) -> None:
+    def _record(self, row: LedgerRow, memory: int) -> None:
         """Add a row to the ledger; the run ends if the flow rests."""
-        self.ledger.record(self.time, self.dt, row)
+        self.ledger.record(self.time, self.dt, row, memory)
         if self.control.stop and self.rest.reached(row):
             self.reason = "at rest" if row.mass > 0 else "all mass has left the domain"
 

@@ -228,7 +228,17 @@ _LEDGER = {
     "momentum_x": _series("kg m s-1", "momentum towards the east"),
     "momentum_y": _series("kg m s-1", "momentum towards the north"),
     "momentum_z": _series("kg m s-1", "momentum upwards"),
-    "active_blocks": Variable("1", "number of active blocks of the grid", dtype="int64"),
+    "active_blocks": Variable("1", "number of active blocks of the grid", dtype="int64", comment="4 x 4 x 4 nodes with particles"),
+    "active_nodes": Variable("1", "number of nodes of the active blocks", dtype="int64"),
+    "sparsity": _series(
+        "1", "nodes of the bounding box over active nodes", "of the smallest box of blocks that holds all active blocks"
+    ),
+    "memory": Variable(
+        "byte",
+        "memory of the particles and the grid",
+        dtype="int64",
+        comment="allocated by the backend, on the device if it has one; of all members that share a launch; depends on threads",
+    ),
     "contact_particles": Variable("1", "number of particles in contact with the ground", dtype="int64"),
     "dt": _series("s", "time step"),
 }

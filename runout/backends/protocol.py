@@ -35,8 +35,14 @@ class LedgerRow:
     escaped_energy: float  # [J] carried over the edge
     basal_impulse: np.ndarray  # (3,) [N s] by the ground on the mass
     max_speed: float  # [m/s] of any particle
-    active_blocks: int
+    active_blocks: int  # that hold particles
+    box_blocks: int  # of the smallest box around these
     contact_particles: int
+
+
+def box_blocks(coordinates: np.ndarray) -> int:
+    """Number of blocks in the smallest box that holds those of ``coordinates`` (n, 3); 0 without any."""
+    return int(np.prod(np.ptp(coordinates, axis=0).astype(np.int64) + 1)) if len(coordinates) else 0
 
 
 @dataclass
@@ -92,6 +98,9 @@ class Backend(Protocol):
 
     def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""
+
+    def memory_bytes(self) -> int:
+        """Memory [byte] of the arrays that grow with particles and blocks; on the device if the backend has one."""
 
 
 @runtime_checkable
@@ -153,6 +162,9 @@ class SceneBatch(Protocol):
 
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""
+
+    def memory_bytes(self) -> int:
+        """As :meth:`Backend.memory_bytes`, of all scenes together."""
 
     def particles_of(self, s: int, /) -> Particles:
         """As :meth:`Backend.particles`."""

@@ -15,6 +15,7 @@ from runout.ensemble.fleet import Order, on_cluster
 from runout.ensemble.member import Member, members_folder, plan_members, stored_key
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.ensemble.work import Work
+from runout.ensemble.work_log import log_work_of_file
 from runout.ensemble.workers import in_process, in_workers, share_of
 from runout.ensemble.written import Written
 from runout.errors import DiskFullError, InputError, RunoutError
@@ -273,6 +274,7 @@ class _Tally:
             raise
         self.written.note(file, member.key)
         self.done.append(member.number)
+        log_work_of_file(member.number, file)
         self._clear(member)
 
     def _book_failure(self, member: Member, failure: Failure) -> None:

@@ -86,7 +86,7 @@ class TimedRun:
         """Maps and ledger of the present state."""
         if self.case.observed:
             self.peaks.observe(self.now, self.engine.columns())
-            self.ledger.record(self.now, self.dt, self.engine.ledger())
+            self.ledger.record(self.now, self.dt, self.engine.ledger(), self.engine.memory_bytes())
 
     def repeat(self) -> None:
         """The steps between two observations in short runs, and one observation."""

@@ -123,8 +123,10 @@ def interrupted(*, checkpoint, progress, **arguments):
 
 
 def everything_of(file):
+    """Bytes of all arrays by name but the memory, which is that of the process: restored arrays have no spare room."""
+
     def arrays(group):
-        yield from ((name, variable[:].tobytes()) for name, variable in group.variables.items())
+        yield from ((name, variable[:].tobytes()) for name, variable in group.variables.items() if name != "memory")
         for inner in group.groups.values():
             yield from arrays(inner)
 

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import netCDF4
+import numpy as np
 import pytest
 import xarray as xr
 from compliance_checker.runner import CheckSuite, ComplianceChecker
@@ -22,7 +23,8 @@ def checker_report(path: Path, report: Path) -> str:
 
 @pytest.mark.parametrize("crs", ["EPSG:32616", "EPSG:2056", "EPSG:31287", "EPSG:5514", "EPSG:28992", None])
 def test_a_member_file_passes_the_strict_checker(crs: str | None, tmp_path: Path) -> None:
-    ledger = xr.Dataset({"mass": ("time", [3.0, 3.0]), "dt": ("time", [0.1, 0.1])}, coords={"time": [0.0, 0.1]})
+    series = {"mass": [3.0, 3.0], "dt": [0.1, 0.1], "active_nodes": [64, 128], "sparsity": [1.0, np.nan], "memory": [10**9, 10**9]}
+    ledger = xr.Dataset({name: ("time", values) for name, values in series.items()}, coords={"time": [0.0, 0.1]})
     dataset = netcdf.map_dataset(make_terrain(crs), member_maps(1), title="member 1", attrs={"member_key": "abc"})
     path = netcdf.write(dataset, tmp_path / "0001.nc", groups={"ledger": ledger})
     report = checker_report(path, tmp_path / "report.txt")

@@ -132,6 +132,10 @@ class Batch:
         parts: Parts | None = vars(self).get("parts")
         return parts.bytes_used() if parts else 0
 
+    def memory_bytes(self) -> int:
+        """The same."""
+        return self.bytes_used()
+
     def stable_step(self, scene: int = 0) -> float:
         """Largest admissible time step [s] of a scene."""
         return self.parts.scenes.scenes[scene].stable_step(self.accounts[scene].max_speed)

@@ -152,8 +152,8 @@ class SumGroup:
     here: Doubles2  # (scenes parts, 7) sums over the particles, see runout.backends.hash.observe
     gone: Doubles2  # (scenes threads, 7) the same over those that have left the domain since the last sort
     kept: Doubles2  # (scenes, 13) booked, and lost with particles that have left, up to the last sort
-    bounds: Table2  # (scenes, 5) blocks with particles, and their extent in plan
-    ledger: Doubles2  # (scenes, 25) all that is known of a scene
+    bounds: Table2  # (scenes, 7) blocks with particles, their lowest and their highest coordinates
+    ledger: Doubles2  # (scenes, 27) all that is known of a scene
 
 
 class Constants:

@@ -4,7 +4,7 @@
     sums.here[s]    the same by scene          sums.gone[s]   the same for particles that left since the last sort
     sums.booked[s]  dissipation and impulse of the ground since the last sort
     sums.kept[s]    booked (6) and gone (7) up to the last sort
-    sums.ledger[s]  | kept + booked + gone: 13 | here: 7 | blocks with particles and their extent: 5 |
+    sums.ledger[s]  | kept + booked + gone: 13 | here: 7 | blocks with particles and their extent: 7 |
     raster          (rows, columns, 5) of each window, one behind the other: volume, mass, momentum (3) as whole numbers
 
 Sums over blocks and over particles that have left are made apart and joined in one row a scene, which the host reads at once.
@@ -146,7 +146,7 @@ def sum_blocks(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants,
     mats: Materials, sums: SumGroup, found: Doubles2, launched: int,
 ):  # fmt: skip
-    """Sums (blocks, 7) over the particles of each block, see ``_row``; number and extent in plan of the blocks of each scene."""
+    """Sums (blocks, 7) over the particles of each block, see ``_row``; number and extent of the blocks of each scene."""
     begin, lane = wp.tid()
     for a in range(begin, status.tally[NEXT], launched):
         b = blocks.active[a]
@@ -161,9 +161,9 @@ def sum_blocks(
             for k in range(SUMS):
                 found[b, k] = total[0][k]
             wp.atomic_add(sums.bounds, s, 0, 1)
-            for d in range(2):
+            for d in range(3):
                 wp.atomic_min(sums.bounds, s, 1 + d, blocks.coordinates[b, d])
-                wp.atomic_max(sums.bounds, s, 3 + d, blocks.coordinates[b, d])
+                wp.atomic_max(sums.bounds, s, 4 + d, blocks.coordinates[b, d])
 
 
 def sum_rows(status: StatusGroup, blocks: BlockGroup, rows: Doubles2, parts: int, sums: Doubles2):

@@ -24,8 +24,8 @@ PARTS = 256  # blocks of threads that share the sums over the blocks of all scen
 CHUNK = 2**18  # particles that are brought to the host at once
 WHOLE = 2.0**62  # sums over columns are whole numbers below this
 KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
-LEDGER_NUMBERS = KEPT + SUMS + 5  # numbers of a scene; the last are blocks with particles and their extent in plan
-NO_BLOCKS = np.array([0, 2**29, 2**29, -(2**29), -(2**29)])
+LEDGER_NUMBERS = KEPT + SUMS + 7  # numbers of a scene; the last are blocks with particles and their extent
+NO_BLOCKS = np.array([0, *[2**29] * 3, *[-(2**29)] * 3])
 FASTEST = 1024.0  # [m/s] of a column; sums of momentum have bits that do not depend on when the host last read the speed
 Window: TypeAlias = tuple[int, int, int, int]
 Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
@@ -104,11 +104,13 @@ def ledgers(parts: Parts, report: Report, accounts: Sequence[Account]) -> list[L
 
 
 def _row(a: Account, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> LedgerRow:
+    low, high = here[SUMS + 1 :].reshape(2, 3)
+    box = int(np.prod(np.maximum(high - low + 1, 0)))
     return LedgerRow(
         mass=float(here[0]), escaped_mass=float(left[0]), momentum=here[1:4].copy(), kinetic_energy=float(here[4]),
         potential_energy=float(here[5]), elastic_energy=float(here[6]), basal_dissipation=-float(done[1]),
         plastic_dissipation=float(done[0] + done[5]), escaped_energy=float(left[4:].sum()), basal_impulse=done[2:5].copy(),
-        max_speed=a.max_speed, active_blocks=int(here[SUMS]), contact_particles=a.contact_particles,
+        max_speed=a.max_speed, active_blocks=int(here[SUMS]), box_blocks=box, contact_particles=a.contact_particles,
     )  # fmt: skip
 
 
@@ -173,7 +175,7 @@ def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chose
 
 def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Bounds | None:
     """Lowest and highest node (2,) in plan that the particles cover, ``margin`` nodes farther out; None without particles."""
-    low, high = np.split(4 * report.rows(parts)[scene, -4:], 2)
+    low, high = 4 * report.rows(parts)[scene, -6:].reshape(2, 3)[:, :2]
     if low[0] > high[0]:
         return None
     shift = (0, parts.scenes.shifts[scene])

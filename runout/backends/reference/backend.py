@@ -12,7 +12,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import numba_binding
-from runout.backends.protocol import Counters, LedgerRow, RasterSums
+from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
 from runout.backends.state import State, arrays_of, part, put_arrays
@@ -116,13 +116,18 @@ class ReferenceBackend:
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
         p, (kinetic, potential, elastic) = self._p, self._energies()
+        active = np.unique(blocks.block_of(p.node), axis=0)
         return LedgerRow(
             mass=float(p.mass.sum()), escaped_mass=self._escaped_mass, momentum=p.mass @ p.velocity,
             kinetic_energy=float(kinetic.sum()), potential_energy=float(potential.sum()), elastic_energy=float(elastic.sum()),
             basal_dissipation=self._basal, plastic_dissipation=self._plastic, escaped_energy=self._escaped_energy,
             basal_impulse=self._basal_impulse.copy(), max_speed=self._max_speed(),
-            active_blocks=len(np.unique(blocks.block_of(p.node), axis=0)), contact_particles=self._contacts,
+            active_blocks=len(active), box_blocks=box_blocks(active), contact_particles=self._contacts,
         )  # fmt: skip
+
+    def memory_bytes(self) -> int:
+        """Memory [byte] of the particles; the grid lives for one step."""
+        return sum(values.nbytes for values in vars(self._p).values())
 
     def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""

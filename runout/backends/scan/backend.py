@@ -289,10 +289,14 @@ class ScanBackend:
         more = self.gradients.memory() if self.gradients else {}
         return {**self.store.memory(), **self.workspace.memory(self.index.blocks), **self.workers.memory(), **more}
 
+    def memory_bytes(self) -> int:
+        """Sum of :meth:`memory` [byte]."""
+        return sum(self.memory().values())
+
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
-        held = self.index.blocks.held
-        return self.totals.row(self._sum(self.k.sum_blocks, held), int((held > 0).sum()))
+        b = self.index.blocks
+        return self.totals.row(self._sum(self.k.sum_blocks, b.held), b.bxyz[: b.nown][b.held > 0])
 
     def particles(self) -> Particles:
         """The particles as they are, in the order of their identity."""

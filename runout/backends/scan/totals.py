@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.backends.protocol import LedgerRow
+from runout.backends.protocol import LedgerRow, box_blocks
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.observe import ELASTIC, KINETIC, MASS, MOMENTUM, POTENTIAL
@@ -52,15 +52,15 @@ class Totals:
         self.escaped_mass += float(sums[MASS])
         self.escaped_energy += float(sums[KINETIC] + sums[POTENTIAL] + sums[ELASTIC])
 
-    def row(self, sums: np.ndarray, active_blocks: int) -> LedgerRow:
-        """The row of the ledger for the present sums (7,) of all particles."""
+    def row(self, sums: np.ndarray, active: np.ndarray) -> LedgerRow:
+        """The row of the ledger for the present sums (7,) of all particles and the coordinates (n, 3) of their blocks."""
         return LedgerRow(
             mass=float(sums[MASS]), escaped_mass=self.escaped_mass,
             momentum=sums[MOMENTUM:KINETIC].copy(), kinetic_energy=float(sums[KINETIC]),
             potential_energy=float(sums[POTENTIAL]), elastic_energy=float(sums[ELASTIC]),
             basal_dissipation=self.basal_dissipation, plastic_dissipation=self.plastic_dissipation,
             escaped_energy=self.escaped_energy, basal_impulse=self.basal_impulse.copy(), max_speed=self.max_speed,
-            active_blocks=active_blocks, contact_particles=self.contact_particles,
+            active_blocks=len(active), box_blocks=box_blocks(active), contact_particles=self.contact_particles,
         )  # fmt: skip
 
 
