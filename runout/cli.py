@@ -148,13 +148,17 @@ def simulate(
     *,
     member: Annotated[int, Parameter(help="Number of the member, as in `runout status`.")] = 0,
     snapshots: Annotated[int, Parameter(help="Number of snapshots, evenly spaced in time.")] = 20,
+    cell_size: Annotated[
+        tuple[float, ...] | None,
+        Parameter(consume_multiple=True, negative="", help="Grid spacing [m], one number or three [default: what site.yaml says]."),
+    ] = None,
     device: Device = None,
     session: Injected,
 ) -> int:
-    """Run one member and keep snapshots; write results/simulations/."""
+    """Run one member and keep snapshots; write results/simulations/, never the members of the ensemble."""
     from runout.workflow.single_member import run as run_member
 
-    run_member(site, session.out, member=member, snapshots=snapshots, device=device)
+    run_member(site, session.out, member=member, snapshots=snapshots, device=device, cell_size=cell_size)
     return ExitCode.OK
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from runout.accuracy import CHOICES, CellSize, choices
-from runout.config.device import on_device
 from runout.config.material import sampled_ranges
+from runout.config.overrides import on_device, with_cell_size
 from runout.config.read import load, site_file
 from runout.config.schema import SiteSettings
 from runout.config.site_files import SiteFiles
@@ -316,8 +316,13 @@ class Site:
         return content
 
     def on_device(self, device: str) -> "Site":
-        """The site with another device, see :func:`runout.config.device.on_device`; "cuda" spreads the members over all GPUs."""
+        """The site with another device, see :func:`runout.config.overrides.on_device`; "cuda" spreads the members over all GPUs."""
         simulation = on_device(self.settings.simulation, device)
+        return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
+
+    def with_cell_size(self, cell_size: Sequence[float]) -> "Site":
+        """The site with another grid spacing [m], see :func:`runout.config.overrides.with_cell_size`."""
+        simulation = with_cell_size(self.settings.simulation, cell_size)
         return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
 
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:

@@ -2,7 +2,9 @@
 
 import json
 import logging
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,10 +12,22 @@ from runout import log
 from runout.errors import ConfigError
 from runout.workflow.study import Study
 
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.ensemble.member import Member
+
 LOGGER = logging.getLogger("runout.single_member")
 
 
-def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snapshots: int = 20, device: str | None = None) -> Path:
+def run(
+    site_path: Path | str,
+    out: Path | None = None,
+    *,
+    member: int = 0,
+    snapshots: int = 20,
+    device: str | None = None,
+    cell_size: Sequence[float] | None = None,
+) -> Path:
     """Simulate one member with all cores and write its maps, ledger and snapshots; returns the file.
 
     Parameters
@@ -28,29 +42,65 @@ def run(site_path: Path | str, out: Path | None = None, *, member: int = 0, snap
         Number of snapshots, evenly spaced over the simulated time.
     device : str or None
         "cpu", "cuda:N" or "auto" instead of what site.yaml says.
+    cell_size : sequence of float or None
+        Grid spacing [m], one number or three, instead of what site.yaml says; the name and the attributes of the file tell.
 
     Raises
     ------
     ConfigError, DeviceError
-        If there is no such member, the number of snapshots is negative, or the device does not exist.
+        If there is no such member, the number of snapshots is negative, the cell size is out of range, or the device does not
+        exist.
     """
     from runout.ensemble.member import plan_members
+    from runout.ensemble.work_log import log_work
     from runout.io.atomic import whole_file
     from runout.simulation import simulate
 
     study = Study.open(site_path, out, device=device)
-    members = plan_members(study.site)
+    site, overrides = study.site, {} if cell_size is None else {"cell_size": list(cell_size)}
+    if cell_size is not None:
+        site = site.with_cell_size(cell_size)
+    members = plan_members(site)
     if not 0 <= member < len(members):
         raise ConfigError(f"member is {member}; the site has members 0 to {len(members) - 1}, see `runout status`")
     if snapshots < 0:
         raise ConfigError(f"snapshots is {snapshots}; it must be 0 or more")
-    chosen, file = members[member], study.results / "simulations" / f"{member:04d}.nc"
+    chosen, file = members[member], study.results / "simulations" / f"{member:04d}{_suffix(overrides)}.nc"
     with log.to_file(study.results / "run.log"), log.progress(f"member {member}") as bar:
-        arguments = {**study.site.member_arguments(chosen.parameters), "seed": chosen.seed}
+        arguments = {**site.member_arguments(chosen.parameters), "seed": chosen.seed}
         times = np.linspace(0.0, arguments["end_time"], snapshots)
-        LOGGER.info("member %d: %s", member, ", ".join(f"{name} {value:.4g}" for name, value in chosen.parameters.items()))
+        stated = [f"{name} {value:.4g}" for name, value in chosen.parameters.items()]
+        LOGGER.info("member %d: %s", member, ", ".join([*stated, *(f"{name} {value}" for name, value in overrides.items())]))
         result = simulate(**arguments, snapshot_times=tuple(times), progress=bar)
+        log_work(member, result.series)
         with whole_file(file) as temporary:
-            result.to_netcdf(temporary, attrs={"member": member, "parameters": json.dumps(chosen.parameters), "seed": chosen.seed})
+            result.to_netcdf(temporary, attrs=_attributes(site, chosen, overrides))
         LOGGER.info("wrote %s: %d particles, %d steps, stopped: %s", file, result.n_particles, result.steps, result.stop_reason)
     return file
+
+
+def _suffix(overrides: dict[str, list[float]]) -> str:
+    """Settings of the command line as part of a file name, such as ``_cell_size_10``."""
+    return "".join(f"_{name}_{'x'.join(f'{number:g}' for number in numbers)}" for name, numbers in overrides.items())
+
+
+def _attributes(site: "Site", member: "Member", overrides: dict[str, list[float]]) -> dict[str, Any]:
+    """Provenance of the file; one with settings of the command line says so."""
+    from runout.io.provenance import provenance
+
+    origin = provenance(
+        name=site.name,
+        folder=site.folder,
+        inputs=site.inputs(),
+        configuration=site.resolved(),
+        seed=member.seed,
+        device=site.settings.simulation.device,
+    )
+    attributes: dict[str, Any] = {"member": member.number, "parameters": json.dumps(member.parameters), "seed": member.seed}
+    attributes |= {name: json.dumps(origin[name]) for name in ("inputs", "configuration", "versions")}
+    attributes |= {name: origin[name] for name in ("site", "device", "command", "configuration_sha256")}
+    if overrides:
+        attributes["overrides"] = json.dumps({f"simulation.{name}": numbers for name, numbers in overrides.items()})
+        named = ", ".join(overrides)
+        attributes["summary"] = f"Simulation with settings of the command line ({named}); it is no member of the ensemble"
+    return attributes

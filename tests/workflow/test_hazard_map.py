@@ -99,6 +99,48 @@ def test_one_member_alone_keeps_snapshots_and_equals_the_ensembles(finished_site
             np.testing.assert_allclose(alone["deposit_thickness"].sum(), member["deposit_thickness"].sum(), rtol=1e-3)
 
 
+def test_a_cell_size_of_the_command_line_is_recorded_and_touches_no_member(finished_site, tmp_path):
+    folder, _ = finished_site
+    results = folder / "results"
+    before = {path: path.stat().st_mtime_ns for path in results.rglob("*") if path.is_file() and path.name != "run.log"}
+    assert cli.main(["simulate", str(folder), "--member", "1", "--snapshots", "0", "--cell-size", "20"]) == ExitCode.OK
+    file = results / "simulations" / "0001_cell_size_20.nc"
+    with xr.open_dataset(file) as coarse, xr.open_dataset(member_file(folder, 1)) as member:
+        assert json.loads(coarse.attrs["overrides"]) == {"simulation.cell_size": [20.0]}
+        assert "no member of the ensemble" in coarse.attrs["summary"]
+        assert json.loads(coarse.attrs["configuration"])["simulation"]["cell_size"] == 20.0
+        assert coarse.attrs["command"]
+        assert json.loads(coarse.attrs["inputs"])[0]["name"] == "inputs/dem.tif"
+        assert coarse.attrs["parameters"] == member.attrs["parameters"]
+        assert "member_key" not in coarse.attrs
+        assert coarse.attrs["particles"] < 0.5 * member.attrs["particles"]
+    after = {path: path.stat().st_mtime_ns for path in results.rglob("*") if path.is_file() and path.name != "run.log"}
+    assert {path for path in after if after[path] != before.get(path)} <= {file, results / "inputs.json"}
+    assert cli.main(["status", str(folder)]) == ExitCode.OK
+    file.unlink()
+
+
+@pytest.mark.parametrize(("given", "said"), [(["-3"], "cell_size is -3 m"), (["5", "5"], "give one number in m or (dx, dy, dz)")])
+def test_a_cell_size_of_the_command_line_that_makes_no_sense_is_refused(finished_site, capsys, given, said):
+    assert cli.main(["simulate", str(finished_site[0]), "--cell-size", *given]) == ExitCode.CONFIGURATION
+    assert said in capsys.readouterr().err
+
+
+def test_the_log_holds_the_work_of_every_member_over_time(finished_site):
+    folder, _ = finished_site
+    lines = [json.loads(line) for line in (folder / "results" / "run.log").read_text().splitlines()]
+    work = {line["member"]: line["work"] for line in lines if "work" in line}
+    assert set(work) >= {0, 1, 2, 3}
+    with xr.open_dataset(member_file(folder, 2), group="ledger") as ledger:
+        assert work[2]["time"][0] == 0.0
+        assert work[2]["time"][-1] == pytest.approx(float(ledger["time"][-1]))
+        assert max(work[2]["active_blocks"]) <= int(ledger["active_blocks"].max())
+        assert work[2]["memory"][-1] == int(ledger["memory"][-1]) > 1e5
+        assert ledger["memory"].attrs["units"] == "byte"
+        assert work[2]["active_nodes"][0] == 64 * work[2]["active_blocks"][0]
+        assert 2 < len(work[2]["sparsity"]) <= 21
+
+
 def test_a_member_that_does_not_exist_is_refused(finished_site, capsys):
     folder, _ = finished_site
     with pytest.raises(ConfigError, match="members 0 to 3"):

@@ -1,7 +1,10 @@
-"""The settings of a simulation for another device than site.yaml states."""
+"""The settings of a simulation with what the command line states instead of site.yaml: device, cell size."""
+
+from collections.abc import Sequence
 
 from runout.config.schema import SimulationSettings
 from runout.errors import ConfigError
+from runout.model.limits import spacing_of
 
 
 def on_device(stated: SimulationSettings, device: str) -> SimulationSettings:
@@ -25,3 +28,15 @@ def on_device(stated: SimulationSettings, device: str) -> SimulationSettings:
     place = "cuda" if device == "cuda" or (device == "auto" and found != "cpu") else found
     backend = "hash" if place != "cpu" else "scan" if stated.backend == "hash" else stated.backend
     return stated.model_copy(update={"device": place, "backend": backend})
+
+
+def with_cell_size(stated: SimulationSettings, cell_size: Sequence[float]) -> SimulationSettings:
+    """The settings with another grid spacing [m], one number or three; cfl stays as it is stated or set by accuracy.
+
+    Raises
+    ------
+    ConfigError
+        If the spacing is out of range.
+    """
+    east, north, up = spacing_of(tuple(cell_size))  # type: ignore[arg-type]
+    return stated.model_copy(update={"cell_size": east if len(cell_size) == 1 else [east, north, up]})
