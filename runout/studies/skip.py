@@ -213,7 +213,7 @@ def page(found: Mapping[str, Any]) -> StudyPage:
     text = OPENING.format(
         table=markdown(HEADS, map(_row, rows)),
         repeats=found["repeats"],
-        maps=", ".join(name.replace("_", " ") for name in MAPS),
+        maps=", ".join(name.replace("_", " ") for name in rows[0]["difference"]),
         changes=download("skip.csv", "The table"),
         cell=scene["cell_size"][0],
         rows=scene["raster"][0],
@@ -239,9 +239,11 @@ def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Steps, observations and the change of each map, as CSV."""
-    heads = ("switch", "time on over off", "steps on", "steps off", "observations on", "observations off", *MAPS)
-    numbers = ((r, (f"{r['difference'][name]:.2g}" for name in MAPS)) for r in rows)
-    return as_csv(heads, [(r["skip"], f"{r['time_on_over_off']:.2f}", *r["steps"], *r["observations"], *n) for r, n in numbers])
+    heads = ("switch", "time on over off", "steps on", "steps off", "observations on", "observations off")
+    maps = list(rows[0]["difference"])  # those of the record
+    numbers = ((r, (f"{r['difference'][name]:.2g}" for name in maps)) for r in rows)
+    lines = [(r["skip"], f"{r['time_on_over_off']:.2f}", *r["steps"], *r["observations"], *n) for r, n in numbers]
+    return as_csv((*heads, *maps), lines)
 
 
 def _figure(rows: Sequence[Mapping[str, Any]]) -> bytes:
