@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from runout import __version__
 from runout.ensemble.design import Design, member_table
+from runout.ensemble.work_log import log_work
 from runout.errors import RunoutError
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
@@ -257,3 +258,4 @@ def _write(site: "Site", member: Member, result: "Result", results: Path) -> Non
     with whole_file(member.file(results)) as temporary:
         partly = "reached_only" in signature(result.to_netcdf).parameters  # results of other solvers may hold whole rasters
         result.to_netcdf(temporary, attrs=attributes, **({"reached_only": True} if partly else {}))
+    log_work(member.number, getattr(result, "series", {}))

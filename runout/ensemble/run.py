@@ -187,6 +187,7 @@ def _on_this_machine(work: Work, workers: int | None, threads: int | None, tally
     share = share_of(work.device, len(work.members), workers, threads)
     task, groups = work.task(share), work.groups(share)
     LOGGER.info("%d of %d members to simulate, %s", len(work.members), tally.of, share)
+    tally.elsewhere = not share.in_process
     if share.in_process:
         return in_process(task, groups, tally.advance, share.devices)
     return in_workers(task, groups, share.workers, share.threads, tally.advance, share.devices)
@@ -211,6 +212,7 @@ class _Tally:
         self.failed: dict[int, str] = {}
         self.waiting: list[Member] = []
         self.under_way: dict[int, float] = {}
+        self.elsewhere = True  # whether members run in other processes
         self.leftovers = _leftovers(members_folder(results))
         for member in members:
             self._sort(member, retry_failed)
@@ -274,7 +276,8 @@ class _Tally:
             raise
         self.written.note(file, member.key)
         self.done.append(member.number)
-        log_work_of_file(member.number, file)
+        if self.elsewhere:  # else the member has logged it; this process opens no file between two that it writes
+            log_work_of_file(member.number, file)
         self._clear(member)
 
     def _book_failure(self, member: Member, failure: Failure) -> None:
