@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import ValidationInfo, create_model
 
@@ -29,7 +29,7 @@ class FrictionSettings(LawSettings):
         """The block ``basal_friction``."""
         return BLOCK
 
-    def friction(self, sample: Mapping[str, float] | None = None, own: Mapping[str, float] | None = None) -> BasalFriction:
+    def sampled_friction(self, sample: Mapping[str, float] | None = None, own: Mapping[str, float] | None = None) -> BasalFriction:
         """The friction, with sampled parameters of an ensemble and then ``own`` ones in the place of the stated ones."""
         law, sample = FRICTIONS.find(self.law), sample or {}
         sampled = {p.key: sample[PREFIX + p.key] for p in law.parameters if PREFIX + p.key in sample}
@@ -57,8 +57,7 @@ def own_model(law: FrictionLaw) -> type[Settings]:
     """Settings of parameters that a release or a zone states in the place of those of the site; each may be left out."""
     fields: dict[str, Any] = {}
     for key, (kind, field) in declared_fields(law.parameters).items():
-        field.default = None
-        fields[key] = (kind | None, field)
+        fields[key] = (Annotated[kind | None, field], None)
     return create_model(f"Own{law.friction.__name__}", __base__=Settings, **fields)
 
 

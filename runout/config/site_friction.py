@@ -36,7 +36,7 @@ class SiteFriction:
     def arguments(self, sample: Mapping[str, float]) -> dict[str, Any]:
         """Arguments of :func:`runout.simulate` for a member with sampled parameters."""
         if self.settings.basal_friction is not None:
-            return {"basal_friction": self.settings.basal_friction.friction(sample)}
+            return {"basal_friction": self.settings.basal_friction.sampled_friction(sample)}
         return {"basal_friction_angle": float(sample.get(ANGLE, self.settings.basal_friction_angle_deg))}  # type: ignore[arg-type]
 
     def of_run(self, sample: Mapping[str, float]) -> "BasalFriction | float":
@@ -49,7 +49,8 @@ class SiteFriction:
         own = {r.name: r.basal_friction for r in self.settings.release if r.basal_friction}
         if not own or not {ANGLE, KEY} & self.settings.model_dump(include={ANGLE, KEY}, exclude_none=True).keys():
             return list(releases)  # of a file that states no friction yet nothing more can be said
-        return [replace(r, basal_friction=self._block.friction(sample, own[r.name])) if r.name in own else r for r in releases]
+        made = {name: self._block.sampled_friction(sample, values) for name, values in own.items()}
+        return [replace(r, basal_friction=made[r.name]) if r.name in made else r for r in releases]
 
     def of_releases(self, releases: "Sequence[Release]", sample: Mapping[str, float]) -> "list[BasalFriction | float]":
         """Friction under each release of a member, or its angle [rad]."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import radians, tan
 from typing import Any, ClassVar
 
-from runout.model.basal_friction import BasalFriction
+from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction_laws import register_friction
 from runout.model.limits import LIMITS
 from runout.model.parameters import parameter
@@ -33,14 +33,14 @@ class Coulomb(BasalFriction):
         return {"friction": tan(radians(self.friction_angle))}
 
     @classmethod
-    def acting(cls, numbers: Mapping[str, Any], strength: Any) -> dict[str, Any]:
+    def acting(cls, numbers: Mapping[str, Any], mass: MassAbove) -> dict[str, Any]:
         """The coefficient [1], at most the strength of the mass, so that contact does not compare them in every step."""
         import numpy as np  # the command line starts without NumPy
 
-        return {"friction": np.minimum(numbers["friction"], strength)}
+        return {"friction": np.minimum(numbers["friction"], mass.strength)}
 
 
-def resistance(normal: Any, slip: Any, dt: Any, basal: Any):
+def resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
     """Steady impulse [N s] and drag [kg/m]: mu times the normal impulse, and none."""
     return basal.friction * normal, real(0.0)
 

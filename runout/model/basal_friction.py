@@ -2,12 +2,30 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from runout.errors import ConfigError
 from runout.model.parameters import parameters_of
 
 USUAL_ANGLE = 20.0  # [deg] of a run that states no friction
+
+
+class MassAbove(NamedTuple):
+    """What a law of friction may know of the mass above the ground; numbers, or arrays of them.
+
+    Attributes
+    ----------
+    strength : float
+        Largest friction coefficient that the mass passes on to the ground [1].
+    density : float
+        [kg/m3]
+    gravity : float
+        Magnitude of gravity [m/s2].
+    """
+
+    strength: Any
+    density: Any
+    gravity: Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +38,7 @@ class BasalFriction:
 
     law: ClassVar[str] = ""  # name in site.yaml
     coefficients: ClassVar[tuple[str, ...]] = ()  # those of `numbers` that are friction coefficients [1], that at rest first
+    uses_area: ClassVar[bool] = False  # whether `resistance` uses the ground area of a contact; backends compute it only then
 
     def __post_init__(self) -> None:
         for p in parameters_of(type(self)):
@@ -30,7 +49,7 @@ class BasalFriction:
         return {p.name: p.si(getattr(self, p.name)) for p in parameters_of(type(self))}
 
     @classmethod
-    def acting(cls, numbers: Mapping[str, Any], strength: Any) -> dict[str, Any]:
+    def acting(cls, numbers: Mapping[str, Any], mass: MassAbove) -> dict[str, Any]:
         """What ``resistance`` reads, by name, from :meth:`numbers` as zones change them; numbers or arrays of them.
 
         By default these and ``strength`` [1], the most that the mass passes on to the ground; contact limits the steady part of
@@ -38,7 +57,7 @@ class BasalFriction:
         """
         import numpy as np  # the command starts without it
 
-        return {**numbers, "strength": np.asarray(strength)}
+        return {**numbers, "strength": np.asarray(mass.strength)}
 
     @property
     def at_rest(self) -> float:

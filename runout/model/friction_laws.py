@@ -4,11 +4,11 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from types import FunctionType
+from types import FunctionType, SimpleNamespace
 from typing import Any
 
 from runout.errors import ConfigError, MaterialError
-from runout.model.basal_friction import BasalFriction
+from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.law_source import functions_of_law, require_shared_subset
 from runout.model.parameters import numpydoc
 from runout.model.registered_law import RegisteredLaw, calling, law_followed, require_declared
@@ -17,7 +17,7 @@ from runout.physics import contact
 
 PACKAGE = "runout.friction"
 DEFAULT_FRICTION = "coulomb"
-ARGUMENTS = 4  # of ``resistance``: normal impulse, slip speed, length of the step, record of numbers
+ARGUMENTS = 5  # of ``resistance``: normal impulse, slip speed, ground area, length of the step, record of numbers
 STRENGTH = "strength"  # of a record: what limits the resistance in every contact
 
 
@@ -44,6 +44,17 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
         """Its resistance."""
         return self.resistance
 
+    @property
+    def uses_area(self) -> bool:
+        """Whether its resistance uses the ground area of a contact."""
+        return self.friction.uses_area
+
+    @cached_property
+    def drags(self) -> bool:
+        """Whether its resistance has a part that grows with the square of the speed."""
+        record = self.friction.acting(self.example.numbers(), MassAbove(1.0, 1.0, 1.0))
+        return bool(self.resistance(1.0, 1.0, 1.0, 1.0, SimpleNamespace(**record))[1] > 0.0)
+
     @cached_property
     def numbers(self) -> tuple[str, ...]:
         """Names of the numbers that zones change, in the order of the parameters."""
@@ -52,7 +63,7 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
     @cached_property
     def fields(self) -> tuple[str, ...]:
         """Names of the numbers of a record, which ``resistance`` reads."""
-        return tuple(self.friction.acting(self.example.numbers(), 1.0))
+        return tuple(self.friction.acting(self.example.numbers(), MassAbove(1.0, 1.0, 1.0)))
 
     @cached_property
     def at_base(self) -> FunctionType:
@@ -78,10 +89,11 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
     friction : type of BasalFriction
         Frozen dataclass of keyword-only parameters, each made by :func:`runout.model.parameters.parameter`.
     resistance : function
-        ``resistance(normal, slip, dt, basal) -> (steady, drag)``: impulse [N s] that resists sliding at any speed, and drag
+        ``resistance(normal, slip, area, dt, basal) -> (steady, drag)``: impulse [N s] that resists sliding at any speed, and drag
         [kg/m], force over the square of the speed that is left. ``normal`` is the normal impulse [N s] of a contact in a step of
-        ``dt`` [s], ``slip`` the speed [m/s] along the ground with the impulse of the step before, ``basal`` the record of
-        ``friction.acting(...)``. Plain scalar Python of the shared subset (:mod:`runout.model.law_source`).
+        ``dt`` [s], ``slip`` the speed [m/s] along the ground with the impulse of the step before, ``area`` the ground area of the
+        contact [m2] (0 unless ``friction.uses_area``), ``basal`` the record of ``friction.acting(...)``. Plain scalar Python of the
+        shared subset (:mod:`runout.model.law_source`).
 
     Raises
     ------
@@ -89,7 +101,7 @@ def register_friction(friction: type[BasalFriction], resistance: Callable[..., A
         If the declaration is incomplete or inconsistent, or another law has the name.
     """
     if not isinstance(resistance, FunctionType) or len(inspect.signature(resistance).parameters) != ARGUMENTS:
-        wanted = "a plain function of (normal, slip, dt, basal)"
+        wanted = "a plain function of (normal, slip, area, dt, basal)"
         raise ConfigError(f"friction law {friction.law}: resistance must be {wanted}, not {resistance!r}")
     law = FrictionLaw(friction.law, friction, resistance)
     require_declared(law, "friction law", BasalFriction, ConfigError, ranges=True)

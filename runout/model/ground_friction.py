@@ -6,14 +6,23 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ConfigError
-from runout.model.basal_friction import BasalFriction
+from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.physics.contact import zone_friction
 
+MOST_ROWS = 2**24  # of the table: single precision counts them exactly
+
 
 class GroundFriction:
     """Friction of some masses on each kind of ground.
+
+    Parameters
+    ----------
+    frictions : sequence of BasalFriction or float
+        Of each mass; a number is a Coulomb coefficient [1].
+    masses : sequence of MassAbove
+    zones : FrictionZones or None
 
     Attributes
     ----------
@@ -27,13 +36,13 @@ class GroundFriction:
         Kind of ground of each cell of the raster; None where there are no zones.
     """
 
-    def __init__(self, frictions: Sequence[BasalFriction | float], strengths: Sequence[float], zones: FrictionZones | None):
+    def __init__(self, frictions: Sequence[BasalFriction | float], masses: Sequence[MassAbove], zones: FrictionZones | None):
         found = [numbers_of(friction) for friction in frictions]
         if len({law.name for law, _ in found}) != 1:
             raise ConfigError("basal friction of all releases of a run must follow one law; give every release the same kind")
         self.law: FrictionLaw = found[0][0]
         self.numbers = np.array([numbers for _, numbers in found])
-        self.strengths, self.kinds = np.array(strengths, np.float64), 1
+        self.masses, self.kinds = np.array(masses, np.float64).reshape(-1, len(MassAbove._fields)), 1
         self.kind: np.ndarray | None = None
         self._factor, self._own = np.ones((1, len(self.law.numbers))), np.zeros((1, len(self.law.numbers)))
         if zones:
@@ -49,6 +58,9 @@ class GroundFriction:
         found = zones.kinds(self.law)
         self.kind, self.kinds, self._size = found.kind, len(found.own), zones.cell_size
         self._factor, self._own = found.factor, found.own
+        rows = self.kinds * len(self.numbers)
+        if rows > MOST_ROWS:
+            raise ConfigError(f"{zones.source}: {rows} different values, at most {MOST_ROWS} fit; round the values of the rasters")
 
     @property
     def size(self) -> np.ndarray:
@@ -68,8 +80,8 @@ class GroundFriction:
         """
         numbers, factor, own = (a.astype(real).astype(arithmetic or real) for a in (self.numbers, self._factor, self._own))
         changed = zone_friction(numbers[:, None, :], factor, own).astype(real).reshape(-1, len(self.law.numbers))
-        strength = np.repeat(self.strengths, self.kinds).astype(real)
-        record = self.law.friction.acting(dict(zip(self.law.numbers, changed.T, strict=True)), strength)
+        mass = MassAbove(*np.repeat(self.masses, self.kinds, axis=0).astype(real).T)
+        record = self.law.friction.acting(dict(zip(self.law.numbers, changed.T, strict=True)), mass)
         table = np.zeros(len(changed), [(name, real) for name in self.law.fields])
         for name in self.law.fields:
             table[name] = record[name]
@@ -89,4 +101,4 @@ class GroundFriction:
         """Coefficients at rest (releases times kinds,) [1], at most what each mass passes on."""
         name = self.law.numbers.index(self.law.friction.coefficients[0])
         ground = zone_friction(self.numbers[:, None, name], self._factor[:, name], self._own[:, name])
-        return np.minimum(ground, self.strengths[:, None]).ravel()
+        return np.minimum(ground, self.masses[:, :1]).ravel()

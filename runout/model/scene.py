@@ -9,7 +9,7 @@ import numpy as np
 
 from runout.accuracy import CFL
 from runout.errors import ConfigError, StabilityError
-from runout.model.basal_friction import BasalFriction
+from runout.model.basal_friction import BasalFriction, MassAbove
 from runout.model.friction import FrictionZones
 from runout.model.ground_friction import GroundFriction
 from runout.model.laws import Law, law_of
@@ -186,7 +186,9 @@ class Scene:
     @cached_property
     def basal(self) -> GroundFriction:
         """Friction of the ground on the releases, as contact reads it."""
-        return GroundFriction(self.friction, self.strengths, self.friction_zones)
+        g = math.sqrt(sum(a * a for a in self.gravity))
+        masses = [MassAbove(s, m.density, g) for s, m in zip(self.strengths, self.materials, strict=True)]
+        return GroundFriction(self.friction, masses, self.friction_zones)
 
     @property
     def resting_friction(self) -> tuple[float, ...]:

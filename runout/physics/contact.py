@@ -4,13 +4,17 @@ A law of basal friction (:mod:`runout.friction`) states what resists sliding, :f
 
 The impulse acts on the grid before velocities return to the particles. Everything is per particle: the velocity u that
 the particle would receive, the normal n, the gap, and the lumped compliance A = sum_n w_n S_n / m_n [1/kg] where S_n is
-the sum of the weights of all contact particles at node n.
+the sum of the weights of all contact particles at node n. A law that needs it gets the ground area of the particle too, its share
+of the columns of nodes around (:func:`area_share`).
 """
 
 import math
 from typing import Any
 
 from runout.physics.tensors import dot, real, vec
+
+STILL = 0.001  # cells that a particle may move in a step if its impulse starts from the force of the step before
+RIM = 0.5  # of the mean sum of weights around a contact: the least that divides its own weights
 
 
 def in_contact(gap: Any, normal_velocity: Any, dt: Any, band: Any):
@@ -54,7 +58,7 @@ def normal_target(un: Any, gap: Any, dt: Any):
     return target
 
 
-def law_resistance(normal: Any, slip: Any, dt: Any, basal: Any):
+def law_resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
     """What the ground sets against sliding: a steady impulse [N s], and a drag [kg/m], see :func:`impulse`.
 
     Here that of a ground without friction; the ``resistance`` of a law stands in its place where kernels are compiled.
@@ -62,9 +66,9 @@ def law_resistance(normal: Any, slip: Any, dt: Any, basal: Any):
     return real(0.0), real(0.0)
 
 
-def limited_resistance(normal: Any, slip: Any, dt: Any, basal: Any):
+def limited_resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
     """:func:`law_resistance` with a steady part that is at most what the mass above passes on, ``basal.strength`` [1]."""
-    steady, drag = law_resistance(normal, slip, dt, basal)
+    steady, drag = law_resistance(normal, slip, area, dt, basal)
     return min(steady, basal.strength * normal), drag
 
 
@@ -76,7 +80,45 @@ def slip_after(free: Any, resistance: Any):
     return real(2.0) * free / (real(1.0) + math.sqrt(real(1.0) + real(4.0) * resistance * free))
 
 
-def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any):
+def fastest_start(h: Any, dt: Any):
+    """Speed [m/s] up to which an impulse starts from the force of the step before, on a grid with the smallest spacing ``h`` [m].
+
+    The force belongs to the weights of the step before. A particle that has moved on by a part of a cell would start from a wrong
+    one: thin fast flows then break up. Laws with drag use this limit.
+    """
+    return real(STILL) * h / dt
+
+
+def started_time(v: Any, fastest: Any, dt: Any):
+    """Time [s] over which the force of the step before counts for a particle with velocity ``v``: ``dt``, 0 if it is too fast."""
+    lasting = dt
+    if dot(v, v) > fastest * fastest:
+        lasting = real(0.0)
+    return lasting
+
+
+def largest_share(around: Any):
+    """Largest reciprocal sum of weights that :func:`area_share` counts, from the mean of the sums ``around`` a contact."""
+    return real(1.0) / (real(RIM) * around)
+
+
+def area_share(weight: Any, inverse_sum: Any, largest: Any):
+    """Share [1] of the ground below a column of nodes that a contact takes.
+
+    That is its ``weight`` there (the product of those along east and north) over the sum of the weights of all contacts, which is
+    given by its reciprocal. Inside a flow the shares of a column add up to one, so that the areas of all contacts add up to the
+    wetted ground. A column beyond the rim, which contacts hardly reach, is not taken whole: ``largest`` is what the reciprocal
+    may be, see :func:`largest_share`.
+    """
+    return weight * min(inverse_sum, largest)
+
+
+def ground_area(plan_area: Any, shares: Any, upward: Any):
+    """Area [m2] of inclined ground that a contact takes, from the area of a column in plan, its shares, and n_z of the normal."""
+    return plan_area * shares / upward
+
+
+def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, given: Any, area: Any):
     """Impulse [N s] of the ground on a particle in a step: unilateral, with friction on the whole tangential vector.
 
     One sweep of projected Jacobi iteration (Moreau and Jean 1996) that starts from the impulse ``given`` [N s], which the
@@ -85,7 +127,7 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
 
     Normal: u.n is brought to :func:`normal_target`; the total never pulls. Tangential: sticks if the steady impulse R of the law
     admits the total, else slides against R + drag dt s^2, where s is the speed that is left (:func:`slip_after`). ``basal`` are the
-    numbers of the law; it takes the slip speed of ``u``.
+    numbers of the law; it takes the slip speed of ``u`` and the ground ``area`` [m2], 0 for a law that does not use it.
     """
     un = dot(u, n)
     held = dot(given, n)
@@ -99,7 +141,7 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
     ty = given[1] - held * n[1] - uy / compliance
     tz = given[2] - held * n[2] - uz / compliance
     along = math.sqrt(tx * tx + ty * ty + tz * tz)
-    steady, drag = law_resistance(normal, math.sqrt(ux * ux + uy * uy + uz * uz), dt, basal)
+    steady, drag = law_resistance(normal, math.sqrt(ux * ux + uy * uy + uz * uz), area, dt, basal)
     s = real(1.0)
     if along > steady:
         s = steady / along

@@ -12,6 +12,7 @@ from runout.errors import ConfigError, ExitCode
 from runout.io.atomic import write_json
 from runout.studies.verification_cases import (
     bar,
+    basal_laws,
     column,
     column_collapse,
     curved_ground,
@@ -43,6 +44,7 @@ CASES: dict[str, Case] = {
         *(manufactured.WAVES, manufactured.VORTEX, column.CASE, element.CASE, sliding_box.CASE),
         *(ground_contact.THRESHOLD, ground_contact.OBLIQUE, ground_contact.GAP),
         *(curved_ground.BOWL, curved_ground.RAMP, terrain_distance.CASE, thin_layers.CASE, single_precision.CASE),
+        *(basal_laws.DRAG, basal_laws.WEAKENING),
         *(dam_breaks.DRY, dam_breaks.SLOPE_CASE, spreading_cap.CASE),
         *(column_collapse.COLUMNS, column_collapse.BUI, granular_slope.CASE),
     )

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.model import basal_strength
+from runout.model.basal_friction import MassAbove
 from runout.model.ground_friction import GroundFriction
 from runout.model.limits import spacing_of
-from runout.model.scene import Raster, Scene
+from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.observers import AtRest
 from runout.terrain.sliding_points import Friction, Slide, slide
 
@@ -96,8 +97,10 @@ def _friction(arguments: Sequence[Mapping[str, Any]], releases: "Sequence[Releas
     for given in arguments:
         basal = given.get("basal_friction") or math.radians(given["basal_friction_angle"])
         frictions = [math.tan(f) if isinstance(f, float) else f for f in basal_strength.frictions_under(releases, basal)]
-        strength = basal_strength.strengths([r.material or given["material"] for r in releases], height)
-        grounds.append(GroundFriction(frictions, strength, given["friction_zones"]))
+        materials = [r.material or given["material"] for r in releases]
+        strengths = basal_strength.strengths(materials, height)
+        masses = [MassAbove(s, m.density, STANDARD_GRAVITY) for s, m in zip(strengths, materials, strict=True)]
+        grounds.append(GroundFriction(frictions, masses, given["friction_zones"]))
     resting, member = np.array([ground.at_rest() for ground in grounds]), np.arange(len(grounds))[:, None]
     return lambda number, x, y: resting[member, grounds[0].rows(number, x, y)]
 

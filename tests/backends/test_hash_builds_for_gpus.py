@@ -97,6 +97,12 @@ def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_p
     assert require_within(gradient_transfer, more, tmp_path, GRADIENT_TRANSFER[precision], GRADIENT_SPILLED[precision]) == 9
 
 
+def test_contact_with_ground_areas_builds_within_the_same_registers_and_does_not_spill(tmp_path):
+    kernels = compiled_kernels(LAWS.find("drucker_prager"), FRICTIONS.find("voellmy"), "float32", False)
+    contact = [(module, lanes) for module, lanes in kernels.modules if kernels.solve_contacts.module is module]
+    assert require_within(kernels, contact, tmp_path, LARGEST["float32"], SPILLED["float32"]) >= 2
+
+
 @pytest.mark.parametrize(
     ("law", "ordered", "zoned", "gradient_transfer"), [("drucker_prager", True, True, True), ("granular_flow", False, False, False)]
 )

@@ -10,23 +10,24 @@ EXAMPLES = ROOT / "docs" / "examples"
 sys.path[:0] = [str(EXAMPLES), str(ROOT / "tests" / "physics"), str(ROOT / "tests" / "backends"), str(ROOT / "tests" / "workflow")]
 
 
-def install(folder: Path, package: str, group: str, law: str) -> Path:
-    """A folder that, on the path of Python, is an installed package with one law of the examples."""
+def install(folder: Path, package: str, group: str, source: Path) -> Path:
+    """A folder that, on the path of Python, is an installed package with the law of one file."""
+    law = source.stem
     metadata = folder / f"{package.replace('-', '_')}-1.0.dist-info"
     metadata.mkdir(parents=True)
     (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
     (metadata / "entry_points.txt").write_text(f"[{group}]\n{law} = {law}\n")
-    (folder / f"{law}.py").write_text((EXAMPLES / f"{law}.py").read_text())
+    (folder / f"{law}.py").write_text(source.read_text())
     return folder
 
 
 @pytest.fixture
 def installed(tmp_path):
     """Folder of an installed package whose entry point names the law of the material."""
-    return install(tmp_path / "installed", "mud-laws", "runout.laws", "herschel_bulkley")
+    return install(tmp_path / "installed", "mud-laws", "runout.laws", EXAMPLES / "herschel_bulkley.py")
 
 
 @pytest.fixture
 def installed_friction(tmp_path):
     """The same for a law of friction."""
-    return install(tmp_path / "installed", "weakening", "runout.friction", "velocity_weakening")
+    return install(tmp_path / "installed", "load-drag", "runout.friction", Path(__file__).with_name("drag_by_load.py"))

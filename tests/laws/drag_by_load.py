@@ -16,7 +16,7 @@ class DragByLoad(BasalFriction):
     drag: float = parameter("drag over normal stress and squared speed", unit="s2/m2", low=0, high=10, default=0.05, sampled=True)
 
 
-def resistance(normal: Any, slip: Any, dt: Any, basal: Any):
+def resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
     """Steady impulse [N s] and drag [kg/m]."""
     return basal.friction * normal, basal.drag * normal / dt
 

@@ -1,4 +1,4 @@
-"""The friction law of docs/guide/new_law and one with drag: closed forms of a block, one source for all backends, zones, limits."""
+"""Friction that falls with the speed, and a law of another package with drag: closed forms, compilers, zones, limits."""
 
 import math
 from dataclasses import replace
@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from parity_cases import law_cases
 from scenes import ROCK, SAND, box, engine_of, plane, scene
 from sliding_block import DT, GRAVITY, SLOPE, block, speed_of_rigid_block
-from velocity_weakening import VelocityWeakening
 
-from runout import FrictionZones
+from runout import FrictionZones, VelocityWeakening
 from runout.errors import ConfigError
+from runout.model.basal_friction import MassAbove
 from runout.model.friction_laws import FRICTIONS
 from runout.physics import contact
 
@@ -114,11 +114,11 @@ def test_zones_of_another_law_are_refused():
 
 def test_resistance_is_at_most_what_the_mass_passes_on():
     law = FRICTIONS.find("velocity_weakening")
-    record = law.example.acting(law.example.numbers(), 0.5)
+    record = law.example.acting(law.example.numbers(), MassAbove(0.5, 2000.0, 9.81))
     assert "strength" in law.fields
-    steady, drag = law.at_base(10.0, 0.1, 1e-3, type("record", (), record))
+    steady, drag = law.at_base(10.0, 0.1, 1.0, 1e-3, type("record", (), record))
     assert (steady, drag) == (5.0, 0.0)
-    assert law.at_base(10.0, 1e9, 1e-3, type("record", (), record))[0] == pytest.approx(1.1)
+    assert law.at_base(10.0, 1e9, 1.0, 1e-3, type("record", (), record))[0] == pytest.approx(1.1)
 
 
 @settings(max_examples=200)

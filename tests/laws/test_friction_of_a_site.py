@@ -1,4 +1,4 @@
-"""A friction law from outside in site.yaml: settings, samples, releases, zones and refusals derive from its declarations."""
+"""Friction laws in site.yaml: settings, samples, releases, zones and refusals derive from its declarations."""
 
 import json
 import math
@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from ramp_site import CELL, NORTH, SITE, WEST, write_site
-from velocity_weakening import VelocityWeakening
 
 import runout
+from runout import VelocityWeakening
 from runout.errors import ConfigError
-from runout.model.friction_laws import FRICTIONS
 from runout.model.parameters import parameter
 from runout.physics.tensors import real
 from runout.workflow.check import inspect
@@ -50,7 +49,7 @@ def test_settings_of_friction_derive_from_the_declarations_of_its_law(tmp_path):
     arguments = site.member_arguments({"basal_static_friction": 0.25})
     assert arguments["basal_friction"] == VelocityWeakening(static_friction=0.25, dynamic_friction=0.1, weakening_speed=4.0)
     assert "basal_friction_angle" not in arguments
-    assert site.computed()["basal_friction"]["source"] == FRICTIONS.find("velocity_weakening").fingerprint
+    assert "source" not in site.computed()["basal_friction"]  # results depend on the version of runout alone
     assert inspect(tmp_path / "site").problems == []
     assert least_friction(site, site.releases(site.terrain())) == pytest.approx(math.atan(0.1))
 
@@ -145,7 +144,9 @@ def test_attributes_out_of_range_are_refused(tmp_path):
 
 
 def test_an_installed_friction_law_is_found_by_commands_and_workers(tmp_path, installed_friction):
-    text = WEAK.replace("members: 4", "members: 2").replace("end_time: 20", "end_time: 1, backend: reference")
+    sampled = STATIC.replace("static_friction", "friction")
+    text = SITE.replace(ANGLE, "basal_friction: {law: drag_by_load}").replace(SAMPLED, sampled)
+    text = text.replace("members: 4", "members: 2").replace("end_time: 20", "end_time: 1, backend: reference")
     folder = write_site(tmp_path / "site", text)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(installed_friction), str(ROOT)])}
     command = [sys.executable, "-m", "runout", "ensemble", str(folder), "--workers", "2"]
@@ -155,7 +156,7 @@ def test_an_installed_friction_law_is_found_by_commands_and_workers(tmp_path, in
     assert len(paths) == 2
     for path in paths:
         with xr.open_dataset(path) as member:
-            sampled = json.loads(member.attrs["parameters"])["basal_static_friction"]
+            sampled = json.loads(member.attrs["parameters"])["basal_friction"]
             assert np.atleast_1d(member.attrs["basal_friction"]).tolist() == pytest.approx([sampled])
             assert 0.2 < sampled < 0.4
 
@@ -169,7 +170,7 @@ class Sound(runout.BasalFriction):
     friction: float = parameter("something", low=0, high=1, typical=0.5)
 
 
-def by_power(normal, slip, dt, basal):
+def by_power(normal, slip, area, dt, basal):
     return basal.friction**2 * normal, real(0.0)
 
 
@@ -181,7 +182,7 @@ def of_two(normal, basal):
     ("resistance", "said"),
     [
         (by_power, r"by_power cannot be compiled: line \d+: \*\* with an integer does not compile in warp: multiply"),
-        (of_two, r"resistance must be a plain function of \(normal, slip, dt, basal\)"),
+        (of_two, r"resistance must be a plain function of \(normal, slip, area, dt, basal\)"),
     ],
 )
 def test_a_resistance_that_compilers_would_not_read_alike_is_refused(resistance, said):
@@ -204,7 +205,7 @@ def test_a_friction_law_needs_a_name_of_its_own_declared_parameters_and_a_coeffi
         law: ClassVar[str] = "aimless"
         coefficients: ClassVar[tuple[str, ...]] = ("mu",)
 
-    def resistance(normal, slip, dt, basal):
+    def resistance(normal, slip, area, dt, basal):
         return basal.friction * normal, real(0.0)
 
     for law, said in (

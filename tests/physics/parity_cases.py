@@ -10,6 +10,7 @@ from types import FunctionType
 
 import numpy as np
 
+from runout.model.basal_friction import MassAbove
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 from runout.physics import (
@@ -30,6 +31,7 @@ from runout.physics import (
 
 LENGTH = {"s": 1, "v": 3, "y": 6, "t": 9, "i": 1, "k": 1, "b": 1}
 MATERIAL = {"lame_lambda": 2.9e6, "shear_modulus": 1.9e6, "strength": 0.5}
+MASS = MassAbove(0.5, 2000.0, 9.81)
 TIME_STEP = 1e-3
 SINGLE_PRECISION_OF_A_LAW = 3e-5  # strains a hundred times beyond yield leave a small difference of large numbers
 Sampler = Callable[[np.random.Generator, int], np.ndarray]
@@ -53,7 +55,7 @@ class Case:
     def material(self) -> dict[str, float]:
         """Record of parameters."""
         if isinstance(self.law, FrictionLaw):
-            return {name: float(value) for name, value in self.law.friction.acting(self.law.example.numbers(), 0.5).items()}
+            return {name: float(value) for name, value in self.law.friction.acting(self.law.example.numbers(), MASS).items()}
         record = self.law.example.record() if self.law else MATERIAL
         return {**record, "time_step": TIME_STEP} if "time_step" in record else record
 
@@ -122,7 +124,8 @@ vector, strain, modulus, ratio = between(-3.0, 3.0, 3), spread(0.005, 6), betwee
 rate = spread(0.005, 9)
 step, speed, block = between(1e-4, 1e-2), between(0.0, 50.0), whole(-(2**20), 2**20 - 1)
 
-OF_A_CONTACT = (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.01, 0.1), vector)
+area = between(0.1, 4.0)
+OF_A_CONTACT = (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.01, 0.1), vector, area)
 
 CASES = [
     Case(tensors.dot, "vv", "s", (vector, vector)),
@@ -176,10 +179,15 @@ CASES = [
     Case(geostatic.slope_stress, "sssss", "y", (modulus, number, number, angle, angle)),
     Case(contact.in_contact, "ssss", "b", (between(-0.1, 0.1), between(-5.0, 5.0), step, between(0.001, 0.02))),
     Case(contact.normal_target, "sss", "s", (between(-5.0, 5.0), between(-0.1, 0.1), between(1e-3, 1e-2))),
-    Case(contact.law_resistance, "sssm", "ss", (between(0.0, 5.0), speed, step)),
-    Case(contact.limited_resistance, "sssm", "ss", (between(0.0, 5.0), speed, step)),
+    Case(contact.law_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
+    Case(contact.limited_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
+    Case(contact.fastest_start, "ss", "s", (between(0.1, 5.0), step)),
+    Case(contact.started_time, "vss", "s", (vector, between(0.01, 5.0), step)),
+    Case(contact.largest_share, "s", "s", (between(0.05, 5.0),)),
+    Case(contact.area_share, "sss", "s", (between(0.0, 1.0), between(0.1, 50.0), between(0.1, 50.0))),
+    Case(contact.ground_area, "sss", "s", (between(0.1, 50.0), between(0.1, 4.0), between(0.2, 1.0))),
     Case(contact.slip_after, "ss", "s", (speed, between(0.0, 10.0))),
-    Case(contact.impulse, "vvssmsv", "v", OF_A_CONTACT),
+    Case(contact.impulse, "vvssmsvs", "v", OF_A_CONTACT),
     Case(contact.approach_speed, "vssss", "s", (vector, number, number, step, step)),
     Case(contact.reach, "ssss", "s", (between(0.1, 2.0), speed, step, between(0.001, 0.02))),
     Case(contact.zone_friction, "sss", "s", (angle, angle, angle)),
@@ -257,8 +265,8 @@ CASES = [
 def law_cases(law: Law | FrictionLaw) -> list[Case]:
     """The return mapping of a law and the steps that a kernel makes of it; the resistance of a law of friction and its impulse."""
     if isinstance(law, FrictionLaw):
-        resistance = Case(law.resistance, "sssm", "ss", (between(0.0, 5.0), speed, step), law=law)
-        return [resistance, Case(law.impulse, "vvssmsv", "v", OF_A_CONTACT, law=law)]
+        resistance = Case(law.resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step), law=law)
+        return [resistance, Case(law.impulse, "vvssmsvs", "v", OF_A_CONTACT, law=law)]
     returns = [(law.update, "ysm", "yss", (loaded, remembered))] if law.update else []
     steps = [
         (law.step, "ytsm", "yyss", (loaded, rate, remembered)),

@@ -22,7 +22,7 @@ NONE = (0.0, 0.0, 0.0)
 
 def impulse(u, n, gap, A, mu, dt, given):
     """Impulse with Coulomb friction ``mu``."""
-    return FRICTIONS.find("coulomb").impulse(u, n, gap, A, SimpleNamespace(friction=mu), dt, given)
+    return FRICTIONS.find("coulomb").impulse(u, n, gap, A, SimpleNamespace(friction=mu), dt, given, 0.0)
 
 
 def after(u, n, gap, A, mu, dt=0.01, given=NONE):

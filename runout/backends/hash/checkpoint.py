@@ -78,6 +78,7 @@ def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
         _fill(n.tiles, state["tiles"])
         _fill(n.standing, state["standing"])
         run(parts.k.bound_columns, (n.places, 16), n.ground_group, scenes.constants)
+        run(parts.k.number_columns, n.columns.shape[0], status.group, parts.index.block_group, n.contact_group)
         run(parts.k.note_shares, (n.places, 8), status.group, parts.index.block_group, n.ground_group)
 
 

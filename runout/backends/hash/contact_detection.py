@@ -194,15 +194,15 @@ def _note_starts(contacts: ContactGroup, starts: Tile, begin: int, b: int, lane:
 
 
 def _load_given(
-    particles: ParticleGroup, contacts: ContactGroup, pushes: Tile, offsets: Tile, begin: int, end: int, lane: int, stamp: Any,
-    dt: Any,
+    particles: ParticleGroup, contacts: ContactGroup, constants: Constants, pushes: Tile, offsets: Tile, begin: int, end: int,
+    lane: int, stamp: Any, dt: Any,
 ):  # fmt: skip
     """Hold impulses by the forces of the step before, and offsets, of up to HELD particles of the list."""
     for q in range((end - begin + lane_count() - 1) // lane_count()):
         n = q * lane_count() + lane
         p = contacts.pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
         f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-        _hold(pushes, offsets, n, _given(particles.forces, particles.number[p], stamp, dt), f, begin + n < end)
+        _hold(pushes, offsets, n, _given(particles, p, stamp, dt, constants.h), f, begin + n < end)
 
 
 def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, u: int, q: int):
@@ -283,7 +283,7 @@ def find_contacts(
             for base in range(0, found, HELD):
                 wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
                 last = wp.min(first + found, first + base + HELD)
-                _load_given(particles, contacts, pushes, offsets, first + base, last, lane, stamp, dt)
+                _load_given(particles, contacts, constants, pushes, offsets, first + base, last, lane, stamp, dt)
                 for turns in range((many + lane_count() - 1) // lane_count()):
                     mine = turns * lane_count() + lane
                     _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, True)

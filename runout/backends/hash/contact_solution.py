@@ -15,6 +15,7 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.hash.contact_area import _area
 from runout.backends.hash.groups import (
     BlockGroup,
     Constants,
@@ -26,6 +27,7 @@ from runout.backends.hash.groups import (
     StatusGroup,
 )
 from runout.backends.hash.layout import (
+    AREAS,
     CELL_LANES,
     HALT,
     MASS,
@@ -56,7 +58,7 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_bases, _set_near_bases
 from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
-from runout.physics.contact import impulse, work
+from runout.physics.contact import fastest_start, impulse, started_time, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.tensors import real, tens, vec
 
@@ -136,22 +138,29 @@ def _kind_in_cell(blocks: BlockGroup, scenes: SceneGroup, scene: int, b: int, c:
 
 
 def _push(
-    particles: ParticleGroup, ground: GroundGroup, constants: Constants, tile: Tile, near: int, c: int, p: int, f: Vector,
-    basal: Any, dt: Any, given: Vector,
+    particles: ParticleGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile,
+    near: int, b: int, c: int, p: int, f: Vector, basal: Any, dt: Any, given: Vector,
 ):  # fmt: skip
     """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]; the nodes hold the ``given`` part."""
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, gap = _ground(_around(ground.tiles, near, c), c & 3, f, particles.radius[p], constants.h)
-    push = impulse(u, n, gap, compliance, basal, dt, given)
+    area = real(0.0)
+    if AREAS:
+        area = _area(blocks, contacts, b, c, f, n[2], constants.h)
+    push = impulse(u, n, gap, compliance, basal, dt, given, area)
     m = particles.rec[MASS, p]
     before = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2])
 
 
-def _given(forces: Nodes, place: int, stamp: Any, dt: Any):
-    """Impulse [N s] by the force of the step with this stamp; none on a particle that did not touch the ground then."""
-    last = forces[place]
+def _given(particles: ParticleGroup, p: int, stamp: Any, dt: Any, h: Vector):
+    """Impulse [N s] by the force of the step with this stamp; none if a particle did not touch the ground then or is too fast."""
+    last = particles.forces[particles.number[p]]
     lasting = wp.where(last[0] == stamp, dt, real(0.0))
+    if AREAS:
+        m = particles.rec[MASS, p]
+        v = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
+        lasting = wp.min(lasting, started_time(v, fastest_start(wp.min(h[0], wp.min(h[1], h[2])), dt), dt))
     return vec(lasting * last[1], lasting * last[2], lasting * last[3])
 
 
@@ -275,17 +284,16 @@ def solve_contacts(
                 p = ahead & NOT_NEGATIVE
                 ahead = contacts.pressed[first + wp.min(n + lane_count(), total - 1)]
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-                row_of_friction = wp.max(constants.only, 0)
+                record = wp.max(constants.only, 0)
                 if constants.only < 0:
-                    row_of_friction = int(particles.release[p])
+                    record = int(particles.release[p])
                 if ZONED:
-                    row_of_friction = scenes.first_friction[row_of_friction] + _kind_in_cell(blocks, scenes, s, b, c, f)
-                own = particles.number[p]
-                given = _given(particles.forces, own, last, dt)
-                push = _push(particles, ground, constants, tile, place, c, p, f, friction[row_of_friction], dt, given)
+                    record = scenes.first_friction[record] + _kind_in_cell(blocks, scenes, s, b, c, f)
+                given = _given(particles, p, last, dt, constants.h)
+                push = _push(particles, blocks, ground, contacts, constants, tile, place, b, c, p, f, friction[record], dt, given)
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
-                particles.forces[own] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
+                particles.forces[particles.number[p]] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
             _hold(pushes, offsets, n - base, change, f, n < total)
         book_four(grid.booked, b, 1, done)
         _clear(tile, node4(), lane)

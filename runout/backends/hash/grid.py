@@ -43,7 +43,7 @@ class NodeArrays:
         Counts how often arrays were made anew.
     """
 
-    def __init__(self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False):
+    def __init__(self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False, areas: bool = False):
         capacity, particles, ordered = index.capacity, store.size, index.ordered
         self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
         self.types = groups_of(number)
@@ -56,6 +56,7 @@ class NodeArrays:
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.listed = (self.pressed, self.pressed_start) if averaged else (store.order, index.cstart)
         self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
+        self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(16 * capacity * areas, dtype=number)
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
         self.near = wp.full(capacity, -1, dtype=wp.int32)
         self.ground_slopes = wp.zeros(capacity, dtype=self.vec4)

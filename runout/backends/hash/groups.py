@@ -105,6 +105,8 @@ class ContactGroup:
     pressed_start: Table2  # (blocks, 65) where the cells of a block start in that list, and where the last ends
     touched: Table2  # (blocks, 2) blocks with particles in contact, and their places near the ground
     touching: Ints  # (blocks,) how many such particles a block has
+    columns: Ints  # (blocks,) first block of the column of a block, where the law of friction uses ground areas; else empty
+    plan: Reals  # (16 blocks,) sums of contact weights in the columns of nodes, by the first block of a column; likewise
     approach_speeds: Reals  # (2 blocks,) largest speed [m/s] of the nodes of each half of a block towards the ground
 
 

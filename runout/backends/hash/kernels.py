@@ -9,6 +9,7 @@ import warp as wp
 from runout.backends.compile import law_record, warp_binding, warp_kernels
 from runout.backends.hash import cells as cell_lists
 from runout.backends.hash import (
+    contact_area,
     contact_detection,
     contact_solution,
     deform,
@@ -69,7 +70,7 @@ def _bound(
     kernels = warp_kernels(
         physics, sources, module_of, **argument_types(real), **_local_types(real), Materials=wp.array(dtype=record),
         Frictions=wp.array(dtype=friction_record), **flags, law_update=physics.law(law).step,
-        impulse=physics.friction(friction).impulse,
+        impulse=physics.friction(friction).impulse, AREAS=friction.uses_area,
         **natives.of(precision),
         first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
         bend_smoothness64=wide.heightfield.bend_smoothness, resampled_coefficient64=wide.heightfield.resampled_coefficient,
@@ -111,8 +112,8 @@ def compiled_kernels(
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
     kernels = _bound(
-        law, friction, precision, (stencil, index, cell_lists, zones, contact_solution, contact_detection, particles_to_grid,
-        deform, grid_to_particles, ground, observe, unknown),
+        law, friction, precision, (stencil, index, cell_lists, zones, contact_area, contact_solution, contact_detection,
+        particles_to_grid, deform, grid_to_particles, ground, observe, unknown),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         ORDERED=ordered, ZONED=zoned,
     )  # fmt: skip
@@ -127,7 +128,7 @@ def _gradient_kernels(law: Law, friction: FrictionLaw, precision: str, ordered: 
     name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".general"
     cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
     kernels = _bound(
-        law, friction, precision, (stencil, zones, contact_solution, deform, gradients, forces, grid_to_particles),
+        law, friction, precision, (stencil, zones, contact_area, contact_solution, deform, gradients, forces, grid_to_particles),
         lambda kernel: cells if kernel in GRADIENT_CELL_KERNELS else others if kernel in GRADIENT_KERNELS else unused,
         ORDERED=ordered, GRADIENT_TRANSFER=True, COUNTED_AT_ONCE=False,
     )  # fmt: skip

@@ -51,6 +51,7 @@ put_node: Any = None  # puts four others in their place, by one store
 
 ORDERED = False  # sums in fixed order; the binding decides
 ZONED = False  # friction zones on the ground; the binding decides
+AREAS = False  # the law of friction uses the ground area of a contact; the binding decides
 GRADIENT_TRANSFER = False  # transfer apic or aflip, or F-bar; the binding decides
 COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by their negation
 KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what the transfer does; numbers in all

@@ -29,11 +29,16 @@ class Parts:
     buffers: HostBuffers = field(default_factory=HostBuffers)
     nodes: NodeArrays = field(init=False)
 
+    @property
+    def uses_area(self) -> bool:
+        """Whether the law of friction uses the ground area of a contact."""
+        return self.scenes.scenes[0].basal.law.uses_area
+
     def make_nodes(self) -> None:
         """New arrays by block for the present index."""
         scenes = self.scenes.scenes
-        kept, averaged = any(s.keeps for s in scenes), scenes[0].f_bar
-        self.nodes = NodeArrays(self.index, self.store, self.scenes.number, kept, averaged)
+        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area
+        self.nodes = NodeArrays(self.index, self.store, self.scenes.number, *choices)
 
     def bytes_used(self) -> int:
         """Memory of the arrays that grow with particles, blocks and surfaces [byte]."""

@@ -8,6 +8,7 @@ Every launch reads on the device how much there is to do, so the host does not w
 from __future__ import annotations
 
 from runout.backends.hash import gradient_transfer
+from runout.backends.hash.contact_area import COLUMNS
 from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
 
@@ -51,6 +52,8 @@ def move_nodes(parts: Parts) -> None:
             run_each(kernel, n.places, WARP, *inputs)
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
+            if parts.uses_area and round_ == 0:
+                run(k.sum_columns, i.capacity * COLUMNS, status, blocks, n.ground_group, n.contact_group)
     run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import numba_binding
+from runout.backends.plan_areas import begun_impulses, contact_areas
 from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
@@ -166,11 +167,12 @@ class ReferenceBackend:
         self.loops.find_contacts(self._p.velocity, self._p.radius, dt, band, gap, normal, touches)
         self._contacts = len(chosen := np.flatnonzero(touches))
         compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
-        p, impulses, work = self._p.take(chosen), dt * self._p.ground_force[chosen], np.zeros(len(chosen))
+        p, work = self._p.take(chosen), np.zeros(len(chosen))
+        impulses, area = begun_impulses(self.scene, p, dt), contact_areas(self.scene, stencils, chosen, normal[chosen, 2])
         velocity += quotient(stencils.scatter(impulses, chosen), mass)
         u, given = stencils.gather(velocity, chosen), impulses.copy()
         basal = self.basal[self.scene.basal.rows(p.release, *p.position(self.spacing).T[:2])]
-        self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, basal, dt, impulses, work)
+        self.loops.take_impulses(p.velocity, u, normal[chosen], gap[chosen], compliance, basal, area, dt, impulses, work)
         velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
         self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())

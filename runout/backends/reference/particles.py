@@ -52,16 +52,16 @@ def find_contacts(velocity: Any, radius: Any, dt: Any, band: Any, gap: Any, norm
             normal[p, k] = n[k]
 
 
-def take_impulses(before: Any, u: Any, normal: Any, gap: Any, compliance: Any, basal: Any, dt: Any, impulses: Any, done: Any):
+def take_impulses(v: Any, u: Any, normal: Any, gap: Any, compliance: Any, basal: Any, area: Any, dt: Any, impulses: Any, done: Any):
     """Ground's ``impulses`` (n, 3) [N s] on contact particles, and the work ``done`` (n,) [J] by them.
 
-    ``impulses`` come in as those that ``u`` contains. ``before`` (n, 3) [m/s]: before the step; ``u`` (n, 3): what the grid gives.
-    ``basal`` (n,): records of friction.
+    ``impulses`` come in as those that ``u`` contains. ``v`` (n, 3) [m/s]: before the step; ``u`` (n, 3): what the grid gives.
+    ``basal`` (n,): records of friction; ``area`` (n,) [m2]: of the ground below.
     """
     for p in range(len(u)):
         n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
         given = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])
-        push = impulse(felt, n, gap[p], compliance[p], basal[p], dt, given)
-        done[p] = work(push, given, vec(before[p, 0], before[p, 1], before[p, 2]), felt, compliance[p])
+        push = impulse(felt, n, gap[p], compliance[p], basal[p], dt, given, area[p])
+        done[p] = work(push, given, vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])
         for k in range(3):
             impulses[p, k] = push[k]

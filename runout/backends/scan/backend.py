@@ -23,6 +23,7 @@ from runout.backends.loading import surveyed
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
 from runout.backends.scan.constants import Tables
+from runout.backends.scan.contact_area import columns_of
 from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
 from runout.backends.scan.index import Index
 from runout.backends.scan.kernels import entries_for
@@ -142,6 +143,8 @@ class ScanBackend:
         contacts = former.contacts if former else None
         self.workspace = w = Workspace.of(b, schedule, self.scene.dtype, t.domain, self.scene.sleep_speed > 0, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
+        if self.scene.basal.law.uses_area:
+            w.columns = columns_of(b, self.scene.dtype)
         if ground is not None:
             surface, c = ground.surface, t.constants
             origin, size = tuple(map(float, surface.origin)), tuple(map(float, surface.spacing))
@@ -220,7 +223,15 @@ class ScanBackend:
         if self.tables.zones:
             blocks, contacts = self.index.blocks, self.workspace.contacts
             self.k.take_zones(self.store.particles, blocks, contacts, c.corner, c.spacing, self.tables.zones)
+        if self.workspace.columns:
+            self._take_areas()
         grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))
+
+    def _take_areas(self) -> None:
+        """Ground area of each contact."""
+        contacts, columns, size = self.workspace.contacts, self.workspace.columns, self.scene.spacing
+        self.k.sum_columns(contacts, columns)
+        self.k.take_areas(self.index.blocks, contacts, columns, self.scene.dtype(size[0] * size[1]))
 
     def _to_particles(self, dt: float) -> None:
         b, w, t = self.index.blocks, self.workspace, self.tables

@@ -7,7 +7,7 @@ the part of the arrays that belongs to the thread; the rows of block b start at 
     rows[r]                         cell in the block | fx | fy | fz
     measured[r // 16, :, r % 16]    nx | ny | nz | gap [m] | friction or row of its record | vx | vy | vz [m/s], before the step
     felt[r]                         compliance [1/kg] | velocity [m/s] that the grid gives; later 0 | change of the impulse
-    given[r]                        0 | impulse [N s] that the nodes hold from the start; later work [J] | impulse [N s]
+    given[r]                        0, later ground area [m2], then work [J] | impulse [N s], first what the nodes hold already
 
     thread 0: strip 0 | strip 2 | ...  free rows  |  thread 1: strip 5 | ...  free rows  |
 
@@ -50,7 +50,7 @@ from runout.backends.scan.particles_to_grid import (
 )
 from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import ARENA, _add_weighted, _first_node, _place_of, _weigh_four, local_weights, zeros
-from runout.physics.contact import in_contact
+from runout.physics.contact import in_contact, started_time
 from runout.physics.moments import momentum_at
 from runout.physics.tensors import real, vec
 
@@ -157,15 +157,15 @@ def _measure(t, n, east, north, dz, dt, band):
         t[10, q] = vz
 
 
-def _take_force(given, row, force, w, last, dt):
-    """Set the impulse from which a contact starts: by the force of the step with the stamp ``last``, 0 if it did not touch then."""
-    lasting = dt if force[w, 0] == last else real(0.0)
+def _take_force(given, row, force, w, search, v, dt):
+    """Set the impulse from which a contact starts: by the force of the step before, 0 if it did not touch then or is too fast."""
+    lasting = started_time(v, search.fastest, dt) if force[w, 0] == search.last else real(0.0)
     given[row, 0] = real(0.0)
     for k in range(1, 4):
         given[row, k] = lasting * force[w, k]
 
 
-def _keep_touching(t, n, slots, owners, particles, first, contacts, last, dt, row):
+def _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row):
     """Write rows from ``row`` on for the candidates, of ``n``, that touch; returns the row after the last.
 
     Each candidate writes its row, and the next one overwrites it unless the candidate touches. This has no branch, which
@@ -182,7 +182,7 @@ def _keep_touching(t, n, slots, owners, particles, first, contacts, last, dt, ro
         rows[row, 3] = t[FZ, q]
         for k, m in enumerate(MEASURED):
             measured[row >> 4, k, row & 15] = t[m, q]
-        _take_force(given, row, force, np.int64(particle_index[p]), last, dt)
+        _take_force(given, row, force, np.int64(particle_index[p]), search, vec(t[7, q], t[9, q], t[10, q]), dt)
         listed[first[b] + touching[b]] = p
         touches = np.int64(t[TOUCHES, q])
         touching[b] += touches
@@ -255,7 +255,7 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
         _take_candidates(aside, slots, owners, particles, tiles, constants.friction, n)
         _load_candidates(t, rec, aside, slots, groups)
         _measure(t, np.uint64(16 * groups), h[2] / h[0], h[2] / h[1], h[2], dt, search.band)
-        row = _keep_touching(t, n, slots, owners, particles, first, contacts, search.last, dt, row)
+        row = _keep_touching(t, n, slots, owners, particles, first, contacts, search, dt, row)
 
 
 def _fill_strip(particles, blocks, giving, arenas, contacts, ground, reach, h, thread, low, end, nown):

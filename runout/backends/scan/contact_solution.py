@@ -1,6 +1,7 @@
 """Phase "contact solution": the impulses of the ground on particles, and through them on nodes (:mod:`runout.physics.contact`).
 
-The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`. The nodes already hold the impulses ``given``;
+The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`, with ground areas of
+:mod:`runout.backends.scan.contact_area` where the law of friction uses them. The nodes already hold the impulses ``given``;
 they get the differences from these.
 
     grid.nodes --gather--> felt[r]     compliance | velocity
@@ -78,14 +79,14 @@ def _basal(number, table):
 
 
 def _push(t, begun, measured, table, g, dt):
-    """Replace what 16 contacts feel by the changes of their impulses, and the impulses ``begun`` by work and impulse."""
+    """Replace what 16 contacts feel by the changes of their impulses, and area and impulses ``begun`` by work and impulse."""
     for q in range(np.uint64(16)):
         compliance = t[0, q]
         u = vec(t[1, q], t[2, q], t[3, q])
         normal = vec(measured[g, NORMAL, q], measured[g, NORMAL + 1, q], measured[g, NORMAL + 2, q])
         before = vec(measured[g, BEFORE, q], measured[g, BEFORE + 1, q], measured[g, BEFORE + 2, q])
         given = vec(begun[1, q], begun[2, q], begun[3, q])
-        push = impulse(u, normal, measured[g, GAP, q], compliance, _basal(measured[g, FRICTION, q], table), dt, given)
+        push = impulse(u, normal, measured[g, GAP, q], compliance, _basal(measured[g, FRICTION, q], table), dt, given, begun[0, q])
         t[0, q] = real(0.0)
         t[1, q] = push[0] - given[0]
         t[2, q] = push[1] - given[1]

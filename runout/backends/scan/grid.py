@@ -10,6 +10,7 @@ A kernel sums nodes as soon as their arenas are complete. Where several threads 
 these alone: all nodes are summed by the same machine code, so that the bits do not depend on the number of threads.
 """
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,7 +45,9 @@ def search_of(scene: Scene, store: Store, max_speed: float, dt: float, steps: in
     """Numbers by which contacts are found in step ``steps`` of ``dt`` [s]."""
     band = scene.contact_band * min(scene.spacing)
     reach = contact_law.reach(store.largest_radius, max_speed, dt, band)
-    return ContactSearch(scene.dtype(reach), scene.dtype(band), scene.dtype(stamp_of(steps - 1)), not scene.keeps)
+    fastest = contact_law.fastest_start(min(scene.spacing), dt) if scene.basal.law.uses_area else math.inf
+    real = scene.dtype
+    return ContactSearch(real(reach), real(band), real(stamp_of(steps - 1)), real(fastest), not scene.keeps)
 
 
 def fill_over_ground(

@@ -191,7 +191,7 @@ class Contacts(NamedTuple):
     Attributes
     ----------
     rows, felt, given : (rows, 4) real
-        Cell and offset; what the grid gives; impulse that the nodes hold. As many rows for each thread.
+        Cell and offset; what the grid gives; impulse that the nodes hold, and ground area. As many rows for each thread.
     measured : (rows / 16, 8, 16) real
         Normal, gap, friction (its number or the row of its record) and velocity, in tiles of 16 rows.
     shares : (places, SHARES) real
@@ -228,6 +228,8 @@ class ContactSearch(NamedTuple):
         Distance [m] from the ground beyond which no particle can touch; width [m] of the band in which friction acts.
     last : real
         Stamp of the step before, whose forces still hold.
+    fastest : real
+        Speed [m/s] up to which contacts start from them; infinite for laws that do not use ground areas.
     begins : bool
         Whether the impulses by these forces go to the nodes together with the momentum.
     """
@@ -235,6 +237,7 @@ class ContactSearch(NamedTuple):
     reach: Any
     band: Any
     last: Any
+    fastest: Any
     begins: bool
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from runout.backends.compile import PHYSICS, numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.scan import (
+    contact_area,
     contact_detection,
     contact_solution,
     domain,
@@ -42,6 +43,7 @@ COMMON = (
     index,
     particles_to_grid,
     contact_detection,
+    contact_area,
     slots,
     sort,
     observe,

@@ -4,6 +4,7 @@ The groups of arrays are those of :mod:`runout.backends.scan.groups`.
 
     arenas, contacts, ground, moves, sleep    by owner block
     grid                                      by node block
+    columns                                   by block column, where the law of friction uses ground areas
     sums[b], total                            sums over the particles of block b, and over all blocks
 """
 
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends.scan.contact_area import Columns
 from runout.backends.scan.domain import blocks_at_edge
 from runout.backends.scan.groups import Arenas, Blocks, Contacts, Domain, Grid, Ground, Moves, Sleep
 from runout.backends.scan.particles_to_grid import SHARES
@@ -34,6 +36,7 @@ class Workspace:
         See :mod:`runout.backends.scan.groups`.
     sums, total : (nown, 7), (7,)
         What :mod:`runout.backends.scan.observe` adds up, by block and in all.
+    columns : Columns, optional
     """
 
     schedule: Schedule
@@ -45,6 +48,7 @@ class Workspace:
     sleep: Sleep
     sums: np.ndarray
     total: np.ndarray
+    columns: Columns | None = None
 
     @classmethod
     def of(
@@ -103,7 +107,8 @@ class Workspace:
 
     def memory(self, blocks: Blocks) -> dict[str, int]:
         """Bytes by array, with those of the index."""
-        parts = (self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep)
+        parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep]
+        parts += [self.columns] if self.columns else []
         rest = {"sums": self.sums, "total": self.total, **vars(self.schedule)}
         return bytes_of(blocks, *parts, **rest)
 

@@ -113,7 +113,7 @@ def measure_threshold(full: bool) -> list[Result]:
 def measure_oblique(full: bool) -> list[Result]:
     """One particle, and boxes that slide across the grid."""
     law, record = FRICTIONS.find(DEFAULT_FRICTION), SimpleNamespace(friction=0.5)
-    push = law.impulse((1.0, 1.0, -1.0), (0.0, 0.0, 1.0), 0.0, 1.0, record, 0.01, (0.0, 0.0, 0.0))
+    push = law.impulse((1.0, 1.0, -1.0), (0.0, 0.0, 1.0), 0.0, 1.0, record, 0.01, (0.0, 0.0, 0.0), 0.0)
     left = np.array([1.0 + push[0], 1.0 + push[1], -1.0 + push[2]])
     exact = np.sqrt(2) - 0.5
     results: list[Result] = [

@@ -6,7 +6,9 @@ mu(s) = mu_w + (mu_0 - mu_w) / (1 + s / U_w) of the slip speed s (Lucas, Mangene
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from runout import BasalFriction, parameter, register_friction
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import register_friction
+from runout.model.parameters import parameter
 from runout.physics.tensors import real
 
 
@@ -23,7 +25,7 @@ class VelocityWeakening(BasalFriction):
     )
 
 
-def resistance(normal: Any, slip: Any, dt: Any, basal: Any):
+def resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
     """Steady impulse [N s] and drag [kg/m]: mu at the slip speed times the normal impulse, and none."""
     lost = basal.static_friction - basal.dynamic_friction
     friction = basal.dynamic_friction + lost / (real(1.0) + slip / basal.weakening_speed)

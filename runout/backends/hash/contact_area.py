@@ -1,0 +1,80 @@
+"""Ground area of the contacts, for laws of friction that use it (:func:`runout.physics.contact.area_share`).
+
+Contacts share the columns of nodes in plan. Blocks are numbered by east, north and height, so that those of a column of blocks
+follow each other:
+
+    contacts.columns[b]                 first block of the column of block b
+    contacts.shares[256 slot + 4 n]     weights of all contacts at the four nodes above each other of column n of a block
+      --sum over the blocks of a column, in their order-->
+    contacts.plan[16 first + n]         weights of all contacts in each of the 16 columns of nodes
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from runout.backends.hash.groups import BlockGroup, ContactGroup, GroundGroup, StatusGroup
+from runout.backends.hash.layout import BLOCKS, HALT, SLOT, Vector
+from runout.physics.bspline import weights
+from runout.physics.contact import area_share, ground_area, largest_share
+from runout.physics.tensors import real
+
+COLUMNS = 16  # of nodes in a block
+
+
+def number_columns(status: StatusGroup, blocks: BlockGroup, contacts: ContactGroup):
+    """Find the first block of the column of each block."""
+    b = wp.tid()
+    if b >= status.tally[BLOCKS]:
+        return
+    first = int(b)
+    x = blocks.coordinates[b, 0]
+    y = blocks.coordinates[b, 1]
+    while first > 0 and blocks.coordinates[wp.max(first - 1, 0), 0] == x and blocks.coordinates[wp.max(first - 1, 0), 1] == y:
+        first -= 1
+    contacts.columns[b] = first
+
+
+def sum_columns(status: StatusGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup):
+    """Sum the weights of all contacts in each column of nodes; a thread takes one column."""
+    t = wp.tid()
+    first = t // COLUMNS
+    n = t % COLUMNS
+    many = status.tally[BLOCKS]
+    if status.flags[HALT] != 0 or first >= many or contacts.columns[first] != first:
+        return
+    total = real(0.0)
+    b = int(first)
+    while b < many and contacts.columns[wp.min(b, many - 1)] == first:
+        slot = ground.grounded[b]
+        if slot >= 0:
+            for k in range(4):
+                total += contacts.shares[slot * SLOT + 4 * n + k]
+        b += 1
+    contacts.plan[t] = total
+
+
+def _weights_in_column(blocks: BlockGroup, contacts: ContactGroup, b: int, x: int, y: int):
+    """Weights of all contacts in a column of nodes, which is counted from the first of block ``b``, 0 to 5."""
+    up = blocks.up[b, ((x >> 2) << 2) | ((y >> 2) << 1)]
+    return contacts.plan[COLUMNS * contacts.columns[up] + ((x & 3) << 2) + (y & 3)]
+
+
+def _area(blocks: BlockGroup, contacts: ContactGroup, b: int, c: int, f: Vector, upward: Any, h: Vector):
+    """Ground area [m2] of a contact at offset ``f`` in a cell of block ``b``, from the ``upward`` part of the normal."""
+    x = c >> 4
+    y = (c >> 2) & 3
+    wx = weights(f[0])
+    wy = weights(f[1])
+    around = real(0.0)
+    for i in range(3):
+        for j in range(3):
+            around += wx[i] * wy[j] * _weights_in_column(blocks, contacts, b, x + i, y + j)
+    largest = largest_share(around)
+    shares = real(0.0)
+    for i in range(3):
+        for j in range(3):
+            shares += area_share(wx[i] * wy[j], real(1.0) / _weights_in_column(blocks, contacts, b, x + i, y + j), largest)
+    return ground_area(h[0] * h[1], shares, upward)

@@ -1,0 +1,197 @@
+"""Voellmy friction: closed forms of an endless layer, ground area, cohesion, minimum shear stress, and parity of all backends."""
+
+import math
+from dataclasses import replace
+from functools import cache
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from callers import plain, through_numba, through_warp
+from parity_cases import law_cases
+from scenes import ROCK, SAND, box, engine_of, plane, scene
+
+from runout import DruckerPrager, Voellmy
+from runout.backends.plan_areas import contact_areas
+from runout.backends.protocol import get_backend
+from runout.backends.reference import backend
+from runout.errors import ConfigError
+from runout.model.friction_laws import FRICTIONS
+from runout.studies.verification_cases.basal_laws import VOELLMY, WEAK, WEAK_START, Layer, voellmy_speed, weakening_time
+
+GRAVITY = 9.81
+FULL = Voellmy(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, forest_drag=0.01)
+SHORT, SLOPE = Voellmy(mu=0.2, xi=200.0), math.radians(25.0)
+STIFF = DruckerPrager(density=2000.0, youngs_modulus=4e6, poisson_ratio=0.0, friction_angle=50.0, cohesion=1e6)
+FIRM = DruckerPrager(density=200.0, youngs_modulus=1e6, poisson_ratio=0.3, friction_angle=50.0, cohesion=5e3)
+LAYERS = pytest.mark.parametrize("name", ["reference", "scan"])
+
+
+@LAYERS
+def test_layer_gains_the_speed_of_the_closed_form(name):
+    for layer in (Layer(VOELLMY, cells=1), Layer(VOELLMY, cells=2), Layer(replace(VOELLMY, forest_drag=0.01))):
+        for time, speed in zip((2.0, 5.0), layer.speeds((2.0, 5.0), name), strict=True):
+            assert speed == pytest.approx(voellmy_speed(time, layer), rel=3e-3)
+
+
+@LAYERS
+def test_weakening_layer_needs_the_time_of_the_closed_form(name):
+    layer = Layer(WEAK, start=WEAK_START)
+    for time, speed in zip((1.0, 2.0), layer.speeds((1.0, 2.0), name), strict=True):
+        assert time == pytest.approx(weakening_time(speed, layer), rel=5e-3)
+
+
+@pytest.mark.parametrize("name", ["reference", "scan", "hash"])
+def test_block_gains_the_speed_of_a_rigid_one_on_its_area(name):
+    """The rim of a block counts too much: its area is that of the contacts of the reference, in the mean."""
+    speed, area = slid(name), block_area()
+    surplus = math.sin(SLOPE) - SHORT.mu * math.cos(SLOPE)
+    most = math.sqrt(SHORT.xi * surplus * 8.0 * 6.0 / area)
+    assert 48.0 < area < 80.0
+    assert speed == pytest.approx(most * math.tanh(GRAVITY * surplus * 2.0 / most), rel=3e-3)
+
+
+@cache
+def block_area():
+    """Mean ground area [m2] of the contacts of the block."""
+    sums = []
+
+    def kept(*arguments):
+        found = contact_areas(*arguments)
+        sums.append(found.sum())
+        return found
+
+    with patch.object(backend, "contact_areas", kept):
+        slid("reference")
+    return float(np.mean(sums))
+
+
+def slid(name):
+    """Mean speed [m/s] after 2 s of a block of 8 m x 6 m x 1 m on a plane along the grid."""
+    engine = engine_of(name)
+    gravity = (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
+    a_scene = scene(plane(), materials=(STIFF,), friction=(SHORT,), gravity=gravity)
+    p = box((6.0, 20.0, 0.0), (8.0, 6.0, 1.0), (1.0, 1.0, 1.0), STIFF.density, surface=a_scene.surface)
+    p.strain[:, 2] = -2.0 * STIFF.density * GRAVITY * math.cos(SLOPE) * (1.0 - p.position(np.ones(3))[:, 2]) / STIFF.modulus
+    engine.load(a_scene, p)
+    for _ in range(400):
+        engine.step(5e-3)
+    return float(engine.particles().velocity[:, 0].mean())
+
+
+def test_forest_drag_is_added_to_one_over_xi():
+    wood, bare = replace(VOELLMY, forest_drag=0.01), Voellmy(mu=0.2, xi=1.0 / (1.0 / 1000.0 + 0.01 / GRAVITY))
+    drags = [scene(friction=(law,)).basal.table()["drag"][0] for law in (wood, bare)]
+    assert drags[0] == pytest.approx(drags[1], rel=1e-12)
+    assert drags[0] == pytest.approx(ROCK.density * (GRAVITY / 1000.0 + 0.01))
+
+
+@pytest.mark.parametrize(
+    ("law", "critical"),
+    [
+        (Voellmy(mu=0.3, xi=1e6, minimum_shear_stress=300.0), lambda sigma: 300.0),
+        (Voellmy(mu=0.3, xi=1e6, cohesion=400.0), lambda sigma: 0.7 * 400.0 * -math.expm1(-sigma / 400.0)),
+    ],
+    ids=["minimum_shear_stress", "cohesion"],
+)
+@LAYERS
+def test_layer_below_the_critical_thickness_rests_and_above_it_slides(law, critical, name):
+    """It slides where rho g H sin > mu sigma + tau_c, and then with g sin - (mu sigma + tau_c) / (rho H)."""
+    slope = math.radians(24.0)
+
+    def surplus(thickness):
+        weight = FIRM.density * GRAVITY * thickness
+        sigma = weight * math.cos(slope)
+        return weight * math.sin(slope) - law.mu * sigma - critical(sigma)
+
+    low, high = 0.2, 8.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if surplus(middle) < 0.0 else (low, middle)
+    thin, thick = (Layer(law, factor * low, 1, 24.0, FIRM) for factor in (0.85, 1.3))
+    assert abs(thin.speeds((1.0,), name)[0]) < 5e-3
+    expected = surplus(thick.thickness) / (FIRM.density * thick.thickness)
+    early, late = thick.speeds((2.0, 5.0), name)  # at first it vibrates
+    assert (late - early) / 3.0 == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("slope", [(0.0, 0.0), (-0.5, 0.3)])
+@pytest.mark.parametrize("per_cell", [1, 2, 3])
+def test_areas_of_contacts_add_up_to_the_ground_inside_a_flow(slope, per_cell):
+    """Of a wide slab those near its rim may count more; each contact within counts as its part of the ground."""
+    a_scene = scene(plane(*slope, 40.0), materials=(SAND,), friction=(FULL,))
+    p = box((6.0, 6.0, 0.0), (14.0, 14.0, 2.0), (1.0, 1.0, 1.0), SAND.density, per_cell, a_scene.surface)
+    found = areas_of(a_scene, p)
+    x, ground = p.position(np.ones(3)), math.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
+    inside = (np.abs(x[:, 0] - 13.0) < 4.0) & (np.abs(x[:, 1] - 13.0) < 4.0)
+    assert found[inside].sum() == pytest.approx(64.0 * ground, rel=1e-6)
+    assert 1.0 < found.sum() / (14.0**2 * ground) < 1.2
+
+
+def areas_of(a_scene, p):
+    """Ground area (n,) [m2] of each particle in the first step."""
+    engine = engine_of("reference")
+    engine.load(a_scene, p)
+    found = np.zeros(len(p))
+
+    def kept(a_scene, stencils, chosen, upward):
+        found[chosen] = contact_areas(a_scene, stencils, chosen, upward)
+        return found[chosen]
+
+    with patch.object(backend, "contact_areas", kept):
+        engine.step(1e-4)
+    return found
+
+
+@pytest.mark.parametrize("name", ["scan", "hash"])
+def test_backends_move_a_spreading_mass_alike(name):
+    expected, book = moved(engine_of("reference"))
+    found, other = moved(engine_of(name))
+    order = np.argsort(found.identity)
+    np.testing.assert_allclose(found.velocity[order], expected.velocity, atol=1e-9 * np.abs(expected.velocity).max())
+    assert other.basal_dissipation == pytest.approx(book.basal_dissipation, rel=1e-10)
+
+
+def moved(engine, precision="float64"):
+    """Particles and ledger of a slab that slides and spreads over a plane across the grid."""
+    choices = {"strength": (0.5,), "precision": precision}
+    a_scene = scene(plane(-0.4, 0.1, 30.0), materials=(SAND,), friction=(FULL,), **choices)
+    p = box((8.0, 36.0, 0.0), (9.0, 6.0, 2.0), (1.0, 1.0, 1.0), SAND.density, surface=a_scene.surface)
+    p.velocity[:] = 3.0, 0.0, -1.2
+    engine.load(a_scene, p)
+    for _ in range(40):
+        engine.step(5e-3)
+    return engine.particles(), engine.ledger()
+
+
+def test_bits_do_not_depend_on_the_number_of_threads():
+    one, two = (get_backend("scan", threads=threads) for threads in (1, 2))
+    two.workers.divide = lambda particles: setattr(two.workers, "threads", 2)  # however few the particles are
+    (a, _), (b, _) = moved(one, "float32"), moved(two, "float32")
+    assert two.threads == 2
+    np.testing.assert_array_equal(a.velocity, b.velocity)
+
+
+@pytest.mark.parametrize("name", ["reference", "scan", "hash"])
+def test_run_goes_on_from_a_checkpoint_bit_by_bit(name):
+    engine, other = engine_of(name), engine_of(name)
+    moved(engine)
+    state = {key: np.array(value) for key, value in engine.checkpoint().items()}
+    other.restore(engine.parts.scenes.scenes[0] if name == "hash" else engine.scene, state)
+    for each in (engine, other):
+        for _ in range(5):
+            each.step(5e-3)
+    np.testing.assert_array_equal(engine.particles().velocity, other.particles().velocity)
+
+
+@pytest.mark.parametrize("compiled", [through_numba, through_warp])
+def test_compilers_read_the_law_as_plain_python_does(compiled):
+    for case in law_cases(FRICTIONS.find("voellmy")):
+        arguments = case.sample()
+        expected = plain(case, arguments)
+        np.testing.assert_allclose(compiled(case, arguments, np.float64), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+
+
+def test_parameters_are_checked():
+    with pytest.raises(ConfigError, match="xi is 0 m/s2; it must be at least 1"):
+        Voellmy(mu=0.2, xi=0.0)
