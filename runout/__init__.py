@@ -55,6 +55,7 @@ declare_readers(
         "Release.from_raster": "runout.release.read:read_raster",
         "Release.from_vector": "runout.release.read:read_vector",
         "FrictionZones.from_vector": "runout.terrain.zones:read_zones",
+        "FrictionZones.from_rasters": "runout.terrain.friction_rasters:read_friction_rasters",
     }
 )
 

@@ -120,7 +120,8 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
     arrays = [ground.surface.coefficients, ground.change] if ground else []
     if scene.friction_zones:
         zones = scene.friction_zones
-        arrays += [zones.factor, zones.coefficient, *(part for name in sorted(zones.replaced) for part in zones.replaced[name])]
+        stated = [changes[name] for changes in (zones.replaced, zones.gridded) for name in sorted(changes)]
+        arrays += [zones.factor, zones.coefficient, *chain.from_iterable(stated)]
     if scene.unknown is not None:
         arrays += [scene.unknown]
     for values in chain(arrays, particles.content()):

@@ -20,6 +20,7 @@ from runout.config.schema import (
     release_conflicts,
     zone_conflicts,
 )
+from runout.config.wording import choice_fix
 from runout.errors import ConfigError, Problem
 from runout.io.boundary import exists, kind_of, names_in
 from runout.io.georeference import file_named_by
@@ -113,11 +114,23 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
         yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
+    rasters = document.value(("terrain", "friction_rasters"))
+    yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
     site = document.values if isinstance(document.values, dict) else {}
     for key, message, fix in friction_conflicts({k: v for k, v in site.items() if v is not None}):
         yield document.problem((key,), message, fix)
     for key, message, fix in foreign_parameters(document.value(("material",)), stated_law(document.values), sampled):
         yield document.problem(("ensemble", "parameters", key), message, fix)
+
+
+def _rasters_of_law(document: Document, stated: dict[str, Any]) -> Iterator[Problem]:
+    """Rasters of parameters that the law of friction does not have."""
+    law = stated_law(document.values)
+    keys = [p.key for p in law.parameters] if law else list(stated)
+    for key in stated:
+        if key not in keys:
+            message = f"the friction law {law.name if law else ''} has no such parameter"
+            yield document.problem(("terrain", "friction_rasters", key), message, choice_fix(key, keys))
 
 
 def _own_friction(document: Document, place: Location, given: dict[str, Any], sampled: dict[str, Any]) -> Iterator[Problem]:
@@ -163,6 +176,7 @@ def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
     named += [obstacle.polygons for obstacle in terrain.obstacles or []]
     observed = settings.observations
     named += [getattr(getattr(observed, name), key) for name, key in FILE_KEYS.items() if getattr(observed, name, None)]
+    named += (terrain.friction_rasters or {}).values()
     local = dict.fromkeys(name for name in named if isinstance(name, str) and not name.startswith("matplotlib:"))
     root = folder.resolve()
     places = {name: (folder / name).resolve() for name in local}
@@ -177,6 +191,8 @@ def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
     for key in ("friction_zones", "obstacles"):
         places += [("terrain", key, i, "polygons") for i in range(len(_overlays(document, key)))]
     places += [("observations", name, key) for name, key in FILE_KEYS.items()]
+    rasters = document.value(("terrain", "friction_rasters"))
+    places += [("terrain", "friction_rasters", key) for key in (rasters if isinstance(rasters, dict) else {})]
     for place in places:
         name = document.value(place)
         if isinstance(name, str) and name:

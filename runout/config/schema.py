@@ -136,6 +136,12 @@ class TerrainSettings(Settings):
         min_length=1,
         examples=[[{"polygons": "inputs/zones.gpkg", "factor": 1.5}]],
     )
+    friction_rasters: dict[str, Text] | None = quantity(
+        "parameters of the law of friction from rasters, {parameter: file}; cells without a value keep those of the mass",
+        None,
+        min_length=1,
+        examples=[{"friction_angle_deg": "inputs/friction.tif"}],
+    )
 
 
 Conflict = tuple[str, str, str]  # key, what is wrong, remedy

@@ -61,20 +61,25 @@ class SiteFiles:
         return terrain
 
     def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
-        """The friction zones on the terrain; None if site.yaml states none.
+        """The friction zones and rasters on the terrain; None if site.yaml states none.
 
         Raises
         ------
         ZoneError
             If zones cannot be used.
         """
-        stated = self.settings.terrain.friction_zones
-        if not stated:
+        stated, rasters = self.settings.terrain.friction_zones, self.settings.terrain.friction_rasters
+        if not stated and not rasters:
             return None
+        from runout.terrain.friction_rasters import read_friction_rasters
         from runout.terrain.zones import read_zones, together
 
-        given, law = [(z, z.model_dump(exclude={"polygons"})) for z in stated], SiteFriction(self.settings).law.name
-        return together([read_zones(self._located(z.polygons), terrain, law=law, **choices) for z, choices in given])
+        law = SiteFriction(self.settings).law.name
+        paths = {key: self._located(path) for key, path in (rasters or {}).items()}
+        gridded = read_friction_rasters(paths, terrain, law=law) if paths else None
+        given = [(z, z.model_dump(exclude={"polygons"})) for z in stated or []]
+        zones = [read_zones(self._located(z.polygons), terrain, law=law, **choices) for z, choices in given]
+        return together(zones, gridded) if zones else gridded
 
     def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
         """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
@@ -135,6 +140,7 @@ class SiteFiles:
             stated += [source for source in (release.polygons, release.raster) if source is not None]
         stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
         stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
+        stated += (self.settings.terrain.friction_rasters or {}).values()
         return self._paths(stated)
 
     def _paths(self, sources: Iterable[Any]) -> list[Path]:

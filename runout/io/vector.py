@@ -70,7 +70,7 @@ def write_outlines(
     }
     if obstacles:
         layers["obstacles"] = _frame([{"height_m": height, "geometry": _multi(part)} for part, height in obstacles], terrain)
-    if zones:
+    if zones and zones.zones:
         layers["friction_zones"] = _zone_frame(terrain, zones)
     kinds = dict.fromkeys(layers, "MultiPolygon")
     for name, (kind, rows) in (further or {}).items():

@@ -43,6 +43,8 @@ class FrictionZones:
     replaced : dict of str to pair of ndarray (nx, ny)
         For each number of a law of friction (:meth:`BasalFriction.numbers`) that zones replace, the part [1] that is left of that
         of the mass, and what zones add.
+    gridded : dict of str to pair of ndarray (nx, ny)
+        The same for numbers that rasters state; zones change these in place of those of the mass.
     """
 
     factor: np.ndarray
@@ -52,6 +54,7 @@ class FrictionZones:
     source: str = ""
     changes: tuple[str, ...] = ()
     replaced: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    gridded: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _kinds: dict[str, Kinds] = field(default_factory=dict, init=False, repr=False, compare=False)  # by law, once asked for
 
     def __post_init__(self) -> None:
@@ -89,8 +92,25 @@ class FrictionZones:
         zones: FrictionZones = reader("FrictionZones.from_vector")(path, terrain, factor=factor, layer=layer, law=law, **replaced)
         return zones
 
+    @classmethod
+    def from_rasters(cls, paths: Mapping[str, str | PathLike[str]], terrain: Terrain, *, law: str | None = None) -> FrictionZones:
+        """Parameters of a friction ``law`` from rasters, by their keys in site.yaml: ``{"xi": "xi.tif"}``.
+
+        A cell of the terrain takes the value of the raster cell that holds its centre; where there is none, the parameter of the
+        mass stays.
+
+        Raises
+        ------
+        ZoneError
+            With the place, the value and the remedy.
+        """
+        zones: FrictionZones = reader("FrictionZones.from_rasters")(paths, terrain, law=law)
+        return zones
+
     def statement(self) -> str:
         """One sentence on what the zones are."""
+        if not self.zones:
+            return f"friction from rasters: {self.source}"
         area = sum(zone["geometry"].area for zone in self.zones)
         factors = sorted(zone["factor"] for zone in self.zones if "factor" in zone)
         angles = sorted(math.degrees(math.atan(zone["coefficient"])) for zone in self.zones if "coefficient" in zone)
@@ -114,10 +134,13 @@ class FrictionZones:
         """Factor and own value (nx, ny) of a number of a law in each cell."""
         is_coefficient = name in law.friction.coefficients
         factor, own = (self.factor, self.coefficient) if is_coefficient else (np.ones_like(self.factor), np.zeros_like(self.factor))
-        if name not in self.replaced:
-            return factor, own
-        kept, mine = self.replaced[name]
-        return np.maximum(factor + (kept - 1.0), 0.0), own + mine
+        if name in self.replaced:
+            kept, mine = self.replaced[name]
+            factor, own = np.maximum(factor + (kept - 1.0), 0.0), own + mine
+        if name in self.gridded:
+            kept, mine = self.gridded[name]
+            factor, own = factor * kept, factor * mine + own
+        return factor, own
 
     def kinds(self, law: FrictionLaw) -> Kinds:
         """The kinds of ground that there are for a law of friction."""

@@ -112,8 +112,8 @@ def _warned(found: FrictionZones) -> FrictionZones:
     return found
 
 
-def together(parts: Sequence[FrictionZones]) -> FrictionZones:
-    """Zones of several files as one.
+def together(parts: Sequence[FrictionZones], rasters: FrictionZones | None = None) -> FrictionZones:
+    """Zones of several files as one; they change what ``rasters`` state, if these are given.
 
     Raises
     ------
@@ -130,6 +130,7 @@ def together(parts: Sequence[FrictionZones]) -> FrictionZones:
                 f"friction zones of {one.source} and {other.source} overlap by {common:.6g} m2; cut one of them back so that every "
                 "place has one friction"
             )
+    stated = [*([rasters] if rasters else []), *parts]
     return FrictionZones(
         np.maximum(
             1.0 + np.sum([part.factor - 1.0 for part in parts], axis=0), 0.0
@@ -137,9 +138,10 @@ def together(parts: Sequence[FrictionZones]) -> FrictionZones:
         np.sum([part.coefficient for part in parts], axis=0),
         parts[0].cell_size,
         tuple(zone for part in parts for zone in part.zones),
-        ", ".join(part.source for part in parts),
-        tuple(change for part in parts for change in part.changes),
+        ", ".join(part.source for part in stated),
+        tuple(change for part in stated for change in part.changes),
         _replaced_in(parts),
+        rasters.gridded if rasters else {},
     )
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from runout.model.materials import Material
     from runout.model.release import Release
 
+STEEP = 90  # percentile of the slopes within reach
 Sample = Mapping[str, float]  # sampled parameters of a member, by name
 
 
@@ -49,8 +50,10 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
     """
     if not releases:
         return
-    for base in bases_of(site, releases):
+    for base, release in zip(bases_of(site, releases), releases, strict=True):
         yield from _stronger_ground(base, zones)
+        if site.friction.law.drags:
+            yield from _sheared_by_drag(base, release, zones)
 
 
 def least_friction(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
@@ -98,6 +101,25 @@ def _stronger_ground(base: Bases, zones: "FrictionZones | None") -> Iterator[str
     k = limited[np.argmax(ground[limited] / base.strength[limited])]
     said = sentence(base.name, float(ground[k]), float(base.strength[k]), in_zones=bool(ground[k] > base.ground[k]))
     yield said if len(ground) == 1 else f"{said} (member {k}; so in {len(limited)} of {len(ground)} members)"
+
+
+def _sheared_by_drag(base: Bases, release: "Release", zones: "FrictionZones | None") -> Iterator[str]:
+    """Sentence if drag at the base needs more shear than the mass passes on, where a steady flow has the shear of the slope."""
+    from runout.terrain.fill import filled
+    from runout.terrain.prepare import reachable, steepness
+
+    terrain = release.terrain
+    slope = steepness(filled(terrain.elevation, terrain.cell_size), terrain.cell_size)
+    reached = slope[reachable(terrain, release.thickness, float(base.acting(zones).min()))]
+    steep, strength = float(np.percentile(reached, STEEP)), float(base.strength.min())
+    if steep <= strength:
+        return
+    remedy = f"friction_angle_deg of {math.degrees(math.asin(steep)):.0f} passes that on" if steep < 1.0 else "no material does"
+    yield (
+        f"release {base.name}: on the steepest {100 - STEEP} % of the ground within reach a steady flow needs a shear stress of "
+        f"{steep:.2f} times the normal stress, and the material passes on {strength:.2f}: where cells resolve the shear, the mass "
+        f"slides too fast over a slow base; {remedy}"
+    )
 
 
 def _strongest(friction: "BasalFriction | float", zones: "FrictionZones") -> float:
