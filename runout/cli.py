@@ -267,6 +267,17 @@ def _convergence(sites: Sequence[str], out: Path | None, device: str | None) -> 
     return command(Path(sites[0]), out, device)
 
 
+def validate(
+    *cases: Annotated[str, Parameter(help="Names such as coulomb-only; without one, the list of all.")],
+    full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes minutes a case.")] = False,
+    session: Injected,
+) -> int:
+    """Run a case beside published tools, an experiment or an observed event; --out DIR writes its page."""
+    from runout.studies.validation import command
+
+    return command(cases, full, session.out)
+
+
 def stress(
     *,
     full: Annotated[bool, Parameter(negative="", help="Every choice alone and 200 at once; takes some minutes.")] = False,
@@ -290,7 +301,7 @@ def doctor(*, session: Injected) -> int:
 COMMANDS: tuple[Callable[..., int], ...] = (
     *(new, check, run),
     *(terrain, release, ensemble, hazard, report),
-    *(status, clean, simulate, compare, bench, verify, stress, doctor),
+    *(status, clean, simulate, compare, bench, verify, validate, stress, doctor),
 )
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)

@@ -1,13 +1,15 @@
 """Write the generated pages of the documentation from the records of their studies: ``python -m runout.studies.documentation``."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from runout.studies import commands_page, error_bar_page, error_page, gpu_page, skip, transfers
 from runout.studies.stability_cases import page as stability_page
 from runout.studies.study_page import StudyPage
+from runout.studies.validation import RECORD
+from runout.studies.validation_cases import CASES
 from runout.studies.verification_cases import page as verification_page
 from runout.studies.work_report import draw
 
@@ -28,7 +30,14 @@ ONE_RECORD: dict[str, tuple[str, Callable[[Mapping[str, Any]], StudyPage]]] = { 
 def pages() -> dict[Path, StudyPage]:
     """Every generated page, by the folder that it is written to and its name."""
     found = {DOCS / folder / name: write(_record(name)) for name, (folder, write) in ONE_RECORD.items()}
+    found |= {DOCS / "validation" / name: CASES[name].page(_record(record)) for name, record in _validated()}
     return found | {DOCS / "benchmarks" / "gpu": gpu_page.page({name: _record(name) for name in gpu_page.RECORDS})}
+
+
+def _validated() -> Iterator[tuple[str, str]]:
+    """Cases of the validation that have a record, and its name."""
+    records = ((name, RECORD.format(name).removesuffix(".json")) for name in CASES)
+    return ((name, record) for name, record in records if (RECORDS / f"{record}.json").is_file())
 
 
 def _record(name: str) -> dict[str, Any]:

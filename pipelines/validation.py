@@ -1,0 +1,22 @@
+"""Validation: public data and friction -> run -> scores against tools, experiment or event -> page with table and figure.
+
+    python pipelines/validation.py OUT CASE
+
+`runout validate` is the command; `--full` there uses the sizes of the documentation.
+"""
+
+import sys
+from pathlib import Path
+
+from runout.studies.validation import run
+
+
+def main(out: Path, case: str) -> Path:
+    """Page of a case in ``out``, after printing a line for each run and each tool."""
+    record = run(case, full=False, out=out)
+    print("\n".join(record["results"]["lines"]))
+    return out / f"{record['case']}.md"
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2])

@@ -1,0 +1,91 @@
+"""Validation: runs beside published tools, experiments and observed events, each as a record and a page."""
+
+import logging
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from runout.errors import ConfigError, ExitCode
+from runout.io.atomic import write_json
+from runout.studies.validation_cases import CASES
+from runout.studies.validation_cases.case import ValidationCase
+from runout.studies.work_precision import machine, versions
+
+LOGGER = logging.getLogger("runout.validation")
+RECORD = "validation_{}.json"
+
+
+def run(name: str, full: bool = False, out: Path | None = None) -> dict[str, Any]:
+    """Record of a case.
+
+    Parameters
+    ----------
+    name : str
+        Name from :data:`CASES`; ``-`` counts as ``_``.
+    full : bool
+        At the sizes of the documentation (minutes) instead of those of CI (a minute at most).
+    out : Path or None
+        Folder for the page of the case, its table and figure, and the record ``validation_NAME.json``; nothing is written when
+        None.
+
+    Returns
+    -------
+    dict
+        ``results`` of the case; ``case``, ``title``, ``full``, ``command``, ``machine``, ``versions``, ``processor_seconds``.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such case.
+    InputError
+        If its files are not there and cannot be fetched.
+    StorageError
+        If the folder cannot be written.
+    """
+    case = named(name)
+    started = time.process_time()
+    results = case.measure(full)
+    record = {
+        "case": case.name,
+        "title": case.title,
+        "full": full,
+        "command": f"runout validate {case.name}{' --full' if full else ''} --out DIR",
+        "machine": machine(),
+        "versions": versions(),
+        "processor_seconds": time.process_time() - started,
+        "results": results,
+    }
+    if out is not None:
+        written = case.page(record).write(out)
+        write_json(record, out / RECORD.format(case.name))
+        LOGGER.info("wrote %s, its table, its figure and %s", written, RECORD.format(case.name))
+    return record
+
+
+def command(cases: Sequence[str], full: bool, out: Path | None) -> ExitCode:
+    """Command ``runout validate``: runs the cases and prints their rows; without a case it lists them."""
+    chosen = [named(name) for name in cases]
+    if not chosen:
+        for case in CASES.values():
+            LOGGER.info("%s: %s", case.name, case.title)
+        return ExitCode.OK
+    for case in chosen:
+        record = run(case.name, full, out)
+        LOGGER.info("%s\n%s", case.title, "\n".join(record["results"]["lines"]))
+    return ExitCode.OK
+
+
+def named(name: str) -> ValidationCase:
+    """The case of a name.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, or the laws of the case are not registered.
+    """
+    known = {key: case for key, case in CASES.items() if case.available()}
+    found = known.get(name.lower().replace("-", "_"))
+    if found is None:
+        raise ConfigError(f"there is no case {name!r}; choose among {', '.join(known)}")
+    return found

@@ -1,0 +1,62 @@
+"""A case of the validation, and the files that it needs."""
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from runout.config.fetch import DATA_FOLDER, fetch
+from runout.config.remote import RemoteFile
+from runout.errors import InputError
+from runout.studies.study_page import StudyPage
+
+
+def always() -> bool:
+    """Whether the laws of a case are registered: those of every case that names none."""
+    return True
+
+
+@dataclass(frozen=True)
+class ValidationCase:
+    """One case: ``measure(full)`` runs it, coarse for CI or at the sizes of the documentation; ``page(record)`` shows it.
+
+    Attributes
+    ----------
+    name : str
+        Name for the command and of the page.
+    title : str
+    measure : callable
+        Results, ready for JSON.
+    page : callable
+        Page of a record, which holds ``results`` and how they were made.
+    available : callable
+        Whether the laws that it runs are registered.
+    """
+
+    name: str
+    title: str
+    measure: Callable[[bool], dict[str, Any]]
+    page: Callable[[Mapping[str, Any]], StudyPage]
+    available: Callable[[], bool] = always
+
+
+def data_folder(name: str, source: str) -> Path:
+    """Folder below RUNOUT_DATA; ``source`` says where its files come from.
+
+    Raises
+    ------
+    InputError
+        If it is not there.
+    """
+    stated = os.environ.get(DATA_FOLDER)
+    folder = Path(stated).expanduser() / name if stated else None
+    if folder is None or not folder.is_dir():
+        place = folder or f"${DATA_FOLDER}/{name}"
+        raise InputError(f"{place}: is not there; get the files from {source} and set {DATA_FOLDER} to the folder that holds {name}/")
+    return folder
+
+
+def public_file(url: str, path: str, size: int, sha256: str) -> Path:
+    """Path of a checked copy of a public file, below RUNOUT_DATA or in the user's cache; see :func:`runout.config.fetch.fetch`."""
+    return fetch(RemoteFile(url=url, path=path, size=size, sha256=sha256))

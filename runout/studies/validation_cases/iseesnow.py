@@ -1,0 +1,233 @@
+"""ISeeSnow: idealised snow avalanches beside the published peak maps of 12 and 13 tools.
+
+Model intercomparison ISeeSnow (EGUsphere-2025-6053; github.com/avaframe/ISeeSnow). Thickness of the tools is normal to the slope,
+that of runout vertical; here everything is normal to the slope.
+"""
+
+import csv
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import runout
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import FRICTIONS
+from runout.scores import (
+    Grid,
+    Thalweg,
+    contingency,
+    field_errors,
+    reached,
+    slope_normal_thickness,
+    terrain_slope,
+    values_at,
+    vertical_thickness,
+)
+from runout.studies.validation_cases.case import data_folder
+from runout.studies.validation_cases.drawing import outline_of, rounded
+from runout.studies.validation_cases.iseesnow_rim import EARLY, rim_pressure
+from runout.studies.validation_cases.rasters import on_cells, thalweg_of
+
+SOURCE = "github.com/avaframe/ISeeSnow, commit 290f4d9, folder data (peak maps of each tool as peers/TOOL_peak_thickness.tif, _speed)"
+MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the area
+LEVELS = (0.001, 0.1, 0.5, 1.0, 1.5)  # thicknesses [m] of the table of areas
+END, STATION = 200.0, 20.0  # [s], [m]
+
+PeakMaps = tuple[np.ndarray, np.ndarray]  # peak thickness normal to the slope [m] and peak speed [m/s], (rows, columns)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One run: cells [m], particles per cell, friction angle of the snow [deg], and whether the release is the polygon."""
+
+    cell_size: float | tuple[float, float, float]
+    particles_per_cell: tuple[int, int, int] | None = None
+    friction_angle: float = 30.0
+    polygon: bool = False
+
+    @property
+    def snow(self) -> runout.DruckerPrager:
+        """The material, with the default stiffness."""
+        return runout.DruckerPrager(density=200.0, friction_angle=self.friction_angle)
+
+    @property
+    def name(self) -> str:
+        """The choices in words."""
+        cells = self.cell_size if isinstance(self.cell_size, tuple) else (self.cell_size,)
+        words = [" x ".join(f"{c:g}" for c in cells) + " m"]
+        if self.particles_per_cell:
+            words.append(" x ".join(map(str, self.particles_per_cell)) + " particles")
+        return ", ".join([*words, f"{self.friction_angle:g} deg", "polygon" if self.polygon else "raster"])
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """A case of ISeeSnow: ground, release, friction coefficients mu [1] and xi [m/s2] (None: Coulomb), and the tools' maps."""
+
+    terrain: runout.Terrain
+    folder: Path
+    mu: float
+    xi: float | None
+    peers: Mapping[str, PeakMaps]
+    thalweg: Thalweg
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Slope of the ground (rows, columns) [rad]."""
+        return terrain_slope(self.terrain.elevation, self.terrain.cell_size)
+
+    @property
+    def friction(self) -> dict[str, Any]:
+        """Choices of :func:`runout.simulate`."""
+        if self.xi is None:
+            return {"basal_friction_angle": math.degrees(math.atan(self.mu))}
+        return {"basal_friction": voellmy(self.mu, self.xi)}
+
+    def release(self, polygon: bool) -> runout.Release:
+        """The slab: the raster of the case, or its polygon with the mean of the vertical thickness."""
+        normal = np.nan_to_num(on_cells(next(self.folder.glob("rel*Field5m.tif")), self.terrain)).clip(0.0)
+        vertical = np.where(normal > 0, vertical_thickness(normal, np.nan_to_num(self.slope)), 0.0)
+        if not polygon:
+            return runout.Release.from_array(vertical, self.terrain, placement="on_surface", name="slab")
+        mean = float(vertical[vertical > 0].mean())
+        outline = next(self.folder.glob("release*.shp"))
+        return runout.Release.from_vector(outline, self.terrain, thickness=mean, placement="on_surface")
+
+    def simulated(self, variant: Variant, end_time: float = END) -> runout.Result:
+        """The run of a variant on one thread."""
+        choices = {"cell_size": variant.cell_size, "particles_per_cell": variant.particles_per_cell, **self.friction}
+        return runout.simulate(self.terrain, self.release(variant.polygon), variant.snow, **choices, end_time=end_time, threads=1)
+
+    def peak_maps(self, result: runout.Result) -> PeakMaps:
+        """Peak maps of a run as the tools have them."""
+        vertical, speed = (np.nan_to_num(result.maps[name].values) for name in ("max_flow_thickness", "max_speed"))
+        return slope_normal_thickness(vertical, np.nan_to_num(self.slope)), speed
+
+
+def has_voellmy() -> bool:
+    """Whether the law Voellmy is registered."""
+    return "voellmy" in FRICTIONS.names()
+
+
+def voellmy(mu: float, xi: float) -> BasalFriction:
+    """The law Voellmy with its coefficients mu [1] and xi [m/s2]."""
+    return FRICTIONS.find("voellmy").friction(mu=mu, xi=xi)
+
+
+def read(case: str) -> Inputs:
+    """Inputs of a case by its name in ISeeSnow, such as "CoulombOnly"."""
+    folder = data_folder(f"iseesnow/{case}", SOURCE)
+    terrain = runout.Terrain.from_raster(next(folder.glob("DEM_*.tif")))
+    with open(folder / f"simulationParameterValues_{case}.csv", encoding="utf-8") as file:
+        row = next(csv.DictReader(file))
+    peers = {}
+    for path in sorted(folder.glob("peers/*_peak_thickness.tif")):
+        speed = path.with_name(path.name.replace("thickness", "speed"))
+        peers[path.name.removesuffix("_peak_thickness.tif")] = tuple(
+            np.nan_to_num(on_cells(p, terrain)).clip(0.0) for p in (path, speed)
+        )
+    thalweg = thalweg_of(folder / "LINES" / "path_aimec.shp")
+    return Inputs(terrain, folder, float(row["mu"]), float(row["xi"]) if row["xi"] else None, peers, thalweg)  # type: ignore[arg-type]
+
+
+def scored(maps: PeakMaps, others: Sequence[PeakMaps], terrain: runout.Terrain) -> dict[str, float]:
+    """Numbers of a flow, and medians of its scores against others: CSI at 0.1 and 0.5 m, relative L1 of thickness.
+
+    ``front`` is the farthest easting [m] with a speed above :data:`MOVING`, ``area`` [ha] that of more than :data:`EXTENT`.
+    """
+    thickness, speed = maps
+    columns = np.flatnonzero((speed > MOVING).any(axis=0))
+    cell = terrain.cell_size[0] * terrain.cell_size[1]
+
+    def agreement(level: float) -> float:
+        tables = (contingency(reached(thickness, level), reached(other, level)) for other, _ in others)
+        return float(np.median([table.critical_success_index for table in tables]))
+
+    return {
+        "front": float(terrain.easting[columns[-1]]),
+        "area": 1e-4 * cell * float((thickness > EXTENT).sum()),
+        "speed": float(speed.max()),
+        "csi_0.1": agreement(0.1),
+        "csi_0.5": agreement(0.5),
+        "l1": float(np.median([field_errors(thickness, other).relative_l1 for other, _ in others])),
+    }
+
+
+def areas(thickness: np.ndarray, terrain: runout.Terrain) -> list[float]:
+    """Areas [ha] with more than each of :data:`LEVELS`."""
+    cell = terrain.cell_size[0] * terrain.cell_size[1]
+    return [1e-4 * cell * float((thickness > level).sum()) for level in LEVELS]
+
+
+def measure(case: str, variants: Sequence[Variant]) -> dict[str, Any]:
+    """Runs of all variants beside the tools; the first variant is the one that figures and lines show."""
+    inputs = read(case)
+    inputs.simulated(variants[0], 0.01)  # compiles
+    everyone, rows, runs, shown = list(inputs.peers.values()), [], [], None
+    for name, maps in inputs.peers.items():
+        others = [other for key, other in inputs.peers.items() if key != name]
+        rows.append({"tool": name, **scored(maps, others, inputs.terrain), "areas": areas(maps[0], inputs.terrain)})
+    for variant in variants:
+        row, maps = _run(inputs, variant, everyone)
+        shown = shown or maps
+        runs.append(row)
+    assert shown is not None
+    return {
+        "mu": inputs.mu,
+        "xi": inputs.xi,
+        "tools": rows,
+        "runs": runs,
+        "outlines": _outlines({**inputs.peers, "runout": shown}, inputs.terrain),
+        "profile": _profiles(inputs, shown),
+        "lines": [_line(row) for row in (*runs, *rows)],
+    }
+
+
+def _run(inputs: Inputs, variant: Variant, tools: Sequence[PeakMaps]) -> tuple[dict[str, Any], PeakMaps]:
+    """Row of a variant, and its peak maps."""
+    started = time.process_time()
+    result = inputs.simulated(variant)
+    seconds, maps = time.process_time() - started, inputs.peak_maps(result)
+    axis = float(inputs.thalweg.points[0, 1])
+    row = {
+        "tool": f"runout, {variant.name}",
+        **scored(maps, tools, inputs.terrain),
+        "areas": areas(maps[0], inputs.terrain),
+        "rim_pressure": rim_pressure(inputs.simulated(variant, EARLY), variant.snow, axis, inputs.slope),
+        "particles": result.n_particles,
+        "steps": result.steps,
+        "seconds": seconds,
+        "cells_through_depth": result.depth_resolution.cells_through_depth,
+        "stop_reason": result.stop_reason,
+    }
+    return row, maps
+
+
+def _outlines(flows: Mapping[str, PeakMaps], terrain: runout.Terrain) -> dict[str, Any]:
+    place = terrain.easting, terrain.northing
+    return {name: outline_of(thickness, EXTENT, *place, terrain.cell_size[0]) for name, (thickness, _) in flows.items()}
+
+
+def _profiles(inputs: Inputs, own: PeakMaps) -> dict[str, Any]:
+    """Peaks along the thalweg: of the run, and least, median and most of the tools."""
+    grid, stations = Grid.of(inputs.terrain), np.arange(0.0, inputs.thalweg.length, STATION)
+    x, y = inputs.thalweg.at(stations).T
+    found: dict[str, Any] = {"station": rounded(stations, 0)}
+    for k, (name, digits) in enumerate((("thickness", 2), ("speed", 1))):
+        peers = np.array([values_at(grid, maps[k], x, y) for maps in inputs.peers.values()])
+        bands = {"least": peers.min(axis=0), "median": np.median(peers, axis=0), "most": peers.max(axis=0)}
+        found[name] = {key: rounded(v, digits) for key, v in {"runout": values_at(grid, own[k], x, y), **bands}.items()}
+    return found
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    cost = f"  {row['seconds']:.1f} s" if "seconds" in row else ""
+    return (
+        f"  {row['tool']}: front {row['front']:.0f} m, area {row['area']:.1f} ha, speed {row['speed']:.1f} m/s, "
+        f"CSI {row['csi_0.1']:.3f} and {row['csi_0.5']:.3f}, L1 {row['l1']:.2f}{cost}"
+    )

@@ -1,0 +1,50 @@
+"""The two cases of ISeeSnow: their runs and the text of their pages."""
+
+from runout.studies.validation_cases.case import ValidationCase
+from runout.studies.validation_cases.iseesnow import Variant, has_voellmy, measure
+from runout.studies.validation_cases.iseesnow_page import page
+
+LEVELLED = (2, 2, 12)  # particles per cell: at 5 m four levels through the slab, where the default has one
+COARSE = (Variant(10.0, (2, 2, 24)),)
+COULOMB_SETUP = (
+    "Slab of 1.5 m on a parabolic slope with a channel that ends on a cone; Coulomb friction 0.4 (21.8 deg), no other term. "
+    "Snow: 200 kg/m3, internal friction 30 deg, stiffness by default. "
+    "Release: the raster of the case, or its polygon with the same mean thickness."
+)
+COULOMB_DIFFERENCES = """TO BE WRITTEN"""
+COULOMB_FULL = (
+    Variant(5.0, LEVELLED),
+    Variant(5.0, LEVELLED, polygon=True),
+    Variant(5.0),
+    Variant((5.0, 5.0, 2.5)),
+    Variant(2.5),
+    Variant(10.0, (2, 2, 24)),
+    Variant(10.0),
+)
+TOPO_SETUP = (
+    "Slab of 1.5 m on a plane of 34 deg that ends on level ground; Voellmy friction with mu = 0.4 and xi = 2000 m/s2. Snow: "
+    "200 kg/m3, stiffness by default. Release: the raster of the case, or its polygon with the same mean thickness."
+)
+TOPO_DIFFERENCES = """TO BE WRITTEN"""
+TOPO_FULL = (
+    Variant(5.0, LEVELLED, 40.0),
+    Variant(5.0, LEVELLED, 40.0, polygon=True),
+    Variant(5.0, LEVELLED, 30.0),
+    Variant(5.0, LEVELLED, 50.0),
+    Variant(5.0, None, 40.0),
+    Variant(10.0, (2, 2, 24), 40.0),
+)
+
+COULOMB_ONLY = ValidationCase(
+    "coulomb_only",
+    "ISeeSnow CoulombOnly: a slab with Coulomb friction beside 13 tools",
+    lambda full: measure("CoulombOnly", COULOMB_FULL if full else COARSE),
+    lambda record: page(record, COULOMB_SETUP, COULOMB_DIFFERENCES),
+)
+IDEALIZED_TOPO = ValidationCase(
+    "idealized_topo",
+    "ISeeSnow IdealizedTopo: a slab with Voellmy friction beside 12 tools",
+    lambda full: measure("IdealizedTopo", TOPO_FULL if full else (Variant(10.0, (2, 2, 24), 40.0),)),
+    lambda record: page(record, TOPO_SETUP, TOPO_DIFFERENCES),
+    available=has_voellmy,
+)
