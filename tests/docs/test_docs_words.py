@@ -14,6 +14,8 @@ GENERATED = {
     "benchmarks/skip.md",
     "benchmarks/transfers.md",
     "benchmarks/work_precision.md",
+    "validation/coulomb_only.md",
+    "validation/frank_slide.md",
 }
 PARTS_OF_A_DECISION = ("**What", "**Why", "**Evidence", "**Cost", "**What would overturn it.**")
 HASH = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}\b")

@@ -1,6 +1,14 @@
 """Cases of the validation: runs beside published tools, experiments and observed events."""
 
-from runout.studies.validation_cases import frank_slide, frank_slide_page, iseesnow_cases
+from runout.studies.validation_cases import (
+    cascades_2021,
+    cascades_2021_page,
+    columns,
+    columns_page,
+    frank_slide,
+    frank_slide_page,
+    iseesnow_cases,
+)
 from runout.studies.validation_cases.case import ValidationCase
 
 CASES: dict[str, ValidationCase] = {
@@ -9,5 +17,9 @@ CASES: dict[str, ValidationCase] = {
         iseesnow_cases.COULOMB_ONLY,
         iseesnow_cases.IDEALIZED_TOPO,
         ValidationCase("frank_slide", "Frank Slide beside SHALTOP, frame by frame", frank_slide.measure, frank_slide_page.page),
+        ValidationCase(
+            "cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure, cascades_2021_page.page
+        ),
+        ValidationCase("columns", "Columns of rods and of sand beside experiments", columns.measure, columns_page.page),
     )
 }

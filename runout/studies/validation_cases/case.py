@@ -53,7 +53,8 @@ def data_folder(name: str, source: str) -> Path:
     folder = Path(stated).expanduser() / name if stated else None
     if folder is None or not folder.is_dir():
         place = folder or f"${DATA_FOLDER}/{name}"
-        raise InputError(f"{place}: is not there; get the files from {source} and set {DATA_FOLDER} to the folder that holds {name}/")
+        remedy = f"get the files from {source} and set {DATA_FOLDER} to the folder that holds {name}/"
+        raise InputError(f"{place}: is not there; {remedy}")
     return folder
 
 

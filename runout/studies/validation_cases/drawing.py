@@ -13,13 +13,14 @@ def outline_of(values: np.ndarray, threshold: float, easting: np.ndarray, northi
 
     Lines between cell centres, so that the outline of a map does not depend on the order of its cells.
     """
-    from contourpy import contour_generator
+    from matplotlib.figure import Figure
     from shapely import LineString
 
     padded = np.pad(np.nan_to_num(values), 1)
     x = np.concatenate([[2 * easting[0] - easting[1]], easting, [2 * easting[-1] - easting[-2]]])
     y = np.concatenate([[2 * northing[0] - northing[1]], northing, [2 * northing[-1] - northing[-2]]])
-    rings = (LineString(line).simplify(tolerance) for line in contour_generator(x, y, padded).lines(threshold) if len(line) > 3)
+    lines = Figure().add_subplot().contour(x, y, padded, levels=[threshold]).allsegs[0]
+    rings = (LineString(line).simplify(tolerance) for line in lines if len(line) > 3)
     return [[[round(px, 1), round(py, 1)] for px, py in ring.coords] for ring in rings if ring.length > 8 * tolerance]
 
 

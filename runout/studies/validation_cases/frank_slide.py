@@ -1,7 +1,7 @@
 """Frank Slide, 1903: every frame beside the depth-averaged code SHALTOP, with Coulomb friction of 15 and 20 deg.
 
-SHALTOP (Mangeney et al. 2007, J. Geophys. Res. 112:F02017) runs of tilupy (Peruzzetto), 11 frames from 0 to 100 s. Their thickness is
-normal to the bed; here everything is vertical. `rho.bin` holds thickness, its rows from the south.
+Runs of SHALTOP (Mangeney et al. 2007, J. Geophys. Res. 112:F02017) that come with tilupy, 11 frames from 0 to 100 s. Their
+thickness is normal to the bed; here everything is vertical. `rho.bin` holds thickness, its rows from the south.
 """
 
 import time
@@ -22,7 +22,10 @@ RASTERS = {
     "topography": (363702, "4c1b6f1e620deb025d7fcca0626249ae68f85ff6765a9523debc2733bab61f02"),
     "pile": (244005, "6c4b6ddbd110380faf355801de46206fbd464451b2d5cc553504c67b5f3cd69d"),
 }
-FRAMES = {15: "8b167d4571113b8cd413cada51fff689f0657335b38f8b1ca006d94d38d998b1", 20: "4c35f1b123dd2834b0fe5098b9ed508b3048b0da1f83e616836359832846a037"}
+FRAMES = {
+    15: "8b167d4571113b8cd413cada51fff689f0657335b38f8b1ca006d94d38d998b1",
+    20: "4c35f1b123dd2834b0fe5098b9ed508b3048b0da1f83e616836359832846a037",
+}
 FRAME_BYTES, TIMES = 1_777_644, tuple(10.0 * k for k in range(11))  # [s]
 # kinetic energy over density [m5 s-2] at 0 to 50 s, from `ek.d` beside the frames; that of 20 deg is not published
 SHALTOP_ENERGY = {15: (0.0, 2.9012e10, 6.9665e10, 5.8440e10, 1.9209e10, 7.2132e8)}
@@ -52,10 +55,11 @@ class Slide:
             FRAMES[angle],
         )
         normal = np.fromfile(path, "<f4").reshape(len(TIMES), *self.terrain.shape)[:, ::-1]
-        return vertical_thickness(normal, terrain_slope(self.terrain.elevation, self.terrain.cell_size))  # type: ignore[no-any-return]
+        slope = terrain_slope(self.terrain.elevation, self.terrain.cell_size)
+        return vertical_thickness(normal, slope)  # type: ignore[no-any-return]
 
     def simulated(self, angle: float, cell_size: float, friction_angle: float, end_time: float = TIMES[-1]) -> runout.Result:
-        """Run with a basal friction and an internal friction [deg]; its snapshots are the frames up to ``end_time`` [s]."""
+        """Run with a basal and an internal friction angle [deg]; its snapshots are the frames up to ``end_time`` [s]."""
         rock = runout.DruckerPrager(density=2000.0, friction_angle=friction_angle)
         times = [t for t in TIMES if t <= end_time]
         return runout.simulate(
@@ -78,7 +82,7 @@ class Slide:
         return Thalweg(np.vstack([ends[0], places, ends[1]]))
 
     def path(self, frames: np.ndarray, line: Thalweg) -> dict[str, list[float | None]]:
-        """From the first centroid along the line [m]: front and rear at :data:`FRONT`, and centroid of the volume; largest thickness; energy of height.
+        """Along the line from the first centroid [m]: front and rear at :data:`FRONT`, centroid; largest thickness; energy lost.
 
         The potential energy over density [m5 s-2] counts from the first frame.
         """
@@ -156,7 +160,7 @@ def measure(full: bool) -> dict[str, Any]:
     if full:
         runs = [compared(slide, angle, 20.0, 34.0) for angle in (15, 20)]
         studies: Sequence[Mapping[str, Any]] = [
-            *(compared(slide, 15, 20.0, inner, 50.0) for inner in (28.0, 22.0, 16.0)),
+            *(compared(slide, 15, 20.0, inner, 50.0) for inner in (28.0, 16.0)),
             compared(slide, 15, 14.0, 34.0, 50.0),
         ]
     else:
@@ -168,7 +172,7 @@ def measure(full: bool) -> dict[str, Any]:
 def _line(run: Mapping[str, Any]) -> str:
     last, own = run["csi"][-1], run["runout"]
     return (
-        f"  basal {run['basal_friction_deg']:g} deg, internal {run['friction_angle_deg']:g} deg, {run['cell_size']:g} m: CSI of the last frame "
-        f"{', '.join(f'{v:.3f}' for v in last)} at 1, 5 and 10 m, front {own['front'][-1]:.0f} m (SHALTOP "
+        f"  basal {run['basal_friction_deg']:g} deg, internal {run['friction_angle_deg']:g} deg, {run['cell_size']:g} m: "
+        f"CSI of the last frame {', '.join(f'{v:.3f}' for v in last)} at 1, 5 and 10 m, front {own['front'][-1]:.0f} m (SHALTOP "
         f"{run['shaltop']['front'][-1]:.0f} m), {run['seconds']:.0f} s"
     )

@@ -17,9 +17,9 @@ HEADS = (
 )
 OPENING = """# Frank Slide beside SHALTOP
 
-The failed mass of 36.0 million m³ on its sliding surface (20 m cells, no coordinate system), Coulomb friction of 15 and 20 deg at
-the base. SHALTOP is depth-averaged, with hydrostatic pressure and no internal friction. runout: cells of {cell:g} m, internal friction
-{friction:g} deg, 2000 kg/m³, stiffness by default, {particles} particles, {seconds} s on one core.
+The failed mass of 36.0 million m³ on its sliding surface (20 m cells, no coordinate system), Coulomb friction of 15 and 20 deg
+at the base. SHALTOP is depth-averaged, with hydrostatic pressure and no internal friction. runout: cells of {cell:g} m, internal
+friction {friction:g} deg, 2000 kg/m³, stiffness by default, {particles} particles, {seconds} s on one core.
 
 Thickness is vertical: that of SHALTOP is divided by the cosine of the slope. Distances are along the line through the centroids of
 SHALTOP. Front and rear: thickness of 5 m.
@@ -30,8 +30,8 @@ Peak over all frames, CSI at 1, 5 and 10 m: {peaks}.
 
 ![Outlines at 5 m thickness, front and rear along the flow line, and energy](frank_slide.png)
 
-*Outline at 5 m, runout in red, SHALTOP in grey; front and rear along the flow line; kinetic energy and loss of potential energy over
-density.*
+*Outline at 5 m, runout in red, SHALTOP in grey; front, centroid and rear along the flow line; kinetic energy and loss of
+potential energy over density.*
 
 ## Energy
 
@@ -120,7 +120,7 @@ def _study(run: Mapping[str, Any]) -> tuple[str, ...]:
 def _figure(runs: list[Mapping[str, Any]]) -> bytes:
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(13.0, 4.2 * len(runs)), layout="constrained")
+    canvas = Figure(figsize=(14.0, 3.4 * len(runs)), layout="constrained")
     for row, run in enumerate(runs):
         for column, (time, outlines) in enumerate(run["outlines"].items()):
             axes = canvas.add_subplot(len(runs), 5, 5 * row + column + 1)
@@ -136,7 +136,8 @@ def _figure(runs: list[Mapping[str, Any]]) -> bytes:
 def _along(axes: Any, run: Mapping[str, Any]) -> None:
     for code, colour in COLOURS.items():
         for part, style in (("front", "-"), ("centroid", "--"), ("rear", ":")):
-            axes.plot(run["times"][:7], run[code][part][:7], style, color=colour, label=f"{part}, {code.replace('shaltop', 'SHALTOP')}")
+            label = f"{part}, {code.replace('shaltop', 'SHALTOP')}"
+            axes.plot(run["times"][:7], run[code][part][:7], style, color=colour, label=label)
     axes.set(title="along the flow line [m]", xlabel="time [s]")
     axes.legend(frameon=False, fontsize=6)
 
@@ -147,5 +148,5 @@ def _energy(axes: Any, run: Mapping[str, Any]) -> None:
         axes.plot(times, [e / 1e9 for e in run[code]["fallen"][:7]], "--", color=colour)
     axes.plot(times, [e / 1e9 for e in run["kinetic_energy"][:7]], color=COLOURS["runout"])
     axes.plot(times[: len(known)], [e / 1e9 for e in known], color=COLOURS["shaltop"])
-    axes.set(title="kinetic (-), potential lost (--) [10⁹ m⁵/s²]", xlabel="time [s]")
+    axes.set(title="kinetic (-), potential lost (--)", ylabel="energy over density [10⁹ m⁵/s²]", xlabel="time [s]")
     axes.title.set_fontsize(9)

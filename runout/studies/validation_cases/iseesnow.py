@@ -33,7 +33,7 @@ from runout.studies.validation_cases.drawing import outline_of, rounded
 from runout.studies.validation_cases.iseesnow_rim import EARLY, rim_pressure
 from runout.studies.validation_cases.rasters import on_cells, thalweg_of
 
-SOURCE = "github.com/avaframe/ISeeSnow, commit 290f4d9, folder data (peak maps of each tool as peers/TOOL_peak_thickness.tif, _speed)"
+SOURCE = "github.com/avaframe/ISeeSnow, commit 290f4d9, folder data (maps of each tool as peers/TOOL_peak_thickness.tif and _speed)"
 MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the area
 LEVELS = (0.001, 0.1, 0.5, 1.0, 1.5)  # thicknesses [m] of the table of areas
 END, STATION = 200.0, 20.0  # [s], [m]
@@ -43,7 +43,7 @@ PeakMaps = tuple[np.ndarray, np.ndarray]  # peak thickness normal to the slope [
 
 @dataclass(frozen=True)
 class Variant:
-    """One run: cells [m], particles per cell, friction angle of the snow [deg], and whether the release is the polygon."""
+    """One run: cells [m], particles per cell, internal friction angle [deg], and whether the release is the polygon."""
 
     cell_size: float | tuple[float, float, float]
     particles_per_cell: tuple[int, int, int] | None = None

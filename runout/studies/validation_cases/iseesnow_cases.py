@@ -3,6 +3,7 @@
 from runout.studies.validation_cases.case import ValidationCase
 from runout.studies.validation_cases.iseesnow import Variant, has_voellmy, measure
 from runout.studies.validation_cases.iseesnow_page import page
+from runout.studies.validation_cases.iseesnow_text import COULOMB_DIFFERENCES, TOPO_DIFFERENCES
 
 LEVELLED = (2, 2, 12)  # particles per cell: at 5 m four levels through the slab, where the default has one
 COARSE = (Variant(10.0, (2, 2, 24)),)
@@ -11,7 +12,6 @@ COULOMB_SETUP = (
     "Snow: 200 kg/m3, internal friction 30 deg, stiffness by default. "
     "Release: the raster of the case, or its polygon with the same mean thickness."
 )
-COULOMB_DIFFERENCES = """TO BE WRITTEN"""
 COULOMB_FULL = (
     Variant(5.0, LEVELLED),
     Variant(5.0, LEVELLED, polygon=True),
@@ -25,7 +25,6 @@ TOPO_SETUP = (
     "Slab of 1.5 m on a plane of 34 deg that ends on level ground; Voellmy friction with mu = 0.4 and xi = 2000 m/s2. Snow: "
     "200 kg/m3, stiffness by default. Release: the raster of the case, or its polygon with the same mean thickness."
 )
-TOPO_DIFFERENCES = """TO BE WRITTEN"""
 TOPO_FULL = (
     Variant(5.0, LEVELLED, 40.0),
     Variant(5.0, LEVELLED, 40.0, polygon=True),

@@ -89,13 +89,13 @@ def in_compression(friction_angle: float) -> float:
     return float(np.degrees(np.arcsin(3 * slope / (6 + slope))))
 
 
-def held_by(material: DruckerPrager) -> float:
-    """Friction coefficient [1] of a floor of :data:`FLOOR` degrees, or that of the sand in simple shear where this is less.
+def held_by(material: DruckerPrager, floor: float = FLOOR) -> float:
+    """Friction coefficient [1] of a floor of so many degrees, or that of the sand in simple shear where this is less.
 
     Isochoric sand at yield has equal normal stresses, and no more than M/sqrt(3) of them as shear: sin(phi) with the cone of plane
     strain. A stronger floor changes nothing where the flow is resolved; a flow one cell deep cannot shear and gets all of it.
     """
-    return acting_friction(float(np.tan(np.radians(FLOOR))), material.shear_strength(np.inf))
+    return acting_friction(float(np.tan(np.radians(floor))), material.shear_strength(np.inf))
 
 
 def planar(aspect: float, cells: int, material: DruckerPrager | None = None, samples: int = 1) -> tuple[float, Frame]:
@@ -144,14 +144,19 @@ def deposit(p: Particles, x: np.ndarray, density: float) -> Deposit:
 
 
 def round_column(
-    aspect: float, cells: int, cone: Cone, precision: str = "float64", choices: Mapping[str, Any] | None = None
+    aspect: float,
+    cells: int,
+    cone: Cone,
+    precision: str = "float64",
+    choices: Mapping[str, Any] | None = None,
+    friction_angle: float = REPOSE,
 ) -> Deposit:
-    """Deposit of a round column of sand of :data:`REPOSE` with so many cells in its radius.
+    """Deposit of a round column of sand with so many cells in its radius; ``friction_angle`` [deg] of its inside.
 
     ``choices`` of the scene besides the usual ones: another transfer, or another ``friction`` of the floor.
     """
     h, height = WALLED / cells, aspect * WALLED
-    half, material = np.ceil((WALLED * (2.5 + 2.0 * aspect)) / h) * h, sand(aspect, REPOSE, cone)
+    half, material = np.ceil((WALLED * (2.5 + 2.0 * aspect)) / h) * h, sand(aspect, friction_angle, cone)
     scene = flow.level_scene(h, (2 * half, 2 * half), material, held_by(material), precision=precision)
     scene = replace(scene, **(choices or {}))
     local = lattice((2 * WALLED, 2 * WALLED, height), h) - (WALLED, WALLED, 0.0)

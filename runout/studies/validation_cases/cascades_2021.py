@@ -1,0 +1,132 @@
+"""Landslide of December 2021 near Mount St. Helens: the change of the ground against the observed DEM of difference.
+
+Inputs are those of `sites/cascades_2021`; the observation and the site are from landlab.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import runout
+from runout.scores import Grid, change_errors, elevation_change
+from runout.studies.validation_cases.case import public_file
+from runout.studies.validation_cases.rasters import on_cells
+
+LANDLAB = "https://raw.githubusercontent.com/landlab/landlab/33b6215/docs/source/tutorials/mass_wasting_runout"
+FILES = {
+    "pre_runout_DEM": (86530, "00f7d207b456e86fa7b8e1ce718b9164cbe2b87027281abdd2716977d9b1187c"),
+    "landslide_depth": (58807, "dd2d78f9c89e20b9d714a21f6a063d16a0907a240295db0d0faf7c2566317d8d"),
+    "DEM_of_Difference": (59545, "64857b5dac09d3885ae2775b75979bbbacf6fe3c20c1a88990a69edd0670b2d4"),
+}
+DETECTED = 0.25  # smallest change that counts [m]
+END = 150.0  # [s]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Ground before the landslide, its source and the observed change of the ground (rows, columns) [m]."""
+
+    terrain: runout.Terrain
+    release: runout.Release
+    observed: np.ndarray
+
+    def simulated(self, angle: float, cell_size: float, end_time: float = END) -> runout.Result:
+        """Run with a basal friction angle [deg]."""
+        soil = runout.DruckerPrager(density=1900.0, friction_angle=32.0)
+        choices = {"basal_friction_angle": angle, "cell_size": cell_size, "end_time": end_time}
+        return runout.simulate(self.terrain, self.release, soil, **choices, threads=1)  # type: ignore[arg-type]
+
+
+def read() -> Event:
+    """The event's rasters, from RUNOUT_DATA or fetched."""
+    paths = {
+        name: public_file(f"{LANDLAB}/{name}.asc", f"cascades_2021_landlab/{name}.asc", size, digest)
+        for name, (size, digest) in FILES.items()
+    }
+    terrain = runout.Terrain.from_raster(paths["pre_runout_DEM"])
+    release = runout.Release.from_raster(paths["landslide_depth"], terrain, sign="negative")
+    observed = np.nan_to_num(on_cells(paths["DEM_of_Difference"], terrain))
+    return Event(terrain, release, observed)
+
+
+def scored(event: Event, angle: float, cell_size: float) -> tuple[dict[str, Any], np.ndarray]:
+    """Scores of a run, and its change of the ground (rows, columns) [m]."""
+    started = time.process_time()
+    result = event.simulated(angle, cell_size)
+    seconds = time.process_time() - started
+    change = elevation_change(np.nan_to_num(result.maps["deposit_thickness"].values), event.release.thickness)
+    cell = Grid.of(event.terrain).cell_area
+    errors = change_errors(change, event.observed, cell, DETECTED)
+    row = {
+        "basal_friction_deg": angle,
+        "cell_size": cell_size,
+        "particles": result.n_particles,
+        "seconds": seconds,
+        "cells_through_depth": result.depth_resolution.cells_through_depth,
+        "depth": result.depth_resolution.depth,
+        "stop_reason": result.stop_reason,
+        "erosion_csi": errors.erosion_area.critical_success_index,
+        "deposition_csi": errors.deposition_area.critical_success_index,
+        "erosion_volume": errors.erosion.modelled_sum,
+        "deposition_volume": errors.deposition.modelled_sum,
+        "rmse": errors.change.rmse,
+        "reach": reach(event, change),
+        "fall": fall(event, np.maximum(change, 0.0)),
+    }
+    return row, change
+
+
+def reach(event: Event, change: np.ndarray) -> float:
+    """Distance [m] in plan from the highest released cell to the farthest cell of deposition."""
+    top = np.unravel_index(np.argmax(np.where(event.release.thickness > 0, event.terrain.elevation, -np.inf)), change.shape)
+    x, y = np.meshgrid(event.terrain.easting, event.terrain.northing)
+    there = change >= DETECTED
+    return float(np.hypot(x[there] - x[top], y[there] - y[top]).max())
+
+
+def fall(event: Event, deposit: np.ndarray) -> float:
+    """Height [m] between the centroids of the release and of a deposit (rows, columns) [m]."""
+    ground, release = np.nan_to_num(event.terrain.elevation), event.release.thickness
+    return float((ground * release).sum() / release.sum() - (ground * deposit).sum() / deposit.sum())
+
+
+def measure(full: bool) -> dict[str, Any]:
+    """Runs over the range of frictions of the site, and with other cells; in CI one with cells of 5 m."""
+    event = read()
+    event.simulated(15.0, 5.0, 0.1)  # compiles
+    chosen = [*((angle, 3.0) for angle in (10.0, 15.0, 20.0)), (15.0, 2.0), (12.0, 5.0), (12.0, 3.0)] if full else [(12.0, 5.0)]
+    rows, maps = [], {}
+    for angle, cell_size in chosen:
+        row, change = scored(event, angle, cell_size)
+        rows.append(row)
+        maps[angle, cell_size] = change
+    best = chosen[-1]
+    observed = {
+        "erosion_volume": float(-np.minimum(event.observed, 0.0).sum() * Grid.of(event.terrain).cell_area),
+        "deposition_volume": float(np.maximum(event.observed, 0.0).sum() * Grid.of(event.terrain).cell_area),
+        "reach": reach(event, event.observed),
+        "fall": fall(event, np.maximum(event.observed, 0.0)),
+    }
+    return {
+        "runs": rows,
+        "observed": observed,
+        "shown": {"basal_friction_deg": best[0], "cell_size": best[1], "change": _sparse(maps[best])},
+        "observed_change": _sparse(event.observed),
+        "shape": list(event.observed.shape),
+        "lines": [_line(row) for row in rows],
+    }
+
+
+def _sparse(change: np.ndarray) -> list[list[float]]:
+    """Row, column and value [m] of the cells that changed by :data:`DETECTED` or more."""
+    rows, columns = np.nonzero(np.abs(change) >= DETECTED)
+    return [[int(i), int(j), round(float(change[i, j]), 2)] for i, j in zip(rows, columns, strict=True)]
+
+
+def _line(row: dict[str, Any]) -> str:
+    return (
+        f"  basal {row['basal_friction_deg']:g} deg, cells of {row['cell_size']:g} m: reach {row['reach']:.0f} m, CSI of erosion "
+        f"{row['erosion_csi']:.2f} and deposition {row['deposition_csi']:.2f}, RMSE {row['rmse']:.2f} m, {row['seconds']:.0f} s"
+    )

@@ -1,0 +1,87 @@
+"""Page of the case Cascades 2021."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
+from runout.studies.validation_cases.cascades_2021 import DETECTED
+from runout.studies.validation_cases.wording import ENDING
+
+HEADS = (
+    *("basal [deg]", "cells [m]", "reach [m]", "fall of the centroid [m]", "eroded [m³]", "deposited [m³]"),
+    *("CSI of erosion", "CSI of deposition", "RMSE [m]", "cells through the depth", "processor [s]"),
+)
+OPENING = """# Cascades 2021 beside the DEM of difference
+
+A landslide near Mount St. Helens, December 2021: source of 22 481 m³, mapped, up to 15.7 m deep, on a DEM of 10 m. Observed is the
+difference of elevations after and before. runout: the inputs of the site `sites/cascades_2021`, over its range of basal friction.
+
+{runs}
+
+- Changes below {limit:g} m do not count. CSI: area eroded, or deposited, in both over that in either.
+- *Reach*: plan distance from the highest released cell to the farthest deposit. *Fall*: height between the centroids of source and
+  deposit.
+- *RMSE*: change of elevation, over the cells that changed in either.
+
+![Observed and modelled change of elevation](cascades_2021.png)
+
+*Change of elevation [m], observed and modelled ({shown}); grid cells of the DEM, 10 m.*
+
+## Differences, and their reasons
+
+{differences}
+
+Data: landlab (MIT), fetched by checksum or found below `RUNOUT_DATA`. {tables}.
+
+"""
+DIFFERENCES = """TO BE WRITTEN"""
+
+
+def page(record: Mapping[str, Any]) -> StudyPage:
+    """Page of a record."""
+    results = record["results"]
+    rows, shown = [_row(r) for r in results["runs"]], results["shown"]
+    observed = results["observed"]
+    numbers = [f"{observed[k]:.0f}" for k in ("reach", "fall", "erosion_volume", "deposition_volume")]
+    last = ("**observed**", "", *numbers, *[""] * 5)
+    text = OPENING.format(
+        runs=markdown(HEADS, [*rows, last]),
+        limit=DETECTED,
+        shown=f"{shown['basal_friction_deg']:g} deg, cells of {shown['cell_size']:g} m",
+        differences=DIFFERENCES,
+        tables=download("cascades_2021.csv", "All runs"),
+    )
+    text += ENDING.format(command=record["command"])
+    return StudyPage("cascades_2021", text, {"cascades_2021.csv": as_csv(HEADS, rows)}, {"cascades_2021.png": _figure(results)})
+
+
+def _row(run: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        *(f"{run['basal_friction_deg']:g}", f"{run['cell_size']:g}"),
+        *(f"{run[key]:.0f}" for key in ("reach", "fall", "erosion_volume", "deposition_volume")),
+        *(f"{run[key]:.2f}" for key in ("erosion_csi", "deposition_csi", "rmse")),
+        *(f"{run['cells_through_depth']:.1f}", f"{run['seconds']:.0f}"),
+    )
+
+
+def _figure(results: Mapping[str, Any]) -> bytes:
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(8.0, 6.0), layout="constrained")
+    for axes, cells, title in zip(
+        canvas.subplots(1, 2), (results["observed_change"], results["shown"]["change"]), ("observed", "runout"), strict=True
+    ):
+        image = axes.imshow(_dense(cells, results["shape"]), cmap="RdBu", vmin=-8, vmax=8)
+        axes.set(title=title, xticks=[], yticks=[])
+    canvas.colorbar(image, ax=canvas.axes, shrink=0.6, label="change of elevation [m]")
+    return as_png(canvas)
+
+
+def _dense(cells: Sequence[Sequence[float]], shape: Sequence[int]) -> np.ndarray:
+    """Map (rows, columns) of the cells that changed; NaN elsewhere."""
+    found = np.full(tuple(shape), np.nan)
+    for row, column, value in cells:
+        found[int(row), int(column)] = value
+    return found
