@@ -14,6 +14,7 @@ GENERATED = {
     "benchmarks/skip.md",
     "benchmarks/transfers.md",
     "benchmarks/work_precision.md",
+    "validation/cascades_2021.md",
     "validation/columns.md",
     "validation/coulomb_only.md",
     "validation/frank_slide.md",
