@@ -13,6 +13,7 @@ hash_backend = pytest.importorskip("runout.backends.hash.backend")
 batch = pytest.importorskip("runout.backends.hash.batch")
 parts = pytest.importorskip("runout.backends.hash.parts")
 layout = pytest.importorskip("runout.backends.hash.layout")
+state = pytest.importorskip("runout.backends.hash.state")
 UNIT = (1.0, 1.0, 1.0)
 WEIGHTLESS = (0.0, 0.0, 0.0)
 
@@ -196,8 +197,9 @@ def test_friction_and_law_hold_with_more_releases_than_blocks():
     np.testing.assert_array_equal(backend.particles().release, p.release)
 
 
-def test_memory_keeps_to_147_bytes_a_particle_and_100_bytes_a_node_in_float32():
+def test_memory_keeps_to_147_bytes_a_particle_and_100_bytes_a_node_in_float32(monkeypatch):
     """10.7 million particles, 512 a block and half as many blocks again around them, stay below 2 GiB; 300 million below 80 GB."""
+    monkeypatch.setattr(state, "FEW", 0)
     backend = loaded(on_cpu(), scene(plane(), precision="float32"), box((20.0, 20.0, 0.0), (16.0, 16.0, 8.0), UNIT))
     s, i = backend.parts.store, backend.parts.index
     assert layout.bytes_of(s) / s.size <= 147
@@ -215,6 +217,7 @@ def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_co
 
     Without the room to spread of a small flow.
     """
+    monkeypatch.setattr(state, "FEW", 0)
     monkeypatch.setattr(layout, "AMPLE", 0)
     monkeypatch.setattr(index, "SMALLEST_TABLE", 1024)
     p = box((20.0, 20.0, 0.1), (32.0, 32.0, 8.0), UNIT)
@@ -222,6 +225,22 @@ def test_memory_of_a_layer_on_a_plane_is_what_its_forecast_says_and_all_of_it_co
     assert layout.bytes_of(backend.parts.store) == 130 * len(p)
     blocks = backend.bytes_used() - layout.bytes_of(backend.parts.store) - layout.bytes_of(backend.parts.ground)
     assert blocks / (64 * backend.ledger().active_blocks) <= 100
+
+
+@pytest.mark.parametrize("deterministic", [IN_ORDER, True])
+def test_sort_that_moves_five_rows_at_once_gives_the_bits_of_one_that_moves_single_rows(monkeypatch, deterministic):
+    ends = []
+    for few in (0, 2**20):
+        monkeypatch.setattr(state, "FEW", few)
+        p = box((20.0, 20.0, 0.0), (6.0, 5.0, 4.0), UNIT)
+        p.velocity[:] = np.random.default_rng(3).normal(0.0, 2.0, p.velocity.shape)
+        backend = loaded(on_cpu(deterministic=deterministic), scene(plane()), p)
+        backend.steps(2e-3, 200)
+        assert backend.counters.rebuilds > 2  # both ways
+        assert (backend.parts.store.spare > 0) == (few > 0)
+        ends.append(backend.particles())
+    for name in vars(ends[0]):
+        np.testing.assert_array_equal(getattr(ends[0], name), getattr(ends[1], name), err_msg=name)
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])

@@ -153,7 +153,6 @@ def stages(backend: Any, steps: int) -> dict[str, float]:
         parts = backend.parts
         parts.scenes.group.left.fill_(steps)
         for _ in range(steps):
-            step.begin(parts)
             marks = [mark(backend)]
             for work in works:
                 work(parts)

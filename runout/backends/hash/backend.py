@@ -7,7 +7,7 @@ import warp as wp
 from runout.backends.hash.batch import Batch
 from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.index import first_table
-from runout.backends.hash.layout import ROWS, TILE, room_for
+from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, room_for
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.state import State
 from runout.errors import ConfigError
@@ -113,10 +113,11 @@ def bytes_needed(
     number = 4 if precision == "float32" else 8
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
-    particle = (ROWS + 5 + 6 * (transfer != "mls")) * number + 14 + 4 * f_bar  # rows, radius, force, stress; release, number, ...
+    rows = ROWS + 1 + SPARE * (particles < FEW)
+    particle = (rows + 4 + 6 * (transfer != "mls")) * number + 14 + 4 * f_bar  # rows, radius, force, stress; release, number, ...
     nodes = 64 * room_for(blocks)
     grid = 4 * number * (max((1 + (transfer == "aflip")) * nodes, particles // 4) + nodes * (f_bar and not deterministic))
-    block = 508 + 2 * number + 260 * f_bar + deterministic * (TILE * 4 * number + 36)
+    block = 520 + 2 * number + 260 * f_bar + deterministic * (TILE * 4 * number + 36)
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
     contact = room_for(near) * 64 * 4 * number + tiles
     return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries

@@ -14,7 +14,7 @@ import warp as wp
 
 from runout.backends import footprints
 from runout.backends.hash import gradient_transfer, readback, sort, step
-from runout.backends.hash.device_status import DeviceStatus
+from runout.backends.hash.device_status import DeviceStatus, Snapshot
 from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
 from runout.backends.hash.index import Index, box_around
@@ -69,7 +69,8 @@ class Batch:
         kernels = compiled_kernels(given[0].law, given[0].basal.law, given[0].precision, deterministic, *also)
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)
-        self.since_sort, self.sorting, self.looks = 0, False, Looks(len(scenes))
+        self.since_sort, self.looks = 0, Looks(len(scenes))
+        self.sorting: Snapshot | None = None  # behind a sort of which the host does not know yet
         with self._on_device(sum(len(p) for _, p in scenes)):
             self.report = readback.Report(kernels.groups, len(given), self.device.is_cuda)
             loaded = Loaded.of(SceneArrays(given, kernels), [p for _, p in scenes])
@@ -118,14 +119,17 @@ class Batch:
         if self.sorting:
             self._settle()
         self.counters.rebuilds += 1
-        self.since_sort, self.sorting = 0, True
+        self.since_sort = 0
         self._launch((self.parts.store.turn, -1), lambda: sort.enqueue_again(self.parts, self.report), SORTS_BEFORE)
         self.parts.store.turn_over()
+        self.sorting = self.parts.status.snapshot()
 
-    def _settle(self) -> dict[str, np.ndarray]:
-        """What the host knows of the device once a sort is done."""
-        self.sorting = False
-        return sort.settle(self.parts, lambda: sort.present(self.parts))
+    def _settle(self) -> bool:
+        """Let the host know of the last sort, once it is done; returns whether the arrays had room for it at once."""
+        found, generation = self.sorting, self._generation()
+        self.sorting = None
+        sort.settle(self.parts, lambda: sort.present(self.parts), found)
+        return generation == self._generation()
 
     def bytes_used(self) -> int:
         """Memory of the device arrays of the run [byte]."""
@@ -201,22 +205,29 @@ class Batch:
         return STEPS_PER_SORT if cells * STEPS_PER_SORT <= 1 else max(FEWEST, int(1 / cells))
 
     def _batch(self, count: int, left: np.ndarray) -> int:
-        """Up to ``count`` steps without a look at the device; returns how many were done."""
+        """Up to ``count`` steps without a look at the device; returns how many were done.
+
+        If more are left, the next sort is launched before the host looks: the device never waits for it.
+        """
         parts = self.parts
         if not self.sorting:
             parts.status.flags.zero_()
         for k in range(count):
             self._launch((parts.store.turn, parts.index.launched), lambda: step.enqueue(parts), int(count == 1))
             self.looks.launch(parts, self.accounts, k + 1, left)
+        ready = not self.sorting or self._settle()
+        found, ahead = parts.status.snapshot(), ready and left.max() > count
+        if ahead:
+            self._rebuild()
         self.looks.deliver(parts, self.accounts)
-        status = self._settle() if self.sorting else parts.status.read()
+        status = found.arrived()
         flags, peaks, contacts = status["flags"], status["peaks"].astype(float), status["contacts"]
         done = int(flags[STEPS])
         self.counters.steps += done
         self.looks.made += np.minimum(done, left)
         held = [parts.store.n] if len(self.accounts) == 1 else [a.particles for a in self.accounts]
         self.counters.particle_steps += int(np.minimum(done, left) @ np.array(held))
-        self.since_sort += done
+        self.since_sort += 0 if ahead else done
         for account, peak, touching in zip(self.accounts, peaks, contacts, strict=False):
             account.max_speed, account.contact_particles = float(np.sqrt(peak)), int(touching)
         broken = self.present & ~np.isfinite(peaks[:-1])
@@ -226,13 +237,15 @@ class Batch:
             a = self.accounts[s]
             moved = f"a particle moved {peaks[-1]:.3g} cells in step {self.counters.steps} of {a.packed_dt:.3g} s"
             self._break(int(s), f"{moved} at {a.max_speed:.3g} m/s; use a smaller cfl, or check material and terrain there")
-        if flags[PENDING] or broken.any():
+        if (flags[PENDING] and not ahead) or broken.any():
             self._rebuild()
             self._settle()
         return done
 
     def _break(self, scene: int, reason: str) -> None:
         """A scene has become unstable: the only one ends the run, one of several leaves."""
+        if self.sorting:
+            self._settle()
         if len(self.accounts) == 1:
             raise StabilityError(reason)
         self.accounts[scene].failure = reason
@@ -256,7 +269,11 @@ class Batch:
 
     def _launch(self, name: tuple[int, int], enqueue: Callable[[], None], before: int) -> None:
         """Launches, on a GPU as a graph once they have come ``before`` times."""
-        self.graphs.launch(name, (self.parts.index.generation, self.parts.nodes.generation), enqueue, before)
+        self.graphs.launch(name, self._generation(), enqueue, before)
+
+    def _generation(self) -> tuple[int, int]:
+        """Counts how often arrays by block were made anew."""
+        return self.parts.index.generation, self.parts.nodes.generation
 
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""

@@ -25,9 +25,11 @@ from runout.backends.hash.layout import (
     LEFT,
     NEXT,
     NOT_NEGATIVE,
+    SECTOR,
     STARTS,
     Ints,
     Reals,
+    Rows,
     Shorts,
     lane_count,
     node4,
@@ -169,6 +171,23 @@ def gather_reals(status: StatusGroup, particles: ParticleGroup, blocks: BlockGro
     target[wp.min(t + 3 * threads, last)] = x3
 
 
+def gather_rows(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, source: Rows, target: Rows):
+    """Five rows in the order of the list, all read before any is written."""
+    t = wp.tid()
+    if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
+        p = particles.order[t] & NOT_NEGATIVE
+        x0 = source[0, p] * real(1.0)
+        x1 = source[1, p] * real(1.0)
+        x2 = source[2, p] * real(1.0)
+        x3 = source[3, p] * real(1.0)
+        x4 = source[4, p] * real(1.0)
+        target[0, t] = x0
+        target[1, t] = x1
+        target[2, t] = x2
+        target[3, t] = x3
+        target[4, t] = x4
+
+
 def _bring_one(status: StatusGroup, blocks: BlockGroup, source: Any, target: Any, t: int):
     """A number back from the place where it was gathered, unless the sort waits for room."""
     if status.flags[HALT] == 0 and t < blocks.sums[blocks.sums.shape[0] - 1]:
@@ -206,8 +225,21 @@ def gather_shorts(status: StatusGroup, particles: ParticleGroup, blocks: BlockGr
     _gather_one(status, particles, blocks, source, target, wp.tid())
 
 
-def renumber(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, launched: int):
-    """Renumber the list and the cells after the particles have moved, and note where those of each block begin and end.
+def _note_pieces(status: StatusGroup, blocks: BlockGroup, b: int, begin: int, end: int, piece: int):
+    """Cut the particles of a block into pieces of so many places at most, at whole sectors of memory."""
+    cut = begin // SECTOR * SECTOR
+    many = (end - cut + piece - 1) // piece
+    at = wp.atomic_add(status.tally, HOMES, many)
+    for n in range(many):
+        blocks.homes[at + n, 0] = b
+        blocks.homes[at + n, 1] = wp.max(begin, cut + n * piece)
+        blocks.homes[at + n, 2] = wp.min(end, cut + (n + 1) * piece)
+
+
+def renumber(
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, contacts: ContactGroup, piece: int, launched: int,
+):  # fmt: skip
+    """Renumber the list and the cells after the particles have moved, and note the pieces of each block.
 
     Also write the number of all particles for the host, and an unknown (infinite) speed of approach for each block.
     """
@@ -216,15 +248,12 @@ def renumber(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, 
     if status.flags[HALT] != 0:
         return
     if first == 0 and lane == 0:
-        status.tally[HOMES] = status.tally[NEXT]
         status.counts[LEFT] = blocks.sums[blocks.sums.shape[0] - 1]
     for a in range(first, status.tally[NEXT], launched):
         b = blocks.active[a]
         if lane == 0:
-            blocks.homes[a] = b
             contacts.approach_speeds[2 * b] = real(wp.inf)  # to the next step
-            blocks.home[b, 0] = blocks.cstart[b, 0]
-            blocks.home[b, 1] = blocks.cstart[b, CELL_LANES]
+            _note_pieces(status, blocks, b, blocks.cstart[b, 0], blocks.cstart[b, CELL_LANES], piece)
         starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
         for q in range((STARTS + lane_count() - 1) // lane_count()):
             c = q * lane_count() + lane

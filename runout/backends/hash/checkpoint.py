@@ -12,7 +12,7 @@ import warp as wp
 
 from runout.backends.hash.batch import ground_of
 from runout.backends.hash.index import Index
-from runout.backends.hash.layout import run
+from runout.backends.hash.layout import HOMES, run
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.state import Store
 from runout.backends.state import State, arrays_of, part, put_arrays
@@ -22,7 +22,7 @@ from runout.model.scene import Scene
 if TYPE_CHECKING:
     from runout.backends.hash.backend import HashBackend
 
-BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "home", "homes", "active")  # of the index
+BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "active")  # of the index
 OF_NODES = ("grounded", "booked")
 BY_PARTICLE = ("radius", "release", "number", "key", "order")
 
@@ -36,6 +36,7 @@ def save(engine: "HashBackend") -> State:
     own = {"since_sort": engine.since_sort, "largest": scenes.constants.largest, "identity": s.identity}
     state |= {f"own.{name}": np.asarray(value) for name, value in own.items()}
     state |= {f"index.{name}": getattr(i, name).numpy()[: i.nall] for name in BY_BLOCK}
+    state |= {"homes": i.homes.numpy()[: int(status.tally.numpy()[HOMES])]}
     state |= {f"nodes.{name}": getattr(n, name).numpy()[: i.nall] for name in OF_NODES}
     state |= {f"store.{name}": getattr(s, name).numpy()[: s.n] for name in BY_PARTICLE}
     state |= {"forces": s.forces.numpy(), "step_counts": scenes.group.step_counts.numpy()}
@@ -102,6 +103,7 @@ def _index(parts: Parts, state: State) -> Index:
     index.up.fill_(-1)
     for name in BY_BLOCK:
         _fill(getattr(index, name), state[f"index.{name}"])
+    _fill(index.homes, state["homes"])
     parts.status.tally.assign(state["tally"])
     return index
 

@@ -6,12 +6,10 @@ from typing import Any
 
 from runout.backends.hash.layout import (
     AFFINE,
+    CELL_LANES,
     HISTORY,
-    MASS,
     MOMENTUM,
-    OFFSET,
     STRAIN,
-    VOLUME,
     WIDE_X,
     WIDE_Y,
     Rows,
@@ -65,7 +63,7 @@ def _moments(tile: Tile, first: int, stride_x: int, stride_y: int, wx: Any, wy: 
             r = vec(real(0.0), real(0.0), real(0.0))
             for k in range(3):
                 g = tile[first + i * stride_x + j * stride_y + k]
-                u = vec(g[0], g[1], g[2])
+                u = vec(g[1], g[2], g[3])
                 s += wz[k] * u
                 r += az[k] * u
             si += wy[j] * s
@@ -92,20 +90,24 @@ def _gather(f: Any, tile: Tile, first: int):
     return _moments(tile, first, WIDE_X, WIDE_Y, wx, wy, wz, _lever(wx, f[0]), _lever(wy, f[1]), _lever(wz, f[2]))
 
 
-def _particle_of(rec: Rows, p: int):
-    """Mass [kg], volume [m3], history, strain and offset of a particle, as values that later writes do not change."""
-    m = rec[MASS, p] * real(1.0)
-    volume = rec[VOLUME, p] * real(1.0)
-    history = rec[HISTORY, p] * real(1.0)
-    return m, volume, history, _strain_of(rec, p), vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p])
+def _held(room: Tile, staged: int, n: int):
+    """Number ``n`` of the slot that begins at place ``staged``, see :mod:`runout.backends.hash.shared_memory`."""
+    return room[staged + n * CELL_LANES]
 
 
-def _deform(rec: Rows, p: int, tile: Tile, first: int, mat: Any, slopes: Any):
-    """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J].
+def _particle_of(room: Tile, staged: int):
+    """Mass [kg], volume [m3], history, strain and offset of a particle from the numbers in a slot."""
+    B = sym(
+        _held(room, staged, 4), _held(room, staged, 5), _held(room, staged, 6), _held(room, staged, 7), _held(room, staged, 8),
+        _held(room, staged, 9),
+    )  # fmt: skip
+    f = vec(_held(room, staged, 1), _held(room, staged, 2), _held(room, staged, 3))
+    return _held(room, staged, 0), _held(room, staged, 11), _held(room, staged, 10), B, f
 
-    All of it is read before anything is written, so that the loads overlap.
-    """
-    m, volume, history, B, f = _particle_of(rec, p)
+
+def _deform(rec: Rows, p: int, room: Tile, staged: int, tile: Tile, first: int, mat: Any, slopes: Any):
+    """Law and next record of a particle from the nodes at ``first``; returns its offset, velocity and dissipated energy [J]."""
+    m, volume, history, B, f = _particle_of(room, staged)
     v, x, y, z = _gather(f, tile, first)
     B, log, history, work = law_update(B, velocity_gradient(x, y, z, slopes), history, mat)
     packed = stress_columns(kirchhoff_stress(log, mat), volume, slopes)

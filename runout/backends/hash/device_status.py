@@ -13,6 +13,26 @@ from runout.backends.hash.layout import COUNTS, FLAGS, TALLY
 LINE = 256  # bytes: a part has cache lines of its own, so that atomic sums to one do not delay reads of another
 
 
+class Snapshot:
+    """The status at one place among the launches; the copy to the host begins at once."""
+
+    def __init__(self, status: DeviceStatus):
+        self.status, memory = status, status.memory
+        self.host = status.buffers.pop() if status.buffers else wp.empty(
+            len(memory), dtype=wp.uint8, device="cpu", pinned=memory.device.is_cuda
+        )  # fmt: skip
+        wp.copy(self.host, memory)
+        self.event = wp.record_event() if memory.device.is_cuda else None
+
+    def arrived(self) -> dict[str, np.ndarray]:
+        """All numbers, once they are on the host; to be called once."""
+        if self.event is not None:
+            wp.synchronize_event(self.event)
+        found = self.status.parted(self.host.numpy().copy())
+        self.status.buffers.append(self.host)
+        return found
+
+
 class DeviceStatus:
     """Numbers that the device writes and the host reads, in one piece of memory on the device of the scope.
 
@@ -30,13 +50,26 @@ class DeviceStatus:
         self.tally, self.flags, self.counts = (self._view(name, wp.int32) for name in ("tally", "flags", "counts"))
         self.contacts, self.peaks = self._view("contacts", wp.int32), self._view("peaks", number)
         self.both = wp.array(ptr=self.memory.ptr, dtype=wp.int64, shape=1, device=self.memory.device)
+        self.buffers: list[wp.array] = []  # of the host, which copies have left
         self.group = filled(groups_of(number).StatusGroup, self)
 
     def _view(self, name: str, kind: Any) -> Any:
         at, _, size = self.parts[name]
         return wp.array(ptr=self.memory.ptr + at, dtype=kind, shape=size, device=self.memory.device)
 
+    def open_sort(self) -> None:
+        """Launch that sets flags and counts of a sort to zero; they lie beside each other."""
+        first, (last, dtype, size) = self.parts["flags"][0], self.parts["counts"]
+        self.memory[first : last + dtype.itemsize * size].zero_()
+
     def read(self) -> dict[str, np.ndarray]:
         """All of it, once the device has come here."""
-        raw = self.memory.numpy()
+        return self.snapshot().arrived()
+
+    def snapshot(self) -> Snapshot:
+        """All of it as the device finds it here, while the host and the device go on."""
+        return Snapshot(self)
+
+    def parted(self, raw: np.ndarray) -> dict[str, np.ndarray]:
+        """The parts of a copy of the memory."""
         return {name: raw[at : at + dtype.itemsize * size].view(dtype) for name, (at, dtype, size) in self.parts.items()}

@@ -14,16 +14,16 @@ from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
     HALT,
+    HALVES,
     NOT_NEGATIVE,
     OFFSET,
-    TILE,
     VOLUME,
     Materials,
     lane_count,
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _set_bases, _sum_arenas
+from runout.backends.hash.stencil import _add_cell, _give_tile, _set_bases, _sum_arenas
 from runout.physics.bspline import weight_slopes, weights
 from runout.physics.elastic import kirchhoff_stress, log_strain
 from runout.physics.moments import node_velocity, stress_columns
@@ -97,11 +97,10 @@ def add_forces(
             cells = _cells(dt, constants.h)
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             _set_bases(bases, blocks.up, b, lane)
-            tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+            tile = wp.tile_zeros(shape=HALVES, dtype=node4, storage="shared")
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_forces(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1], cells)
-                first = _first_node(c)
-                _add_cell(tile, first, acc)
+                _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
 
 

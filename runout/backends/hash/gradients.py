@@ -19,6 +19,7 @@ from runout.backends.hash.layout import (
     BY_SLOPES,
     CELL_LANES,
     HALT,
+    HALVES,
     KEPT,
     MASS,
     MOMENTUM,
@@ -38,6 +39,7 @@ from runout.backends.hash.layout import (
     Vector,
     lane_count,
     node4,
+    node_at,
     sums4,
 )
 from runout.backends.hash.stencil import (
@@ -86,7 +88,7 @@ def _rate(f: Any, tile: Tile, first: int, stride_x: int, stride_y: int, cells: A
 
 
 def _mean(f: Any, tile: Tile, first: int):
-    """Weighted mean of the fourth number of the 27 nodes at place ``first`` of a wide tile."""
+    """Weighted mean of the first number of the 27 nodes at place ``first`` of a wide tile."""
     wx = weights(f[0])
     wy = weights(f[1])
     wz = weights(f[2])
@@ -96,7 +98,7 @@ def _mean(f: Any, tile: Tile, first: int):
             s = real(0.0)
             for k in range(3):
                 g = tile[first + i * WIDE_X + j * WIDE_Y + k]
-                s += wz[k] * g[3]
+                s += wz[k] * g[0]
             mean += wx[i] * wy[j] * s
     return mean
 
@@ -140,16 +142,16 @@ def _with_slips(rec: Rows, p: int, f: Vector, seen: Tile, first: int, v: Vector,
 
 
 def _deform_by_rates(
-    particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int, tile: Tile, seen: Tile, first: int, mat: Any,
-    cells: Any, s: int,
+    particles: ParticleGroup, scenes: SceneGroup, constants: Constants, p: int, room: Tile, staged: int, tile: Tile,
+    seen: Tile, first: int, mat: Any, cells: Any, s: int,
 ):  # fmt: skip
     """As ``_deform``; returns offset, velocity of the nodes, own velocity and dissipated energy [J].
 
-    Records of a scene by gradients of the weights hold no stress. ``cells`` = dt / h [s/m]; the fourth number of a node is its
+    Records of a scene by gradients of the weights hold no stress. ``cells`` = dt / h [s/m]; the first number of a node is its
     mean dilatation.
     """
     rec = particles.rec
-    m, volume, history, B, f = _particle_of(rec, p)
+    m, volume, history, B, f = _particle_of(room, staged)
     v, x, y, z = _gather(f, tile, first)
     L = _rate(f, tile, first, WIDE_X, WIDE_Y, cells, scenes.clock[s, BY_SLOPES])
     L = with_dilatation(L, _mean(f, tile, first), scenes.clock[s, AVERAGED])
@@ -204,15 +206,14 @@ def spread_dilatation(
                 t = q * lane_count() + lane
                 u = node4()
                 if t < TILE:
-                    g = grid.nodes[_node(bases, t)]
-                    u = node4(g[1], g[2], g[3], real(0.0))
+                    u = node_at(grid.nodes, _node(bases, t))
                 wp.tile_scatter_masked(velocities, t, u, True)
-            tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+            tile = wp.tile_zeros(shape=HALVES, dtype=node4, storage="shared")
             for c in range(lane, CELL_LANES, lane_count()):
                 first = _first_node(c)
                 begins, ends = blocks.cstart[b, c], blocks.cstart[b, c + 1]
                 acc = _sum_dilatations(particles, velocities, first, begins, ends, cells, scenes.clock[s, BY_SLOPES])
-                _add_cell(tile, first, acc)
+                _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.dilated, bases, b, lane)
 
 

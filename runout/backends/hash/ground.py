@@ -100,6 +100,16 @@ def cut_tiles(blocks: BlockGroup, scenes: SceneGroup, surface: SurfaceGroup, cut
     cut[b, t] = real(e / h[2] - wp.float64(4 * blocks.coordinates[b, 2]))
 
 
+def clear_marks(ground: GroundGroup):
+    """No block is near the ground."""
+    b = wp.tid()
+    if b < ground.near.shape[0]:
+        ground.near[b] = 0
+        ground.grounded[b] = 0
+    if b < ground.standing.shape[0]:
+        ground.standing[b] = -1
+
+
 def note_near(blocks: BlockGroup, ground: GroundGroup, constants: Constants, reach: Real, cut: Rows):
     """Blocks whose particles may come within ``reach`` [m] of the ground, and the blocks of the nodes that these reach.
 
@@ -247,7 +257,7 @@ class Ground:
         """Cut the surfaces into tiles of the blocks, and number the blocks near the ground; halts where these need more room."""
         cut, status, ground = nodes.scratch((index.capacity, 40), nodes.number), index.status.group, nodes.ground_group
         run(k.cut_tiles, (index.capacity, 36), index.block_group, scenes.group, self.group, cut)
-        nodes.near.zero_(), nodes.grounded.zero_(), nodes.standing.fill_(-1)
+        run(k.clear_marks, max(index.capacity, nodes.places), ground)
         run(k.note_near, index.capacity, index.block_group, ground, scenes.constants, nodes.number(self.reach), cut)
         run(k.note_slopes, index.capacity, index.block_group, ground, cut)
         for marks, which, blocks in ((nodes.near, NEAR, nodes.standing), (nodes.grounded, GROUNDED, wp.empty(0, dtype=wp.int32))):

@@ -17,6 +17,7 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.layout import (
+    Double,
     Doubles,
     Doubles2,
     Halves,
@@ -61,8 +62,7 @@ class BlockGroup:
     cstart: Table2  # (blocks, 65) where the cells of a block start in the list of particles, and where the last ends
     ends: Ints  # (65 blocks,) the same memory in a row
     active: Ints  # (blocks,) blocks that hold particles
-    homes: Ints  # (blocks,) blocks that held particles at the last sort
-    home: Table2  # (blocks, 2) where the particles of such a block start and end in memory
+    homes: Table2  # (pieces, 3) pieces of the blocks that held particles at the last sort: block, start and end in memory
     sums: Ints  # (blocks + 1,) sums over the blocks before each, and over all
 
 
@@ -168,6 +168,19 @@ class Constants:
     only: Int  # the one release that has particles, -1 if there are several
 
 
+class Home:
+    """Block in which the particles of a piece were at the last sort; made by the kernel, not by the host."""
+
+    block: Int
+    scene: Int
+    x: Int  # of the block, in blocks
+    y: Int
+    z: Int
+    shift: Int  # nodes from the origin of the index north to that of the scene
+    limit_x: Double  # extent of the domain east and north [cells]
+    limit_y: Double
+
+
 class Search:
     """Block of cells in which a block of threads searches contacts; made by the kernel, not by the host."""
 
@@ -188,14 +201,14 @@ GROUPS = (
 def argument_types(real: Any) -> dict[str, Any]:
     """Types of kernel arguments for ``warp.float32`` or ``warp.float64`` by the names that the sources give them."""
     types: dict[str, Any] = {
-        "Real": real, "Int": wp.int32, "Vector": wp.types.vector(length=3, dtype=real), "Vector64": wp.vec3d,
+        "Real": real, "Double": wp.float64, "Int": wp.int32, "Vector": wp.types.vector(length=3, dtype=real), "Vector64": wp.vec3d,
         "Rows": wp.array2d(dtype=real), "Reals": wp.array(dtype=real),
         "Nodes": wp.array(dtype=wp.types.vector(length=4, dtype=real)), "Halves": wp.array2d(dtype=wp.float16),
         "Table": wp.array(dtype=wp.uint64), "Keys": wp.array(dtype=wp.int64), "Longs": wp.array(dtype=wp.int64),
         "Ints": wp.array(dtype=wp.int32), "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16),
         "Doubles": wp.array(dtype=wp.float64), "Doubles2": wp.array2d(dtype=wp.float64),
     }  # fmt: skip
-    return types | {group.__name__: _struct(group, real, types) for group in (*GROUPS, Search)}
+    return types | {group.__name__: _struct(group, real, types) for group in (*GROUPS, Home, Search)}
 
 
 def _struct(group: type, real: Any, types: dict[str, Any]) -> Any:

@@ -23,7 +23,9 @@ import warp as wp
 from runout.backends.hash.device_status import DeviceStatus
 from runout.backends.hash.groups import BlockGroup, KeyGroup, ParticleGroup, StatusGroup, filled
 from runout.backends.hash.layout import (
+    ALL_AT_WORK,
     BLOCKS,
+    CELL_LANES,
     ENTERED,
     GROW,
     HALT,
@@ -52,6 +54,7 @@ SMALLEST_TABLE = 2**13  # entries
 PARTICLES_PER_ENTRY = 128  # of the first table; it grows when it is half full
 NO_KEY = 2**63 - 1  # comes after every key
 MARGIN = 1  # cells that a particle moves from one sort to the next at most
+LARGEST_PIECE = 2**20  # particles: whole blocks, whose sums then have a fixed order
 GAP = 8  # blocks between the domains of two members, north to south
 
 
@@ -187,6 +190,7 @@ def require_room(status: StatusGroup, keys: KeyGroup, entries: int, capacity: in
 def number_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, rows: int, many: int):
     """Number the sorted keys, and store coordinates and scene of each block; a scene has ``rows`` blocks from south to north."""
     b = wp.tid()
+    blocks.up[b, 0] = -1
     if b >= status.tally[BLOCKS]:
         return
     key = keys.members[b]
@@ -268,6 +272,8 @@ class Index:
         Blocks that the arrays have room for.
     shared, launched : int
         Blocks of threads of kernels in which each takes several blocks in turn; of those in which each takes one with particles.
+    piece, more_pieces : int
+        Places of memory in a piece of a block, whose particles a block of threads steps; pieces beyond one of each block.
     generation : int
         Counts how often arrays were made anew.
     status : DeviceStatus
@@ -280,6 +286,8 @@ class Index:
         self, kernels: SimpleNamespace, status: DeviceStatus, particles: int, ordered: bool, many: int = 1, rows: int = 2**20
     ):
         self.k, self.status, self.ordered, self.many, self.rows = kernels, status, ordered, many, rows
+        self.piece = LARGEST_PIECE if ordered else CELL_LANES * max(2, particles // (CELL_LANES * ALL_AT_WORK))
+        self.more_pieces = particles // self.piece
         self.nown = self.nall = self.capacity = self.generation = self.launched = 0
         self.former: Any = None
         self.box: Any = None
@@ -299,13 +307,14 @@ class Index:
         self.generation += 1
         former = self.former if self.capacity else None
         self.capacity, self.shared = blocks, min(blocks, SHARED_BLOCKS)
-        shapes = ((blocks, 3), (blocks, 3), (blocks, 27), (blocks, 8), (blocks * self.ordered, 8), (blocks, 65), (blocks, 2))
+        pieces = 2 * blocks + self.more_pieces
+        shapes = ((blocks, 3), (blocks, 3), (blocks, 27), (blocks, 8), (blocks * self.ordered, 8), (blocks, 65), (pieces, 3))
         tables = (wp.zeros(shape, dtype=wp.int32) for shape in shapes)
-        self.coordinates, self.former, self.around, self.up, self.down, self.cstart, self.home = tables
+        self.coordinates, self.former, self.around, self.up, self.down, self.cstart, self.homes = tables
         if former is not None:
             wp.copy(self.former[: len(former)], former)
         self.ends = self.cstart.flatten()
-        self.member, self.active, self.homes = (wp.zeros(blocks, dtype=wp.int32) for _ in range(3))
+        self.member, self.active = (wp.zeros(blocks, dtype=wp.int32) for _ in range(2))
         self.sums = wp.zeros(blocks + 1, dtype=wp.int32)
         self.block_group = filled(self.k.groups.BlockGroup, self)
 
@@ -320,7 +329,7 @@ class Index:
         Only launches; :meth:`grow` follows once the host has seen that.
         """
         k, entries, status = self.k, self.table.shape[0], self.status.group
-        self.table.zero_(), self.status.counts.zero_()
+        self.table.zero_()
         enter()
         if self.box is not None:
             run(k.enter_given, len(self.box), status, self.key_group, self.box)
@@ -329,7 +338,7 @@ class Index:
         sorted_ = min(self.capacity, entries // 2)
         run(k.require_room, max(sorted_, TALLY), status, self.key_group, entries, self.capacity)
         wp.utils.radix_sort_pairs(self.members, self.slots, sorted_)
-        self.cstart.zero_(), self.up.fill_(-1)
+        self.cstart.zero_()
         if self.ordered:
             self.down.fill_(-1)
         run(k.number_blocks, self.capacity, status, self.block_group, self.key_group, self.rows, self.many)

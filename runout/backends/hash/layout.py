@@ -30,6 +30,7 @@ Ints: TypeAlias = Any
 Table2: TypeAlias = Any
 Shorts: TypeAlias = Any
 Halves: TypeAlias = Any
+Double: TypeAlias = Any
 Doubles: TypeAlias = Any
 Doubles2: TypeAlias = Any
 Longs: TypeAlias = Any
@@ -57,18 +58,20 @@ COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by
 KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what the transfer does; numbers in all
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
+SECOND, HALVES = 72, 288  # nodes before the tile of the second half of a block, which is 144 nodes behind; nodes of both tiles
 PUSHES, PUSHES_UP, SLOT = 64, 192, 256  # of what lies near the ground in a block: where impulses begin; numbers in all
 PIECE = 32  # nodes of a tile that lie in one of its blocks, or in two; a tile has seven pieces
 STAMPS = 2**23 - 1  # numbers of steps wrap here: single precision holds them exactly
 PADDED = 256  # trips of a loop that every lane of a block runs alike
-WIDE, WIDE_X, WIDE_Y, WIDE_TILE = 512, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
+WIDE, WIDE_PLAN, WIDE_X, WIDE_Y, WIDE_TILE = 512, 64, 74, 9, 592  # 8 x 8 x 8 nodes around a block: places apart without conflicts
 NOT_NEGATIVE = 2**31 - 1  # an index of which the compiler knows its sign needs no wrap, and addresses become constant distances
 PLACES = 1023  # of a tile, likewise
 # flags on the device: why it stands still, why it will, steps done, member that failed
 HALT, PENDING, STEPS, FAILED, FLAGS = range(5)
 # counts of a step: places listed so far, blocks with particles in the next step (one number of 64 bits with the first), blocks,
-# those with particles in this step, those with contact, and particles that have left the domain since the last sort; blocks that
-# held particles then. What a kernel adds to lies in a line of the cache of its own: who reads the others does not wait for sums
+# those with particles in this step, those with contact, and particles that have left the domain since the last sort; pieces of the
+# blocks that held particles then. What a kernel adds to lies in a line of the cache of its own: who reads the others does not
+# wait for sums
 APART = 64
 CURSOR, NEXT = 0, 1
 BLOCKS, ACTIVE, HOMES = APART, APART + 1, APART + 2
@@ -80,9 +83,12 @@ LEFT_INDEX, UNSTABLE, GROW = 1, 2, 3  # why a batch halts; the last: a sort foun
 CELL_LANES, PARTICLE_LANES = 64, 128  # threads of a block that steps a block of cells, and of any other
 STARTS = CELL_LANES + 1  # where the cells of a block start and the last ends
 WARP = 32  # threads of a block where those of 64 would wait for each other: contact and lists
+SECTOR = 8  # numbers that memory moves at once: where a block of threads begins
+SPARE, FEW = 5, 2**20  # free rows of the matrix, so that a sort moves as many at once; where there are fewer particles than this
 AT_ONCE = 4  # numbers that a thread of a sort loads at once
 CLEARING = 2**12  # threads that clear what lies behind the particles
 AMPLE = 2**12  # blocks, about 12 MB, that arrays get beyond what is needed
+ALL_AT_WORK = 1500  # pieces from which on every multiprocessor of a large GPU has work: fewer particles are cut into smaller ones
 SHARED_BLOCKS = 2**14  # blocks of threads that take turns with blocks of cells, where these are little work or few
 
 

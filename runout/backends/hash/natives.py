@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash import reductions
+from runout.backends.hash import reductions, shared_memory
 from runout.backends.hash.reductions import hits_before, sum_before, sum_lanes
 
 # Neighbours in a warp mostly enter the same cell: one atomic serves them all.
@@ -242,32 +242,13 @@ def warp_lanes() -> int:  # type: ignore[empty-body]
     """Threads that go together: a warp of a GPU; on a CPU each goes alone."""
 
 
-PREFETCH = """
-#if defined(__CUDA_ARCH__)
-    const char* place = (const char*)rows.data + (size_t)row * rows.strides[0] + (size_t)p * sizeof(*rows.data);
-    asm volatile("prefetch.global.L2 [%0];" :: "l"(place));
-#endif
-"""
-
-
-@wp.func_native(PREFETCH)
-def prefetch32(rows: wp.array2d(dtype=wp.float32), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
-    """Prefetch the sector of memory that holds a number of a row."""
-
-
-@wp.func_native(PREFETCH)
-def prefetch64(rows: wp.array2d(dtype=wp.float64), row: int, p: int):  # type: ignore[valid-type, no-untyped-def]
-    """Prefetch the sector of memory that holds a number of a row."""
-
-
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     names = (
-        "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "prefetch", "book_four", "max_lanes",
-        "note_largest",
+        "add_node", "node_at", "add_pair", "pair_at", "put_node", "raise_peak", "book_four", "max_lanes", "note_largest",
     )  # fmt: skip
-    known = vars(reductions) | globals()
+    known = vars(reductions) | vars(shared_memory) | globals()
     by_type = {name: known[f"{name}{precision[-2:]}"] for name in names}
     plain: tuple[Any, ...] = (count_in, next_four, take_place, book, add_marks, lane_count, own_block, own_lane)
     plain += (warp_lanes, sum_before, hits_before, sum_lanes)
-    return by_type | {function.key: function for function in plain}
+    return by_type | {function.key: function for function in (*plain, *shared_memory.PLAIN)}

@@ -3,33 +3,38 @@
     block b      64 cells, one per thread
     cell c       particles order[cstart[b, c]] ... order[cstart[b, c + 1] - 1]
     registers    27 nodes x (mass, momentum x, y, z) of the cell
-    tile         6 x 6 x 6 nodes in shared memory, [x][y][z], z next to each other: nodes of the block and of seven neighbours
+    tiles        two of 4 x 6 x 6 nodes in shared memory, [x][y][z], z next to each other: what either half of the cells reaches
     grid.nodes   64 nodes of block 0, 64 nodes of block 1, ...; in a block 16 x + 4 y + z
 
-A thread sums the particles of its cell in registers, adds them to the tile, and the block adds the tile to the grid.
+A thread sums the particles of its cell in registers and adds them to the tile of its half. The block adds both tiles to the grid.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from runout.backends.hash.groups import BlockGroup, GridGroup, ParticleGroup, SceneGroup, StatusGroup
+from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
     CELL_LANES,
     HALT,
+    HALVES,
     MASS,
     MOMENTUM,
+    NEXT,
     NOT_NEGATIVE,
     OFFSET,
-    TILE,
+    PENDING,
+    STEPS,
+    TOUCHED,
     lane_count,
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _add_cell, _first_node, _give_tile, _set_bases
+from runout.backends.hash.stencil import _add_cell, _give_tile, _set_bases
 from runout.physics.bspline import weights
+from runout.physics.contact import reach
 from runout.physics.tensors import real, vec
 
 
@@ -76,22 +81,54 @@ def _sum_cell(particles: ParticleGroup, begin: int, last: int):
     return acc
 
 
+def _open_step(status: StatusGroup, scenes: SceneGroup, constants: Constants, s: int):
+    """Open the step of a scene; one without steps left has time step 0.
+
+    Row of the clock: time step [s], change of velocity by gravity [m/s], distance beyond which no particle is in contact [m]; and
+    what the transfer does, see :func:`runout.backends.hash.scenes.choices`.
+
+    Other threads of the launch still read ``left`` and the count of blocks: ``update_nodes`` changes them.
+    """
+    if s == 0:
+        status.flags[STEPS] = status.flags[STEPS] + 1
+        status.tally[ACTIVE] = status.tally[NEXT]
+        status.tally[TOUCHED] = 0
+    scenes.clock[s, 0] = real(0.0)
+    if scenes.left[s] > 0:
+        scenes.step_counts[s] = scenes.step_counts[s] + 1
+        scenes.clock[s, 0] = scenes.steps[s]
+        scenes.clock[s, 4] = reach(constants.largest, wp.sqrt(status.peaks[s]), scenes.steps[s], constants.band)
+        status.peaks[s] = real(0.0)
+        status.contacts[s] = 0
+
+
 def particles_to_grid(
-    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup, launched: int,
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
+    constants: Constants, launched: int,
 ):  # fmt: skip
-    """Mass and momentum of the particles to the nodes. In fixed order, each block only fills its own arena."""
+    """Mass and momentum of the particles to the nodes; in fixed order, each block only fills its own arena.
+
+    One more block of threads than ``launched`` opens the step meanwhile.
+    """
     begin, lane = wp.tid()
-    b = int(blocks.active[begin])  # loaded before it is known whether there is anything to do
+    b = int(blocks.active[wp.min(begin, blocks.active.shape[0] - 1)])  # loaded before it is known whether there is anything to do
     if status.flags[HALT] != 0:
         return
-    for a in range(begin, status.tally[ACTIVE], launched):
-        if scenes.clock[blocks.member[b], 0] > real(0.0):
-            tile = wp.tile_zeros(shape=TILE, dtype=node4, storage="shared")
+    if status.flags[PENDING] != 0:
+        if begin == launched and lane == 0:
+            status.flags[HALT] = status.flags[PENDING]
+        return
+    if begin == launched:
+        for s in range(lane, scenes.left.shape[0], lane_count()):
+            _open_step(status, scenes, constants, s)
+        return
+    for a in range(begin, status.tally[NEXT], launched):
+        if scenes.left[blocks.member[b]] > 0:
+            tile = wp.tile_zeros(shape=HALVES, dtype=node4, storage="shared")
             bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             _set_bases(bases, blocks.up, b, lane)
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_cell(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1])
-                first = _first_node(c)
-                _add_cell(tile, first, acc)
+                _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
         b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 import warp as wp
 
+from runout.backends.hash.device_status import Snapshot
 from runout.backends.hash.layout import ENTERED, GROUNDED, GROW, HALT, LEFT, NEAR, NEXT, OWNERS, run
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.readback import Report
@@ -47,7 +48,7 @@ def present(parts: Parts) -> Works:
 
 def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None]) -> None:
     """Launches of a sort."""
-    parts.status.flags.zero_()
+    parts.status.open_sort()
     parts.index.find_blocks(enter)
     if parts.ground is not None:
         parts.ground.cut(parts.k, parts.index, parts.nodes, parts.scenes)
@@ -62,9 +63,12 @@ def enqueue_again(parts: Parts, report: Report) -> None:
     enqueue(parts, *present(parts))
 
 
-def settle(parts: Parts, again: Callable[[], Works]) -> dict[str, np.ndarray]:
-    """The device status after a sort that has been launched; the sort is made again with larger arrays until they suffice."""
-    status = parts.status.read()
+def settle(parts: Parts, again: Callable[[], Works], found: Snapshot | None = None) -> dict[str, np.ndarray]:
+    """The device status after a sort that has been launched, or as it was ``found`` behind the sort.
+
+    The sort is made again with larger arrays until they suffice.
+    """
+    status = (found or parts.status.snapshot()).arrived()
     while status["flags"][HALT] == GROW:
         _make_room(parts, status["counts"])
         parts.store.turn_over()  # nothing has moved

@@ -1,10 +1,12 @@
 """State: the arrays of the particles on the device.
 
     memory (25, n)    turn 0: | record 0 ... 23 | radius |     turn 1: | radius | record 0 ... 23 |
+    memory (30, n)    turn 0: | record 0 ... 23 | radius | 5 free |     turn 1: | 5 free | record 0 ... 23 | radius |
     a row             one number of every particle: neighbours in a warp read neighbours in memory
     number            place of a particle in the input; ``forces`` is in that order, all other arrays in the order of memory
 
-A sort moves each row to the row beside it, so that the particles need no second copy.
+A sort moves each row to the row beside it, so that the particles need no second copy. Where particles are few, launches take the
+time: it moves five rows at once to the five that are free.
 """
 
 from __future__ import annotations
@@ -23,11 +25,13 @@ from runout.backends.hash.layout import (
     AT_ONCE,
     CELL_LANES,
     CLEARING,
+    FEW,
     HISTORY,
     MASS,
     MOMENTUM,
     OFFSET,
     ROWS,
+    SPARE,
     STAMPS,
     STRAIN,
     VOLUME,
@@ -50,9 +54,9 @@ class Store:
         Of the particles as they were loaded.
     size, n : int
         Places; places that hold a particle or one that has gone since the last sort.
-    memory : (ROWS + 1, size)
+    memory : (ROWS + 1, size) or (ROWS + 1 + SPARE, size)
         Rows of the record and the radius. A sort moves each row to the place beside it, in ``turn`` 0 up from row 0 and in turn 1
-        back, and the radius to the place at the other end.
+        back, and the radius to the place at the other end; or all of them by ``spare`` places.
     put_releases : set of int
         Releases of the particles.
     """
@@ -62,7 +66,8 @@ class Store:
         self.put_releases: set[int] = set()
         self.n = size = self.size
         self.forces = wp.zeros(len(identity), dtype=wp.types.vector(length=4, dtype=number))
-        self.memory = wp.zeros((ROWS + 1, max(size, 1)), dtype=number)  # warp takes no part of nothing
+        self.spare = SPARE if size < FEW else 0
+        self.memory = wp.zeros((ROWS + 1 + self.spare, max(size, 1)), dtype=number)  # warp takes no part of nothing
         self.release, self.number = wp.zeros(size, dtype=wp.int16), wp.array(np.arange(size, dtype=np.int32), dtype=wp.int32)
         self.stress = wp.zeros((6, size * stressed), dtype=number)
         self.key, self.order = wp.full(size, -1, dtype=wp.int32), wp.zeros(size, dtype=wp.int32)
@@ -86,13 +91,14 @@ class Store:
         rows = np.zeros((ROWS + 1, len(p)), dtype)
         for place in range(ROWS + 1):
             rows[place] = _values(p, spacing, place)
-        wp.copy(self.memory[:, part], wp.array(rows, dtype=self.memory.dtype))
+        wp.copy(self.memory[: ROWS + 1, part], wp.array(rows, dtype=self.memory.dtype))
         if p.ground_force.any():  # from which contact starts
             self.forces[part].assign(np.column_stack([np.zeros(len(p)), p.ground_force]).astype(dtype))
 
     def _take_turn(self, turn: int) -> None:
         self.turn = turn
-        self.rec, self.radius = self.memory[turn : turn + ROWS], self.memory[0 if turn else ROWS]
+        first = turn * max(self.spare, 1)
+        self.rec, self.radius = self.memory[first : first + ROWS], self.memory[first + ROWS if self.spare or not turn else 0]
         self.group = filled(self.struct, self)
 
     def sort(self, k: SimpleNamespace, index: Index, nodes: NodeArrays) -> None:
@@ -104,12 +110,15 @@ class Store:
         index.count_blocks()
         index.list_cells(nodes, by_sums=True)
         self.place(k, index)
-        self._sort_rows(k, index, nodes)
+        if self.spare:
+            self._sort_rows_together(k, index)
+        else:
+            self._sort_rows(k, index, nodes)
         self._bring(k.gather_ints, k.bring_back_ints, index, nodes, self.number)
         if self.only < 0:
             self._bring(k.gather_shorts, k.bring_back_shorts, index, nodes, self.release)
         nodes.grid.zero_(), nodes.approach_speeds.zero_()
-        run_blocks(k.renumber, index.shared, WARP, status, self.group, blocks, nodes.contact_group)
+        run_blocks(k.renumber, index.shared, WARP, status, self.group, blocks, nodes.contact_group, index.piece)
         run(k.clear_beyond, CLEARING, status, self.group, blocks)
 
     def place(self, k: SimpleNamespace, index: Index) -> None:
@@ -135,6 +144,14 @@ class Store:
         for place in places:
             run(k.gather_reals, threads, status, self.group, blocks, self.memory[place], self.memory[place + step])
         run(k.bring_back_reals, self.size, status, blocks, scratch, radius)
+
+    def _sort_rows_together(self, k: SimpleNamespace, index: Index) -> None:
+        """Rows in the order of the list, as many at once as are free; the radius goes with them."""
+        shift = self.spare * (1 - 2 * self.turn)
+        first = range(ROWS + 1 - self.spare, -1, -self.spare) if self.turn == 0 else range(self.spare, ROWS + 2, self.spare)
+        for row in first:
+            source, target = (self.memory[r : r + self.spare] for r in (row, row + shift))
+            run(k.gather_rows, self.size, index.status.group, self.group, index.block_group, source, target)
 
     def turn_over(self) -> None:
         """The rows lie in the other places now: after a sort, or again if it moved nothing."""

@@ -11,15 +11,18 @@ from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
     COUNTED_AT_ONCE,
+    CURSOR,
     GRADIENT_TRANSFER,
     HALT,
+    NEXT,
     ORDERED,
     PIECE,
     PUSHES,
     PUSHES_UP,
+    SECOND,
     SLOT,
     TILE,
-    WIDE,
+    WIDE_PLAN,
     WIDE_X,
     WIDE_Y,
     Ints,
@@ -38,6 +41,10 @@ from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
 
 note_largest: Any = None  # the largest of each 32 numbers; the binding puts it in its place
+add_in: Any = None  # adds to a number of a tile, likewise
+meet: Any = None  # the lanes of a block wait for each other, likewise
+meet_warp: Any = None  # those of a warp, likewise
+stage_node: Any = None  # begins to copy a node to a tile, likewise
 pair_at: Any = None  # two numbers that lie beside each other, by one load; the binding puts it in its place
 
 
@@ -91,20 +98,29 @@ def _cell_of(starts: Tile, n: int):
     return c
 
 
-def _add_cell(tile: Tile, first: int, acc: Any):
-    """Sums (27, 4) of a cell, whose first node has place ``first``, to the tile of its block."""
+def _add_cell(halves: Tile, c: int, acc: Any):
+    """Sums (27, 4) of cell ``c`` to the tile of its half of the block.
+
+    A warp has the 32 cells of a half, and a tile of its own for the 4 x 6 x 6 nodes that they reach: no warp waits for another.
+    """
+    first = _first_node(c) + SECOND * (c >> 5)
     for i in range(3):
         for j in range(3):
             for k in range(3):
                 n = (i * 3 + j) * 3 + k
-                g = node4(acc[n, 0], acc[n, 1], acc[n, 2], acc[n, 3])
-                wp.tile_scatter_add(tile, first + (i * 6 + j) * 6 + k, g, True, False)
+                add_in(halves, first + (i * 6 + j) * 6 + k, node4(acc[n, 0], acc[n, 1], acc[n, 2], acc[n, 3]))
+                meet_warp()
 
 
-def _give_tile(tile: Tile, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int):
-    """Sums at the nodes of the tile of a block to the nodes of the grid; in fixed order, only to the arena of the block."""
+def _give_tile(halves: Tile, arenas: Nodes, nodes: Nodes, bases: Tile, b: int, lane: int):
+    """Sums at the nodes of the tiles of both halves to the nodes of the grid; in fixed order, only to the arena of the block."""
+    meet()
     for t in range(lane, TILE, lane_count()):
-        g = tile[t]
+        g = node4()
+        if t < TILE - SECOND:
+            g = node4(halves[t])
+        if t >= SECOND:
+            g += halves[t + SECOND]
         if ORDERED:
             arenas[b * TILE + t] = g
         elif g[0] != real(0.0) or g[1] != real(0.0) or g[2] != real(0.0) or g[3] != real(0.0):
@@ -210,16 +226,11 @@ def _wide_block(around: Table2, b: int, t: int):
 
 
 def _wide_node(grid: Nodes, o: int, t: int):
-    """Velocity of node ``t`` of the 8 x 8 x 8 around a block; ``o`` is the block that it belongs to, -1 if there is none.
-
-    With a gradient transfer the first number of the node, by then its mean dilatation, comes last.
-    """
+    """Node ``t`` of the 8 x 8 x 8 around a block; ``o`` is the block that it belongs to, -1 if there is none."""
     g = node4()
     if o >= 0:
         g = node_at(grid, o * 64 + (((((t >> 6) + 3) & 3) << 4) | ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)))
-    if GRADIENT_TRANSFER:
-        return node4(g[1], g[2], g[3], g[0])
-    return node4(g[1], g[2], g[3], real(0.0))
+    return g
 
 
 def _wide_place(t: int):
@@ -227,44 +238,40 @@ def _wide_place(t: int):
     return ((t >> 6) & 7) * WIDE_X + ((t >> 3) & 7) * WIDE_Y + (t & 7)
 
 
-def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
-    """Velocity of the 8 x 8 x 8 nodes that particles up to one cell outside of a block reach; a lane loads eight at once.
+def _node_of(o: int, n: int):
+    """Place in the grid of node ``n`` of block ``o``, negative if there is no such block."""
+    return wp.where(o < 0, -1, o * 64 + n)
 
-    In a loop whose length the compiler does not know: it would keep places of the tile in registers, and others out of them.
+
+def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
+    """Begin to copy the 8 x 8 x 8 nodes that particles up to one cell outside of a block reach.
+
+    A lane takes eight from west to east, in a loop whose length the compiler does not know: it would keep places of the tile in
+    registers, and others out of them.
     """
-    lanes = wp.block_dim()
-    for q in range(WIDE // lanes // 8):
-        t = 8 * q * lanes + lane
-        b0 = _wide_block(around, b, t)
-        b1 = _wide_block(around, b, t + lanes)
-        b2 = _wide_block(around, b, t + 2 * lanes)
-        b3 = _wide_block(around, b, t + 3 * lanes)
-        b4 = _wide_block(around, b, t + 4 * lanes)
-        b5 = _wide_block(around, b, t + 5 * lanes)
-        b6 = _wide_block(around, b, t + 6 * lanes)
-        b7 = _wide_block(around, b, t + 7 * lanes)
-        u0 = _wide_node(grid, b0, t)
-        u1 = _wide_node(grid, b1, t + lanes)
-        u2 = _wide_node(grid, b2, t + 2 * lanes)
-        u3 = _wide_node(grid, b3, t + 3 * lanes)
-        u4 = _wide_node(grid, b4, t + 4 * lanes)
-        u5 = _wide_node(grid, b5, t + 5 * lanes)
-        u6 = _wide_node(grid, b6, t + 6 * lanes)
-        u7 = _wide_node(grid, b7, t + 7 * lanes)
-        wp.tile_scatter_masked(tile, _wide_place(t), u0, True)
-        wp.tile_scatter_masked(tile, _wide_place(t + lanes), u1, True)
-        wp.tile_scatter_masked(tile, _wide_place(t + 2 * lanes), u2, True)
-        wp.tile_scatter_masked(tile, _wide_place(t + 3 * lanes), u3, True)
-        wp.tile_scatter_masked(tile, _wide_place(t + 4 * lanes), u4, True)
-        wp.tile_scatter_masked(tile, _wide_place(t + 5 * lanes), u5, True)
-        wp.tile_scatter_masked(tile, _wide_place(t + 6 * lanes), u6, True)
-        wp.tile_scatter_masked(tile, _wide_place(t + 7 * lanes), u7, True)
+    for t in range(lane, WIDE_PLAN, wp.block_dim()):
+        q = (((t >> 3) + 3) >> 2) * 3 + (((t & 7) + 3) >> 2)
+        n = ((((t >> 3) + 3) & 3) << 2) | ((t + 3) & 3)
+        west = int(around[b, q])
+        own = int(around[b, q + 9])
+        east = int(around[b, q + 18])
+        place = _wide_place(t)
+        stage_node(tile, place, grid, _node_of(west, 48 + n))
+        stage_node(tile, place + WIDE_X, grid, _node_of(own, n))
+        stage_node(tile, place + 2 * WIDE_X, grid, _node_of(own, 16 + n))
+        stage_node(tile, place + 3 * WIDE_X, grid, _node_of(own, 32 + n))
+        stage_node(tile, place + 4 * WIDE_X, grid, _node_of(own, 48 + n))
+        stage_node(tile, place + 5 * WIDE_X, grid, _node_of(east, n))
+        stage_node(tile, place + 6 * WIDE_X, grid, _node_of(east, 16 + n))
+        stage_node(tile, place + 7 * WIDE_X, grid, _node_of(east, 32 + n))
 
 
 def update_nodes(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
+
+    The counts that the next blocks need start from zero here, and a step less is left: what opened the step has read them.
 
     That bounds particles of the packed form only: those that keep a part of their own velocity may be faster than every node. The
     counts of the cells are set to zero here, unless F-bar still needs the lists.
@@ -275,7 +282,14 @@ def update_nodes(
     s = blocks.member[b]
     slot = ground.grounded[b]
     slopes = ground.slopes[b]
-    if status.flags[HALT] != 0 or b >= status.tally[BLOCKS]:
+    if status.flags[HALT] != 0:
+        return
+    if t < scenes.left.shape[0]:
+        scenes.left[t] = wp.max(scenes.left[t] - 1, 0)
+        if t == 0:
+            status.tally[CURSOR] = 0
+            status.tally[NEXT] = 0
+    if b >= status.tally[BLOCKS]:
         return
     if COUNTED_AT_ONCE:
         blocks.ends[_cell_entry(t)] = 0

@@ -1,6 +1,6 @@
 """One step: its launches in their order.
 
-    begin -> particles to grid -> contact detection -> contact solution -> nodes -> grid to particles -> lists by cell
+    particles to grid -> contact detection -> contact solution -> nodes -> grid to particles -> lists by cell
 
 Every launch reads on the device how much there is to do, so the host does not wait.
 """
@@ -15,7 +15,6 @@ from runout.backends.hash.parts import Parts
 
 def enqueue(parts: Parts) -> None:
     """Launches of one step."""
-    begin(parts)
     particles_to_grid(parts)
     gradient_transfer.push(parts)
     move_nodes(parts)
@@ -25,17 +24,11 @@ def enqueue(parts: Parts) -> None:
     list_cells(parts)
 
 
-def begin(parts: Parts) -> None:
-    """Open the step."""
-    scenes = parts.scenes
-    run(parts.k.begin_step, len(scenes.scenes), parts.status.group, scenes.group, scenes.constants)
-
-
 def particles_to_grid(parts: Parts) -> None:
-    """Mass and momentum of the particles to the nodes."""
+    """Open the step; mass and momentum of the particles to the nodes."""
     i, k, n, status = parts.index, parts.k, parts.nodes, parts.status.group
-    arguments = status, parts.store.group, i.block_group, n.grid_group, parts.scenes.group
-    run_blocks(k.particles_to_grid, i.launched, CELL_LANES, *arguments)
+    arguments = status, parts.store.group, i.block_group, n.grid_group, parts.scenes.group, parts.scenes.constants
+    run_each(k.particles_to_grid, i.launched + 1, CELL_LANES, *arguments, i.launched)
     if parts.ordered:
         run(k.note_held, i.capacity, i.block_group, n.grid_group)
         run(k.sum_nodes, i.capacity * 64, status, i.block_group, n.grid_group)
@@ -61,7 +54,7 @@ def grid_to_particles(parts: Parts) -> None:
     """Velocities to the particles, the law, and motion."""
     i, scenes = parts.index, parts.scenes
     run_blocks(
-        parts.k.grid_to_particles, i.launched, CELL_LANES, parts.status.group, parts.store.group, i.block_group,
+        parts.k.grid_to_particles, i.launched + i.more_pieces, CELL_LANES, parts.status.group, parts.store.group, i.block_group,
         parts.nodes.grid_group, scenes.group, scenes.constants, scenes.materials,
     )  # fmt: skip
 
