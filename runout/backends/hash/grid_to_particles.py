@@ -175,6 +175,14 @@ def _is_sound(status: StatusGroup, moves: Vector, scene: int):
     return False
 
 
+def _release_at(particles: ParticleGroup, constants: Constants, p: int):
+    """Release of the particle at a place; it is read only where there are several."""
+    release = constants.only
+    if release < 0:
+        release = int(particles.release[p])
+    return release
+
+
 def _moved(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, home: Home, p: int, f: Vector, moves: Vector, cell: wp.vec3i,
     k: int,
@@ -228,13 +236,15 @@ def grid_to_particles(
         home = _home(blocks, scenes, b, scene)
         fastest, lost = real(0.0), wp.float64(0.0)
         key_ahead = int(particles.key[ahead])
+        release_ahead = int(_release_at(particles, constants, ahead))
         turn = int(0)
         arrive()
         for place in range(first, last, lane_count()):
             p = place & NOT_NEGATIVE
-            k = int(key_ahead)
+            k, release = int(key_ahead), int(release_ahead)
             ahead = wp.min(p + lane_count(), last - 1) & NOT_NEGATIVE
             key_ahead = particles.key[ahead]
+            release_ahead = _release_at(particles, constants, ahead)
             come()
             staged = (turn & 1) * (ROOM // 2) + lane
             turn += 1
@@ -244,7 +254,7 @@ def grid_to_particles(
                 new = int(k)
                 if k >= 0 and dt > real(0.0):
                     cell = _cell_from_home(home, k, blocks.coordinates)
-                    mat = mats[int(particles.release[p])]
+                    mat = mats[release]
                     corner = ((cell[0] + 1) * WIDE_X + (cell[1] + 1) * WIDE_Y + cell[2] + 1) & PLACES
                     if GRADIENT_TRANSFER:
                         f, v, own, work = _deform_by_rates(
