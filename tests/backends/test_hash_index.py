@@ -13,6 +13,7 @@ hash_backend = pytest.importorskip("runout.backends.hash.backend")
 batch = pytest.importorskip("runout.backends.hash.batch")
 parts = pytest.importorskip("runout.backends.hash.parts")
 layout = pytest.importorskip("runout.backends.hash.layout")
+readback = pytest.importorskip("runout.backends.hash.readback")
 state = pytest.importorskip("runout.backends.hash.state")
 UNIT = (1.0, 1.0, 1.0)
 WEIGHTLESS = (0.0, 0.0, 0.0)
@@ -175,6 +176,22 @@ def test_escaped_mass_is_booked_once_also_over_a_sort(monkeypatch):
         assert backend.columns().mass.sum() == pytest.approx(row.mass, rel=1e-12, abs=1e-9)
     assert row.mass == 0.0
     assert row.escaped_energy == pytest.approx(0.5 * p.mass.sum() * 400, rel=1e-9)
+
+
+@pytest.mark.parametrize("lanes", [3, 2**11])
+def test_threads_of_a_gpu_share_the_sums_over_particles_that_have_gone(monkeypatch, lanes):
+    """Each thread looks at four keys at once, the last ones perhaps beyond the end."""
+    monkeypatch.setattr(readback, "ROW_LANES", lanes)
+    monkeypatch.setattr(readback, "FEWEST_LANES", lanes)
+    p = scattered(301, 35.0)
+    p.velocity[:, 0] = 20.0
+    backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
+    backend.report = readback.Report(backend.parts.k.groups, 1, is_cuda=True)
+    backend.steps(0.01, 150)
+    row = backend.ledger()
+    assert 0.0 < row.escaped_mass < p.mass.sum()
+    assert row.mass + row.escaped_mass == pytest.approx(p.mass.sum(), rel=1e-14)
+    assert row.mass == pytest.approx(backend.particles().mass.sum(), rel=1e-14)
 
 
 def test_two_particles_at_one_place_and_hundreds_in_one_cell_are_summed():

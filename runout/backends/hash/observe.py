@@ -180,6 +180,19 @@ def sum_rows(status: StatusGroup, blocks: BlockGroup, rows: Doubles2, parts: int
             sums[i, d] = total[0]
 
 
+def _add_gone(
+    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants, mats: Materials, sums: SumGroup,
+    p: int, key: int, row: int,
+):  # fmt: skip
+    """Add a particle that has left to the row of its scene; the rows of a thread begin at ``row``."""
+    k = -2 - key
+    s = blocks.member[k >> 6]
+    x = _position(particles.rec, p, k, blocks.coordinates, scenes.shift[s], constants.h)
+    found = _row(particles, constants, p, mats, scenes.packed[s], x)
+    for d in range(SUMS):
+        sums.gone[row + s, d] = sums.gone[row + s, d] + found[d]
+
+
 def sum_gone(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants,
     mats: Materials, sums: SumGroup,
@@ -196,14 +209,14 @@ def sum_gone(
     for s in range(many):
         for d in range(SUMS):
             sums.gone[many * t + s, d] = wp.float64(0.0)
-    for p in range(t, particles.key.shape[0], threads):
-        if particles.key[p] < -1:
-            k = -2 - particles.key[p]
-            s = blocks.member[k >> 6]
-            x = _position(particles.rec, p, k, blocks.coordinates, scenes.shift[s], constants.h)
-            row = _row(particles, constants, p, mats, scenes.packed[s], x)
-            for d in range(SUMS):
-                sums.gone[many * t + s, d] = sums.gone[many * t + s, d] + row[d]
+    last = particles.key.shape[0] - 1
+    for p in range(t, particles.key.shape[0], 4 * threads):  # four keys at once: nearly all of them are of particles that are here
+        first, second = int(particles.key[p]), int(particles.key[wp.min(p + threads, last)])
+        third, fourth = int(particles.key[wp.min(p + 2 * threads, last)]), int(particles.key[wp.min(p + 3 * threads, last)])
+        if wp.min(wp.min(first, second), wp.min(third, fourth)) < -1:
+            for r in range(p, wp.min(p + 4 * threads, last + 1), threads):
+                if particles.key[r] < -1:
+                    _add_gone(particles, blocks, scenes, constants, mats, sums, r, particles.key[r], many * t)
 
 
 def _since_sort(status: StatusGroup, sums: SumGroup, s: int, d: int, lane: int):

@@ -19,7 +19,7 @@ from runout.backends.protocol import LedgerRow, RasterSums
 from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import Scene
 
-ROW_LANES = 4096  # threads of a GPU that share the sums over the particles that have gone
+ROW_LANES, FEWEST_LANES = 2**14, 2**11  # threads of a GPU that look for particles that have gone: for one scene, for many
 PARTS = 256  # blocks of threads that share the sums over the blocks of all scenes
 CHUNK = 2**18  # particles that are brought to the host at once
 WHOLE = 2.0**62  # sums over columns are whole numbers below this
@@ -47,7 +47,7 @@ class Report:
     """
 
     def __init__(self, groups: SimpleNamespace, scenes: int, is_cuda: bool):
-        self.parts, self.threads = (PARTS // scenes + 1, ROW_LANES // scenes + 1) if is_cuda else (1, 1)
+        self.parts, self.threads = (PARTS // scenes + 1, max(ROW_LANES // scenes, FEWEST_LANES)) if is_cuda else (1, 1)
         self.no_blocks = wp.array(np.tile(NO_BLOCKS, (scenes, 1)), dtype=wp.int32)
         rows = {"kept": (scenes, KEPT), "ledger": (scenes, LEDGER_NUMBERS), "gone": (scenes * self.threads, SUMS)}
         rows |= {"booked": (scenes * self.parts, BOOKED), "here": (scenes * self.parts, SUMS)}
