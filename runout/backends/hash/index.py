@@ -162,11 +162,9 @@ def note_owners(status: StatusGroup):
 
 def enter_above(status: StatusGroup, keys: KeyGroup):
     """Enter the seven neighbours upwards of a block: they hold the remaining nodes of its cells."""
-    m = wp.tid()
-    if m >= status.counts[OWNERS]:
-        return
-    key = keys.members[m]
-    for q in range(1, 8):
+    m, q = wp.tid()
+    if m < status.counts[OWNERS] and q > 0:
+        key = keys.members[m]
         x = int(key_x(key)) + (q >> 2)
         y = int(key_y(key)) + ((q >> 1) & 1)
         _enter(status, keys, block_key(x, y, int(key_z(key)) + (q & 1)))
@@ -206,26 +204,30 @@ def number_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, rows:
 
 
 def link_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup):
-    """Look up the 27 blocks around each, the eight upwards and, for sums in fixed order, the eight downwards."""
-    b = wp.tid()
+    """Look up the 27 blocks around each."""
+    b, q = wp.tid()
     if b >= status.tally[BLOCKS]:
         return
     i = blocks.coordinates[b, 0]
     j = blocks.coordinates[b, 1]
     k = blocks.coordinates[b, 2]
-    for q in range(27):
-        blocks.around[b, q] = _slot(keys, block_key(i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1))
+    blocks.around[b, q] = _slot(keys, block_key(i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1))
+
+
+def note_up(status: StatusGroup, blocks: BlockGroup):
+    """The eight blocks upwards of each and, for sums in fixed order, the eight downwards; they are among the 27."""
+    b = wp.tid()
+    if b >= status.tally[BLOCKS]:
+        return
     complete = int(1)
     for q in range(8):
-        x = q >> 2
-        y = (q >> 1) & 1
-        z = q & 1
-        s = _slot(keys, block_key(i + x, j + y, k + z))
+        step = (q >> 2) * 9 + ((q >> 1) & 1) * 3 + (q & 1)
+        s = blocks.around[b, 13 + step]
         blocks.up[b, q] = s
         if s < 0:
             complete = int(0)
         if ORDERED:
-            blocks.down[b, q] = _slot(keys, block_key(i - x, j - y, k - z))
+            blocks.down[b, q] = blocks.around[b, 13 - step]
     if complete == 0:
         blocks.up[b, 0] = -1
 
@@ -334,15 +336,16 @@ class Index:
         if self.box is not None:
             run(k.enter_given, len(self.box), status, self.key_group, self.box)
         run(k.note_owners, 1, status)
-        run(k.enter_above, entries // 2, status, self.key_group)
         sorted_ = min(self.capacity, entries // 2)
+        run(k.enter_above, (entries // 2, 8), status, self.key_group)
         run(k.require_room, max(sorted_, TALLY), status, self.key_group, entries, self.capacity)
         wp.utils.radix_sort_pairs(self.members, self.slots, sorted_)
         self.cstart.zero_()
         if self.ordered:
             self.down.fill_(-1)
         run(k.number_blocks, self.capacity, status, self.block_group, self.key_group, self.rows, self.many)
-        run(k.link_blocks, self.capacity, status, self.block_group, self.key_group)
+        run(k.link_blocks, (self.capacity, 27), status, self.block_group, self.key_group)
+        run(k.note_up, self.capacity, status, self.block_group)
 
     def grow(self, counts: np.ndarray) -> None:
         """Make room for what the last try counted: a table that got half full becomes twice as large."""
