@@ -27,6 +27,7 @@ from runout.config.quantities import (
     FrictionFactor,
     Height,
     ParticlesPerCell,
+    Text,
     Thickness,
 )
 from runout.config.remote import InputFile

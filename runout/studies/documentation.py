@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from runout.studies import commands_page, error_bar_page, error_page, gpu_page, skip, transfers
+from runout.studies.seed_cases import page as published_page
 from runout.studies.stability_cases import page as stability_page
 from runout.studies.study_page import StudyPage
 from runout.studies.validation import RECORD
@@ -31,7 +32,11 @@ def pages() -> dict[Path, StudyPage]:
     """Every generated page, by the folder that it is written to and its name."""
     found = {DOCS / folder / name: write(_record(name)) for name, (folder, write) in ONE_RECORD.items()}
     found |= {DOCS / "validation" / name: CASES[name].page(_record(record)) for name, record in _validated()}
-    return found | {DOCS / "benchmarks" / "gpu": gpu_page.page({name: _record(name) for name in gpu_page.RECORDS})}
+    folder, known = DOCS / "benchmarks", [name for name in published_page.RECORDS if (RECORDS / f"{name}.json").is_file()]
+    return found | {
+        folder / "gpu": gpu_page.page({name: _record(name) for name in gpu_page.RECORDS}),
+        folder / "published": published_page.page([_record(name) for name in known]),
+    }
 
 
 def _validated() -> Iterator[tuple[str, str]]:

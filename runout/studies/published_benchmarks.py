@@ -31,7 +31,8 @@ def planned(device: str, full: bool) -> Parts:
     flows: Parts = {"site": lambda: site_runs.by_cell_size(device, full), "ladder": lambda: ladder.climb(device, full)}
     if device != "cpu":
         return flows
-    return {"slides": lambda: bodies.slides(full), "collapses": lambda: bodies.collapses(full), **flows}
+    own: Parts = {"slides": lambda: bodies.slides(full), "collapses": lambda: bodies.collapses(full)}
+    return {**own, **flows, "forecasts": site_runs.forecasts}
 
 
 def measured(device: str = "cpu", full: bool = False) -> dict[str, Any]:
@@ -48,7 +49,7 @@ def measured(device: str = "cpu", full: bool = False) -> dict[str, Any]:
     -------
     dict
         ``full``, ``created`` (UTC), ``device``, ``card``, ``machine``, ``versions``, and the rows of each part: ``slides``,
-        ``collapses`` (CPU only), ``site``, ``ladder``.
+        ``collapses`` and ``forecasts`` (CPU only), ``site``, ``ladder``.
 
     Raises
     ------

@@ -11,6 +11,7 @@ GENERATED = {
     "verification.md",
     "benchmarks/error_bars.md",
     "benchmarks/gpu.md",
+    "benchmarks/published.md",
     "benchmarks/skip.md",
     "benchmarks/transfers.md",
     "benchmarks/work_precision.md",

@@ -78,7 +78,7 @@ def test_a_rung_without_room_for_the_dense_grid_has_the_sparse_part_only(monkeyp
     found = ladder.rung(3.0, 2000, "cpu", 1)
     assert "dense" not in found
     assert "speed_up" not in found
-    [(_, table)] = tables([{"device": "cpu", "ladder": [found]}])
+    [_, (_, table)] = tables([{"device": "cpu", "ladder": [found]}])
     assert table.count("no room") == 4
 
 
@@ -131,14 +131,24 @@ def test_the_page_and_its_tables_are_made_from_the_record(made, record):
 
 
 def test_published_figures_stand_beside_rows_of_the_same_sparsity_and_cell():
-    rung = {"sparsity": 373.0, "particles": 10, "speed_up": 3.0, "memory_ratio": 5.0, "measured_sparsity": 300.0}
+    rung = {"sparsity": 373.0, "particles": 10, "speed_up": 3.0, "memory_ratio": 5.0, "measured_sparsity": 380.0}
     rung |= {kind: {"step": 1e-3, "index": 1e-4, "bytes": 10, "blocks": 5} for kind in ("sparse", "dense")}
     [(title, table), _] = tables([{"device": "cuda:0", "card": "card", "ladder": [rung]}])
     assert title == "Beside the published figures"
-    assert "| 11.5 | 3 | GPU |" in table
-    assert len(tables([{"device": "cuda:0", "ladder": [rung | {"sparsity": 100.0}]}])) == 1
+    assert "| 11.5 | 3.0 (sparsity 380) | GPU |" in table
+    assert "| 97 | not measured | CPU |" in table
+    [(_, other), _] = tables([{"device": "cuda:0", "ladder": [rung | {"measured_sparsity": 370.0}]}])
+    assert "11.5" not in other
 
 
 def test_a_gpu_runs_the_site_and_the_ladder_only():
     assert list(planned("cuda:0", True)) == ["site", "ladder"]
-    assert list(planned("cpu", True)) == ["slides", "collapses", "site", "ladder"]
+    assert list(planned("cpu", True)) == ["slides", "collapses", "site", "ladder", "forecasts"]
+
+
+def test_the_finest_run_fits_a_card_of_16_gb_by_the_forecast(record):
+    finest = min(record["forecasts"], key=lambda r: r["cell"])
+    assert finest["cell"] == 2.0
+    assert finest["particles"] == pytest.approx(8 * site.VOLUME / 2.0**3, rel=0.03)
+    assert 100 * finest["particles"] < finest["device_bytes"] < 16e9
+    assert finest["host_bytes"] < 4e9

@@ -14,7 +14,7 @@ from runout.studies.seed_cases.published import SPARSITIES
 from runout.studies.sloping_layer import Layer
 from runout.studies.timing import Case, TimedRun, take_turns
 
-RUNGS = (1.0, SPARSITIES[0], SPARSITIES[1], 30.0, 100.0, SPARSITIES[2])
+RUNGS = (1.0, SPARSITIES[0], SPARSITIES[1], 30.0, 100.0, SPARSITIES[2], 600.0)  # by blocks, the last exceeds the one before it
 PARTICLES = {"cpu": 100_000, "gpu": 1_000_000}
 FEW, FEW_RUNGS = 4_000, (1.0, SPARSITIES[1])
 REPEATS, FEW_REPEATS = 5, 2

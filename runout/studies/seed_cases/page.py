@@ -11,7 +11,7 @@ from runout.studies.study_page import StudyPage, as_csv, download, markdown
 RECORDS = ("published", "published_gpu")  # file names without their ending
 Record = Mapping[str, Any]
 GIB = 2.0**30
-OPENING = """# Published benchmarks at full size
+OPENING = """# Published benchmarks
 
 The benchmarks of the published sparse method ({source}) with `runout`. Backends: `scan` on the CPU, `hash` on the GPU.
 
@@ -27,14 +27,16 @@ The benchmarks of the published sparse method ({source}) with `runout`. Backends
   grid.
 - *Columns*: case F4, plane strain, height twice the length, floor of 30° or what the sand hands on; until all rests.
 - *Ladder*: two bodies, eight cells deep, eight particles per cell, single precision. *Sparsity* is the volume of the box around
-  both over their volume; *of blocks*: blocks of the dense grid over those of the sparse one.
+  both over their volume; *of blocks*: blocks of the dense grid over those of the sparse one, which also holds their neighbours.
 - *Dense*: the same kernels over all blocks of the box. Its time has no index and, on a GPU, no sort; the time of the sparse grid
   has both. One thread on the CPU.
 - *Site*: **synthetic**. A flank falls {drop:g} m over {length:g} m into a valley; {volume:g} Mm³, eight particles per cell,
   internal friction 30°, basal friction {angle:g}°, up to {end:g} s. One thread on the CPU (processor time); wall time on the GPU.
 - *Memory*: *backend*: arrays of particles, blocks and index. *Card*: all that the driver counts, with context and kernels. *Host*:
   largest resident memory of the process, with its libraries.
-- *Run-out*: plan distance from the top of the release that 99 % of the deposit does not exceed.
+- *Forecast*: memory at the start of a run, by the formulas with which `runout` refuses runs that do not fit; not measured.
+- *Run-out*: plan distance from the top of the release that 99 % of the deposit does not exceed. The deposit lies against the
+  other side of the valley.
 - *Sparsity* of the site: blocks of the box around the flow over blocks held, at the start, the largest, and at the end.
 
 ## What is not comparable
@@ -68,7 +70,7 @@ def page(records: Sequence[Record]) -> StudyPage:
         angle=site.BASAL_ANGLE,
         end=site.END_TIME,
         limits=markdown(("what", "why"), published.NOT_COMPARABLE),
-        record="\n".join(_provenance(record) for record in records),
+        record="\n".join((*map(_provenance, records), *_missing(records))),
     )
     return StudyPage("published", text, files, {"published.png": figure(records)})
 
@@ -89,6 +91,8 @@ def tables(records: Sequence[Record]) -> list[tuple[str, str]]:
              "card [GiB]", "host [GiB]"), [_cost(device(x), r) for x in records for r in x.get("site", ())]),
             ("Synthetic site: blocks and run-out", ("device", "cell [m]", "blocks", "nodes", "sparsity", "run-out [m]",
              "deposit [m]", "stopped"), [_flow(device(x), r) for x in records for r in x.get("site", ())]),
+            ("Synthetic site: forecast of the memory on a GPU", ("cell [m]", "particles", "published", "nodes", "device [GiB]",
+             "host [GiB]"), [_forecast(r) for r in _rows(records, "forecasts")]),
         )
         if rows
     ]  # fmt: skip
@@ -99,18 +103,23 @@ def device(record: Record) -> str:
     return "CPU" if record["device"] == "cpu" else "GPU"
 
 
+def _unmeasured(records: Iterable[Record]) -> list[str]:
+    """Devices without a record."""
+    return sorted({"CPU", "GPU"} - {device(record) for record in records})
+
+
 def _rows(records: Iterable[Record], part: str) -> list[Record]:
     return [row for record in records for row in record.get(part, ())]
 
 
 def _beside(records: Sequence[Record]) -> Iterator[tuple[str, ...]]:
-    """The published figures with what the records have for them."""
+    """The published figures with what the records have for them, and those of a device without a record."""
+    for place in _unmeasured(records):
+        quantity = f"time, dense grid / sparse grid, sparsity {published.SPARSITIES[-1]:g}"
+        yield quantity, f"{published.SPEED_UP[place]:g}", "not measured", place
     for record in records:
-        place, largest = device(record), published.SPARSITIES[-1]
-        for r in record.get("ladder", ()):
-            if r["sparsity"] == largest and "speed_up" in r:
-                quantity = f"time, dense grid / sparse grid, sparsity {largest:g}"
-                yield quantity, f"{published.SPEED_UP[place]:g}", f"{r['speed_up']:.2g}", place
+        place = device(record)
+        yield from _dense_over_sparse(record, place)
         for r in record.get("site", ()):
             if r["cell"] in published.SECONDS and place == "GPU":
                 cell = f"site with cells of {r['cell']:g} m [s]"
@@ -120,6 +129,14 @@ def _beside(records: Sequence[Record]) -> Iterator[tuple[str, ...]]:
             each = published.MEMORY / published.PARTICLES[2.0]
             ours = f"{finest['backend_bytes'] / finest['particles']:.0f} ({_gib(finest['backend_bytes'])} GiB, {_million(finest)})"
             yield "bytes per particle", f"{each:.0f} ({_gib(published.MEMORY)} GiB, 10.7 M)", ours, place
+
+
+def _dense_over_sparse(record: Record, place: str) -> Iterator[tuple[str, ...]]:
+    """The first rung with at least the published sparsity, by blocks."""
+    largest = published.SPARSITIES[-1]
+    for r in [r for r in record.get("ladder", ()) if r.get("measured_sparsity", 0.0) >= largest][:1]:
+        quantity, ours = f"time, dense grid / sparse grid, sparsity {largest:g}", f"{r['speed_up']:.1f}"
+        yield quantity, f"{published.SPEED_UP[place]:g}", f"{ours} (sparsity {r['measured_sparsity']:.0f})", place
 
 
 def _slide(r: Record) -> tuple[str, ...]:
@@ -161,6 +178,11 @@ def _flow(place: str, r: Record) -> tuple[str, ...]:
     )  # fmt: skip
 
 
+def _forecast(r: Record) -> tuple[str, ...]:
+    particles = f"{r['particles']:,}", f"{published.PARTICLES[r['cell']]:,.0f}"
+    return f"{r['cell']:g}", *particles, f"{r['nodes']:,}", _gib(r["device_bytes"]), _gib(r["host_bytes"])
+
+
 def _gib(nbytes: float) -> str:
     return f"{nbytes / GIB:.2g}" if nbytes < GIB else f"{nbytes / GIB:.1f}"
 
@@ -188,6 +210,10 @@ def _flat(row: Record) -> dict[str, Any]:
 
 def _number(value: Any) -> Any:
     return f"{value:.5g}" if isinstance(value, float) else value
+
+
+def _missing(records: Sequence[Record]) -> list[str]:
+    return [f"Record {place}: none; nothing on this page was measured on a {place}." for place in _unmeasured(records)]
 
 
 def _provenance(record: Record) -> str:

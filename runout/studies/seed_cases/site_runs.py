@@ -2,11 +2,13 @@
 
 import time
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from runout.backends.protocol import get_backend
+from runout.memory import Extent, expected_memory
 from runout.run import Run, RunControl
 from runout.scenario import build_scene
 from runout.studies.seed_cases import synthetic_site as site
@@ -33,6 +35,29 @@ class Watch:
         """Count blocks and bytes now."""
         self.blocks.append(count_blocks(self.engine))
         self.nbytes = max(self.nbytes, memory_of(self.engine, self.particles)["bytes"])
+
+
+def forecasts() -> list[dict[str, Any]]:
+    """One row a cell size of a GPU: the forecast of :mod:`runout.memory` for the start of the run, which needs no GPU.
+
+    ``cell`` [m], ``particles``, ``nodes`` of all blocks, ``device_bytes`` and ``host_bytes``.
+    """
+    return [_forecast(cell) for cell in CELLS["gpu"]]
+
+
+def _forecast(cell: float) -> dict[str, Any]:
+    ground, extents = site.terrain(), list[Extent]()
+    build_scene(
+        ground, site.release(ground), site.ROCK_AND_ICE, site.BASAL_ANGLE, cell, PER_CELL, accept=extents.append, in_chunks=True
+    )
+    found = expected_memory(extents[0], ground.elevation.size, "float32", on_card())
+    held = {"particles": extents[0].particles, "nodes": NODES * extents[0].nodes_on_device}
+    return {"cell": cell, **held, "device_bytes": found.backend, "host_bytes": found.host}
+
+
+def on_card() -> Any:
+    """What :func:`runout.memory.expected_memory` asks of a backend on a GPU."""
+    return SimpleNamespace(device=SimpleNamespace(is_cuda=True))
 
 
 def by_cell_size(device: str, full: bool) -> list[dict[str, Any]]:
