@@ -55,3 +55,13 @@ def test_frank_slide_is_shorter_than_that_of_shaltop_until_it_comes_to_rest(resu
     at = run["times"].index(20.0)
     assert run["runout"]["front"][at] < run["shaltop"]["front"][at]
     assert run["runout"]["rear"][at] > run["shaltop"]["rear"][at]
+
+
+def test_avalanche_of_avaframe_stops_near_that_of_com1dfa(results):
+    """Voellmy with the coefficients of AvaFrame, cells of 10 m: 1896 m and 79 m/s against 1788 m and 56 m/s, CSI 0.59."""
+    found = results("avakot")
+    run, other = found["runs"][0], found["com1dfa"]["Voellmy"]
+    assert found["volume"] == pytest.approx(other["mass"] / 200.0, rel=0.02)
+    assert run["front"] == pytest.approx(other["front"], rel=0.1)
+    assert other["speed"] < run["speed"] < 1.6 * other["speed"]
+    assert run["csi"] > 0.5

@@ -1,12 +1,15 @@
 """Cases of the validation: runs beside published tools, experiments and observed events."""
 
 from runout.studies.validation_cases import (
+    avakot,
+    avakot_page,
     cascades_2021,
     cascades_2021_page,
     columns,
     columns_page,
     frank_slide,
     frank_slide_page,
+    iseesnow,
     iseesnow_cases,
 )
 from runout.studies.validation_cases.case import ValidationCase
@@ -19,6 +22,13 @@ CASES: dict[str, ValidationCase] = {
         ValidationCase("frank_slide", "Frank Slide beside SHALTOP, frame by frame", frank_slide.measure, frank_slide_page.page),
         ValidationCase(
             "cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure, cascades_2021_page.page
+        ),
+        ValidationCase(
+            "avakot",
+            "AvaFrame's avaKot with its own friction, beside com1DFA",
+            avakot.measure,
+            avakot_page.page,
+            available=iseesnow.has_voellmy,
         ),
         ValidationCase("columns", "Columns of rods and of sand beside experiments", columns.measure, columns_page.page),
     )
