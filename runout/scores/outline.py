@@ -18,4 +18,4 @@ def outline_shares(outline: Any, grid: Grid) -> np.ndarray:
         (:meth:`runout.scores.Grid.covering`).
     """
     covered, _, _ = on_cells(np.array([outline], dtype=object), np.ones(1), grid.terrain())
-    return np.ascontiguousarray(covered.T[::-1])
+    return np.clip(np.ascontiguousarray(covered.T[::-1]), 0.0, 1.0)  # areas of parts may add up to more by rounding

@@ -69,7 +69,8 @@ class Thalweg:
         nearest = shapely.line_locate_point(line, shapely.points(place))
         segment = np.clip(np.searchsorted(self.vertex_s, nearest, "right") - 1, 0, len(self.directions) - 1)
         s, across = self._beside(place, segment)
-        inside = (nearest > 0.0) & (nearest < self.length)
+        round_off = 1e-9 * self.length  # of the length that shapely finds
+        inside = (nearest > round_off) & (nearest < self.length - round_off)
         distance = shapely.distance(line, shapely.points(place))
         return (
             np.where(inside, nearest, s).reshape(x.shape),

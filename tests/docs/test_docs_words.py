@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-WORDS_BY_HAND, WORDS_OF_A_DECISION, WORDS_OF_A_BACKEND, WORDS_OF_CHANGES = 20_000, 350, 650, 1_200
+WORDS_BY_HAND, WORDS_OF_A_DECISION, WORDS_OF_A_BACKEND, WORDS_OF_CHANGES = 21_000, 350, 650, 1_200
 GENERATED = {
     "stress.md",
     "verification.md",
+    "benchmarks/commands.md",
     "benchmarks/error_bars.md",
     "benchmarks/gpu.md",
     "benchmarks/published.md",
@@ -62,7 +63,7 @@ def test_a_decision_fits_on_a_screen_and_has_all_its_parts(decisions):
             assert part in text, (name, part)
 
 
-def test_pages_by_hand_have_at_most_twenty_thousand_words(pages):
+def test_pages_by_hand_have_at_most_twenty_one_thousand_words(pages):
     assert set(pages) >= GENERATED
     by_hand = {name: words(text) for name, text in pages.items() if name not in GENERATED}
     assert sum(by_hand.values()) <= WORDS_BY_HAND, by_hand

@@ -35,6 +35,17 @@ def test_coordinates_of_a_straight_line_are_a_rotation_also_beyond_its_ends(plac
     assert across == pytest.approx(0.6 * north - 0.8 * east, abs=1e-9)
 
 
+def test_a_line_of_many_vertices_goes_on_straight_beyond_its_end():
+    """The length that is found for the nearest place may differ from the sum of the segments by rounding."""
+    for seed in range(40):
+        steps = np.random.default_rng(seed).uniform((1.0, -0.5), (90.0, 0.5), (30, 2))
+        line = scores.Thalweg(np.cumsum(steps, axis=0) + (5e5, 5.2e6))
+        beyond = line.points[-1] + 250.0 * line.directions[-1]
+        s, across = line.coordinates(*beyond)
+        assert s == pytest.approx(line.length + 250.0, abs=1e-6)
+        assert across == pytest.approx(0.0, abs=1e-6)
+
+
 @given(PLACE)
 def test_distance_from_the_line_is_the_nearest_and_the_left_is_positive(place):
     s, across = BENT.coordinates(*place)

@@ -76,7 +76,7 @@ def _scored(result: runout.Result, slope: np.ndarray, line: Any, other: dict[str
     speed = np.nan_to_num(result.maps["max_speed"].values)
     x, y = np.meshgrid(terrain.easting, terrain.northing)
     s, _ = line.coordinates(x, y)
-    covered = outline_shares(shapely.union_all([shapely.Polygon(ring) for ring in other["outline"]]).buffer(0), cell).clip(0.0, 1.0)
+    covered = outline_shares(shapely.union_all([shapely.Polygon(ring) for ring in other["outline"]]).buffer(0), cell)
     table = contingency(reached(thickness, EXTENT), covered, cell.cell_area)
     return {
         "front": float(s[speed > MOVING].max()),
