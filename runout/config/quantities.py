@@ -35,7 +35,7 @@ Extent = Annotated[list[Edge], Field(min_length=4, max_length=4), AfterValidator
 CellSize = Annotated[
     Annotated[Size, Tag("<number>")] | Annotated[list[Size], Field(min_length=3, max_length=3), Tag("<list>")], Discriminator(shape)
 ]
-PerAxis = Annotated[int, Field(ge=1, le=8)]
+PerAxis = Annotated[int, Field(ge=1, le=32)]  # thin releases take many levels
 ParticlesPerCell = Annotated[
     Annotated[int, Field(ge=1, le=512), Tag("<number>")]
     | Annotated[list[PerAxis], Field(min_length=3, max_length=3), Tag("<list>")],

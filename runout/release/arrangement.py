@@ -1,7 +1,8 @@
-"""Default particles per cell: (2, 2, 4), or (3, 3, 1) for thick masses on level ground.
+"""Default particles per cell: (2, 2, 4), more levels in masses thinner than half a cell, (3, 3, 1) in thick ones on level ground.
 
-A flow on a slope becomes thin, and layers thinner than a cell need several particles above each other. A mass that friction holds
-on level ground stays thick, and more particles in plan are more accurate there (docs/decisions/11-particle-arrangement.md).
+A flow on a slope becomes thin, and layers thinner than a cell need several particles above each other: a layer of one level carries
+too little pressure at its rim. A mass that friction holds on level ground stays thick, and more particles in plan are more accurate
+there (docs/decisions/11-particle-arrangement.md).
 """
 
 import math
@@ -20,6 +21,8 @@ from runout.terrain.prepare import reachable, steepness
 
 LEVEL = (3, 3, 1)  # particles per cell for a thick mass on level ground
 THICK = 4.5  # least cells through a thick mass; for thinner ones (2, 2, 4) is at least as accurate
+THIN = 0.5  # cells through a mass; thinner ones get as many levels through their thickness as others through a cell
+MOST_LEVELS = 32
 HELD = 2.0  # ratio of friction to slope above which friction holds a mass
 
 
@@ -44,9 +47,9 @@ def default_particles(
     zones : FrictionZones, optional
         Zones with another basal friction.
     """
-    cells = min((r.volume / r.area for r in releases), default=0.0) / height
+    cells = min((r.volume / r.area for r in releases), default=height) / height
     if cells < THICK:
-        return PARTICLES_PER_CELL
+        return particles_for(cells, 0.0, 0.0)
     frictions = [r.friction_on(basal) for r in releases]
     least = least_angle(frictions, [math.inf] * len(frictions), zones)
     friction = min(math.tan(least), *((r.material or material).internal_friction for r in releases))
@@ -65,6 +68,9 @@ def particles_for(cells: float, slope: float, friction: float) -> tuple[int, int
     friction : float
         Least coefficient [1] of the ground and of the mass itself.
     """
+    along, across, levels = PARTICLES_PER_CELL
+    if cells < THIN:
+        return along, across, min(MOST_LEVELS, math.ceil(levels / max(cells, 1.0 / MOST_LEVELS)))
     return LEVEL if cells >= THICK and friction > HELD * slope else PARTICLES_PER_CELL
 
 

@@ -11,7 +11,9 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
 from runout.materials.granular_flow import GranularFlow
 from runout.model.friction import FrictionZones
+from runout.model.surface import Surface
 from runout.release.arrangement import LEVEL, default_particles, particles_for
+from runout.release.sample import sample_particles
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=8e6, friction_angle=30.0)
 CELL, SIDE, DEPTH = 2.0, 40, 10.0  # [m], cells of the raster, thickness of the mass [m]
@@ -32,7 +34,7 @@ def sloping(slope: float) -> np.ndarray:
 LEVEL_MASS = mass(sloping(0.0))
 
 
-@pytest.mark.parametrize(("height", "found"), [(0.5, LEVEL), (2.0, LEVEL), (2.5, PARTICLES_PER_CELL), (20.0, PARTICLES_PER_CELL)])
+@pytest.mark.parametrize(("height", "found"), [(0.5, LEVEL), (2.0, LEVEL), (2.5, PARTICLES_PER_CELL), (20.0, PARTICLES_PER_CELL)])  # of 10 m
 def test_five_cells_on_level_ground_are_thick(height, found):
     assert default_particles(LEVEL_MASS, SAND, ANGLE, height) == found
 
@@ -75,6 +77,22 @@ def test_a_hollow_that_the_mass_leaves_is_steep():
 def test_the_thinnest_release_counts():
     thin = replace(LEVEL_MASS[0], thickness=0.2 * LEVEL_MASS[0].thickness)
     assert default_particles([*LEVEL_MASS, thin], SAND, ANGLE, 1.0) == PARTICLES_PER_CELL
+
+
+@pytest.mark.parametrize(("height", "levels"), [(20.0, 4), (21.0, 9), (40.0, 16), (1000.0, 32)])
+def test_masses_thinner_than_half_a_cell_get_four_levels_through_their_thickness(height, levels):
+    assert default_particles(LEVEL_MASS, SAND, ANGLE, height) == (2, 2, levels)  # of 10 m
+
+
+def test_levels_in_a_thin_slab_are_filled_with_its_mass():
+    """Four levels of particles lie in a slab of a third of a cell, with its exact mass."""
+    slab = replace(LEVEL_MASS[0], thickness=0.1 * LEVEL_MASS[0].thickness)  # 1 m
+    count = default_particles([slab], SAND, ANGLE, 3.0)
+    found = sample_particles([slab], [SAND], Surface.through(np.zeros((SIDE, SIDE)), (CELL, CELL)), spacing=(4.0, 4.0, 3.0), particles_per_cell=count)
+    assert count == (2, 2, 12)
+    assert found.mass.sum() == pytest.approx(SAND.density * slab.volume, rel=1e-12)
+    column = np.unique(np.floor(found.position(np.array((4.0, 4.0, 3.0)))[:, :2] / 2.0), axis=0, return_counts=True)[1]
+    assert np.median(column) == 4
 
 
 def test_fluids_thin_on_any_ground():

@@ -5,7 +5,8 @@ from runout.studies.validation_cases.iseesnow import Variant, has_voellmy, measu
 from runout.studies.validation_cases.iseesnow_page import page
 from runout.studies.validation_cases.iseesnow_text import COULOMB_DIFFERENCES, TOPO_DIFFERENCES
 
-LEVELLED = (2, 2, 12)  # particles per cell: at 5 m four levels through the slab, where the default has one
+LEVELLED = (2, 2, 12)  # particles per cell: at 5 m four levels through the slab, as by default
+ONE_LEVEL = (2, 2, 4)
 COARSE = (Variant(10.0, (2, 2, 24)),)
 COULOMB_SETUP = (
     "Slab of 1.5 m on a parabolic slope with a channel that ends on a cone; Coulomb friction 0.4 (21.8 deg), no other term. "
@@ -15,11 +16,11 @@ COULOMB_SETUP = (
 COULOMB_FULL = (
     Variant(5.0, LEVELLED),
     Variant(5.0, LEVELLED, polygon=True),
-    Variant(5.0),
+    Variant(5.0, ONE_LEVEL),
     Variant((5.0, 5.0, 2.5)),
     Variant(2.5),
     Variant(10.0, (2, 2, 24)),
-    Variant(10.0),
+    Variant(10.0, ONE_LEVEL),
 )
 TOPO_SETUP = (
     "Slab of 1.5 m on a plane of 34 deg that ends on level ground; Voellmy friction with mu = 0.4 and xi = 2000 m/s2. Snow: "
@@ -30,7 +31,7 @@ TOPO_FULL = (
     Variant(5.0, LEVELLED, 40.0, polygon=True),
     Variant(5.0, LEVELLED, 30.0),
     Variant(5.0, LEVELLED, 50.0),
-    Variant(5.0, None, 40.0),
+    Variant(5.0, ONE_LEVEL, 40.0),
     Variant(10.0, (2, 2, 24), 40.0),
 )
 

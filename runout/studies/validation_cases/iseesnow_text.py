@@ -1,15 +1,14 @@
 """Text of the pages of ISeeSnow."""
 
 COULOMB_DIFFERENCES = """\
-- **With the default particles in cells of 5 m the area is below every tool. Reason: the slab is one particle thick.** The default,
-  2 x 2 x 4 particles per cell, has levels of a quarter of a cell; the slab of 1.8 m (vertical) is one of them. Its sides carry
+- **With 2 x 2 x 4 particles in cells of 5 m the area is below every tool. Reason: the slab is one particle thick.** Levels are a
+  quarter of a cell; the slab of 1.8 m (vertical) is one of them. Its sides carry
   0.64 of the hydrostatic pressure (last column, 0.45 in cells of 10 m), so it spreads too little to its sides and stays too
   thick. No thin rim is lost below a threshold: the area above 0.001 m is too small as well, and that above 1 m is too large.
 - **More levels in the same cells mend it**, and so do flat cells and small cells. Four levels at 5 m: pressure 0.88, +2 ha.
-  Rule for a thin release: at least four levels through its thickness, here `particles_per_cell: [2, 2, 12]`. They take twice
-  the time of one.
+  So the default has four levels through releases thinner than half a cell, here 2 x 2 x 12. They take twice the time of one.
 - The polygon has partly filled cells at its rim, which lowers the pressure there; compare the rows of the raster.
-- With cells of 10 m the map smooths particles that are far apart, which hides a part of the deficit in the default.
+- With cells of 10 m the map smooths particles that are far apart, which hides a part of the deficit of one level.
 - What is left to the median of the tools, 1 to 2 ha, is in the run-out zone. The tools have hydrostatic pressure; internal friction
   resists spreading (compare [Frank Slide](frank_slide.md), where this was measured).
 - The front stops 75 m before the median, where RAMMS, com1DFA, samosAT and the MPM of the table stop (4160 to 4180 m). The tools'
