@@ -34,7 +34,7 @@ def sloping(slope: float) -> np.ndarray:
 LEVEL_MASS = mass(sloping(0.0))
 
 
-@pytest.mark.parametrize(("height", "found"), [(0.5, LEVEL), (2.0, LEVEL), (2.5, PARTICLES_PER_CELL), (20.0, PARTICLES_PER_CELL)])  # of 10 m
+@pytest.mark.parametrize(("height", "found"), [(0.5, LEVEL), (2.0, LEVEL), (2.5, PARTICLES_PER_CELL), (20.0, PARTICLES_PER_CELL)])
 def test_five_cells_on_level_ground_are_thick(height, found):
     assert default_particles(LEVEL_MASS, SAND, ANGLE, height) == found
 
@@ -88,7 +88,8 @@ def test_levels_in_a_thin_slab_are_filled_with_its_mass():
     """Four levels of particles lie in a slab of a third of a cell, with its exact mass."""
     slab = replace(LEVEL_MASS[0], thickness=0.1 * LEVEL_MASS[0].thickness)  # 1 m
     count = default_particles([slab], SAND, ANGLE, 3.0)
-    found = sample_particles([slab], [SAND], Surface.through(np.zeros((SIDE, SIDE)), (CELL, CELL)), spacing=(4.0, 4.0, 3.0), particles_per_cell=count)
+    level = Surface.through(np.zeros((SIDE, SIDE)), (CELL, CELL))
+    found = sample_particles([slab], [SAND], level, spacing=(4.0, 4.0, 3.0), particles_per_cell=count)
     assert count == (2, 2, 12)
     assert found.mass.sum() == pytest.approx(SAND.density * slab.volume, rel=1e-12)
     column = np.unique(np.floor(found.position(np.array((4.0, 4.0, 3.0)))[:, :2] / 2.0), axis=0, return_counts=True)[1]

@@ -39,7 +39,7 @@ def test_a_line_of_many_vertices_goes_on_straight_beyond_its_end():
     """The length that is found for the nearest place may differ from the sum of the segments by rounding."""
     for seed in range(40):
         steps = np.random.default_rng(seed).uniform((1.0, -0.5), (90.0, 0.5), (30, 2))
-        line = scores.Thalweg(np.cumsum(steps, axis=0) + (5e5, 5.2e6))
+        line = scores.Thalweg(np.cumsum(steps, axis=0) + np.array([5e5, 5.2e6]))
         beyond = line.points[-1] + 250.0 * line.directions[-1]
         s, across = line.coordinates(*beyond)
         assert s == pytest.approx(line.length + 250.0, abs=1e-6)
