@@ -17,7 +17,7 @@ COULOMB = FRICTIONS.find("coulomb")
 REGISTERS, FRAME = 0x2F, 0x11  # attributes of the section .nv.info of a cubin
 LARGEST = {  # registers a thread of the kernels that take the time; the others need at most 112
     "float32": {"particles_to_grid": 168, "grid_to_particles": 128, "sum_blocks": 128, "cut_tiles": 128},
-    "float64": {"particles_to_grid": 255, "grid_to_particles": 222, "find_contacts": 160, "solve_contacts": 168, "sum_blocks": 136}
+    "float64": {"particles_to_grid": 255, "grid_to_particles": 222, "find_contacts": 168, "solve_contacts": 168, "sum_blocks": 136}
     | {"cut_tiles": 168},
 }
 GRADIENT_TRANSFER = {  # of scenes with transfer apic or aflip, or F-bar; bounded for single precision, not measured

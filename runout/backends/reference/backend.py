@@ -55,8 +55,7 @@ class ReferenceBackend:
             raise ConfigError("sleep_speed works on scan, not on reference; set backend to scan, or leave it out")
         given = gathered(particles)
         require_index_range(given.node, scene.spacing)
-        self.counters = Counters()
-        self.scene = scene
+        self.counters, self.scene = Counters(), scene
         self.spacing = np.array(scene.spacing, np.float64)
         self.inverse_inertia = bspline.inverse_inertia(self.spacing)
         self.loops = compiled_loops(scene.law, scene.basal.law)
@@ -116,8 +115,7 @@ class ReferenceBackend:
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
-        p, (kinetic, potential, elastic) = self._p, self._energies()
-        active = np.unique(blocks.block_of(p.node), axis=0)
+        p, active, (kinetic, potential, elastic) = self._p, np.unique(blocks.block_of(self._p.node), axis=0), self._energies()
         return LedgerRow(
             mass=float(p.mass.sum()), escaped_mass=self._escaped_mass, momentum=p.mass @ p.velocity,
             kinetic_energy=float(kinetic.sum()), potential_energy=float(potential.sum()), elastic_energy=float(elastic.sum()),
