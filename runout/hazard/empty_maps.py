@@ -8,7 +8,7 @@ import numpy as np
 from runout.hazard.joint import Condition, with_conditions
 from runout.hazard.order import effective_sample_size
 from runout.io import netcdf
-from runout.map_quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES
+from runout.map_quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,16 +20,17 @@ def empty_maps(
     percentiles: Sequence[float],
     joint: Sequence[Condition],
     weights: np.ndarray,
+    quantities: Mapping[str, MapQuantity] = QUANTITIES,
 ) -> "xr.Dataset":
-    """All maps at zero, and no arrival, on the raster of ``dataset``, which has nothing but its place.
+    """All maps of ``quantities`` at zero, and no arrival, on the raster of ``dataset``, which has nothing but its place.
 
-    The parameters are those of :func:`runout.hazard.exceedance.aggregate`, the weights of sum 1.
+    The other parameters are those of :func:`runout.hazard.exceedance.aggregate`, the weights of sum 1.
     """
     shape = (dataset.sizes["y"], dataset.sizes["x"])
     dataset = dataset.assign_coords(percentile=np.unique(np.asarray(percentiles, np.float64)))
     dimensions = {"joint": "joint"} if joint else {}
     dataset = with_conditions(dataset, joint) if joint else dataset
-    for name, quantity in QUANTITIES.items():
+    for name, quantity in quantities.items():
         for product in filter(None, (quantity.peak, quantity.mean)):
             netcdf.add_map(dataset, product, np.zeros(shape, np.float32))
         limits = np.unique(np.asarray(thresholds.get(name, ()), np.float64))
@@ -43,7 +44,7 @@ def empty_maps(
     netcdf.add_map(dataset, "inundation_probability", np.zeros(shape, np.float32))
     netcdf.add_map(dataset, "members_reached", np.zeros(shape, np.int32))
     netcdf.add_map(dataset, FIRST_ARRIVAL, np.full(shape, np.nan, np.float32))
-    for name, start in {**{q.percentile: 0.0 for q in QUANTITIES.values()}, ARRIVAL_PERCENTILE: np.nan}.items():
+    for name, start in {**{q.percentile: 0.0 for q in quantities.values()}, ARRIVAL_PERCENTILE: np.nan}.items():
         netcdf.add_map(dataset, name, np.full((dataset.sizes["percentile"], *shape), start, np.float32), ("percentile",))
     dataset["effective_sample_size"] = effective_sample_size(weights)
     return dataset

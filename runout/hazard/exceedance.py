@@ -5,11 +5,13 @@ then the statistics of each tile are made of the values of all members. Where no
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.errors import StorageError
 from runout.hazard.empty_maps import empty_maps
 from runout.hazard.joint import Condition, conditions_of, require_conditions
 from runout.hazard.order import CellValues, effective_sample_size, equal, normalised, weighted_percentiles
@@ -90,21 +92,39 @@ def aggregate(
         raise ValueError("no threshold of the flow thickness is given; inundation needs one, for example 0.1 m")
     w = normalised(weights, len(members))
     side = _side(w, memory_bytes)
-    with TileStore(folder or Path(members[0]).parent, len(QUANTITIES) + 1, side**2, memory_bytes // 4) as store:
+    with ExitStack() as stack:
         for number, path in enumerate(members):
             with MemberMaps(path) as member:
                 if number == 0:
-                    maps = _Maps(empty_maps(member.grid(), thresholds, percentiles, joint, w), w, store, side, estimator)
+                    quantities = _quantities_of(member, thresholds, joint)
+                    names = [*(quantity.member_map for quantity in quantities.values()), ARRIVAL]
+                    place = folder or Path(path).parent
+                    store = stack.enter_context(TileStore(place, len(names), side**2, memory_bytes // 4))
+                    empty = empty_maps(member.grid(), thresholds, percentiles, joint, w, quantities)
+                    maps = _Maps(empty, w, store, side, estimator)
                     maps.leave_out(member.known())
                 member.require_grid(maps.dataset, Path(members[0]).name)
                 if each is not None:
                     each(number, member)
-                for block in member.blocks(memory_bytes // _BYTES_PER_CELL):
+                for block in member.blocks(memory_bytes // _BYTES_PER_CELL, names):
                     maps.take(number, block)
         store.finish()
         for tile in store:
             maps.place(tile)
     return maps.finished()
+
+
+def _quantities_of(
+    member: MemberMaps, thresholds: Mapping[str, Sequence[float]], joint: Sequence[Condition]
+) -> dict[str, MapQuantity]:
+    """Quantities whose map a member holds; StorageError if it lacks one that has a threshold."""
+    held = member.held()
+    wanted = {name for name, limits in thresholds.items() if len(limits)} | {name for condition in joint for name in condition}
+    for name in sorted(wanted):
+        if QUANTITIES[name].member_map not in held:
+            lacking = f"{member.path}: {QUANTITIES[name].member_map} is missing, which thresholds of {name} need"
+            raise StorageError(f"{lacking}; run the ensemble again")
+    return {name: quantity for name, quantity in QUANTITIES.items() if quantity.member_map in held}
 
 
 def _side(weights: np.ndarray, memory_bytes: int) -> int:
@@ -134,10 +154,11 @@ class _Maps:
     def __init__(self, dataset: "xr.Dataset", weights: np.ndarray, store: TileStore, side: int, estimator: Estimator):
         self.dataset, self.weights, self.store, self.side, self.estimator = dataset, weights, store, side, estimator
         self.joint = conditions_of(dataset)
+        self.quantities = {name: quantity for name, quantity in QUANTITIES.items() if quantity.peak in dataset}
         self.maps = {str(name): array.values for name, array in dataset.data_vars.items()}
         self.shape = (dataset.sizes["y"], dataset.sizes["x"])
         self.across = -(-self.shape[1] // side)
-        self.limits = {name: self._limits(quantity.threshold) for name, quantity in QUANTITIES.items()}
+        self.limits = {name: self._limits(quantity.threshold) for name, quantity in self.quantities.items()}
 
     def _limits(self, dimension: str) -> np.ndarray:
         return self.dataset[dimension].values.astype(np.float32) if dimension in self.dataset.coords else np.empty(0, np.float32)
@@ -145,7 +166,7 @@ class _Maps:
     def leave_out(self, known: np.ndarray | None) -> None:
         """Mark the cells without elevation."""
         if known is not None:
-            for quantity in QUANTITIES.values():
+            for quantity in self.quantities.values():
                 self.maps[quantity.peak][~known] = np.nan
 
     def take(self, member: int, block: Block) -> None:
@@ -153,8 +174,8 @@ class _Maps:
         place = (block.rows, block.columns)
         first = self.maps[FIRST_ARRIVAL][place]
         np.fmin(first, block.maps[ARRIVAL], out=first)
-        layers = [block.maps[quantity.member_map] for quantity in QUANTITIES.values()]
-        for quantity, layer in zip(QUANTITIES.values(), layers, strict=True):
+        layers = [block.maps[quantity.member_map] for quantity in self.quantities.values()]
+        for quantity, layer in zip(self.quantities.values(), layers, strict=True):
             if np.isnan(layer.min()):
                 self.maps[quantity.peak][place][np.isnan(layer)] = np.nan
         rows, columns, values = reached_tiles([*layers, block.maps[ARRIVAL]], self.side)
@@ -165,11 +186,11 @@ class _Maps:
     def place(self, tile: int) -> None:
         """Put the statistics of a tile into the maps."""
         given = self.store.members_of(tile)
-        for k, quantity in enumerate(QUANTITIES.values()):
+        for k, quantity in enumerate(self.quantities.values()):
             self._put_quantity(tile, quantity, self.store.values_of(tile, k), given)
         for k, condition in enumerate(self.joint):
             self._put_joint(tile, condition, k, given)
-        arrival = self.store.values_of(tile, len(QUANTITIES))
+        arrival = self.store.values_of(tile, len(self.quantities))
         arrival[np.isnan(arrival)] = np.inf
         found = CellValues(arrival, given, self.weights, absent=np.inf).percentiles(self.dataset["percentile"].values)
         self._put(tile, ARRIVAL_PERCENTILE, np.where(np.isinf(found), np.nan, found))
@@ -191,7 +212,7 @@ class _Maps:
 
     def _put_joint(self, tile: int, condition: Condition, index: int, given: np.ndarray) -> None:
         """Exceedance of a joint condition: each member meets it (1) or not (0)."""
-        places = {name: k for k, name in enumerate(QUANTITIES)}
+        places = {name: k for k, name in enumerate(self.quantities)}
         met = np.ones((self.side**2, len(given)), bool)
         for name, limit in condition.items():
             met &= self.store.values_of(tile, places[name]) >= np.float32(limit)
@@ -229,8 +250,8 @@ class _Maps:
 
     def finished(self) -> "xr.Dataset":
         """The maps, without values where a member leaves a cell undefined."""
-        undefined = {name: np.isnan(self.maps[quantity.peak]) for name, quantity in QUANTITIES.items()}
-        for name, quantity in QUANTITIES.items():
+        undefined = {name: np.isnan(self.maps[quantity.peak]) for name, quantity in self.quantities.items()}
+        for name, quantity in self.quantities.items():
             of_some = ("inundation_probability", "members_reached") if name == "thickness" else ()
             for product in (*map(quantity.exceedance, _KINDS), quantity.percentile, quantity.mean, *of_some):
                 self._undefine(product, undefined[name])
@@ -238,7 +259,7 @@ class _Maps:
             unknown = np.any([undefined[name] for name in condition], axis=0)
             for kind in _KINDS:
                 self._undefine(f"joint_exceedance_{kind}", unknown, k)
-        for name in (*QUANTITIES, "joint"):
+        for name in (*self.quantities, "joint"):
             self._add_mean_error(name)
         return self.dataset
 

@@ -1,7 +1,7 @@
 """Maps of one member in its file: the part of the raster that its flow reached, and where that part lies in the raster."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -165,14 +165,18 @@ class MemberMaps:
             "the elevation raster has changed in between, remove the file and run the ensemble again"
         )
 
-    def blocks(self, cells: int) -> Iterator[Block]:
-        """What the file holds, each cell once, in blocks of at most ``cells`` cells or of one chunk of the file."""
+    def held(self) -> tuple[str, ...]:
+        """Maps of a member that the file holds; a file that an earlier version wrote may lack some."""
+        return tuple(name for name in MEMBER_MAPS if name in self.file.variables)
+
+    def blocks(self, cells: int, names: Sequence[str] = MEMBER_MAPS) -> Iterator[Block]:
+        """Maps of these names, each cell once, in blocks of at most ``cells`` cells or of one chunk of the file."""
         wide = max(SMALLEST_BLOCK, cells // SMALLEST_BLOCK // SMALLEST_BLOCK * SMALLEST_BLOCK)
         for row in range(0, self.part.rows, SMALLEST_BLOCK):
             rows = slice(row, min(row + SMALLEST_BLOCK, self.part.rows))
             for column in range(0, self.part.columns, wide):
                 columns = slice(column, min(column + wide, self.part.columns))
-                maps = {name: self._values(name, rows, columns) for name in MEMBER_MAPS}
+                maps = {name: self._values(name, rows, columns) for name in names}
                 yield Block(_moved(rows, self.part.row), _moved(columns, self.part.column), maps)
 
     def layer(self, name: str, known: np.ndarray | None) -> np.ndarray:

@@ -20,6 +20,7 @@ GENERATED = {
     "validation/columns.md",
     "validation/coulomb_only.md",
     "validation/frank_slide.md",
+    "validation/idealized_topo.md",
 }
 PARTS_OF_A_DECISION = ("**What", "**Why", "**Evidence", "**Cost", "**What would overturn it.**")
 HASH = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}\b")

@@ -145,6 +145,9 @@ class Full:
     __enter__, __exit__, known = (lambda self: self), (lambda self, *error: None), (lambda self: None)
     blocks = MemberMaps.blocks
 
+    def held(self):
+        return MEMBER_MAPS
+
     def grid(self):
         return xr.Dataset(coords={"x": np.arange(self.part.columns), "y": np.arange(self.part.rows)})
 
@@ -259,3 +262,23 @@ def test_files_with_parts_and_files_with_whole_rasters_go_together(tmp_path: Pat
     for name in (name for name, values in expected.data_vars.items() if values.ndim > 1):
         known = np.isfinite(terrain.elevation)
         np.testing.assert_array_equal(mixed[name].values[..., known], expected[name].values[..., known], err_msg=name)
+
+
+def test_members_without_a_map_have_the_products_of_the_others_and_no_threshold_of_it(tmp_path: Path) -> None:
+    """As files of an earlier version, which had fewer maps."""
+    whole, fewer = [], []
+    for number in range(3):
+        terrain = make_terrain()
+        maps = member_maps(number)
+        whole.append(netcdf.write(netcdf.map_dataset(terrain, maps, title="test"), tmp_path / f"whole_{number}.nc"))
+        maps.pop("max_momentum_flux")
+        fewer.append(netcdf.write(netcdf.map_dataset(terrain, maps, title="test"), tmp_path / f"fewer_{number}.nc"))
+    limits = {"thickness": [0.1, 1.0], "speed": [1.0]}
+    found, expected = (aggregate(paths, np.full(3, 1 / 3), limits, PERCENTILES) for paths in (fewer, whole))
+    assert set(expected.data_vars) - set(found.data_vars) == {"peak_momentum_flux", "momentum_flux_percentile"}
+    for name in found.data_vars:
+        np.testing.assert_array_equal(found[name].values, expected[name].values, err_msg=str(name))
+    with pytest.raises(StorageError, match="max_momentum_flux is missing, which thresholds of momentum_flux need"):
+        aggregate(fewer, np.full(3, 1 / 3), {**limits, "momentum_flux": [1.0]}, PERCENTILES)
+    with pytest.raises(StorageError, match="max_momentum_flux"):
+        aggregate([whole[0], *fewer[1:]], np.full(3, 1 / 3), limits, PERCENTILES)
