@@ -44,7 +44,9 @@ def empty_maps(
     netcdf.add_map(dataset, "inundation_probability", np.zeros(shape, np.float32))
     netcdf.add_map(dataset, "members_reached", np.zeros(shape, np.int32))
     netcdf.add_map(dataset, FIRST_ARRIVAL, np.full(shape, np.nan, np.float32))
-    for name, start in {**{q.percentile: 0.0 for q in quantities.values()}, ARRIVAL_PERCENTILE: np.nan}.items():
-        netcdf.add_map(dataset, name, np.full((dataset.sizes["percentile"], *shape), start, np.float32), ("percentile",))
+    layers_of_percentiles = (dataset.sizes["percentile"], *shape)
+    for quantity in quantities.values():  # zeros take no memory before they change
+        netcdf.add_map(dataset, quantity.percentile, np.zeros(layers_of_percentiles, np.float32), ("percentile",))
+    netcdf.add_map(dataset, ARRIVAL_PERCENTILE, np.full(layers_of_percentiles, np.nan, np.float32), ("percentile",))
     dataset["effective_sample_size"] = effective_sample_size(weights)
     return dataset

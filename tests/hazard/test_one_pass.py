@@ -166,6 +166,7 @@ def test_memory_of_an_aggregation_is_bounded_by_what_it_says(
     """The worst case, beside the maps: all cells wet in all members; about as much on four times the raster."""
     monkeypatch.setattr(exceedance, "MemberMaps", Full)
     memory_bytes = 8 * 1024**2
+    aggregate([tmp_path / "64x64"] * 4, [1.0] * 4, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=memory_bytes)  # imports
     extra = []
     for rows, columns in ((128, 64), (128, 256)) if members > 24 else ((512, 256), (512, 1024)):
         tracemalloc.start()
