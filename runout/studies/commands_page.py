@@ -11,18 +11,17 @@ RUNS = ("command", "version", "wall [s]", "processor [s]", "largest process [MB]
 VERSIONS = ("before", "after")
 TEXT = """# Whole commands
 
-What a user waits for: whole commands of two versions in turns on the same machine, two cores a command.
+Time of whole commands of two versions on the same machine, two cores a command.
 
 {table}
 
-The geometric mean of the wall times is {mean:.2f} of before; without the commands that simulate nothing, {flows:.2f}.
+Geometric mean of the wall times over those before: {mean:.2f} of all commands, {flows:.2f} of those with an error.
 
 ![Wall time of each command before and after](commands.png)
 
 - *Error*: relative L1 difference of the peak thickness, the mean over the members, from the same members with half the cells:
   by the version before, and by the version after where there is a second number.
-- Versions: {commits[0]} (stiffness as that version advised, waves ten times as fast as the flow) and {commits[1]}
-  (stiffness chosen by the run).
+- *Before*: stiffness stated by the sites, for waves about ten times as fast as the flow. *After*: stiffness chosen by the run.
 - The first run compiles its kernels. Other runs find them, and start from a folder without results.
 - Numbers are medians of the runs; {runs} has each run.
 
@@ -34,7 +33,7 @@ The geometric mean of the wall times is {mean:.2f} of before; without the comman
 Copy the record to `tests/benchmarks/records/`; `python -m runout.studies.documentation` then writes this page, its table and
 its figure.
 
-Record: {machine}.
+Record: commits {commits[0]} and {commits[1]}; {machine}.
 """
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from runout.studies import validation
-from runout.studies.validation_cases import CASES
 
 FOLDERS = {
     "coulomb_only": "iseesnow/CoulombOnly",
@@ -24,8 +23,6 @@ def results():
     made = {}
 
     def of(name):
-        if not CASES[name].available():
-            pytest.skip(f"the friction law of {name} is not registered")
         place = os.environ.get("RUNOUT_DATA")
         if not place or not (Path(place) / FOLDERS[name]).exists():
             pytest.skip(f"RUNOUT_DATA names no folder with {FOLDERS[name]}")

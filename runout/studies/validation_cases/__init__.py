@@ -9,7 +9,6 @@ from runout.studies.validation_cases import (
     columns_page,
     frank_slide,
     frank_slide_page,
-    iseesnow,
     iseesnow_cases,
 )
 from runout.studies.validation_cases.case import ValidationCase
@@ -23,13 +22,7 @@ CASES: dict[str, ValidationCase] = {
         ValidationCase(
             "cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure, cascades_2021_page.page
         ),
-        ValidationCase(
-            "avakot",
-            "AvaFrame's avaKot with its own friction, beside com1DFA",
-            avakot.measure,
-            avakot_page.page,
-            available=iseesnow.has_voellmy,
-        ),
+        ValidationCase("avakot", "AvaFrame's avaKot with its own friction, beside com1DFA", avakot.measure, avakot_page.page),
         ValidationCase("columns", "Columns of rods and of sand beside experiments", columns.measure, columns_page.page),
     )
 }

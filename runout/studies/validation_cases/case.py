@@ -12,11 +12,6 @@ from runout.errors import InputError
 from runout.studies.study_page import StudyPage
 
 
-def always() -> bool:
-    """Whether the laws of a case are registered: those of every case that names none."""
-    return True
-
-
 @dataclass(frozen=True)
 class ValidationCase:
     """One case: ``measure(full)`` runs it, coarse for CI or at the sizes of the documentation; ``page(record)`` shows it.
@@ -30,15 +25,12 @@ class ValidationCase:
         Results, ready for JSON.
     page : callable
         Page of a record, which holds ``results`` and how they were made.
-    available : callable
-        Whether the laws that it runs are registered.
     """
 
     name: str
     title: str
     measure: Callable[[bool], dict[str, Any]]
     page: Callable[[Mapping[str, Any]], StudyPage]
-    available: Callable[[], bool] = always
 
 
 def data_folder(name: str, source: str) -> Path:

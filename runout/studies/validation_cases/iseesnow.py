@@ -109,11 +109,6 @@ class Inputs:
         return slope_normal_thickness(vertical, np.nan_to_num(self.slope)), speed
 
 
-def has_voellmy() -> bool:
-    """Whether the law Voellmy is registered."""
-    return "voellmy" in FRICTIONS.names()
-
-
 def voellmy(mu: float, xi: float) -> BasalFriction:
     """The law Voellmy with its coefficients mu [1] and xi [m/s2]."""
     law: Any = FRICTIONS.find("voellmy").friction

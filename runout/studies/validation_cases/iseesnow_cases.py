@@ -1,7 +1,7 @@
 """The two cases of ISeeSnow: their runs and the text of their pages."""
 
 from runout.studies.validation_cases.case import ValidationCase
-from runout.studies.validation_cases.iseesnow import Variant, has_voellmy, measure
+from runout.studies.validation_cases.iseesnow import Variant, measure
 from runout.studies.validation_cases.iseesnow_page import page
 from runout.studies.validation_cases.iseesnow_text import COULOMB_DIFFERENCES, TOPO_DIFFERENCES
 
@@ -46,5 +46,4 @@ IDEALIZED_TOPO = ValidationCase(
     "ISeeSnow IdealizedTopo: a slab with Voellmy friction beside 12 tools",
     lambda full: measure("IdealizedTopo", TOPO_FULL if full else (Variant(10.0, (2, 2, 24), 40.0),)),
     lambda record: page(record, TOPO_SETUP, TOPO_DIFFERENCES),
-    available=has_voellmy,
 )
