@@ -37,13 +37,16 @@ def test_a_cluster_of_two_processes_of_which_one_is_killed_gives_identical_produ
     shutil.copytree(local, folder, ignore=shutil.ignore_patterns("results"))
     with cluster(tmp_path / "dask") as dask:
         workers = [dask.worker(1, "--no-nanny") for _ in range(2)]
+        here = Cluster(dask.address, **dask.tls)
+        with here.connect(tmp_path) as (client, _):
+            client.wait_for_workers(2, timeout=60)  # one alone may finish all members before the other is there
 
         def kill_one():
             wait_until(psutil.Process(workers[0].pid).children)  # started for its first member
             end(workers[0])
 
         threading.Thread(target=kill_one).start()
-        outcome = hazard_map.run(folder, out, cluster=Cluster(dask.address, **dask.tls))
+        outcome = hazard_map.run(folder, out, cluster=here)
         assert workers[0].poll() is not None
     assert "lost 1 workers of the cluster, 1 are left" in caplog.text
     assert re.search(r"the worker of member \d died", caplog.text)
