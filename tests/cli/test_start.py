@@ -95,7 +95,7 @@ def test_every_error_has_its_exit_code_and_is_said_once(monkeypatch, capsys, tmp
 
 def test_global_options_hold_before_and_after_the_command(monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr(cli, "_stages", lambda site, stages, session, **_: seen.append(session) or 0)
+    monkeypatch.setattr(cli.sites, "_stages", lambda site, stages, session, **_: seen.append(session) or 0)
     out = str(tmp_path / "elsewhere")
     assert cli.main(["-v", "--out", out, "terrain", "site"]) == 0
     assert cli.main(["terrain", "site", "-v", "--out", out]) == 0

@@ -1,0 +1,1 @@
+"""Commands by subject; each parses its arguments and delegates."""

@@ -1,0 +1,165 @@
+"""Commands that make, run and compare sites."""
+
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from runout.commands.options import Device, Force, Injected, OnCluster, RetryFailed, Session, SiteArgument, Threads, Workers
+from runout.errors import ExitCode
+
+LOGGER = logging.getLogger(__name__)
+
+
+def new(
+    folder: Path,
+    *,
+    dem: Annotated[str, Parameter(help="Elevation raster.")],
+    release: Annotated[Path, Parameter(help="Polygons or thickness raster of the release.")],
+    thickness: Annotated[str | None, Parameter(help="Attribute of the polygons that holds the thickness, or metres.")] = None,
+    session: Injected,
+) -> int:
+    """Make a site folder: a commented site.yaml and inputs/."""
+    from runout.config.scaffold import new_site
+
+    made = new_site(folder, dem, release, thickness)
+    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, folder)
+    return ExitCode.OK
+
+
+def check(site: SiteArgument, *, device: Device = None, session: Injected) -> int:
+    """List every problem of a site and forecast its run; change nothing."""
+    from runout.workflow.preview import check_site
+
+    return check_site(site, session.out, device)
+
+
+def run(
+    site: SiteArgument,
+    *,
+    workers: Workers = None,
+    threads: Threads = None,
+    device: Device = None,
+    retry_failed: RetryFailed = False,
+    force: Force = False,
+    cluster: OnCluster = None,
+    session: Injected,
+) -> int:
+    """Run all stages that are not up to date: terrain, release, ensemble, hazard, report."""
+    from runout.workflow.hazard_map import STAGES
+
+    choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed, "force": force}
+    return _stages(site, STAGES, session, **choices, cluster=cluster)
+
+
+def terrain(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Read and prepare the DEM; write results/terrain.nc."""
+    return _stages(site, ("terrain",), session, force=force)
+
+
+def release(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Read and check the release; write results/release.nc."""
+    return _stages(site, ("release",), session, force=force)
+
+
+def ensemble(
+    site: SiteArgument,
+    *,
+    workers: Workers = None,
+    threads: Threads = None,
+    device: Device = None,
+    retry_failed: RetryFailed = False,
+    members: Annotated[str | None, Parameter(help="Run only these, such as 0:100; for jobs that share the folder.")] = None,
+    cluster: OnCluster = None,
+    session: Injected,
+) -> int:
+    """Run the remaining members; write results/members/."""
+    choices = {"workers": workers, "threads": threads, "device": device, "retry_failed": retry_failed}
+    return _stages(site, ("ensemble",), session, **choices, members=members, cluster=cluster)
+
+
+def hazard(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Aggregate the finished members; write results/hazard.nc, maps/ and outlines.gpkg."""
+    return _stages(site, ("hazard",), session, force=force)
+
+
+def report(site: SiteArgument, *, force: Force = False, session: Injected) -> int:
+    """Write results/report.html."""
+    return _stages(site, ("report",), session, force=force)
+
+
+def status(site: SiteArgument, *, session: Injected) -> int:
+    """List done, failed and remaining members with reasons, and the stages that are up to date."""
+    from runout.workflow.status import print_status
+
+    return print_status(site, session.out)
+
+
+def clean(site: SiteArgument, *, session: Injected) -> int:
+    """Remove members that the settings do not use; `runout status` counts them."""
+    from runout.workflow.status import clean as clean_site
+
+    return clean_site(site, session.out)
+
+
+def simulate(
+    site: SiteArgument,
+    *,
+    member: Annotated[int, Parameter(help="Number of the member, as in `runout status`.")] = 0,
+    snapshots: Annotated[int, Parameter(help="Number of snapshots, evenly spaced in time.")] = 20,
+    cell_size: Annotated[
+        tuple[float, ...] | None,
+        Parameter(consume_multiple=True, negative="", help="Grid spacing [m], one number or three [default: what site.yaml says]."),
+    ] = None,
+    device: Device = None,
+    session: Injected,
+) -> int:
+    """Run one member and keep snapshots; write results/simulations/, never the members of the ensemble."""
+    from runout.workflow.single_member import run as run_member
+
+    run_member(site, session.out, member=member, snapshots=snapshots, device=device, cell_size=cell_size)
+    return ExitCode.OK
+
+
+def compare(
+    first: Annotated[Path, Parameter(help="What is scored: a site, its results, hazard.nc, a member, run.nc, or a raster.")],
+    second: Annotated[Path, Parameter(help="What it is scored against: one of these, an outline, or points.")],
+    *,
+    quantity: Annotated[
+        str | None, Parameter(help="thickness, deposit, change, speed, pressure or arrival [default: all that both have].")
+    ] = None,
+    threshold: Annotated[
+        tuple[float, ...], Parameter(consume_multiple=True, negative="", help="Thicknesses [m], or values of --quantity.")
+    ] = (),
+    probability: Annotated[float, Parameter(help="Outline of an ensemble.")] = 0.5,
+    thalweg: Annotated[Path | None, Parameter(help="Line of a vector file, for errors of front and sides.")] = None,
+    half_width: Annotated[float, Parameter(help="Largest distance from the thalweg that counts [m].")] = float("inf"),
+    slope_normal: Annotated[
+        bool, Parameter(negative="", help="Rasters hold thickness normal to the slope; so do the scores.")
+    ] = False,
+    dem: Annotated[Path | None, Parameter(help="Elevation raster, where no product has one.")] = None,
+    layer: Annotated[str | None, Parameter(help="Layer of the outline or points, where their file has several.")] = None,
+    nodata: Annotated[Literal["unknown", "zero"], Parameter(help="What cells of rasters without a value mean.")] = "unknown",
+    session: Injected,
+) -> int:
+    """Score a product against another one or an observation; --out DIR writes a page, a record and difference maps."""
+    from runout.scores.comparison import Choices
+    from runout.workflow.comparison import command
+
+    choices = Choices(quantity, threshold, probability, thalweg, dem, half_width, slope_normal, nodata, layer)
+    return command(first, second, choices, session.out)
+
+
+def _stages(site: Path, stages: Sequence[str], session: Session, **choices: Any) -> int:
+    from runout.workflow import hazard_map
+
+    return hazard_map.run(site, session.out, stages, **choices).exit_code
+
+
+COMMANDS: tuple[Callable[..., int], ...] = (
+    *(new, check, run),
+    *(terrain, release, ensemble, hazard, report),
+    *(status, clean, simulate, compare),
+)

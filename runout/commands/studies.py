@@ -1,0 +1,120 @@
+"""Commands that measure, verify and validate, and that examine the machine."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from runout.commands.options import Device, Injected
+from runout.errors import ConfigError, ExitCode
+
+
+def bench(
+    *,
+    error: Annotated[
+        bool, Parameter(negative="", help="Error against time instead: problems with a known answer; --out DIR writes a page.")
+    ] = False,
+    published: Annotated[
+        bool, Parameter(negative="", help="The benchmarks of the published sparse method instead; --out DIR writes a page.")
+    ] = False,
+    full: Annotated[
+        bool, Parameter(negative="", help="Up to 1e7 particles (hours); with --error or --published finer grids (half an hour).")
+    ] = False,
+    json: Annotated[Path | None, Parameter(help="Write all measurements to this file.")] = None,
+    figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf).")] = None,
+    against: Annotated[Path | None, Parameter(help="Prototype script to measure side by side.")] = None,
+    device: Annotated[str, Parameter(help="cpu, or cuda:0.")] = "cpu",
+    threads: Annotated[tuple[int, ...], Parameter(consume_multiple=True, negative="")] = (1, 2),
+    precision: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = ("float32", "float64"),
+    session: Injected,
+) -> int:
+    """Measure the cost of a step on this machine against size, threads, precision, depth and sparsity; or error against time."""
+    if error:
+        from runout.studies import error_against_time
+
+        error_against_time.command(session.out, full)
+        return ExitCode.OK
+    if published:
+        from runout.studies import published_benchmarks
+
+        published_benchmarks.command(session.out, full, device, json)
+        return ExitCode.OK
+    from runout.studies import work_precision
+
+    choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision, against=against)
+    work_precision.report(work_precision.run(choices, json, figure))
+    return ExitCode.OK
+
+
+def verify(
+    *cases: Annotated[str, Parameter(help="Names such as U6 or sliding-box [default: all].")],
+    full: Annotated[
+        bool,
+        Parameter(negative="", help="At the sizes of the documentation; takes about an hour; an interrupted run continues."),
+    ] = False,
+    json: Annotated[
+        list[Path] | None,
+        Parameter(consume_multiple=(0, 1), negative="", help="Write JSON to this file, or print it when none is named."),
+    ] = None,
+    slope: Annotated[float | None, Parameter(help="Slope of the sliding box's plane [deg].")] = None,
+    azimuth: Annotated[float | None, Parameter(help="Azimuth of that plane, from east to north [deg].")] = None,
+    offset: Annotated[float | None, Parameter(help="Height of that plane above a node [cells].")] = None,
+    precision: Annotated[str | None, Parameter(help="float32 or float64, of the sliding box.")] = None,
+    settled: Annotated[bool | None, Parameter(help="Whether the sliding box starts from balanced stresses.")] = None,
+    convergence: Annotated[bool, Parameter(negative="", help="Of a site instead: the numerical error of its maps.")] = False,
+    device: Device = None,
+    session: Injected,
+) -> int:
+    """Check the scheme against closed forms and its orders of convergence; --out DIR writes page and figure.
+
+    `runout verify SITE --convergence` finds the numerical error of the maps of a site, from three grids.
+    """
+    if convergence:
+        return _convergence(cases, session.out, device)
+    from runout.studies.verification import command
+
+    plane = {"slope": slope, "azimuth": azimuth, "offset": offset, "precision": precision, "settled": settled}
+    return command(cases, full, session.out, json, {name: value for name, value in plane.items() if value is not None})
+
+
+def _convergence(sites: Sequence[str], out: Path | None, device: str | None) -> int:
+    from runout.studies.convergence import command
+
+    if len(sites) != 1:
+        raise ConfigError(f"--convergence takes one site, {len(sites)} are given; say `runout verify SITE --convergence`")
+    return command(Path(sites[0]), out, device)
+
+
+def validate(
+    *cases: Annotated[str, Parameter(help="Names such as coulomb-only; without one, the list of all.")],
+    full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes minutes a case.")] = False,
+    session: Injected,
+) -> int:
+    """Run a case beside published tools, an experiment or an observed event; --out DIR writes its page."""
+    from runout.studies.validation import command
+
+    return command(cases, full, session.out)
+
+
+def stress(
+    *,
+    full: Annotated[bool, Parameter(negative="", help="Every choice alone and 200 at once; takes some minutes.")] = False,
+    backend: Annotated[str, Parameter(help="scan, hash or reference.")] = "scan",
+    device: Annotated[str, Parameter(help="cpu, or cuda:0 with --backend hash.")] = "cpu",
+    session: Injected,
+) -> int:
+    """Test extreme values of every setting of a run; --out DIR writes a page."""
+    from runout.studies.stability_stress import command
+
+    return command(session.out, full, backend, device)
+
+
+def doctor(*, session: Injected) -> int:
+    """List installed libraries, devices and caches, with problems and remedies."""
+    from runout.doctor import examine
+
+    return examine()
+
+
+COMMANDS: tuple[Callable[..., int], ...] = (bench, verify, validate, stress, doctor)
