@@ -100,11 +100,12 @@ def against_observations(
         for name, part in (("erosion", errors.erosion), ("deposition", errors.deposition)):
             volumes |= {f"modelled_{name}_m3": part.modelled_sum, f"observed_{name}_m3": part.observed_sum}
         of = "DEM of difference"
-        found.add(of, scoring.change_scores(of, errors), **volumes, unknown_cells=errors.change.unknown)
+        scores = scoring.change_scores(of, errors, setting.bars, observed.detection_limit)
+        found.add(of, scores, **volumes, unknown_cells=errors.change.unknown)
     if observed.gauges is not None:
         modelled = values_at_gauges(flow, observed.gauges) if at_gauges is None else at_gauges
         for name, values in modelled.items():
-            add_points(found, name, values, observed.gauges.values[name])
+            add_points(found, name, values, observed.gauges.values[name], setting.bars)
     return found
 
 
@@ -129,9 +130,11 @@ def add_areas(
     if setting.thalweg is None or quantity not in THICKNESSES:
         return
     errors = thalweg_errors(setting.thalweg, grid.easting, grid.northing, modelled, observed, half_width=setting.half_width)
-    bars = setting.bars if quantity == "thickness" else NO_BARS
+    bars, of_map = setting.bars, BAR_MAPS[quantity]
     fronts = {"modelled_front_m": errors.modelled_front, "observed_front_m": errors.observed_front}
-    found.add(of, scoring.thalweg_scores(of, errors, bars), **fronts, cells_beyond_half_width=errors.outside)
+    scores = scoring.thalweg_scores(of, errors, bars, table, of_map, threshold)
+    found.add(of, scores, **fronts, cells_beyond_half_width=errors.outside)
+    bars = bars if quantity == "thickness" else NO_BARS
     if setting.start is not None and setting.elevation is not None:
         ground = Ground(grid.easting, grid.northing, setting.elevation)
         found.add(of, iter([scoring.energy_line_score(of, errors, setting.start, setting.thalweg, ground, bars)]))
@@ -153,15 +156,15 @@ def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, s
     if volume:
         counts |= {"modelled_volume_m3": errors.modelled_sum, "observed_volume_m3": errors.observed_sum}
     of = f"{quantity_name(quantity)}, whole map"
-    found.add(of, scoring.field_scores(of, errors, units, volume), **counts)
+    found.add(of, scoring.field_scores(of, errors, units, volume, setting.bars, BAR_MAPS.get(quantity, "")), **counts)
 
 
-def add_arrivals(found: Assessment, modelled: Flow, observed: Flow) -> None:
+def add_arrivals(found: Assessment, modelled: Flow, observed: Flow, bars: ErrorBars = NO_BARS) -> None:
     """Scores of a map of arrival times against another one, on the cells that both know."""
     pair = [flow.maps["arrival"].ravel() for flow in (modelled, observed)]
     both = arrival_errors(pair[0], np.where(np.isfinite(pair[1]), pair[1], np.nan))
     counts = {"cells": both.points, "missed_cells": both.missed}
-    found.add("arrival, whole map", scoring.arrival_scores("arrival, whole map", both), **counts)
+    found.add("arrival, whole map", scoring.arrival_scores("arrival, whole map", both, bars), **counts)
 
 
 def values_at_gauges(flow: Flow, gauges: Gauges) -> dict[str, np.ndarray]:
@@ -174,11 +177,17 @@ def values_at_gauges(flow: Flow, gauges: Gauges) -> dict[str, np.ndarray]:
     }
 
 
-def add_points(found: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray) -> None:
+def add_points(
+    found: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray, bars: ErrorBars = NO_BARS
+) -> None:
     """Scores of a quantity at gauges."""
     of = f"gauges, {name.replace('_', ' ')}"
-    errors = arrival_errors(modelled, observed) if name == "arrival_time" else point_errors(modelled, observed)
-    made = scoring.arrival_scores(of, errors) if name == "arrival_time" else scoring.point_scores(of, errors, POINT_UNITS[name])
+    if name == "arrival_time":
+        errors = arrival_errors(modelled, observed)
+        made = scoring.arrival_scores(of, errors, bars)
+    else:
+        errors = point_errors(modelled, observed)
+        made = scoring.point_scores(of, errors, POINT_UNITS[name], bars, BAR_MAPS[name])
     found.add(of, made, points=errors.points, unknown_points=errors.unknown)
 
 

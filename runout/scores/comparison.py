@@ -264,11 +264,12 @@ def _common(flows: tuple[Flow, Flow], choices: Choices) -> list[str]:
 
 def _add_quantity(found: Assessment, a: Flow, b: Flow, quantity: str, setting: Setting, choices: Choices) -> None:
     if quantity == "arrival":
-        add_arrivals(found, a, b)
+        add_arrivals(found, a, b, setting.bars)
     elif quantity == "change":
         limit = min(choices.thresholds, default=0.0)
         errors = change_errors(a.maps[quantity], b.maps[quantity], a.grid.cell_area, limit)
-        found.add("change of elevation", change_scores("change of elevation", errors), unknown_cells=errors.change.unknown)
+        scores = change_scores("change of elevation", errors, setting.bars, limit)
+        found.add("change of elevation", scores, unknown_cells=errors.change.unknown)
     else:
         own = quantity in THICKNESSES or quantity == choices.quantity
         add_maps(found, a, b, quantity, setting if own else replace(setting, thresholds=()))

@@ -1,27 +1,40 @@
 """Numerical error bars of scores, from the convergence study of a site."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from runout.scores.contingency import Contingency
+from runout.scores.elevation_change import ChangeErrors
+from runout.scores.field_errors import FieldErrors
+from runout.scores.thalweg import ThalwegErrors
+
+Bars = dict[str, float | None]
 
 
 @dataclass(frozen=True)
 class ErrorBars:
     """What ``convergence.json`` of a site says of the errors of its maps.
 
-    The study is that of the median scenario (``runout verify SITE --convergence``). A score inherits it to first order:
+    The study is that of the median scenario (``runout verify SITE --convergence``). A score inherits it to first order. Below, d is
+    the difference of a map on the two finest grids, and A = (1 - CSI of the two finest grids) times the modelled area.
 
-    ==================  ===========================================================================================
-    score               error bar
-    ==================  ===========================================================================================
-    front error         error of the front of 99 % of the mass
-    area bias           error of the area over the observed area
-    POD                 d over observed area; d = (1 - CSI of the two finest grids) times the modelled area
-    FAR, CSI            d over modelled area; d over the area that either reaches
-    ==================  ===========================================================================================
+    ==============================  ===========================================================================================
+    score                           error bar
+    ==============================  ===========================================================================================
+    front error, energy line        error of the front of 99 % of the mass
+    area bias                       error of the area over the observed area
+    POD; FAR; CSI                   A over the observed area; over the modelled area; over the area that either reaches
+    lateral error, lateral shift    A over twice the length of the common stretch
+    width bias                      A over that length and the observed width
+    RMSE, bias                      root of the sum of d^2, sum of d, over the scored area
+    relative L1, volume bias        sum of abs(d), sum of d, over the observed sum
+    at points                       root mean square of d where either grid has a flow
+    arrival                         mean and root mean square of d where both grids have an arrival
+    ==============================  ===========================================================================================
+
+    A root mean square moves by at most the root mean square of the difference, and a mean of absolute values likewise.
 
     Attributes
     ----------
@@ -33,13 +46,15 @@ class ErrorBars:
 
     def front(self) -> float | None:
         """Error of the front [m]."""
-        return self._error("f99")
+        quantities = self.content.get("quantities")
+        return _number(quantities.get("f99") if isinstance(quantities, Mapping) else None, "error")
 
-    def of_contingency(self, table: Contingency, quantity: str, threshold: float) -> dict[str, float | None]:
-        """Errors of the scores of a table by name, for the map "flow_thickness" or "deposit" at a threshold [m]."""
-        agreement = self._agreement(quantity, threshold)
-        area = self._error(f"area_above_{threshold:g}_m") if quantity == "flow_thickness" else None
-        changed = None if agreement is None else (1.0 - agreement) * table.modelled
+    def of_contingency(self, table: Contingency, quantity: str, threshold: float) -> Bars:
+        """Errors of the scores of a table by name, for a map of the study such as "flow_thickness" at a threshold [m]."""
+        area = None
+        if quantity == "flow_thickness" and isinstance(self.content.get("quantities"), Mapping):
+            area = _number(self.content["quantities"].get(f"area_above_{threshold:g}_m"), "error")
+        changed = self._changed(table, quantity, threshold)
         either = table.hits + table.misses + table.false_alarms
         return {
             "csi": _over(changed, either),
@@ -48,21 +63,81 @@ class ErrorBars:
             "area_bias": _over(area, table.observed),
         }
 
-    def _error(self, quantity: str) -> float | None:
-        quantities = self.content.get("quantities")
-        entry = quantities.get(quantity) if isinstance(quantities, Mapping) else None
-        return float(entry["error"]) if isinstance(entry, Mapping) and isinstance(entry.get("error"), int | float) else None
+    def of_thalweg(self, errors: ThalwegErrors, table: Contingency | None, quantity: str, threshold: float) -> Bars:
+        """Errors of front and sides, for the area of a table at a threshold [m] of a map."""
+        changed = None if table is None else self._changed(table, quantity, threshold)
+        side = _over(changed, 2.0 * errors.stretch)
+        return {
+            "front_error": self.front() if quantity == "flow_thickness" else None,
+            "lateral_error": side,
+            "lateral_shift": side,
+            "width_bias": _over(changed, errors.stretch * errors.observed_width),
+        }
 
-    def _agreement(self, quantity: str, threshold: float) -> float | None:
-        """Critical success index between the two finest grids."""
+    def of_field(self, errors: FieldErrors, quantity: str) -> Bars:
+        """Errors of the scores of a map of the study."""
+        field = self._field(quantity)
+        net = _number(field, "net_sum")
+        net = None if net is None else abs(net)
+        square = _over(_number(field, "squared_sum"), errors.scored_area)
+        return {
+            "bias": _over(net, errors.scored_area),
+            "rmse": None if square is None else math.sqrt(square),
+            "relative_l1": _over(_number(field, "absolute_sum"), errors.observed_absolute_sum),
+            "volume_bias": _over(net, abs(errors.observed_sum)),
+        }
+
+    def of_change(self, errors: ChangeErrors, limit: float) -> Bars:
+        """Errors of the scores of a change of elevation with a detection limit [m]."""
+        erosion, deposition = self.of_field(errors.erosion, "erosion"), self.of_field(errors.deposition, "deposition")
+        area, parts = errors.change.scored_area, [self._field(name) for name in ("erosion", "deposition")]
+        square = _over(_sum(parts, "squared_sum"), area)
+        return {
+            "erosion_volume_bias": erosion["volume_bias"],
+            "deposition_volume_bias": deposition["volume_bias"],
+            "erosion_csi": self.of_contingency(errors.erosion_area, "erosion", limit)["csi"],
+            "deposition_csi": self.of_contingency(errors.deposition_area, "deposition", limit)["csi"],
+            "bias": _over(_sum(parts, "net_sum"), area),
+            "rmse": None if square is None else math.sqrt(square),
+        }
+
+    def at_points(self, quantity: str) -> Bars:
+        """Errors of bias and root mean square of a map at points: both that of the map, since few points share its sign."""
+        field = self._field(quantity)
+        square = _over(_number(field, "squared_sum"), _number(field, "reached_area") or 0.0)
+        root = None if square is None else math.sqrt(square)
+        return {"bias": root, "rmse": root}
+
+    def of_arrival(self) -> Bars:
+        """Errors of the scores of arrival times [s]."""
+        mean, root = (_number(self._field("arrival"), name) for name in ("mean", "root_mean_square"))
+        return {"arrival_bias": None if mean is None else abs(mean), "arrival_rmse": root}
+
+    def _changed(self, table: Contingency, quantity: str, threshold: float) -> float | None:
+        """Area [m2] in which the two finest grids differ, for the modelled area of a table."""
+        index = self._field(quantity).get("critical_success_index")
+        agreement = _number(index, f"{threshold:g}")
+        return None if agreement is None else (1.0 - agreement) * table.modelled
+
+    def _field(self, quantity: str) -> Mapping[str, Any]:
+        """What the study says of a map on the two finest grids."""
         fields = self.content.get("fields")
         for field in fields if isinstance(fields, list) else ():
             if isinstance(field, Mapping) and (field.get("level"), field.get("map")) == (1, quantity):
-                index = field.get("critical_success_index")
-                found = index.get(f"{threshold:g}") if isinstance(index, Mapping) else None
-                return float(found) if isinstance(found, int | float) else None
-        return None
+                return field
+        return {}
+
+
+def _number(entry: Any, name: str) -> float | None:
+    found = entry.get(name) if isinstance(entry, Mapping) else None
+    return float(found) if isinstance(found, int | float) else None
+
+
+def _sum(entries: Sequence[Any], name: str) -> float | None:
+    """Sum of the absolute values; None where one is not known."""
+    found = [_number(entry, name) for entry in entries]
+    return None if None in found else sum(abs(value) for value in found if value is not None)
 
 
 def _over(error: float | None, whole: float) -> float | None:
-    return None if error is None or not whole or not math.isfinite(error) else error / whole
+    return None if error is None or not math.isfinite(error) or not math.isfinite(whole) or not whole else error / whole

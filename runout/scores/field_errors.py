@@ -21,6 +21,10 @@ class FieldErrors:
         Sums over all known cells times the cell's area: volumes [m3] of maps of thickness [m].
     relative_l1 : float
         Sum of absolute differences over the sum of the observed absolute values, all known cells [1]; 0 is best.
+    scored_area : float
+        Area of the scored cells [m2].
+    observed_absolute_sum : float
+        Sum of the observed absolute values over all known cells times the cell's area.
 
     Notes
     -----
@@ -36,6 +40,8 @@ class FieldErrors:
     modelled_sum: float
     observed_sum: float
     relative_l1: float
+    scored_area: float = np.nan
+    observed_absolute_sum: float = np.nan
 
     @property
     def volume_bias(self) -> float:
@@ -76,6 +82,8 @@ def field_errors(modelled: np.ndarray, observed: np.ndarray, cell_area: float = 
         float(m.sum() * cell_area),
         float(o.sum() * cell_area),
         ratio(float(np.abs(m - o).sum()), float(np.abs(o).sum())),
+        float(scored.sum() * cell_area),
+        float(np.abs(o).sum() * cell_area),
     )
 
 

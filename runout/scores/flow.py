@@ -18,7 +18,7 @@ TITLES = {
     "pressure": "maximum dynamic pressure",
     "arrival": "arrival time",
 }
-BAR_MAPS = {"thickness": "flow_thickness", "deposit": "deposit"}  # names in convergence.json
+BAR_MAPS = {"thickness": "flow_thickness", **{name: name for name in ("deposit", "speed", "pressure")}}  # in convergence.json
 THICKNESSES = ("thickness", "deposit")
 
 

@@ -32,21 +32,30 @@ def area_scores(
         yield Score(of, name, value, numerical_error=errors[name])
 
 
-def field_scores(of: str, errors: FieldErrors, units: str, volume: bool = False) -> Iterator[Score]:
+def field_scores(
+    of: str, errors: FieldErrors, units: str, volume: bool = False, bars: ErrorBars = NO_BARS, quantity: str = ""
+) -> Iterator[Score]:
     """Bias, RMSE and relative L1 of a map in ``units``; ``volume`` adds the volume bias of a map of thickness."""
+    half = bars.of_field(errors, quantity)
     if volume:
-        yield Score(of, "volume_bias", errors.volume_bias)
-    yield Score(of, "bias", errors.bias, units)
-    yield Score(of, "rmse", errors.rmse, units)
-    yield Score(of, "relative_l1", errors.relative_l1)
+        yield Score(of, "volume_bias", errors.volume_bias, numerical_error=half["volume_bias"])
+    yield Score(of, "bias", errors.bias, units, half["bias"])
+    yield Score(of, "rmse", errors.rmse, units, half["rmse"])
+    yield Score(of, "relative_l1", errors.relative_l1, numerical_error=half["relative_l1"])
 
 
-def thalweg_scores(of: str, errors: ThalwegErrors, bars: ErrorBars = NO_BARS) -> Iterator[Score]:
-    """Errors of the front and of the sides."""
-    yield Score(of, "front_error", errors.front_error, numerical_error=bars.front())
-    yield Score(of, "lateral_error", errors.lateral_error)
-    yield Score(of, "lateral_shift", errors.lateral_shift)
-    yield Score(of, "width_bias", errors.width_bias)
+def thalweg_scores(
+    of: str,
+    errors: ThalwegErrors,
+    bars: ErrorBars = NO_BARS,
+    table: Contingency | None = None,
+    quantity: str = "flow_thickness",
+    threshold: float = 0.0,
+) -> Iterator[Score]:
+    """Errors of the front and of the sides of the area of a table; ``quantity`` is the map of the error bars."""
+    half = bars.of_thalweg(errors, table, quantity, threshold)
+    for name in ("front_error", "lateral_error", "lateral_shift", "width_bias"):
+        yield Score(of, name, getattr(errors, name), numerical_error=half[name])
 
 
 def energy_line_score(
@@ -79,24 +88,31 @@ class Ground:
         return float(self.elevation[row, column])
 
 
-def arrival_scores(of: str, errors: PointErrors) -> Iterator[Score]:
+def arrival_scores(of: str, errors: PointErrors, bars: ErrorBars = NO_BARS) -> Iterator[Score]:
     """Errors of the arrival times at points."""
-    yield Score(of, "arrival_bias", errors.bias)
-    yield Score(of, "arrival_rmse", errors.rmse)
+    half = bars.of_arrival()
+    yield Score(of, "arrival_bias", errors.bias, numerical_error=half["arrival_bias"])
+    yield Score(of, "arrival_rmse", errors.rmse, numerical_error=half["arrival_rmse"])
     yield Score(of, "missed_arrivals", float(errors.missed))
 
 
-def point_scores(of: str, errors: PointErrors, units: str) -> Iterator[Score]:
+def point_scores(of: str, errors: PointErrors, units: str, bars: ErrorBars = NO_BARS, quantity: str = "") -> Iterator[Score]:
     """Bias and RMSE of a quantity in ``units`` at points."""
-    yield Score(of, "bias", errors.bias, units)
-    yield Score(of, "rmse", errors.rmse, units)
+    half = bars.at_points(quantity)
+    yield Score(of, "bias", errors.bias, units, half["bias"])
+    yield Score(of, "rmse", errors.rmse, units, half["rmse"])
 
 
-def change_scores(of: str, errors: ChangeErrors) -> Iterator[Score]:
-    """Errors of a change of elevation and of its parts."""
-    yield Score(of, "erosion_volume_bias", errors.erosion.volume_bias)
-    yield Score(of, "deposition_volume_bias", errors.deposition.volume_bias)
-    yield Score(of, "erosion_csi", errors.erosion_area.critical_success_index)
-    yield Score(of, "deposition_csi", errors.deposition_area.critical_success_index)
-    yield Score(of, "bias", errors.change.bias, "m")
-    yield Score(of, "rmse", errors.change.rmse, "m")
+def change_scores(of: str, errors: ChangeErrors, bars: ErrorBars = NO_BARS, limit: float = 0.0) -> Iterator[Score]:
+    """Errors of a change of elevation and of its parts, with a detection limit [m]."""
+    half = bars.of_change(errors, limit)
+    values = {
+        "erosion_volume_bias": errors.erosion.volume_bias,
+        "deposition_volume_bias": errors.deposition.volume_bias,
+        "erosion_csi": errors.erosion_area.critical_success_index,
+        "deposition_csi": errors.deposition_area.critical_success_index,
+        "bias": errors.change.bias,
+        "rmse": errors.change.rmse,
+    }
+    for name, value in values.items():
+        yield Score(of, name, value, "m", half[name])

@@ -116,6 +116,8 @@ class ThalwegErrors:
         Length [m] of that stretch; the three are NaN if it is 0.
     outside : int
         Reached cells that lie farther than the half width from the line and are in no number.
+    observed_width : float
+        Mean width [m] of the observed flow on that stretch.
     """
 
     modelled_front: float
@@ -125,6 +127,7 @@ class ThalwegErrors:
     width_bias: float
     stretch: float
     outside: int
+    observed_width: float = math.nan
 
     @property
     def front_error(self) -> float:
@@ -170,20 +173,22 @@ def thalweg_errors(
     flows = [(s[near & one[rows, columns]], across[near & one[rows, columns]]) for one in reach]
     cell = np.hypot(np.diff(easting[:2])[0], np.diff(northing[:2])[0])
     fronts = [float(s.max()) if s.size else math.nan for s, _ in flows]
-    return ThalwegErrors(fronts[0], fronts[1], *_sides(flows, spacing or 2.0 * float(cell)), int((~near).sum()))
+    error, shift, bias, stretch, width = _sides(flows, spacing or 2.0 * float(cell))
+    return ThalwegErrors(fronts[0], fronts[1], error, shift, bias, stretch, int((~near).sum()), width)
 
 
-def _sides(flows: list[tuple[np.ndarray, np.ndarray]], spacing: float) -> tuple[float, float, float, float]:
-    """Lateral error, shift, width bias and length of the common stretch of two flows (s, l)."""
+def _sides(flows: list[tuple[np.ndarray, np.ndarray]], spacing: float) -> tuple[float, float, float, float, float]:
+    """Lateral error, shift, width bias and length of the common stretch of two flows (s, l), and the second one's mean width."""
     edges = [_edges(s, across, spacing) for s, across in flows]
     common = sorted(set(edges[0]) & set(edges[1]))
     if not common:
-        return math.nan, math.nan, math.nan, 0.0
+        return math.nan, math.nan, math.nan, 0.0, math.nan
     (ml, mr), (ol, orr) = (np.array([e[k] for k in common]).T for e in edges)
     error = 0.5 * float(np.abs(ml - ol).mean() + np.abs(mr - orr).mean())
     shift = 0.5 * float((ml + mr - ol - orr).mean())
     observed = float((ol - orr).mean())
-    return error, shift, float((ml - mr).mean()) / observed if observed else math.nan, spacing * len(common)
+    bias = float((ml - mr).mean()) / observed if observed else math.nan
+    return error, shift, bias, spacing * len(common), observed
 
 
 def _edges(s: np.ndarray, across: np.ndarray, spacing: float) -> dict[int, tuple[float, float]]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from runout import log
 from runout.errors import ConfigError
-from runout.studies.grid_index import GridIndex, area_above, compared
+from runout.scores.elevation_change import elevation_change
+from runout.studies.grid_index import GridIndex, area_above, common_differences, compared
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -25,6 +26,13 @@ TITLES = {
     "centre_of_mass_runout": ("run-out of the centre of mass", "m"),
     "peak_speed": ("peak speed (99th percentile of the cells)", "m/s"),
 }
+MAPS = {
+    "flow_thickness": "max_flow_thickness",
+    "deposit": "deposit_thickness",
+    "speed": "max_speed",
+    "pressure": "max_pressure",
+    "arrival": "arrival_time",
+}  # name in the study -> map of a run
 SHIFTS = 5  # shifts of the grid against the terrain, for all grids but the finest
 
 
@@ -33,8 +41,7 @@ class Run:
     """Result of one run: quantities by name, and maps (rows, columns) on the cells of the DEM."""
 
     quantities: dict[str, float]
-    thickness: np.ndarray
-    deposit: np.ndarray
+    maps: dict[str, np.ndarray]
     seconds: float
     particles: int
 
@@ -69,7 +76,8 @@ def study(
     -------
     dict
         ``quantities``: one :class:`runout.studies.grid_index.GridIndex` a quantity as plain numbers; ``fields``: relative L1
-        distance and critical success index between a grid and the finest; ``levels``: cells, particles, seconds.
+        distance, other differences and critical success index between a map of a grid and of the finest; ``levels``: cells,
+        particles, seconds.
 
     Raises
     ------
@@ -115,6 +123,8 @@ def run_once(
     arguments: Mapping[str, Any], h: np.ndarray, shift: float, seed: int, thresholds: Sequence[float], simulate: Any = None
 ) -> Run:
     """One run with cells ``h`` (3,) [m], the terrain raised by ``shift`` cells."""
+    from runout.hazard.observed import removed
+
     if simulate is None:
         from runout.simulation import simulate
     terrain = arguments["terrain"]
@@ -122,14 +132,10 @@ def run_once(
     changed = {"terrain": raised, "cell_size": tuple(float(x) for x in h), "seed": arguments["seed"] + seed}
     result = simulate(**{**arguments, **changed})
     found = quantities(result, arguments["release"], thresholds)
-    fields = result.fields
-    return Run(
-        found,
-        fields["max_flow_thickness"],
-        fields["deposit_thickness"],
-        result.timing["total"] - result.timing["setup"],
-        result.n_particles,
-    )
+    maps = {name: result.fields[of_run] for name, of_run in MAPS.items() if of_run in result.fields}
+    change = elevation_change(maps["deposit"], removed(arguments["release"]))
+    maps |= {"erosion": np.maximum(-change, 0.0), "deposition": np.maximum(change, 0.0)}
+    return Run(found, maps, result.timing["total"] - result.timing["setup"], result.n_particles)
 
 
 def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[float]) -> dict[str, float]:
@@ -162,13 +168,11 @@ def _summary(
     values = {name: [[run.quantities[name] for run in runs[level]] for level in (2, 1, 0)] for name in names}
     block = max(1, math.ceil(ratio**2 * float(spacing[:2].max()) / min(cell) - 1e-9))
     fine = runs[0][0]
-    thresholds = site.settings.hazard.thickness_thresholds
-    fields = []
-    for level in (2, 1):
-        maps = {"flow_thickness": (runs[level][0].thickness, fine.thickness), "deposit": (runs[level][0].deposit, fine.deposit)}
-        fields += [
-            {"level": level, "map": name, **compared(coarse, best, block, thresholds)} for name, (coarse, best) in maps.items()
-        ]
+    fields = [
+        {"level": level, "map": name, **_compared(name, runs[level][0].maps[name], best, block, cell, site)}
+        for level in (2, 1)
+        for name, best in fine.maps.items()
+    ]
     return {
         "site": site.name,
         "scenario": median_parameters(site),
@@ -187,6 +191,27 @@ def _summary(
         "quantities": {name: {**_titled(name), **GridIndex.of(v, ratio).as_dict()} for name, v in values.items()},
         "fields": fields,
     }
+
+
+def _compared(
+    name: str, coarse: np.ndarray, best: np.ndarray, block: int, cell: tuple[float, float], site: "Site"
+) -> dict[str, Any]:
+    """Differences of a map on two grids; those of thickness and change also by the area above the thresholds of the site."""
+    if name == "arrival":
+        return common_differences(coarse, best)
+    thresholds: Sequence[float] = ()
+    if name in ("flow_thickness", "deposit"):
+        thresholds = site.settings.hazard.thickness_thresholds
+    elif name in ("erosion", "deposition"):
+        thresholds = _detection_limits(site)
+        coarse, best = (np.where(one < max(thresholds, default=0.0), 0.0, one) for one in (coarse, best))
+    return compared(coarse, best, block, thresholds, cell[0] * cell[1])
+
+
+def _detection_limits(site: "Site") -> list[float]:
+    """Detection limit [m] of the DEM of difference that the site observes, if it does."""
+    observed = site.settings.observations
+    return [observed.difference.detection_limit] if observed and observed.difference else []
 
 
 def _titled(name: str) -> dict[str, str]:

@@ -36,6 +36,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
     """The whole study as a page."""
     block = content["block_of_cells"]
     sizes = {level["level"]: level["cell_size"][0] for level in content["levels"]}
+    outlined = [field for field in content["fields"] if field.get("critical_success_index")]
     scenario = ", ".join(f"{name} {value:.4g}" for name, value in content["scenario"].items()) or "as in site.yaml"
     lines = [
         f"# Numerical error of {content['site']}",
@@ -48,7 +49,7 @@ def as_markdown(content: Mapping[str, Any]) -> str:
         "",
         f"Maps against those of the finest grid, as means over blocks of {block} x {block} cells of the DEM:",
         "",
-        markdown(("cells [m]", "map", "relative L1", "critical success index"), (_map(f, sizes) for f in content["fields"])),
+        markdown(("cells [m]", "map", "relative L1", "critical success index"), (_map(f, sizes) for f in outlined)),
     ]
     return "\n".join(lines) + "\n"
 

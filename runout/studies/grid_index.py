@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.scores.contingency import contingency
+from runout.scores.field_errors import differences
 
 SAFETY = 1.25  # for three grids
 LOWEST_ORDER, HIGHEST_ORDER = 0.5, 2.0  # range of trusted orders; outside, the three grids do not converge
@@ -82,17 +83,37 @@ def restricted(field: np.ndarray, block: int) -> np.ndarray:
     return padded.reshape(rows // block, block, columns // block, block).mean(axis=(1, 3))
 
 
-def compared(field: np.ndarray, reference: np.ndarray, block: int, thresholds: Sequence[float]) -> dict[str, Any]:
-    """Relative L1 distance of two maps and their critical success index per threshold, both restricted to blocks of cells.
+def compared(
+    field: np.ndarray, reference: np.ndarray, block: int, thresholds: Sequence[float], cell_area: float = 1.0
+) -> dict[str, Any]:
+    """Differences of two maps, both restricted to blocks of cells of ``cell_area`` [m2].
 
-    The index is hits over hits, misses and false alarms; 1 where neither map exceeds the threshold.
+    Returns
+    -------
+    dict
+        ``relative_l1`` [1]; sums over the plan area: ``absolute_sum`` of abs(d), ``net_sum`` of d [unit m2], ``squared_sum`` of
+        d^2 [unit^2 m2]; ``reached_area`` where one of them is above 0 [m2]; ``critical_success_index`` by threshold: hits over
+        hits, misses and false alarms, 1 where neither map exceeds it.
     """
-    a, b = restricted(field, block), restricted(reference, block)
-    index = {}
+    a, b = restricted(np.nan_to_num(field), block), restricted(np.nan_to_num(reference), block)
+    index, d, area = {}, a - b, cell_area * block**2
+    either = (a > 0) | (b > 0)
     for threshold in thresholds:
         found = contingency(a > threshold, b > threshold).critical_success_index
         index[f"{threshold:g}"] = 1.0 if math.isnan(found) else found
-    return {"relative_l1": relative_l1(a, b), "critical_success_index": index}
+    sums = {"absolute_sum": np.abs(d), "net_sum": d, "squared_sum": d * d, "reached_area": either}
+    totals = {name: float(area * values.sum()) for name, values in sums.items()}
+    return {"relative_l1": relative_l1(a, b), **totals, "critical_success_index": index}
+
+
+def common_differences(field: np.ndarray, reference: np.ndarray) -> dict[str, float | None]:
+    """Mean and root mean square difference of two maps on the cells that both know; None where there are none."""
+    bias, rms, _ = differences(*(one[np.isfinite(field) & np.isfinite(reference)] for one in (field, reference)))
+    return {"mean": _known(bias), "root_mean_square": _known(rms)}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def relative_l1(field: np.ndarray, reference: np.ndarray) -> float:

@@ -8,6 +8,7 @@ import pytest
 import runout
 from runout import scores
 from runout.scores import scoring
+from runout.studies.grid_index import compared
 
 BARS = scores.ErrorBars(
     {
@@ -86,3 +87,63 @@ def test_a_study_that_is_not_as_it_was_written_gives_no_bars(content):
 def test_stored_scores_hold_no_numbers_that_json_cannot():
     assert scores.Score("flow", "csi", math.nan).stored() == {"of": "flow", "name": "csi", "value": None, "units": "1"}
     assert scores.Score("flow", "rmse", 1.5, "m", 0.1).stored()["numerical_error"] == 0.1
+
+
+def rough_bars(one, other, cell_area, name):
+    """Error bars of a study whose two finest grids gave these maps."""
+    found = compared(other, one, 1, (0.5,), cell_area)
+    return scores.ErrorBars({"fields": [{"level": 1, "map": name, **found}]})
+
+
+def test_scores_of_a_map_move_by_no_more_than_their_bars():
+    rng = np.random.default_rng(2)
+    one, observed = rng.random((2, 30, 30))
+    other = np.maximum(one + 0.1 * rng.standard_normal(one.shape), 0.0)
+    bars = rough_bars(one, other, 25.0, "deposit")
+    before, after = (list(_of_map(values, observed, bars)) for values in (one, other))
+    assert [s.name for s in before] == ["volume_bias", "bias", "rmse", "relative_l1"]
+    for first, second in zip(before, after, strict=True):
+        assert abs(first.value - second.value) <= 1.02 * first.numerical_error, first.name
+        assert first.numerical_error < 0.2
+
+
+def _of_map(values, observed, bars):
+    return scoring.field_scores("deposit", scores.field_errors(values, observed, 25.0), "m", True, bars, "deposit")
+
+
+def test_scores_of_a_change_move_by_no_more_than_their_bars():
+    rng = np.random.default_rng(3)
+    one, observed = rng.standard_normal((2, 30, 30))
+    other = one + 0.1 * rng.standard_normal(one.shape)
+    parts = {"deposit": (one, other), "erosion": (-one, -other), "deposition": (one, other)}
+    fields = []
+    for name, pair in parts.items():
+        maps = pair if name == "deposit" else [np.where(values < 0.5, 0.0, values) for values in pair]
+        fields.append({"level": 1, "map": name, **compared(maps[1], maps[0], 1, (0.5,), 25.0)})
+    bars = scores.ErrorBars({"fields": fields})
+    errors = (scores.change_errors(values, observed, 25.0, 0.5) for values in (one, other))
+    before, after = (list(scoring.change_scores("change", found, bars, 0.5)) for found in errors)
+    for first, second in zip(before, after, strict=True):
+        assert abs(first.value - second.value) <= 1.2 * first.numerical_error, first.name
+        assert first.numerical_error < 0.2
+
+
+def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
+    errors = scores.ThalwegErrors(110.0, 100.0, 1.0, 0.5, 1.1, 50.0, 0, 20.0)
+    found = {s.name: s.numerical_error for s in scoring.thalweg_scores("flow", errors, BARS, TABLE, "flow_thickness", 0.5)}
+    changed = 0.1 * TABLE.modelled
+    assert found == {
+        "front_error": 12.0,
+        "lateral_error": pytest.approx(changed / 100.0),
+        "lateral_shift": pytest.approx(changed / 100.0),
+        "width_bias": pytest.approx(changed / (50.0 * 20.0)),
+    }
+    fields = [
+        {"level": 1, "map": "arrival", "mean": -0.4, "root_mean_square": 0.9},
+        {"level": 1, "map": "speed", "squared_sum": 400.0, "reached_area": 100.0},
+    ]
+    bars = scores.ErrorBars({"fields": fields})
+    arrivals = scoring.arrival_scores("gauges", scores.arrival_errors([1.0, 2.0], [1.0, 3.0]), bars)
+    assert [s.numerical_error for s in arrivals] == [0.4, 0.9, None]
+    speeds = scoring.point_scores("gauges", scores.point_errors([1.0], [2.0]), "m s-1", bars, "speed")
+    assert [s.numerical_error for s in speeds] == [2.0, 2.0]

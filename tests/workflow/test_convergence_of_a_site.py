@@ -142,8 +142,12 @@ def test_command_writes_the_error_bars_of_the_site(ramp, capsys, monkeypatch):
     found = json.loads((ramp / "results" / "convergence.json").read_text())
     front = found["quantities"]["f99"]
     assert 0 < front["relative_error"] < 0.3
-    assert found["fields"][-1]["critical_success_index"]["0.1"] > 0.6
-    assert 0 < found["fields"][-2]["relative_l1"] < 1
+    fields = {field["map"]: field for field in found["fields"] if field["level"] == 1}
+    assert set(fields) == {"flow_thickness", "deposit", "speed", "pressure", "arrival", "erosion", "deposition"}
+    assert fields["deposit"]["critical_success_index"]["0.1"] > 0.6
+    assert 0 < fields["flow_thickness"]["relative_l1"] < 1
+    assert abs(fields["deposit"]["net_sum"]) <= fields["deposit"]["absolute_sum"]
+    assert 0 < fields["arrival"]["root_mean_square"] < 5
     assert "front of 99 % of the mass" in capsys.readouterr().out
     assert "| cells [m] | runs |" in (ramp / "results" / "convergence.md").read_text()
 
