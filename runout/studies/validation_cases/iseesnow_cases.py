@@ -31,6 +31,7 @@ TOPO_FULL = (
     Variant(5.0, LEVELLED, 40.0, polygon=True),
     Variant(5.0, LEVELLED, 30.0),
     Variant(5.0, LEVELLED, 50.0),
+    Variant(5.0, LEVELLED, 43.0, polygon=True),
     Variant(5.0, ONE_LEVEL, 40.0),
     Variant(10.0, (2, 2, 24), 40.0),
 )
