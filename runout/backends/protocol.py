@@ -96,6 +96,9 @@ class Backend(Protocol):
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
 
+    def structure_impulses(self) -> np.ndarray:
+        """Impulse (patches, 3) [N s] of the mass on each patch of the structures since ``load``, float64; (0, 3) without any."""
+
     def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""
 
