@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import warp as wp
 
 from runout.backends.hash.batch import Batch
@@ -89,6 +90,10 @@ class HashBackend(Batch):
     def lattice_columns(self) -> RasterSums:
         """The same on the lattice of footprints."""
         return self.lattice_columns_of(0)
+
+    def structure_impulses(self) -> np.ndarray:
+        """Impulse (patches, 3) [N s] of the mass on each patch of the structures since ``load``; (0, 3) without any."""
+        return self.structure_impulses_of(0)
 
     @property
     def max_speed(self) -> float:

@@ -47,7 +47,24 @@ def move_nodes(parts: Parts) -> None:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
             if parts.uses_area and round_ == 0:
                 run(k.sum_columns, i.capacity * COLUMNS, status, blocks, n.ground_group, n.contact_group)
+    touch_structures(parts)
     run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)
+
+
+def touch_structures(parts: Parts) -> None:
+    """Impulses of the structures on the nodes, which take those of the ground first; nothing where no mass is beside one."""
+    i, k, n, s, status = parts.index, parts.k, parts.nodes, parts.structures, parts.status.group
+    if s is None or not s.slots:
+        return
+    blocks, ground, settled = i.block_group, (n.ground_group, n.contact_group), (s.ground_group, s.contact_group)
+    arguments = status, parts.store.group, blocks, n.grid_group, *settled, parts.scenes.group, parts.scenes.constants, s.group
+    if parts.ground is not None:
+        run(k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group, *ground, s.grounded)
+    for round_, (kernel, more) in enumerate(((k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction,)))):
+        run_each(kernel, s.places, WARP, *arguments, *more)
+        if parts.ordered:
+            run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, round_)
+    run(k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group, *settled, s.grounded)
 
 
 def grid_to_particles(parts: Parts) -> None:
