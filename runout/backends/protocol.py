@@ -37,7 +37,8 @@ class LedgerRow:
     max_speed: float  # [m/s] of any particle
     active_blocks: int  # that hold particles
     box_blocks: int  # of the smallest box around these
-    contact_particles: int
+    contact_particles: int  # on the ground
+    structure_dissipation: float = 0.0  # [J] by friction and impact at structures
 
 
 def box_blocks(coordinates: np.ndarray) -> int:

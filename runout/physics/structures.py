@@ -66,3 +66,22 @@ def outward_normal(slopes: Any):
     if length <= real(0.0):
         return vec(real(0.0), real(0.0), real(1.0))
     return vec(slopes[0] / length, slopes[1] / length, slopes[2] / length)
+
+
+def own_compliance(total: Any, weight: Any, inverse_mass: Any):
+    """``total`` and a node's part of the compliance [1/kg] of a contact alone, A = sum_n w_n^2 / m_n."""
+    return total + weight * weight * inverse_mass
+
+
+def stopping_impulse(un: Any, gap: Any, radius: Any, dt: Any, band: Any, compliance: Any):
+    """Normal impulse [N s] that keeps the centre of a particle ``band`` [m] outside within the step; mostly 0.
+
+    The lumped compliance of :func:`runout.physics.contact.impulse` leaves an approach to particles that are pushed harder than
+    their neighbours. Above the ground they sink a little; a thin wall would let them through. ``un`` [m/s] is the normal velocity
+    after all other impulses, ``compliance`` that of the contact alone: the impulses of its neighbours along a like normal only add.
+    A centre that lies inside already is not moved outward.
+    """
+    target = (band - gap - radius) / dt
+    if target > real(0.0):
+        target = real(0.0)
+    return max(real(0.0), (target - un) / compliance)

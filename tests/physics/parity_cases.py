@@ -236,6 +236,8 @@ CASES = [
     Case(structures.separation, "tsss", "s", (between(-3.0, 3.0, 9), *IN_LATTICE_CELL)),
     Case(structures.separation_slopes, "tsss", "v", (between(-3.0, 3.0, 9), *IN_LATTICE_CELL)),
     Case(structures.outward_normal, "v", "v", (vector,)),
+    Case(structures.own_compliance, "sss", "s", (between(0.0, 1.0), between(0.0, 1.0), between(0.0, 1.0))),
+    Case(structures.stopping_impulse, "ssssss", "s", (number, number, *(between(0.01, 1.0),) * 4)),
     Case(blocks.block_of, "i", "i", (node,)),
     Case(blocks.local_index, "iii", "i", (node, node, node)),
     Case(blocks.block_key, "iii", "k", (block, block, block)),
