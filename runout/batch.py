@@ -127,7 +127,8 @@ class _Job:
         found: list[Extent] = []
         scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)
         particles = CompactParticles.of(made, scene.densities, scene.dtype)
-        needed = bytes_on_device(found[0].particles, found[0].nodes_on_device, scene.precision, scene.transfer, scene.f_bar)
+        sizes = found[0].particles, found[0].nodes_on_device
+        needed = bytes_on_device(*sizes, scene.precision, scene.transfer, scene.f_bar, scene.structures)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed)
 
@@ -204,6 +205,9 @@ class _View:
 
     def ledger(self) -> LedgerRow:
         return self.rows()[self.scene]
+
+    def structure_impulses(self) -> np.ndarray:
+        return self.batch.structure_impulses_of(self.scene)
 
     def memory_bytes(self) -> int:
         return self.batch.memory_bytes()

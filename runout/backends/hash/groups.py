@@ -151,7 +151,7 @@ class SurfaceGroup:
 class StructureGroup:
     """Fields of the structures of the scenes; owned by :class:`runout.backends.hash.structures.Structures`."""
 
-    fields: Table2  # (scenes, 7) blocks of the field east, north and upwards, 0 without structures; see structures.OF_FIELD
+    fields: Table2  # (scenes, 6) blocks of the field east, north and upwards, its first block, first sum, patches; 0 without one
     lattices: Doubles2  # (scenes, 4) local position of the first node of the field [m], and its spacing [m]
     spacing: Doubles  # (3,) of the grid [m]
     rows: Ints  # row of each block of the fields, -1 for none within reach, one field behind the other

@@ -22,8 +22,9 @@ from runout.backends.hash import (
     observe,
     particles_to_grid,
     stencil,
-    structure_contact,
+    structure_detection,
     structure_distance,
+    structure_solution,
     unknown,
     zones,
 )
@@ -37,7 +38,7 @@ CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
 WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
 # kernels of gradient transfers: those that differ from the packed form's, and further ones
 GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
-STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts")
+STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "stop_at_structures")
 STRUCTURE_KERNELS = ("note_beside", "require_beside", "carry_sums", "settle_impulses")
 GRADIENT_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
 
@@ -50,7 +51,7 @@ FLOAT32_BLOCKS = {
     "sum_gone": (PARTICLE_LANES, 8),
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
-STRUCTURE_BLOCKS = {"find_structure_contacts": (WARP, 20), "solve_structure_contacts": (WARP, 20)}
+STRUCTURE_BLOCKS = dict.fromkeys(STRUCTURE_WARP_KERNELS, (WARP, 20))
 GRADIENT_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 
@@ -154,7 +155,7 @@ def _structure_kernels(precision: str, ordered: bool) -> SimpleNamespace:
     warps.options["fast_math"] = True  # as for contact with the ground
     kernels = warp_kernels(
         _physics(_number(precision)), (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance,
-        structure_contact),
+        structure_detection, structure_solution),
         lambda kernel: warps if kernel in STRUCTURE_WARP_KERNELS else others if kernel in STRUCTURE_KERNELS else unused,
         ORDERED=ordered, **_common_names(FRICTION, precision),
     )  # fmt: skip

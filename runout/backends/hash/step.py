@@ -58,13 +58,15 @@ def touch_structures(parts: Parts) -> None:
         return
     blocks, ground, settled = i.block_group, (n.ground_group, n.contact_group), (s.ground_group, s.contact_group)
     arguments = status, parts.store.group, blocks, n.grid_group, *settled, parts.scenes.group, parts.scenes.constants, s.group
+    settle = k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group
     if parts.ground is not None:
-        run(k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group, *ground, s.grounded)
-    for round_, (kernel, more) in enumerate(((k.find_structure_contacts, ()), (k.solve_structure_contacts, (s.friction,)))):
-        run_each(kernel, s.places, WARP, *arguments, *more)
+        run(*settle, *ground, s.grounded, 0.0)
+    for round_, kernel in enumerate((k.find_structure_contacts, k.solve_structure_contacts, k.stop_at_structures)):
+        run_each(kernel, s.places, WARP, *arguments, *((s.friction,) if round_ == 1 else ()))
         if parts.ordered:
-            run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, round_)
-    run(k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group, *settled, s.grounded)
+            run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, min(round_, 1))
+        if round_ > 0:
+            run(*settle, *settled, s.grounded, float(round_ == 1))
 
 
 def grid_to_particles(parts: Parts) -> None:

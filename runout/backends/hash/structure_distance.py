@@ -1,6 +1,6 @@
 """Distance of particles from structures: fields of blocks of a lattice, and the blocks of the grid that lie beside a structure.
 
-    structures.fields     scene 0: | blocks east, north, up | first block | first row | first sum | patches |    scene 1: ...
+    structures.fields     scene 0: | blocks east, north, up | first block | first sum | patches |    scene 1: ...
     structures.rows       row of each lattice block of a field, -1 where no particle can touch
     structures.distance   | row 0: 9 x 9 x 9 distances | row 1 | ...       structures.patch   likewise
 """
@@ -17,7 +17,7 @@ from runout.physics.structures import lattice_block, lattice_place, nearest_plac
 from runout.physics.tensors import real, tens, vec
 
 LATTICE = 729  # nodes of a block of a field
-EAST, NORTH, UP, FIRST_BLOCK, FIRST_ROW, FIRST_SUM, PATCHES, OF_FIELD = range(8)  # of a row of structures.fields
+EAST, NORTH, UP, FIRST_BLOCK, FIRST_SUM, PATCHES, OF_FIELD = range(7)  # of a row of structures.fields
 
 
 def _lattice(structures: StructureGroup, s: int, d: int, cell: int, f: Any):

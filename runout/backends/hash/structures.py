@@ -1,6 +1,5 @@
 """Structures on the device: their fields, the sums of the impulses on their patches, and arrays by block for their contacts.
 
-    fields    scene 0: | blocks east, north, up | first block | first row | first sum | patches |      scene 1: ...
     rows      field 0: row of each of its blocks, -1 for none | field 1 ...       distance, patch   row 0: 729 nodes | row 1 ...
     friction  release 0 of scene 0: one record a patch | release 1 ... | release 0 of scene 1 ...
 
@@ -19,11 +18,11 @@ from runout.backends.hash.account import Account
 from runout.backends.hash.grid import NodeArrays, new_room
 from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.index import Index
-from runout.backends.hash.layout import BESIDE, CELL_LANES, REACHED, run
+from runout.backends.hash.layout import BESIDE, CELL_LANES, REACHED, room_for, run
 from runout.backends.hash.scenes import SceneArrays
 from runout.backends.hash.state import Store
-from runout.backends.hash.structure_contact import PARTED
 from runout.backends.hash.structure_distance import OF_FIELD
+from runout.backends.hash.structure_solution import PARTED
 from runout.model.friction_laws import numbers_of
 from runout.model.scene import Scene
 from runout.model.structures import StructureField
@@ -70,17 +69,17 @@ class Structures:
 
     def _take_fields(self, scenes: Sequence[Scene], reach: float) -> None:
         found, kept, first_block, first_row = np.zeros((len(scenes), OF_FIELD), np.int32), [], 0, 0
-        places: dict[int, tuple[int, int]] = {}
+        places: dict[int, int] = {}  # first block of each field
         lattices = np.ones((len(scenes), 4))
         self.ends = np.cumsum([0, *(len(s.structures.patches.area) if s.structures else 0 for s in scenes)])
         for row, lattice, first_sum, scene in zip(found, lattices, self.ends, scenes, strict=False):
             if (field := scene.structures) is None:
                 continue
             if id(field) not in places:
-                places[id(field)] = first_block, first_row
+                places[id(field)] = first_block
                 kept.append(_within(field, reach, first_row))
                 first_block, first_row = first_block + field.blocks.size, first_row + len(field.distance)
-            row[:] = *field.blocks.shape, *places[id(field)], first_sum, len(field.patches.area)
+            row[:] = *field.blocks.shape, places[id(field)], first_sum, len(field.patches.area)
             lattice[:] = *field.origin, field.spacing
         rows, distance, patch = (np.concatenate(arrays) for arrays in zip(*kept, strict=True))
         self.fields, self.lattices = wp.array(found, dtype=wp.int32), wp.array(lattices, dtype=wp.float64)
@@ -175,3 +174,21 @@ def _within(field: StructureField, reach: float, first_row: int) -> tuple[np.nda
     there[there] = least[field.blocks.ravel()[there]] <= reach
     rows = np.where(there, field.blocks.ravel() + first_row, -1).astype(np.int32)
     return rows, field.distance.ravel(), field.patch.ravel()
+
+
+def bytes_of_structures(field: StructureField, particles: int, blocks: int, number: int, beside: int = 0) -> int:
+    """Forecast of the memory [byte] that structures add to a run with so many particles and blocks.
+
+    Parameters
+    ----------
+    field : StructureField
+    particles, blocks : int
+    number : int
+        Bytes of a real number.
+    beside : int
+        Blocks of nodes that particles beside structures reach; 0 while the flow is away from them.
+    """
+    nodes, patches = field.distance.size, len(field.patches.area)
+    of_field = 4 * field.blocks.size + 8 * nodes + (48 + number) * patches
+    by_block = (12 + 4 * (CELL_LANES + 1)) * room_for(blocks)  # marks, and where the cells start in a second list
+    return of_field + (4 + 4 * number) * particles + by_block + 64 * 4 * number * room_for(beside) + 36 * room_for(beside // 2)
