@@ -5,7 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import Box, field_of_boxes
-from scenes import HASH_DEVICE, IN_ORDER, SAND, assert_close_states, assert_same_numbers, box, loaded, on_cpu, plane, scene
+from scenes import (
+    HASH_DEVICE,
+    IN_ORDER,
+    SAND,
+    assert_close_states,
+    assert_same_numbers,
+    box,
+    loaded,
+    on_cpu,
+    plane,
+    scene,
+)
 
 from runout.backends.protocol import get_backend
 
@@ -78,13 +89,33 @@ def test_members_of_a_batch_meet_their_own_structures_or_none_as_in_their_own_ru
     assert len(together.parts.structures.rows) == sum(m[0].structures.blocks.size for m in (members[0], members[2]))
 
 
-def test_sums_in_whole_numbers_are_those_of_single_precision_and_do_not_depend_on_the_order():
-    a_scene, p = flow(wall(), precision="float32")
-    runs = [after(on_cpu(deterministic=order), a_scene, p, 60) for order in (IN_ORDER, True)]
-    given, found = (r.structure_impulses() for r in runs)
-    np.testing.assert_allclose(found, given, rtol=0, atol=1e-3 * np.abs(given).max())
-    again = after(on_cpu(deterministic=True), a_scene, p, 60)
-    np.testing.assert_array_equal(again.structure_impulses(), found)
+def test_single_precision_comes_close_and_repeats_its_bits_in_fixed_order():
+    wide, p = flow(wall())
+    narrow = replace(wide, precision="float32")
+    exact, one, other = (after(on_cpu(deterministic=True), s, p, 60) for s in (wide, narrow, narrow))
+    found = one.structure_impulses()
+    np.testing.assert_allclose(found, exact.structure_impulses(), rtol=0, atol=1e-3 * np.abs(found).max())
+    np.testing.assert_array_equal(other.structure_impulses(), found)
+    assert one.ledger().structure_dissipation == other.ledger().structure_dissipation
+
+
+def launches_of_a_step(monkeypatch, a_scene, p, **choices):
+    """Names of the kernels of one step behind the first."""
+    backend, wp, names = loaded(on_cpu(**choices), a_scene, p), pytest.importorskip("warp"), []
+    for name in ("launch", "launch_tiled"):
+        given = getattr(wp, name)
+        monkeypatch.setattr(wp, name, lambda kernel, *a, _given=given, **k: names.append(kernel.key) or _given(kernel, *a, **k))
+    backend.steps(DT, 1), names.clear(), backend.steps(DT, 1)
+    monkeypatch.undo()
+    return names
+
+
+@pytest.mark.parametrize(("choices", "more"), [({}, 6), ({"deterministic": True}, 9)])
+def test_structures_take_no_launch_where_there_are_none_or_no_mass_is_near(monkeypatch, choices, more):
+    beside, afar, none = (launches_of_a_step(monkeypatch, *flow(field), **choices) for field in (wall(), wall(60.0), None))
+    assert afar == none
+    assert not any("struct" in name or "settle" in name for name in none)
+    assert len(beside) == len(none) + more
 
 
 def test_flow_that_comes_to_a_wall_from_afar_makes_room_and_gives_what_the_reference_gives(monkeypatch):
@@ -121,8 +152,7 @@ def test_forecast_of_the_memory_counts_structures_within_two_percent(choices):
     a_scene, p = flow(wall(), **choices)
     backend = loaded(on_cpu(), a_scene, p)
     near, beside = (int((a.numpy() >= 0).sum()) for a in (backend.parts.nodes.grounded, backend.parts.structures.grounded))
-    said = hash_backend.bytes_needed(
-        len(p), backend.parts.index.nall, a_scene.precision, False, near, a_scene.transfer, a_scene.f_bar, a_scene.structures, beside
-    )
+    ways = a_scene.precision, False, near, a_scene.transfer, a_scene.f_bar, a_scene.structures, beside
+    said = hash_backend.bytes_needed(len(p), backend.parts.index.nall, *ways)
     ground = pytest.importorskip("runout.backends.hash.layout").bytes_of(backend.parts.ground)
     assert said == pytest.approx(backend.bytes_used() - ground, rel=0.02)

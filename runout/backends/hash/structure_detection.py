@@ -58,6 +58,7 @@ from runout.backends.hash.structure_distance import _cell, _surface
 from runout.physics.contact import in_contact
 from runout.physics.tensors import dot, real, vec
 
+LEAST_MASS = 1e-37  # [kg] of a node whose inverse mass single precision can hold
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all; the binding puts it in its place
 
 
@@ -80,8 +81,9 @@ def settle_impulses(
     east = slot * SLOT + PUSHES + 2 * n
     up = slot * SLOT + PUSHES_UP + n
     push = node4(real(0.0), contacts.shares[east], contacts.shares[east + 1], contacts.shares[up])
-    put_node(grid.nodes, t, node_at(grid.nodes, t) + push)
-    contacts.shares[slot * SLOT + n] = share
+    g = node_at(grid.nodes, t)
+    put_node(grid.nodes, t, g + push)
+    contacts.shares[slot * SLOT + n] = wp.where(g[0] > real(LEAST_MASS), share, real(0.0))
     contacts.shares[east] = real(0.0)
     contacts.shares[east + 1] = real(0.0)
     contacts.shares[up] = real(0.0)
