@@ -186,9 +186,6 @@ class SceneBatch(Protocol):
     def lattice_columns_of(self, s: int, /) -> RasterSums:
         """As :meth:`WindowBackend.lattice_columns`."""
 
-    def structure_impulses_of(self, s: int, /) -> np.ndarray:
-        """As :meth:`Backend.structure_impulses`."""
-
     def max_speed_of(self, s: int, /) -> float:
         """As :attr:`Backend.max_speed`."""
 
