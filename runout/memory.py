@@ -116,16 +116,16 @@ def expected_memory(
     device: Any = getattr(engine, "device", None)
     on_device = device is not None and bool(device.is_cuda)
     host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
-    more = 0 if structures is None else structure_bytes(structures.field, extent, precision)
+    field = structures.field if structures else None
     if on_device:
-        backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar)
-        return MemoryForecast(backend + more, host, True)
+        backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar, field)
+        return MemoryForecast(backend, host, True)
     backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
-    return MemoryForecast(backend + more, host)
+    return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)
 
 
 def structure_bytes(structures: StructureField, extent: Extent, precision: str) -> int:
-    """Memory [byte] of structures: their field, a force by particle, and the sums of the blocks that may be near them."""
+    """Memory [byte] of structures in scan: their field, a force by particle, and the sums of the blocks that may be near them."""
     number = 4 if precision == "float32" else 8
     near = min(len(structures.distance), extent.owners)
     return structures.nbytes + number * (4 * extent.particles + STRUCTURE_SUMS * near)

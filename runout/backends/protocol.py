@@ -15,6 +15,7 @@ from runout.model.materials import Material
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.model.structures import StructureField
 
 BACKENDS = ("scan", "hash", "reference")
 INDEXES = ("sparse", "dense")  # of scan and hash; the second is a control for measurements
@@ -272,10 +273,13 @@ def bytes_on_host(
     return forecast.bytes_needed(particles, held, owners, nodes, precision, transfer, f_bar)  # type: ignore[no-any-return]
 
 
-def bytes_on_device(particles: int, blocks: int, precision: str, transfer: str = "mls", f_bar: bool = False) -> int:
+def bytes_on_device(
+    particles: int, blocks: int, precision: str, transfer: str = "mls", f_bar: bool = False,
+    structures: StructureField | None = None,
+) -> int:  # fmt: skip
     """Memory [byte] that the hash backend takes for so many particles and blocks of nodes."""
     needed = import_module("runout.backends.hash.backend").bytes_needed
-    return needed(particles, blocks, precision, transfer=transfer, f_bar=f_bar)  # type: ignore[no-any-return]
+    return needed(particles, blocks, precision, transfer=transfer, f_bar=f_bar, structures=structures)  # type: ignore[no-any-return]
 
 
 def find_device(wanted: str) -> str:

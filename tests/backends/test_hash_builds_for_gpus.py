@@ -25,6 +25,10 @@ GRADIENT_TRANSFER = {  # of scenes with transfer apic or aflip, or F-bar; bounde
     "float64": {"grid_to_particles": 255, "add_forces": 255, "spread_dilatation": 255},
 }
 GRADIENT_SPILLED = {"float32": {}, "float64": {"grid_to_particles": 48, "add_forces": 56, "spread_dilatation": 488}}
+STRUCTURES: dict[str, dict[str, int]] = {  # of contact with structures; bounded for single precision, not measured
+    "float32": {},
+    "float64": dict.fromkeys(("find_structure_contacts", "solve_structure_contacts", "stop_at_structures"), 168),
+}
 SPILLED: dict[str, dict[str, int]] = {"float32": {}, "float64": {"particles_to_grid": 272}}  # bytes a thread
 
 
@@ -67,10 +71,10 @@ def require_within(kernels, modules, folder, registers, spilled):
     return len(wanted)
 
 
-@pytest.mark.parametrize("gradient_transfer", [False, True])
-def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient_transfer):
+@pytest.mark.parametrize(("gradient_transfer", "structured"), [(False, False), (True, True)])
+def test_kernels_take_at_most_twelve_arguments_of_four_kilobytes_in_all(gradient_transfer, structured):
     """A group is one argument; every driver passes 4096 bytes to a kernel, of which warp needs some for the launch."""
-    kernels = vars(compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float64", False, False, gradient_transfer))
+    kernels = vars(compiled_kernels(LAWS.find("drucker_prager"), COULOMB, "float64", False, False, gradient_transfer, structured))
     arguments = {name: k.adj.args for name, k in kernels.items() if isinstance(k, wp.Kernel)}
     groups, array = vars(kernels["groups"]).values(), ctypes.sizeof(wp.empty(0, dtype=wp.int32, device="cpu").__ctype__())
     sizes = {name: [g.ctype for a in some for g in groups if a.type is g] for name, some in arguments.items()}
@@ -95,6 +99,19 @@ def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_p
     assert gradient_transfer.modules[: len(plain.modules)] == plain.modules
     more = gradient_transfer.modules[len(plain.modules) :]
     assert require_within(gradient_transfer, more, tmp_path, GRADIENT_TRANSFER[precision], GRADIENT_SPILLED[precision]) == 9
+
+
+@pytest.mark.parametrize(("precision", "ordered"), [("float32", False), ("float64", True)])
+def test_kernels_of_structures_build_beside_the_others_which_stay_as_they_are(precision, ordered, tmp_path):
+    """They are the same for all laws of material and friction."""
+    plain, structured, other = (
+        compiled_kernels(LAWS.find(law), COULOMB, precision, ordered, structured=structured)
+        for law, structured in (("drucker_prager", False), ("drucker_prager", True), ("granular_flow", True))
+    )
+    more = structured.modules[len(plain.modules) :]
+    assert structured.modules[: len(plain.modules)] == plain.modules
+    assert other.modules[-len(more) :] == more
+    assert require_within(structured, more, tmp_path, STRUCTURES[precision], {}) == 7
 
 
 def test_contact_with_ground_areas_builds_within_the_same_registers_and_does_not_spill(tmp_path):

@@ -2,18 +2,21 @@
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import warp as wp
 
 from runout.backends.hash.batch import Batch
 from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, room_for
+from runout.backends.hash.structures import bytes_of_structures
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.state import State
 from runout.errors import ConfigError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.model.structures import StructureField
 
 
 def create(device: str = "cpu", deterministic: bool = False, index: str = "sparse") -> "HashBackend":
@@ -90,6 +93,10 @@ class HashBackend(Batch):
         """The same on the lattice of footprints."""
         return self.lattice_columns_of(0)
 
+    def structure_impulses(self) -> np.ndarray:
+        """Impulse (patches, 3) [N s] of the mass on each patch of the structures since ``load``; (0, 3) without any."""
+        return self.structure_impulses_of(0)
+
     @property
     def max_speed(self) -> float:
         """Largest speed [m/s] of any particle."""
@@ -104,11 +111,13 @@ def bytes_needed(
     near: int | None = None,
     transfer: str = "mls",
     f_bar: bool = False,
+    structures: StructureField | None = None,
+    beside: int = 0,
 ) -> int:
     """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them with impulses of the ground.
 
     Without ``near``, three quarters of the blocks: a flow a few blocks thick. ``transfer`` and ``f_bar`` as of
-    :class:`runout.model.scene.Scene`; of aflip one that keeps something.
+    :class:`runout.model.scene.Scene`; of aflip one that keeps something. ``beside``: blocks with impulses of ``structures``.
     """
     number = 4 if precision == "float32" else 8
     near = 3 * blocks // 4 if near is None else near
@@ -120,4 +129,5 @@ def bytes_needed(
     block = 520 + 2 * number + 260 * f_bar + deterministic * (TILE * 4 * number + 36)
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
     contact = room_for(near) * 64 * 4 * number + tiles
-    return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries
+    more = bytes_of_structures(structures, particles, blocks, number, beside) if structures else 0
+    return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries + more

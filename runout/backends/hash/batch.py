@@ -14,6 +14,7 @@ import warp as wp
 
 from runout.backends import footprints
 from runout.backends.hash import gradient_transfer, readback, sort, step
+from runout.backends.hash.account import Account
 from runout.backends.hash.device_status import DeviceStatus, Snapshot
 from runout.backends.hash.graphs import Graphs
 from runout.backends.hash.ground import Ground
@@ -24,6 +25,7 @@ from runout.backends.hash.loading import Loaded
 from runout.backends.hash.looks import Looks, Take
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.scenes import SceneArrays
+from runout.backends.hash.structures import Structures
 from runout.backends.hash.validation import require_alike
 from runout.backends.protocol import Counters, LedgerRow, RasterSums
 from runout.errors import CapacityError, StabilityError
@@ -65,7 +67,7 @@ class Batch:
         self.device, self.deterministic, self.counters = wp.get_device(device), deterministic, Counters()
         given = [s for s, _ in scenes]
         require_alike(given)
-        also = any(s.friction_zones for s in given), gradient_transfer.uses_gradient_transfer(given[0])
+        also = any(s.friction_zones for s in given), gradient_transfer.uses_gradient_transfer(given[0]), any(map(structured, given))
         kernels = compiled_kernels(given[0].law, given[0].basal.law, given[0].precision, deterministic, *also)
         self.graphs = Graphs(self.device, kernels.modules)  # of steps and sorts, for either place of the rows
         self.present = np.ones(len(scenes), bool)
@@ -101,7 +103,9 @@ class Batch:
         status = DeviceStatus(len(accounts), scenes.number)
         status.peaks.assign(np.array([*(a.max_speed**2 for a in accounts), 0.0], scenes.scenes[0].dtype))
         index = Index(kernels, status, store.size, self.deterministic, len(accounts), scenes.rows)
-        return Parts(kernels, self.deterministic, scenes, status, ground_of(scenes, loaded.largest_radius), store, index)
+        ground = ground_of(scenes, loaded.largest_radius)
+        structures = structures_of(scenes, kernels, accounts, len(store.identity), loaded.largest_radius)
+        return Parts(kernels, self.deterministic, scenes, status, ground, store, index, structures)
 
     def _place(self, nodes: wp.array) -> None:
         """Find the blocks of the particles from their first nodes (n, 3), and bring these into the order of the cells."""
@@ -271,9 +275,10 @@ class Batch:
         """Launches, on a GPU as a graph once they have come ``before`` times."""
         self.graphs.launch(name, self._generation(), enqueue, before)
 
-    def _generation(self) -> tuple[int, int]:
+    def _generation(self) -> tuple[int, int, int]:
         """Counts how often arrays by block were made anew."""
-        return self.parts.index.generation, self.parts.nodes.generation
+        structures = self.parts.structures
+        return self.parts.index.generation, self.parts.nodes.generation, structures.generation if structures else 0
 
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""
@@ -302,6 +307,14 @@ class Batch:
             self.look_at([scene])
         return self.report.cached_columns[scene]
 
+    def structure_impulses_of(self, scene: int) -> np.ndarray:
+        """Impulse (patches, 3) [N s] of the mass on each patch of a scene's structures since the start; (0, 3) without any."""
+        structures = self.parts.structures
+        if structures is None:
+            return np.zeros((0, 3))
+        with self._on_device():
+            return structures.impulses(scene)
+
     def max_speed_of(self, scene: int) -> float:
         """Largest speed [m/s] of any particle of a scene."""
         return self.accounts[scene].max_speed
@@ -314,9 +327,27 @@ class Batch:
 
 def ground_of(scenes: SceneArrays, largest: float) -> Ground | None:
     """The surfaces of the scenes, None without any; ``largest`` is the largest radius [m], which contact depends on too."""
-    first = scenes.scenes[0]
     scenes.constants.largest = largest
-    band = float(scenes.number(first.contact_band * min(first.spacing)))
     surfaces = [s.ground for s in scenes.scenes if s.ground is not None]
-    reach = largest + band + FARTHEST * max(first.spacing)
-    return Ground(surfaces, first.spacing, reach, scenes.number) if surfaces else None
+    return Ground(surfaces, scenes.scenes[0].spacing, reach_of(scenes, largest), scenes.number) if surfaces else None
+
+
+def structures_of(
+    scenes: SceneArrays, kernels: SimpleNamespace, accounts: Sequence[Account], particles: int, largest: float
+) -> Structures | None:
+    """The structures of the scenes, None without any, for so many ``particles`` and the ``largest`` radius [m]."""
+    if not any(map(structured, scenes.scenes)):
+        return None
+    return Structures(scenes, kernels, accounts, particles, reach_of(scenes, largest))
+
+
+def structured(scene: Scene) -> bool:
+    """Whether a scene has structures."""
+    return scene.structures is not None
+
+
+def reach_of(scenes: SceneArrays, largest: float) -> float:
+    """Distance [m] of a particle's centre beyond which it touches neither ground nor structures in any step."""
+    first = scenes.scenes[0]
+    band = float(scenes.number(first.contact_band * min(first.spacing)))
+    return largest + band + FARTHEST * max(first.spacing)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from runout.backends.hash.batch import ground_of
+from runout.backends.hash.batch import ground_of, structures_of
 from runout.backends.hash.index import Index
 from runout.backends.hash.layout import HOMES, run
 from runout.backends.hash.parts import Parts
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 BY_BLOCK = ("coordinates", "member", "around", "up", "down", "cstart", "active")  # of the index
 OF_NODES = ("grounded", "booked")
+OF_STRUCTURES = ("upper", "lower", "units", "forces", "grounded", "standing")
 BY_PARTICLE = ("radius", "release", "number", "key", "order")
 
 
@@ -42,6 +43,8 @@ def save(engine: "HashBackend") -> State:
     state |= {"forces": s.forces.numpy(), "step_counts": scenes.group.step_counts.numpy()}
     state |= {"peaks": status.peaks.numpy(), "tally": status.tally.numpy(), "kept": engine.report.kept.numpy()}
     state |= {"tiles": n.tiles.numpy(), "standing": n.standing.numpy(), "rec": s.rec.numpy()[:, : s.n]}
+    if parts.structures is not None:
+        state |= {f"structures.{name}": getattr(parts.structures, name).numpy() for name in OF_STRUCTURES}
     sizes = {
         "nown": i.nown,
         "nall": i.nall,
@@ -49,6 +52,7 @@ def save(engine: "HashBackend") -> State:
         "entries": i.table.shape[0],
         "launched": i.launched,
         "slots": n.slots,
+        "reached": parts.structures.slots if parts.structures else 0,
     }
     return state | {f"size.{name}": np.asarray(value) for name, value in sizes.items()}
 
@@ -69,6 +73,9 @@ def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
         engine.report.kept.assign(state["kept"])
         scenes.set_steps(np.array([engine.accounts[0].packed_dt]))
         parts.ground = ground_of(scenes, float(state["own.largest"]))
+        parts.structures = structures_of(
+            scenes, parts.k, engine.accounts, len(state["own.identity"]), float(state["own.largest"])
+        )  # fmt: skip
         parts.store = _store(state, scenes.number, not scene.packed)
         parts.index = _index(parts, state)
         parts.make_nodes()
@@ -78,9 +85,21 @@ def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
             _fill(getattr(n, name), state[f"nodes.{name}"])
         _fill(n.tiles, state["tiles"])
         _fill(n.standing, state["standing"])
+        _restore_structures(parts, state)
         run(parts.k.bound_columns, (n.places, 16), n.ground_group, scenes.constants)
         run(parts.k.number_columns, n.columns.shape[0], status.group, parts.index.block_group, n.contact_group)
         run(parts.k.note_shares, (n.places, 8), status.group, parts.index.block_group, n.ground_group)
+
+
+def _restore_structures(parts: Parts, state: State) -> None:
+    """Sums, forces, and blocks beside structures."""
+    s = parts.structures
+    if s is None:
+        return
+    s.make_room(len(state["structures.standing"]), int(state["size.reached"]), exactly=True)
+    for name in OF_STRUCTURES:
+        _fill(getattr(s, name), state[f"structures.{name}"])
+    s.note_shares(parts.k, parts.index)
 
 
 def _store(state: State, number: Any, stressed: bool) -> Store:

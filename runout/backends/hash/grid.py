@@ -26,6 +26,17 @@ if TYPE_CHECKING:
     from runout.backends.hash.state import Store
 
 
+def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> tuple[int, int]:
+    """Room for the ``wanted`` blocks of two kinds, never less than is ``held``; see :meth:`NodeArrays.make_room`."""
+    pairs = list(zip(wanted, held, strict=True))
+    if held[0] > 0 and not exactly and any(want > room for want, room in pairs):
+        pairs = [(room + 1 if NEARLY * room < want <= room else want, room) for want, room in pairs]
+    places, slots = (
+        room if want <= room else want if exactly else more_room_for(want) if room > 0 else room_for(want) for want, room in pairs
+    )
+    return places, slots
+
+
 class NodeArrays:
     """Arrays by block on the device of the scope.
 
@@ -43,18 +54,22 @@ class NodeArrays:
         Counts how often arrays were made anew.
     """
 
-    def __init__(self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False, areas: bool = False):
+    def __init__(
+        self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False, areas: bool = False,
+        structured: bool = False,
+    ):  # fmt: skip
         capacity, particles, ordered = index.capacity, store.size, index.ordered
-        self.number, self.kept, self.generation, self.slots, self.places = number, kept, 0, -1, -1
+        self.number, self.kept, self.averaged, self.generation, self.slots, self.places = number, kept, averaged, 0, -1, -1
         self.types = groups_of(number)
         self.vec4 = wp.types.vector(length=4, dtype=number)
         self.grid = wp.zeros(max((1 + kept) * capacity * 64, (particles + 3) // 4), dtype=self.vec4)
         self.dilated = wp.zeros(capacity * 64 * (averaged and not ordered), dtype=self.vec4)
         self.arenas = wp.zeros(capacity * TILE * ordered, dtype=self.vec4)
         self.held = wp.zeros(capacity * ordered, dtype=wp.int32)
-        lists = particles * averaged, (capacity * averaged, CELL_LANES + 1)
+        apart = averaged or structured  # the lists of all particles are needed behind contact with the ground
+        lists = particles * apart, (capacity * apart, CELL_LANES + 1)
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
-        self.listed = (self.pressed, self.pressed_start) if averaged else (store.order, index.cstart)
+        self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)
         self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
         self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(16 * capacity * areas, dtype=number)
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
@@ -74,18 +89,16 @@ class NodeArrays:
 
         What is nearly full grows with the other, since both are recorded in the same graphs.
         """
-        if self.places > 0 and not exactly and (places > self.places or slots > self.slots):
-            nearly = ((places, self.places), (slots, self.slots))
-            places, slots = (room + 1 if NEARLY * room < held <= room else held for held, room in nearly)
+        places, slots = new_room((places, slots), (self.places, self.slots), exactly)
         if places > self.places:
-            self.places = places if exactly else more_room_for(places) if self.places > 0 else room_for(places)
+            self.places = places
             self.generation += 1
             self.tiles = wp.zeros((self.places, 36), dtype=self.number)
             self.standing = wp.full(self.places, -1, dtype=wp.int32)
             self.near_up = wp.zeros((self.places, 8), dtype=wp.int32)
             self.bounds = wp.zeros((self.places, 32), dtype=wp.float16)
         if slots > self.slots:
-            self.slots = slots if exactly else more_room_for(slots) if self.slots > 0 else room_for(slots)
+            self.slots = slots
             self.generation += 1
             self.contact = wp.zeros(64 * self.slots, dtype=self.vec4)
             memory = self.contact.ptr

@@ -20,6 +20,7 @@ from runout.backends.hash.layout import (
     Double,
     Doubles,
     Doubles2,
+    Floats,
     Halves,
     Int,
     Ints,
@@ -147,6 +148,22 @@ class SurfaceGroup:
     spacing: Doubles  # (3,) of the grid [m]
 
 
+class StructureGroup:
+    """Fields of the structures of the scenes; owned by :class:`runout.backends.hash.structures.Structures`."""
+
+    fields: Table2  # (scenes, 6) blocks of the field east, north and upwards, its first block, first sum, patches; 0 without one
+    lattices: Doubles2  # (scenes, 4) local position of the first node of the field [m], and its spacing [m]
+    spacing: Doubles  # (3,) of the grid [m]
+    rows: Ints  # row of each block of the fields, -1 for none within reach, one field behind the other
+    distance: Floats  # (729 rows,) float32, distance [m] at the nodes of a row
+    patch: Ints  # (729 rows,) nearest patch of its field
+    first_friction: Ints  # (releases,) record of friction of a release on the first patch of its scene
+    upper: Longs  # (3 patches + scenes,) impulse on each patch and energy taken in a scene, in whole units of the scene
+    lower: Longs  # (3 patches + scenes,) what is left of them, in units of which PARTED make one of those
+    units: Doubles  # (scenes,) units in a newton second, or a joule
+    forces: Nodes  # (loaded,) as ParticleGroup.forces, of the structures
+
+
 class SumGroup:
     """Sums for the ledger; owned by :class:`runout.backends.hash.readback.Report`. A scene has a row for each of its parts."""
 
@@ -192,8 +209,8 @@ class Search:
 
 
 GROUPS = (
-    ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, StatusGroup, SceneGroup, SurfaceGroup, SumGroup,
-    Constants,
+    ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, StatusGroup, SceneGroup, SurfaceGroup,
+    StructureGroup, SumGroup, Constants,
 )  # fmt: skip
 
 
@@ -206,7 +223,7 @@ def argument_types(real: Any) -> dict[str, Any]:
         "Nodes": wp.array(dtype=wp.types.vector(length=4, dtype=real)), "Halves": wp.array2d(dtype=wp.float16),
         "Table": wp.array(dtype=wp.uint64), "Keys": wp.array(dtype=wp.int64), "Longs": wp.array(dtype=wp.int64),
         "Ints": wp.array(dtype=wp.int32), "Table2": wp.array2d(dtype=wp.int32), "Shorts": wp.array(dtype=wp.int16),
-        "Doubles": wp.array(dtype=wp.float64), "Doubles2": wp.array2d(dtype=wp.float64),
+        "Floats": wp.array(dtype=wp.float32), "Doubles": wp.array(dtype=wp.float64), "Doubles2": wp.array2d(dtype=wp.float64),
     }  # fmt: skip
     return types | {group.__name__: _struct(group, real, types) for group in (*GROUPS, Home, Search)}
 

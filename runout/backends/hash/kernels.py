@@ -22,11 +22,15 @@ from runout.backends.hash import (
     observe,
     particles_to_grid,
     stencil,
+    structure_detection,
+    structure_distance,
+    structure_solution,
     unknown,
     zones,
 )
 from runout.backends.hash.groups import argument_types, groups_of
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
+from runout.backends.hash.structures import FRICTION
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
@@ -34,6 +38,8 @@ CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
 WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
 # kernels of gradient transfers: those that differ from the packed form's, and further ones
 GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
+STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "stop_at_structures")
+STRUCTURE_KERNELS = ("note_beside", "require_beside", "carry_sums", "settle_impulses")
 GRADIENT_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
 
 NAME = "runout.hash"
@@ -45,6 +51,7 @@ FLOAT32_BLOCKS = {
     "sum_gone": (PARTICLE_LANES, 8),
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
+STRUCTURE_BLOCKS = dict.fromkeys(STRUCTURE_WARP_KERNELS, (WARP, 20))
 GRADIENT_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
 
@@ -60,18 +67,28 @@ def _local_types(real: Any) -> dict[str, Any]:
 _physics = cache(warp_binding)
 
 
+def _number(precision: str) -> Any:
+    return wp.float32 if precision == "float32" else wp.float64
+
+
+def _common_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
+    """What names in all kernels stand for: types, functions in CUDA, and contact with a law of friction."""
+    real = _number(precision)
+    names: dict[str, Any] = {"Frictions": wp.array(dtype=law_record(friction, real)), "AREAS": friction.uses_area}
+    names |= {"impulse": _physics(real).friction(friction).impulse}
+    return names | argument_types(real) | _local_types(real) | natives.of(precision)
+
+
 def _bound(
     law: Law, friction: FrictionLaw, precision: str, sources: tuple[Any, ...], module_of: Any, **flags: bool
 ) -> SimpleNamespace:
     """Kernels of source modules for laws of material and friction and a number type."""
-    real = wp.float32 if precision == "float32" else wp.float64
+    real = _number(precision)
     physics, wide = _physics(real), _physics(wp.float64)
     record, friction_record = law_record(law, real), law_record(friction, real)
     kernels = warp_kernels(
-        physics, sources, module_of, **argument_types(real), **_local_types(real), Materials=wp.array(dtype=record),
-        Frictions=wp.array(dtype=friction_record), **flags, law_update=physics.law(law).step,
-        impulse=physics.friction(friction).impulse, AREAS=friction.uses_area,
-        **natives.of(precision),
+        physics, sources, module_of, Materials=wp.array(dtype=record), law_update=physics.law(law).step, **flags,
+        **_common_names(friction, precision),
         first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
         bend_smoothness64=wide.heightfield.bend_smoothness, resampled_coefficient64=wide.heightfield.resampled_coefficient,
         gradient_column64=wide.moments.gradient_column,
@@ -95,18 +112,21 @@ def _share_multiprocessor(kernels: SimpleNamespace, blocks: dict[str, tuple[int,
 
 @cache
 def compiled_kernels(
-    law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool = False, gradient_transfer: bool = False
-) -> SimpleNamespace:
+    law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool = False, gradient_transfer: bool = False,
+    structured: bool = False,
+) -> SimpleNamespace:  # fmt: skip
     """Kernels for laws of material and ``friction`` and a number type.
 
     ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``gradient_transfer``: a transfer other than
-    the packed one, or F-bar. ``modules`` are the warp modules with their lanes a block: kernels that own cells are compiled apart
-    from the others, because warp compiles a module for every number of lanes.
+    the packed one, or F-bar, ``structured``: contact with structures. ``modules`` are the warp modules with their lanes a block:
+    kernels that own cells are compiled apart from the others, because warp compiles a module for every number of lanes.
     """
+    if structured:
+        plain = compiled_kernels(law, friction, precision, ordered, zoned, gradient_transfer)
+        return _with(plain, _structure_kernels(precision, ordered))
     if gradient_transfer:
         plain = compiled_kernels(law, friction, precision, ordered, zoned)
-        own = _gradient_kernels(law, friction, precision, ordered)
-        return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
+        return _with(plain, _gradient_kernels(law, friction, precision, ordered))
     name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
     cells, warps, others = _module(f"{name}.cells", CELL_LANES), _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES)
     for module in (cells, warps):
@@ -120,6 +140,30 @@ def compiled_kernels(
     _share_multiprocessor(kernels, FLOAT32_BLOCKS if precision == "float32" else FLOAT64_BLOCKS)
     kernels.modules = ((cells, CELL_LANES), (warps, WARP), (others, PARTICLE_LANES))
     return kernels
+
+
+def _with(plain: SimpleNamespace, own: SimpleNamespace) -> SimpleNamespace:
+    """Kernels and modules of both; ``own`` ones instead of ``plain`` ones of the same name."""
+    return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
+
+
+@cache
+def _structure_kernels(precision: str, ordered: bool) -> SimpleNamespace:
+    """Kernels of contact with structures: they depend neither on the law of the material nor on that of the ground's friction."""
+    name = f"{NAME}.structures.{precision}" + ".ordered" * ordered
+    warps, others, unused = _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
+    warps.options["fast_math"] = True  # as for contact with the ground
+    kernels = warp_kernels(
+        _physics(_number(precision)), (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance,
+        structure_detection, structure_solution),
+        lambda kernel: warps if kernel in STRUCTURE_WARP_KERNELS else others if kernel in STRUCTURE_KERNELS else unused,
+        ORDERED=ordered, **_common_names(FRICTION, precision),
+    )  # fmt: skip
+    if precision == "float32":
+        _share_multiprocessor(kernels, STRUCTURE_BLOCKS)
+    own = {kernel: getattr(kernels, kernel) for kernel in (*STRUCTURE_WARP_KERNELS, *STRUCTURE_KERNELS)}
+    record = law_record(FRICTION, _number(precision))
+    return SimpleNamespace(**own, structure_friction=record, modules=((warps, WARP), (others, PARTICLE_LANES)))
 
 
 @cache

@@ -13,6 +13,7 @@ from runout.backends.hash.index import Index
 from runout.backends.hash.layout import bytes_of
 from runout.backends.hash.scenes import SceneArrays
 from runout.backends.hash.state import Store
+from runout.backends.hash.structures import Structures
 
 
 @dataclass
@@ -26,6 +27,7 @@ class Parts:
     ground: Ground | None
     store: Store
     index: Index
+    structures: Structures | None = None
     buffers: HostBuffers = field(default_factory=HostBuffers)
     nodes: NodeArrays = field(init=False)
 
@@ -37,9 +39,12 @@ class Parts:
     def make_nodes(self) -> None:
         """New arrays by block for the present index."""
         scenes = self.scenes.scenes
-        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area
+        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area, self.structures is not None
         self.nodes = NodeArrays(self.index, self.store, self.scenes.number, *choices)
+        if self.structures:
+            self.structures.make_nodes(self.index, self.store, self.nodes)
 
     def bytes_used(self) -> int:
-        """Memory of the arrays that grow with particles, blocks and surfaces [byte]."""
-        return bytes_of(*(part for part in map(vars(self).get, ("store", "index", "nodes", "ground")) if part is not None))
+        """Memory of the arrays that grow with particles, blocks, surfaces and structures [byte]."""
+        names = "store", "index", "nodes", "ground", "structures"
+        return bytes_of(*(part for part in map(vars(self).get, names) if part is not None))

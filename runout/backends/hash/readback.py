@@ -100,10 +100,11 @@ class Report:
 def ledgers(parts: Parts, report: Report, accounts: Sequence[Account]) -> list[LedgerRow]:
     """Sums of the present state, a row a scene."""
     rows = report.rows(parts)
-    return [_row(a, row[KEPT:], row[BOOKED:KEPT], row[:BOOKED]) for a, row in zip(accounts, rows, strict=True)]
+    taken = np.zeros(len(rows)) if parts.structures is None else parts.structures.dissipation()
+    return [_row(a, row[KEPT:], row[BOOKED:KEPT], row[:BOOKED], float(t)) for a, row, t in zip(accounts, rows, taken, strict=True)]
 
 
-def _row(a: Account, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> LedgerRow:
+def _row(a: Account, here: np.ndarray, left: np.ndarray, done: np.ndarray, taken: float) -> LedgerRow:
     low, high = here[SUMS + 1 :].reshape(2, 3)
     box = int(np.prod(np.maximum(high - low + 1, 0)))
     return LedgerRow(
@@ -111,6 +112,7 @@ def _row(a: Account, here: np.ndarray, left: np.ndarray, done: np.ndarray) -> Le
         potential_energy=float(here[5]), elastic_energy=float(here[6]), basal_dissipation=-float(done[1]),
         plastic_dissipation=float(done[0] + done[5]), escaped_energy=float(left[4:].sum()), basal_impulse=done[2:5].copy(),
         max_speed=a.max_speed, active_blocks=int(here[SUMS]), box_blocks=box, contact_particles=a.contact_particles,
+        structure_dissipation=taken,
     )  # fmt: skip
 
 

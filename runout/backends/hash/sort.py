@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash.device_status import Snapshot
-from runout.backends.hash.layout import ENTERED, GROUNDED, GROW, HALT, LEFT, NEAR, NEXT, OWNERS, run
+from runout.backends.hash.layout import BESIDE, ENTERED, GROUNDED, GROW, HALT, LEFT, NEAR, NEXT, OWNERS, REACHED, run
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.readback import Report
 
@@ -52,6 +52,8 @@ def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None])
     parts.index.find_blocks(enter)
     if parts.ground is not None:
         parts.ground.cut(parts.k, parts.index, parts.nodes, parts.scenes)
+    if parts.structures is not None:
+        parts.structures.note_beside(parts.k, parts.index, parts.scenes)
     number()
     parts.store.sort(parts.k, parts.index, parts.nodes)
 
@@ -59,6 +61,8 @@ def enqueue(parts: Parts, enter: Callable[[], None], number: Callable[[], None])
 def enqueue_again(parts: Parts, report: Report) -> None:
     """Launches of a sort of the particles where they are; what has been booked by block is kept by scene."""
     report.keep(parts)
+    if parts.structures is not None:
+        run(parts.k.carry_sums, len(parts.structures.upper), parts.structures.group)
     parts.index.keep_former()
     enqueue(parts, *present(parts))
 
@@ -83,12 +87,17 @@ def settle(parts: Parts, again: Callable[[], Works], found: Snapshot | None = No
 
 def _make_room(parts: Parts, counts: np.ndarray) -> None:
     """Larger arrays for what a sort has counted; where the index grows, the ground under it as much."""
-    index, nodes = parts.index, parts.nodes
+    index, nodes, structures = parts.index, parts.nodes, parts.structures
+    beside = (structures.places, structures.slots) if structures else (0, 0)
     capacity, entries = index.capacity, index.table.shape[0]
     index.grow(counts)
     if index.capacity != capacity:
         parts.make_nodes()
         if capacity:
             parts.nodes.make_room(nodes.places * index.capacity // capacity, nodes.slots * index.capacity // capacity)
+            if structures:
+                structures.make_room(beside[0] * index.capacity // capacity, beside[1] * index.capacity // capacity)
     elif index.table.shape[0] == entries:
         nodes.make_room(int(counts[NEAR]), int(counts[GROUNDED]))
+        if structures:
+            structures.make_room(int(counts[BESIDE]), int(counts[REACHED]))

@@ -47,7 +47,26 @@ def move_nodes(parts: Parts) -> None:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
             if parts.uses_area and round_ == 0:
                 run(k.sum_columns, i.capacity * COLUMNS, status, blocks, n.ground_group, n.contact_group)
+    touch_structures(parts)
     run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)
+
+
+def touch_structures(parts: Parts) -> None:
+    """Impulses of the structures on the nodes, which take those of the ground first; nothing where no mass is beside one."""
+    i, k, n, s, status = parts.index, parts.k, parts.nodes, parts.structures, parts.status.group
+    if s is None or not s.slots:
+        return
+    blocks, ground, settled = i.block_group, (n.ground_group, n.contact_group), (s.ground_group, s.contact_group)
+    arguments = status, parts.store.group, blocks, n.grid_group, *settled, parts.scenes.group, parts.scenes.constants, s.group
+    settle = k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group
+    if parts.ground is not None:
+        run(*settle, *ground, s.grounded, 0.0)
+    for round_, kernel in enumerate((k.find_structure_contacts, k.solve_structure_contacts, k.stop_at_structures)):
+        run_each(kernel, s.places, WARP, *arguments, *((s.friction,) if round_ == 1 else ()))
+        if parts.ordered:
+            run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, min(round_, 1))
+        if round_ > 0:
+            run(*settle, *settled, s.grounded, float(round_ == 1))
 
 
 def grid_to_particles(parts: Parts) -> None:
