@@ -139,7 +139,8 @@ class Ledger:
         for d, axis in enumerate("xyz"):
             series[f"momentum_{axis}"] = np.array([row.momentum[d] for row in self.rows])
         stored = series["kinetic_energy"] + series["potential_energy"] + series["elastic_energy"]
-        series["dissipation"] = series["basal_dissipation"] + series["plastic_dissipation"]
+        lost = ("basal_dissipation", "structure_dissipation", "plastic_dissipation")
+        series["dissipation"] = sum(series[name] for name in lost)
         series["numerical_dissipation"] = stored[0] - stored - series["dissipation"] - series["escaped_energy"]
         series["dt"], series["memory"] = np.array(self.dt), np.array(self.memory, np.int64)
         return series | self._sparsity(series["active_blocks"])

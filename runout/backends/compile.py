@@ -34,6 +34,7 @@ from runout.physics import (
     moments,
     numerical_scales,
     plastic,
+    structures,
     tensors,
     timestep,
     transfers,
@@ -41,7 +42,7 @@ from runout.physics import (
 
 PHYSICS = (
     *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),
-    *(geostatic, contact, blocks, timestep, numerical_scales, flow_columns),
+    *(geostatic, contact, structures, blocks, timestep, numerical_scales, flow_columns),
 )
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 

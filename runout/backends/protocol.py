@@ -37,7 +37,8 @@ class LedgerRow:
     max_speed: float  # [m/s] of any particle
     active_blocks: int  # that hold particles
     box_blocks: int  # of the smallest box around these
-    contact_particles: int
+    contact_particles: int  # on the ground
+    structure_dissipation: float = 0.0  # [J] by friction and impact at structures
 
 
 def box_blocks(coordinates: np.ndarray) -> int:
@@ -95,6 +96,9 @@ class Backend(Protocol):
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
+
+    def structure_impulses(self) -> np.ndarray:
+        """Impulse (patches, 3) [N s] of the mass on each patch of the structures since ``load``, float64; (0, 3) without any."""
 
     def columns(self) -> RasterSums:
         """Sums over the columns of the raster's cells."""

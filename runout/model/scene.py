@@ -16,6 +16,7 @@ from runout.model.laws import Law, law_of
 from runout.model.limits import LARGEST_CFL, checked, is_number
 from runout.model.materials import Material
 from runout.model.nodal_surface import NodalSurface
+from runout.model.structures import StructureField
 from runout.model.surface import Surface
 from runout.physics import geostatic, timestep
 
@@ -78,6 +79,8 @@ class Scene:
     unknown : ndarray (columns, rows) of bool or None
         Cells of the raster without elevation, first index east, second north, from the south-west corner: an open edge, as the
         outline is. None where every cell has one.
+    structures : StructureField or None
+        Structures that the flow meets; without them nothing of their contact runs.
     """
 
     spacing: tuple[float, float, float]
@@ -97,6 +100,7 @@ class Scene:
     unknown: np.ndarray | None = None
     strength: tuple[float, ...] = ()
     initial_stress: str = "none"
+    structures: StructureField | None = None
 
     def __post_init__(self) -> None:
         if len(self.spacing) != 3:
@@ -131,6 +135,10 @@ class Scene:
         _ = self.basal  # refuses what does not fit together
         if self.unknown is not None and self.unknown.shape != (raster.columns, raster.rows):
             raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
+        if self.structures:
+            self.structures.require_fits(self.spacing)
+            if self.sleep_speed:
+                raise ConfigError("sleep_speed is for scenes without structures, on which resting mass still presses; leave it out")
 
     @cached_property
     def law(self) -> Law:
@@ -189,6 +197,11 @@ class Scene:
         g = math.sqrt(sum(a * a for a in self.gravity))
         masses = [MassAbove(s, m.density, g) for s, m in zip(self.strengths, self.materials, strict=True)]
         return GroundFriction(self.friction, masses, self.friction_zones)
+
+    def structure_friction(self) -> np.ndarray:
+        """Friction coefficients (releases, patches) [1] of the structures: of the surface, at most what each mass passes on."""
+        patches = np.zeros(0) if self.structures is None else self.structures.patches.friction
+        return np.minimum(patches, np.array(self.strengths, np.float64)[:, None])
 
     @property
     def resting_friction(self) -> tuple[float, ...]:

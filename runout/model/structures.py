@@ -6,6 +6,7 @@ import numpy as np
 
 from runout.errors import ConfigError
 
+FINEST, WIDEST = 0.5, 2.0  # largest spacing of the lattice and least band, in the smallest and the largest spacing of the grid
 CELLS = 8  # of the lattice along an edge of a block; a block has CELLS + 1 nodes along it, shared with its neighbours
 
 
@@ -71,6 +72,20 @@ class StructureField:
             raise ConfigError(f"blocks of structures have shapes {self.distance.shape} and {self.patch.shape}; both must be {side}")
         if self.blocks.max(initial=-1) >= len(self.distance):
             raise ConfigError(f"a block of structures has row {self.blocks.max()} of {len(self.distance)}")
+        n = len(self.patches.area)
+        if self.patch.min(initial=0) < 0 or self.patch.max(initial=-1) >= n:
+            raise ConfigError(f"nodes of structures have patches {self.patch.min()} to {self.patch.max()}; there are 0 to {n - 1}")
+        if not np.isfinite(self.distance).all():
+            raise ConfigError("a distance of structures is not a number")
+
+    def require_fits(self, spacing: tuple[float, float, float]) -> None:
+        """ConfigError unless the lattice is fine enough, and wide enough, for contact on a grid with this ``spacing`` [m]."""
+        if self.spacing > FINEST * min(spacing) * (1 + 1e-9):
+            most = f"{FINEST * min(spacing):g} m, half the smallest spacing of the grid"
+            raise ConfigError(f"the lattice of structures has cells of {self.spacing:g} m; use at most {most}")
+        if self.band < WIDEST * max(spacing) * (1 - 1e-9):
+            least = f"{WIDEST * max(spacing):g} m, {WIDEST:g} spacings of the grid"
+            raise ConfigError(f"the distance of structures is known within {self.band:g} m; {least}, are needed")
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 
 BUDGET = {  # shares of the released potential energy: label and colour, from the bottom of the stack
     "basal_dissipation": ("friction at the ground", "#7a5c3e"),
+    "structure_dissipation": ("structures", "#8f3b3b"),
     "plastic_dissipation": ("plastic flow", "#c98b4b"),
     "numerical_dissipation": ("numerical loss", "#b9bec5"),
     "escaped_energy": ("carried over the edge", "#4d4d57"),
     "elastic_energy": ("elastic", "#7fb7be"),
     "kinetic_energy": ("kinetic", "#1f6f8b"),
 }
+AT_TIMES = ("structure_dissipation", "escaped_energy")  # not drawn where they are zero
 ENERGY_PREFIXES = ((1e15, "PJ"), (1e12, "TJ"), (1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
 
 
@@ -56,7 +58,7 @@ def draw_budget(axes: Any, ledger: Ledger) -> None:
     time, released = ledger["time"], ledger["potential_energy"]
     released = released[0] - released
     scale, prefix = energy_unit(float(np.abs(released).max()))
-    parts = {name: values for name, values in energy_budget(ledger).items() if name != "escaped_energy" or values.any()}
+    parts = {name: values for name, values in energy_budget(ledger).items() if name not in AT_TIMES or values.any()}
     stacked = [np.maximum(values, 0.0) / scale for values in parts.values()]
     axes.stackplot(
         time, stacked, colors=[BUDGET[n][1] for n in parts], labels=[BUDGET[n][0] for n in parts], linewidth=0.3, edgecolor="white"

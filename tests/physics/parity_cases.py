@@ -24,6 +24,7 @@ from runout.physics import (
     moments,
     numerical_scales,
     plastic,
+    structures,
     tensors,
     timestep,
     transfers,
@@ -125,6 +126,7 @@ rate = spread(0.005, 9)
 step, speed, block = between(1e-4, 1e-2), between(0.0, 50.0), whole(-(2**20), 2**20 - 1)
 
 area = between(0.1, 4.0)
+IN_LATTICE_CELL = (between(0.0, 1.0),) * 3
 OF_A_CONTACT = (vector, unit_vector, between(-0.01, 0.02), between(1e-3, 1e-2), between(0.01, 0.1), vector, area)
 
 CASES = [
@@ -227,6 +229,15 @@ CASES = [
     Case(heightfield.upward_normal, "ss", "v", (number, number)),
     Case(heightfield.distance, "ss", "s", (number, angle)),
     Case(heightfield.height_at, "ss", "s", (number, angle)),
+    Case(structures.lattice_block, "i", "i", (node,)),
+    Case(structures.lattice_place, "iii", "i", (node, node, node)),
+    Case(structures.nearest_place, "isss", "i", (whole(0, 637), *IN_LATTICE_CELL)),
+    Case(structures.between, "sss", "s", (number, number, between(0.0, 1.0))),
+    Case(structures.separation, "tsss", "s", (between(-3.0, 3.0, 9), *IN_LATTICE_CELL)),
+    Case(structures.separation_slopes, "tsss", "v", (between(-3.0, 3.0, 9), *IN_LATTICE_CELL)),
+    Case(structures.outward_normal, "v", "v", (vector,)),
+    Case(structures.own_compliance, "sss", "s", (between(0.0, 1.0), between(0.0, 1.0), between(0.0, 1.0))),
+    Case(structures.stopping_impulse, "ssssss", "s", (number, number, *(between(0.01, 1.0),) * 4)),
     Case(blocks.block_of, "i", "i", (node,)),
     Case(blocks.local_index, "iii", "i", (node, node, node)),
     Case(blocks.block_key, "iii", "k", (block, block, block)),

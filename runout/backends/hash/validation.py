@@ -21,6 +21,8 @@ def require_alike(scenes: Sequence[Scene]) -> None:
     for s in scenes:
         if s.sleep_speed:
             raise ConfigError("sleep_speed works on scan, not on hash; set backend to scan, or leave it out")
+        if s.structures:
+            raise ConfigError("structures work on scan, not on hash; set backend to scan, or leave them out")
     for name in ("spacing", "gravity", "precision", "contact_band", "transfer", "f_bar"):
         values = {getattr(s, name) for s in scenes}
         if len(values) > 1:

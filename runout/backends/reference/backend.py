@@ -16,9 +16,10 @@ from runout.backends.plan_areas import begun_impulses, contact_areas
 from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
+from runout.backends.reference.structures import StructureContacts
 from runout.backends.state import State, arrays_of, part, put_arrays
 from runout.errors import ConfigError, StabilityError
-from runout.model.friction_laws import FrictionLaw
+from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.model.laws import Law
 from runout.model.particle_source import ParticleSource, gathered
 from runout.model.particles import Particles, require_index_range
@@ -64,6 +65,10 @@ class ReferenceBackend:
         self.particle_volume = given.sums(scene.densities).mean_volume
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
         self._contacts, self._basal_impulse = 0, np.zeros(3)
+        self.structures = None
+        if scene.structures:
+            loops = compiled_loops(scene.law, numbers_of(0.0)[0])  # the law of a friction coefficient
+            self.structures = StructureContacts(scene, scene.structures, loops, self._p)
 
     @property
     def max_speed(self) -> float:
@@ -88,6 +93,8 @@ class ReferenceBackend:
         self.watch(stencils, mass[:, 0], velocity)
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
+        if self.structures:
+            self.structures.touch(self._p, stencils, mass, velocity, dt)
         slips = self._slips(stencils, given) if self.scene.keeps else ()
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
@@ -105,13 +112,20 @@ class ReferenceBackend:
 
     def checkpoint(self) -> State:
         """The state between two steps."""
-        return arrays_of(self, ("table", "basal"), "own.") | arrays_of(self._p, (), "p.") | arrays_of(self.counters, (), "done.")
+        state = arrays_of(self, ("table", "basal"), "own.") | arrays_of(self._p, (), "p.") | arrays_of(self.counters, (), "done.")
+        return state | (self.structures.checkpoint("structures.") if self.structures else {})
 
     def restore(self, scene: Scene, state: State) -> None:
         """Continue from a state of the same scene."""
         self.load(scene, Particles(**part(state, "p.")))
         put_arrays(self, state, "own.")
         put_arrays(self.counters, state, "done.")
+        if self.structures:
+            put_arrays(self.structures, state, "structures.")
+
+    def structure_impulses(self) -> np.ndarray:
+        """Impulse (patches, 3) [N s] of the mass on each patch since the start."""
+        return self.structures.impulses.copy() if self.structures else np.zeros((0, 3))
 
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
@@ -120,7 +134,8 @@ class ReferenceBackend:
             mass=float(p.mass.sum()), escaped_mass=self._escaped_mass, momentum=p.mass @ p.velocity,
             kinetic_energy=float(kinetic.sum()), potential_energy=float(potential.sum()), elastic_energy=float(elastic.sum()),
             basal_dissipation=self._basal, plastic_dissipation=self._plastic, escaped_energy=self._escaped_energy,
-            basal_impulse=self._basal_impulse.copy(), max_speed=self._max_speed(),
+            basal_impulse=self._basal_impulse.copy(),
+            structure_dissipation=self.structures.dissipation if self.structures else 0.0, max_speed=self._max_speed(),
             active_blocks=len(active), box_blocks=box_blocks(active), contact_particles=self._contacts,
         )  # fmt: skip
 

@@ -9,6 +9,7 @@ from runout.physics.contact import impulse, in_contact, work
 from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
 from runout.physics.heightfield import distance, upward_normal
 from runout.physics.plastic import step as law_step
+from runout.physics.structures import nearest_place, outward_normal, separation, separation_slopes, stopping_impulse
 from runout.physics.tensors import dot, sym, tens, vec
 
 
@@ -65,3 +66,40 @@ def take_impulses(v: Any, u: Any, normal: Any, gap: Any, compliance: Any, basal:
         done[p] = work(push, given, vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])
         for k in range(3):
             impulses[p, k] = push[k]
+
+
+def find_structure_contacts(
+    velocity: Any, radius: Any, dt: Any, band: Any, corners: Any, inside: Any, place: Any, gap: Any, normal: Any, touches: Any
+):
+    """Write the ``gap`` (n,) [m] from structures and the ``normal`` (n, 3) of particles in a cell of their lattice.
+
+    ``corners`` (n, 9) hold the distances [m] at its nodes, ``inside`` (n, 3) the part of it below the particle; ``place`` (n,)
+    comes in as the place of its first node and becomes that of the nearest one. Says whether each particle ``touches`` (n,).
+    """
+    for p in range(len(gap)):
+        c = corners[p]
+        eight = tens(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
+        fx, fy, fz = inside[p, 0], inside[p, 1], inside[p, 2]
+        n = outward_normal(separation_slopes(eight, fx, fy, fz))
+        gap[p] = separation(eight, fx, fy, fz) - radius[p]
+        place[p] = nearest_place(place[p], fx, fy, fz)
+        touches[p] = in_contact(gap[p], dot(vec(velocity[p, 0], velocity[p, 1], velocity[p, 2]), n), dt, band)
+        for k in range(3):
+            normal[p, k] = n[k]
+
+
+def stop_before_structures(
+    v: Any, u: Any, normal: Any, gap: Any, radius: Any, dt: Any, band: Any, compliance: Any, impulses: Any, done: Any
+):
+    """``impulses`` (n, 3) [N s] that keep centres outside, from the own ``compliance`` (n,) [1/kg], and the work ``done`` (n,) [J].
+
+    ``v`` and ``u`` as in :func:`take_impulses`.
+    """
+    none = vec(0.0, 0.0, 0.0)
+    for p in range(len(u)):
+        n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
+        push = stopping_impulse(dot(felt, n), gap[p], radius[p], dt, band, compliance[p])
+        for k in range(3):
+            impulses[p, k] = push * n[k]
+        stop = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])
+        done[p] = work(stop, none, vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])

@@ -30,12 +30,13 @@ from runout.backends.scan.kernels import entries_for
 from runout.backends.scan.raster_sums import Summed
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.state import SELDOM, Store, capacity, reserve, stamp_of
+from runout.backends.scan.structures import Structures
 from runout.backends.scan.totals import Totals, add_up
 from runout.backends.scan.unloading import unloaded
 from runout.backends.scan.waiting import wait_briefly
 from runout.backends.scan.workers import Workers
 from runout.backends.scan.workspace import Workspace
-from runout.backends.state import State
+from runout.backends.state import State, put_arrays
 from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particle_source import ParticleSource, slices
 from runout.model.particles import Particles, require_index_range
@@ -80,6 +81,7 @@ class ScanBackend:
         self.tables = Tables.of(scene, particles.sums(scene.densities).mean_volume, corner)
         require_index_range(nodes, scene.spacing, corner)
         nodes -= corner.astype(np.int32)
+        self.structures = Structures(scene, scene.structures, len(nodes)) if scene.structures else None
         rank, found = Index.of_nodes(nodes)
         del nodes
         self._place(particles, rank, found)
@@ -145,6 +147,8 @@ class ScanBackend:
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
         if self.scene.basal.law.uses_area:
             w.columns = columns_of(b, self.scene.dtype)
+        if self.structures:
+            self.structures.find_near(b, t.constants)
         if ground is not None:
             surface, c = ground.surface, t.constants
             origin, size = tuple(map(float, surface.origin)), tuple(map(float, surface.spacing))
@@ -180,6 +184,8 @@ class ScanBackend:
         self._to_grid(dt)
         clock("p2g")
         self._solve_contacts()
+        if self.structures:
+            self.structures.solve(self.k, s, self.index.blocks, self.workspace.grid, self.tables, steps)
         clock("contact")
         self._to_particles(dt)
         clock("g2p")
@@ -279,7 +285,8 @@ class ScanBackend:
         """The state between two steps; its arrays change with the next one."""
         index = self.index
         parts = checkpoint.Saved(self.tables, self.store, index.blocks, index.travelled, self.totals, self.counters)
-        return checkpoint.save(parts, self.workspace.sleep if self.scene.sleep_speed else None)
+        state = checkpoint.save(parts, self.workspace.sleep if self.scene.sleep_speed else None)
+        return state | (self.structures.checkpoint("structures.") if self.structures else {})
 
     def restore(self, scene: Scene, state: State) -> None:
         """Go on from a state of the same scene."""
@@ -289,6 +296,8 @@ class ScanBackend:
         self._change_step(float(state["packed_dt"]))  # while there is no particle: the records hold that step already
         self.store, self.totals, self.counters = parts.store, parts.totals, parts.counters
         self.index = Index(parts.blocks, parts.travelled)
+        if self.structures:
+            put_arrays(self.structures, state, "structures.")
         self.workers.divide(len(self.store.particles.label))
         self._make_workspace()
         if scene.sleep_speed:
@@ -298,6 +307,7 @@ class ScanBackend:
     def memory(self) -> dict[str, int]:
         """Bytes by array: those of the particles, of the index and of the blocks; the scene's own do not count."""
         more = self.gradients.memory() if self.gradients else {}
+        more |= self.structures.memory() if self.structures else {}
         return {**self.store.memory(), **self.workspace.memory(self.index.blocks), **self.workers.memory(), **more}
 
     def memory_bytes(self) -> int:
@@ -307,7 +317,13 @@ class ScanBackend:
     def ledger(self) -> LedgerRow:
         """Sums of the present state."""
         b = self.index.blocks
-        return self.totals.row(self._sum(self.k.sum_blocks, b.held), b.bxyz[: b.nown][b.held > 0])
+        row = self.totals.row(self._sum(self.k.sum_blocks, b.held), b.bxyz[: b.nown][b.held > 0])
+        row.structure_dissipation = self.structures.dissipation if self.structures else 0.0
+        return row
+
+    def structure_impulses(self) -> np.ndarray:
+        """Impulse (patches, 3) [N s] of the mass on each patch since the start."""
+        return self.structures.impulses.copy() if self.structures else np.zeros((0, 3))
 
     def particles(self) -> Particles:
         """The particles as they are, in the order of their identity."""

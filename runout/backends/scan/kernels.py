@@ -4,7 +4,7 @@ from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-from runout.backends.compile import PHYSICS, numba_binding
+from runout.backends.compile import PHYSICS, NumbaBinding, numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.scan import (
     contact_area,
@@ -26,12 +26,14 @@ from runout.backends.scan import (
     slots,
     sort,
     stencil,
+    structure_contacts,
+    structure_groups,
     tile,
     workspace,
     zones,
 )
 from runout.backends.scan.gradient_transfer import uses_gradient_transfer
-from runout.model.friction_laws import FrictionLaw
+from runout.model.friction_laws import FrictionLaw, numbers_of
 from runout.model.laws import Law
 from runout.model.scene import Scene
 
@@ -63,6 +65,7 @@ BY_GRADIENTS = (
     forces,
     gradients,
 )  # of transfers other than the packed one, and of F-bar
+BY_STRUCTURES = (structure_groups, structure_contacts)
 SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, tile, grid_to_particles, *LANES, precompile)
 BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
 _MADE: dict[tuple[str, Law, FrictionLaw, bool, str], SimpleNamespace] = {}
@@ -113,7 +116,8 @@ def kernels_for(scene: Scene) -> SimpleNamespace:
 
 def sources_of(scene: Scene) -> tuple[ModuleType, ...]:
     """Modules whose change makes the compiled kernels of a scene stale."""
-    return (*SOURCES, *BY_GRADIENTS) if uses_gradient_transfer(scene) else SOURCES
+    more = (*BY_GRADIENTS,) if uses_gradient_transfer(scene) else ()
+    return (*SOURCES, *more, *BY_STRUCTURES) if scene.structures else (*SOURCES, *more)
 
 
 def _bound(scene: Scene) -> SimpleNamespace:
@@ -130,4 +134,11 @@ def _bound(scene: Scene) -> SimpleNamespace:
     }
     own = binding.kernels(groups, stencil, domain, tile, grid_to_particles, sources=LANES, **names)
     more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
-    return SimpleNamespace(**(vars(more) | vars(common) | vars(own) | {"solve_contacts": solution}))
+    structures = _of_structures(binding) if scene.structures else SimpleNamespace()
+    return SimpleNamespace(**(vars(more) | vars(common) | vars(own) | vars(structures) | {"solve_contacts": solution}))
+
+
+def _of_structures(binding: NumbaBinding) -> SimpleNamespace:
+    """Kernels of contact with structures; their friction is a coefficient, whatever the law on the ground."""
+    friction = binding.friction(numbers_of(0.0)[0])
+    return binding.kernels(*BY_STRUCTURES, impulse=friction.impulse, record=friction.record)

@@ -248,7 +248,7 @@ def _update_block_over_ground(arenas, contacts, grid, down, b, dv):
                 w = _sum_filled(shares, sharing, i, j, four_zeros(shares), _row_of_shares)
                 felt = w > four_zeros(w)
                 compliance = w * one_over
-                kept = select(felt, compliance / select(felt, w, four_ones(w)), four_zeros(w))
+                kept = select(felt, compliance / select(felt, w, four_ones(w)), one_over)
                 store(grid.inverse, b * 64 + (i * 4 + j) * 4, kept)
                 s = in_all_four(compliance)
             store(grid.nodes, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))

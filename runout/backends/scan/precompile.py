@@ -52,9 +52,10 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
 
 
 def variant(scene: Scene) -> str:
-    """The variant of ``warm_up`` that a scene is, and what else it has that some kernels are for: no ground, or friction zones."""
+    """The variant of ``warm_up`` that a scene is, and what else it has that some kernels are for: no ground, zones, structures."""
     kind = "gradient_transfer" if uses_gradient_transfer(scene) else "sleeping" if scene.sleep_speed else "plain"
-    return " ".join((kind, *["free"] * (scene.surface is None), *["zones"] * (scene.friction_zones is not None)))
+    more = {"free": scene.surface is None, "zones": scene.friction_zones, "structures": scene.structures}
+    return " ".join((kind, *(name for name, has in more.items() if has)))
 
 
 def _stamp(path: str) -> str:

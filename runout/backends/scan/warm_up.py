@@ -16,6 +16,7 @@ from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
+from runout.model.structures import Patches, StructureField
 from runout.model.surface import Surface
 
 CELLS = 16  # of the small raster on which kernels are tried
@@ -33,7 +34,8 @@ def _job() -> tuple[Scene, Particles, str]:
     materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
     scene, particles = small_slope(materials, friction, precision)
-    return (scene if "zones" in kind else replace(scene, friction_zones=None)), particles, kind
+    zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
+    return replace(scene, friction_zones=zones, structures=structures), particles, kind
 
 
 def warm_up() -> None:
@@ -69,6 +71,18 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
     dense.load(replace(scene, surface=None) if free else scene, particles)
     if free:
         dense.step(dense.stable_step())
+
+
+def side_wall() -> StructureField:
+    """A wall north of the particles of :func:`small_slope`, along which they slide."""
+    shape, nodes = (6, 4, 4), (9, 9, 9)
+    y = 4.0 * np.indices(shape)[1].reshape(-1, 1, 1, 1) + 0.5 * np.indices(nodes)[1]
+    blocks, patch = np.arange(y.shape[0], dtype=np.int32).reshape(shape), np.zeros(y.shape, np.int32)
+    one = np.zeros((1, 3))
+    return StructureField(
+        0.5, (0.0, 0.0, -8.0), blocks, np.clip(9.9 - y, -4.0, 4.0).astype(np.float32), patch, 4.0,
+        Patches(one, one, np.ones(1), np.zeros(1, np.int64), np.full(1, 0.1)),
+    )  # fmt: skip
 
 
 def small_slope(materials: tuple[Material, ...], friction: BasalFriction, precision: str) -> tuple[Scene, Particles]:

@@ -89,7 +89,7 @@ class Watch:
             tolerance = (1e-10 if self.scene.precision == "float64" else 1e-5) * scale
             self._keep("momentum", float(np.abs(defect).max() / max(tolerance, np.finfo(float).tiny)))
         self.stored = row.potential_energy + row.elastic_energy + row.escaped_energy + row.plastic_dissipation
-        self.moving = row.kinetic_energy + row.basal_dissipation
+        self.moving = row.kinetic_energy + row.basal_dissipation + row.structure_dissipation
         self.drop = max(self.drop, first.potential_energy - row.potential_energy - row.escaped_energy)
 
     def close(self, row: LedgerRow) -> None:

@@ -1,0 +1,338 @@
+"""Phase "contact with structures": impulses on the particles that touch structures, after those of the ground.
+
+Only blocks near structures take part. Each fills a share of its own, and each node sums the up to eight shares that reach it in a
+fixed order, so that the bits do not depend on the number of threads. The loops are plain: few particles touch structures.
+
+    find_structure_contacts    rows[r]   weight | impulse of the step before  --scatter-->  shares[near block]
+    share_structure_contacts   shares    --sum, times inverse mass-->  compliance, inverse, grid.nodes
+    solve_structure_contacts   grid.nodes, compliance  --gather, impulse-->  push[r]    push - given  --scatter-->  shares
+    push_from_structures       shares    --sum, times inverse mass-->  grid.nodes
+    stop_before_structures     grid.nodes, inverse  --gather-->  push[r] of the particles that would still enter  --> shares
+    book_structures            push      --sum by patch-->  impulses (patches, 3)
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+
+from runout.physics.bspline import weights
+from runout.physics.contact import impulse, in_contact, work
+from runout.physics.moments import momentum_at
+from runout.physics.structures import (
+    lattice_block,
+    lattice_place,
+    nearest_place,
+    outward_normal,
+    own_compliance,
+    separation,
+    separation_slopes,
+    stopping_impulse,
+)
+from runout.physics.tensors import dot, real, vec
+
+LEAST_MASS = 1e-37  # [kg] of a node that moves, as in particles_to_grid
+record = None  # makes a record of the numbers of the law of friction; the binding decides
+NORMAL, GAP, BEFORE, RADIUS = 0, 3, 4, 7  # columns of what is measured
+
+
+def place_structure_rows(near, held, place):
+    """Set the first row of each near block, with room for all its particles; returns the number of rows."""
+    place[0] = 0
+    for m in range(len(near.owners)):
+        place[m + 1] = place[m] + held[near.owners[m]]
+    return place[len(near.owners)]
+
+
+def _lattice_position(constants, bxyz, b, c, rec, p, field, axis):
+    """Place of a particle in cells of the lattice along one axis."""
+    node = constants.corner[axis] + 4 * np.int64(bxyz[b, axis]) + ((np.int64(c) >> (4 - 2 * axis)) & 3)
+    x = (node + np.float64(rec[p, 4 + 4 * axis])) * constants.spacing[axis]
+    return (x - field.origin[axis]) / field.spacing[0]
+
+
+def _row_of_block(blocks, i, j, k):
+    """Row of the block of the lattice that a cell lies in; -1 where there is none."""
+    a = lattice_block(i)
+    b = lattice_block(j)
+    c = lattice_block(k)
+    if a < 0 or b < 0 or c < 0 or a >= blocks.shape[0] or b >= blocks.shape[1] or c >= blocks.shape[2]:
+        return np.int64(-1)
+    return np.int64(blocks[a, b, c])
+
+
+def _corners(d, a):
+    """Distances at the nodes of the cell whose first one is at place ``a``."""
+    return (
+        real(d[a]), real(d[a + 1]), real(d[a + 9]), real(d[a + 10]),
+        real(d[a + 81]), real(d[a + 82]), real(d[a + 90]), real(d[a + 91]),
+    )  # fmt: skip
+
+
+def _velocity(rec, p):
+    """Velocity [m/s] of a particle from its record."""
+    r = rec[p]
+    to_particle = vec(r[4] - real(1.0), r[8] - real(1.0), r[12] - real(1.0))
+    here, ax, ay, az = vec(r[1], r[2], r[3]), vec(r[5], r[6], r[7]), vec(r[9], r[10], r[11]), vec(r[13], r[14], r[15])
+    x, y, z = momentum_at(here, ax, ay, az, to_particle)
+    m = real(1.0) / r[0]
+    return vec(m * x, m * y, m * z)
+
+
+def _weights_of(rec, p):
+    """Weights of a particle along each axis."""
+    return weights(rec[p, 4]), weights(rec[p, 8]), weights(rec[p, 12])
+
+
+def _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
+    """Fill row ``r`` for a particle; returns whether it touches a structure within the step."""
+    rec, c, w = particles.rec, particles.cell[p], particles.particle_index[p]
+    x = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 0)
+    y = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 1)
+    z = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 2)
+    i = np.int64(math.floor(x))
+    j = np.int64(math.floor(y))
+    k = np.int64(math.floor(z))
+    row = _row_of_block(field.blocks, i, j, k)
+    if row < 0:
+        return False
+    fx = real(x - i)
+    fy = real(y - j)
+    fz = real(z - k)
+    place = lattice_place(i, j, k)
+    eight = _corners(field.distance[row], place)
+    radius = particles.radius[w] if len(particles.radius) > 1 else particles.radius[0]
+    gap = separation(eight, fx, fy, fz) - radius
+    n = outward_normal(separation_slopes(eight, fx, fy, fz))
+    v = _velocity(rec, p)
+    if not in_contact(gap, dot(v, n), dt, band):
+        return False
+    touching.slots[r] = p
+    touching.patch[r] = field.patch[row, nearest_place(place, fx, fy, fz)]
+    measured = touching.measured
+    for a in range(3):
+        measured[r, NORMAL + a] = n[a]
+        measured[r, BEFORE + a] = v[a]
+    measured[r, GAP] = gap
+    measured[r, RADIUS] = radius
+    return True
+
+
+def _clear_share(share):
+    for n in range(216):
+        for k in range(4):
+            share[n, k] = real(0.0)
+
+
+def _spread(share, c, w, weight, x, y, z):
+    """Add a contact in cell ``c`` to the share of its block: ``weight`` and impulse, by its weights ``w``."""
+    wx, wy, wz = w
+    o = (np.int64(c) >> 4) * 36 + ((np.int64(c) >> 2) & 3) * 6 + (np.int64(c) & 3)
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                s = wx[i] * wy[j] * wz[k]
+                n = o + 36 * i + 6 * j + k
+                share[n, 0] += s * weight
+                share[n, 1] += s * x
+                share[n, 2] += s * y
+                share[n, 3] += s * z
+
+
+def _find_in_block(particles, blocks, b, field, touching, m, constants, dt, band, force, last):
+    """List the particles of a block that touch structures, and start its share with the forces of the step before."""
+    order, first, share, given = particles.order, blocks.first[b], touching.shares[m], touching.given
+    r = touching.place[m]
+    for t in range(first, first + blocks.held[b]):
+        p = np.int64(order[t])
+        if not _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
+            continue
+        if r == touching.place[m]:
+            _clear_share(share)
+        w = particles.particle_index[p]
+        lasting = dt if force[w, 0] == last else real(0.0)
+        for k in range(1, 4):
+            given[r, k] = lasting * force[w, k]
+        _spread(share, particles.cell[p], _weights_of(particles.rec, p), real(1.0), given[r, 1], given[r, 2], given[r, 3])
+        r += 1
+    return r - touching.place[m]
+
+
+def find_structure_contacts(particles, blocks, near, field, touching, constants, dt, band, force, last):
+    """List the particles of near blocks that touch structures; returns how many. ``last`` is the stamp of the step before."""
+    count = touching.count
+    for m in prange(len(near.owners)):
+        count[m] = _find_in_block(particles, blocks, near.owners[m], field, touching, m, constants, dt, band, force, last)
+    total = 0
+    for m in range(len(near.owners)):
+        total += count[m]
+    return total
+
+
+def _has_contacts(down, count, q):
+    """Whether any contact gives to a node block."""
+    for d in range(8):
+        m = down[q, d]
+        if m >= 0 and count[m] > 0:
+            return True
+    return False
+
+
+def _sum_at(down, count, shares, q, x, y, z):
+    """Sum of the shares at node (x, y, z) of a node block: weight and impulse."""
+    w = real(0.0)
+    sx = real(0.0)
+    sy = real(0.0)
+    sz = real(0.0)
+    for d in range(8):
+        m = down[q, d]
+        i = x + (d & 4)
+        j = y + ((d & 2) << 1)
+        k = z + ((d & 1) << 2)
+        if m >= 0 and count[m] > 0 and i < 6 and j < 6 and k < 6:
+            n = 36 * i + 6 * j + k
+            w += shares[m, n, 0]
+            sx += shares[m, n, 1]
+            sy += shares[m, n, 2]
+            sz += shares[m, n, 3]
+    return w, sx, sy, sz
+
+
+def _inverse_mass(grid, n, a):
+    """Inverse mass [1/kg] of node ``a`` of a node block: kept where contacts with the ground took the place of the mass."""
+    if grid.shared[n]:
+        return grid.inverse[n, a]
+    mass = grid.nodes[n, 4 * a]
+    return real(1.0) / mass if mass > real(LEAST_MASS) else real(0.0)
+
+
+def _add_shares(near, touching, grid, q, first):
+    """Add the impulses of all shares to the velocities of a node block; the ``first`` time note compliance and inverse mass."""
+    compliance, inverse, nodes = touching.compliance, touching.inverse, grid.nodes
+    n = near.nodes[q]
+    for a in range(64):
+        w, x, y, z = _sum_at(near.down, touching.count, touching.shares, q, a >> 4, (a >> 2) & 3, a & 3)
+        if first:
+            inverse[q, a] = _inverse_mass(grid, n, a)
+            compliance[q, a] = w * inverse[q, a]
+        nodes[n, 4 * a + 1] += inverse[q, a] * x
+        nodes[n, 4 * a + 2] += inverse[q, a] * y
+        nodes[n, 4 * a + 3] += inverse[q, a] * z
+
+
+def share_structure_contacts(near, touching, grid):
+    """Compliance and inverse mass of the nodes that contacts reach; their velocities get the impulses of the step before."""
+    for q in prange(len(near.nodes)):
+        if _has_contacts(near.down, touching.count, q):
+            _add_shares(near, touching, grid, q, True)
+
+
+def push_from_structures(near, touching, grid):
+    """Add the impulses of the shares to the velocities of the nodes."""
+    for q in prange(len(near.nodes)):
+        if _has_contacts(near.down, touching.count, q):
+            _add_shares(near, touching, grid, q, False)
+
+
+def _meet(near, touching, grid, m, c, w):
+    """Shared and own compliance [1/kg], and the velocity [m/s] that the grid gives, of a contact in cell ``c`` of a near block."""
+    wx, wy, wz = w
+    shared = real(0.0)
+    own = real(0.0)
+    ux = real(0.0)
+    uy = real(0.0)
+    uz = real(0.0)
+    for i in range(3):
+        x = (np.int64(c) >> 4) + i
+        for j in range(3):
+            y = ((np.int64(c) >> 2) & 3) + j
+            for k in range(3):
+                z = (np.int64(c) & 3) + k
+                q = near.up[m, (x >> 2) * 4 + (y >> 2) * 2 + (z >> 2)]
+                a = ((x & 3) << 4) | ((y & 3) << 2) | (z & 3)
+                o = near.nodes[q]
+                s = wx[i] * wy[j] * wz[k]
+                shared += s * touching.compliance[q, a]
+                own = own_compliance(own, s, touching.inverse[q, a])
+                ux += s * grid.nodes[o, 4 * a + 1]
+                uy += s * grid.nodes[o, 4 * a + 2]
+                uz += s * grid.nodes[o, 4 * a + 3]
+    return shared, own, vec(ux, uy, uz)
+
+
+def _normal_and_before(measured, r):
+    n = vec(measured[r, NORMAL], measured[r, NORMAL + 1], measured[r, NORMAL + 2])
+    return n, vec(measured[r, BEFORE], measured[r, BEFORE + 1], measured[r, BEFORE + 2])
+
+
+def _solve_block(particles, near, touching, grid, field, m, dt, force, stamp):
+    """Impulses on the contacts of a near block; its share holds their changes."""
+    given, push, measured, share = touching.given, touching.push, touching.measured, touching.shares[m]
+    for r in range(touching.place[m], touching.place[m] + touching.count[m]):
+        p = np.int64(touching.slots[r])
+        w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
+        shared, _, u = _meet(near, touching, grid, m, c, weight)
+        n, before = _normal_and_before(measured, r)
+        begun = vec(given[r, 1], given[r, 2], given[r, 3])
+        basal = record(field.friction[particles.label[w, 0], touching.patch[r]])
+        j = impulse(u, n, measured[r, GAP], shared, basal, dt, begun, real(0.0))
+        push[r, 0] = work(j, begun, before, u, shared)
+        force[w, 0] = stamp
+        for k in range(3):
+            push[r, 1 + k] = j[k]
+            force[w, 1 + k] = j[k] / dt
+        if r == touching.place[m]:
+            _clear_share(share)
+        _spread(share, c, weight, real(0.0), j[0] - begun[0], j[1] - begun[1], j[2] - begun[2])
+
+
+def solve_structure_contacts(particles, near, touching, grid, field, dt, force, stamp):
+    """Solve for one impulse per contact; ``force`` gets the ``stamp`` of this step and the force of the structures."""
+    for m in prange(len(near.owners)):
+        if touching.count[m] > 0:
+            _solve_block(particles, near, touching, grid, field, m, dt, force, stamp)
+
+
+def _stop_block(particles, near, touching, grid, m, dt, band):
+    """Impulses on the contacts of a near block that would still enter a structure, in its share too; returns how many."""
+    push, measured, share = touching.push, touching.measured, touching.shares[m]
+    none = vec(real(0.0), real(0.0), real(0.0))
+    stopped = 0
+    _clear_share(share)
+    for r in range(touching.place[m], touching.place[m] + touching.count[m]):
+        p = np.int64(touching.slots[r])
+        c, weight = particles.cell[p], _weights_of(particles.rec, p)
+        _, own, u = _meet(near, touching, grid, m, c, weight)
+        n, before = _normal_and_before(measured, r)
+        j = stopping_impulse(dot(u, n), measured[r, GAP], measured[r, RADIUS], dt, band, own)
+        x, y, z = j * n[0], j * n[1], j * n[2]
+        push[r, 0] = work(vec(x, y, z), none, before, u, own)
+        push[r, 1] = x
+        push[r, 2] = y
+        push[r, 3] = z
+        if j > real(0.0):
+            stopped += 1
+            _spread(share, c, weight, real(0.0), x, y, z)
+    return stopped
+
+
+def stop_before_structures(particles, near, touching, grid, dt, band, stopped):
+    """Impulses on the contacts that would still enter a structure within the step; returns how many."""
+    for m in prange(len(near.owners)):
+        stopped[m] = _stop_block(particles, near, touching, grid, m, dt, band) if touching.count[m] > 0 else 0
+    total = 0
+    for m in range(len(near.owners)):
+        total += stopped[m]
+    return total
+
+
+def book_structures(touching, impulses):
+    """Add the impulses on the structures to ``impulses`` (patches, 3) [N s], row by row; returns the work [J] that they took."""
+    place, count, push, patch = touching.place, touching.count, touching.push, touching.patch
+    taken = 0.0
+    for m in range(len(count)):
+        for r in range(place[m], place[m] + count[m]):
+            taken -= np.float64(push[r, 0])
+            for k in range(3):
+                impulses[patch[r], k] -= np.float64(push[r, 1 + k])
+    return taken

@@ -1,0 +1,82 @@
+"""Groups of arrays of the contact with structures (:mod:`runout.backends.scan.structure_contacts`); rules as in ``groups``.
+
+Sizes: ``near`` owner blocks near structures, ``nodes`` node blocks that they reach, ``rows`` particles of near blocks.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Field(NamedTuple):
+    """The :class:`runout.model.structures.StructureField` of the scene.
+
+    Attributes
+    ----------
+    blocks : (nx, ny, nz) int32
+        Row of each block of the lattice; -1 where there is none.
+    distance, patch : (n, 729) float32, int32
+        Distance [m] at the nodes of a block, and the nearest patch.
+    origin, spacing : (3,), (1,) float64
+        First node [m]; edge of a cell [m].
+    friction : (releases, patches) real
+        Friction coefficient [1].
+    """
+
+    blocks: np.ndarray
+    distance: np.ndarray
+    patch: np.ndarray
+    origin: np.ndarray
+    spacing: np.ndarray
+    friction: np.ndarray
+
+
+class Near(NamedTuple):
+    """Blocks near structures.
+
+    Attributes
+    ----------
+    owners : (near,) int32
+        Their numbers in the index.
+    up : (near, 8) int32
+        Node blocks of each, by their row in ``nodes``.
+    nodes : (nodes,) int32
+        Their numbers in the index.
+    down : (nodes, 8) int32
+        Rows in ``owners`` of the block itself and one step down; -1 where there is none.
+    """
+
+    owners: np.ndarray
+    up: np.ndarray
+    nodes: np.ndarray
+    down: np.ndarray
+
+
+class Touching(NamedTuple):
+    """Rows of particles that touch structures; those of a near block start at ``place`` and are ``count``.
+
+    Attributes
+    ----------
+    place, count : (near + 1,), (near,) int64
+    slots, patch : (rows,) int32
+        Slot of the particle; patch that it touches.
+    measured : (rows, 8) real
+        Normal, gap [m], velocity before the step [m/s], touching radius [m].
+    given, push : (rows, 4) real
+        0 and the impulse [N s] that the nodes hold already; work [J] and impulse [N s].
+    shares : (near, 216, 4) real
+        What the contacts of a block give to its 6 x 6 x 6 nodes: weight and impulse.
+    compliance, inverse : (nodes, 64) real
+        Sum of the weights of all contacts over mass, and inverse mass [1/kg], of the nodes.
+    """
+
+    place: np.ndarray
+    count: np.ndarray
+    slots: np.ndarray
+    patch: np.ndarray
+    measured: np.ndarray
+    given: np.ndarray
+    push: np.ndarray
+    shares: np.ndarray
+    compliance: np.ndarray
+    inverse: np.ndarray

@@ -1,0 +1,116 @@
+"""Contact with structures: the calls of its kernels, and what a run keeps of it. A scene without structures makes none of this."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from runout.backends.scan.constants import Tables
+from runout.backends.scan.groups import Blocks, Constants, Grid
+from runout.backends.scan.state import Store, bytes_of, stamp_of
+from runout.backends.scan.structure_groups import Field, Near, Touching
+from runout.backends.state import State, arrays_of
+from runout.model.scene import Scene
+from runout.model.structures import CELLS, StructureField
+
+LOWEST, HIGHEST = 0.5, 4.5  # [cells] of the particles of a block from its first node
+SHARE = 216  # nodes that the particles of a block reach
+
+
+class Structures:
+    """Contacts of a run with the structures of its scene.
+
+    Attributes
+    ----------
+    force : (n, 4) real
+        By particle index: stamp of the step in which it last touched a structure, and the force [N] on it.
+    impulses : (patches, 3)
+        Of the mass on each patch since the start [N s].
+    dissipation : float
+        Work that the structures took [J].
+    contacts, stopped : int
+        Particles that touch structures; those that a second impulse stopped since the start.
+    """
+
+    def __init__(self, scene: Scene, field: StructureField, particles: int):
+        real = scene.dtype
+        self.band, self.scene_field = real(scene.contact_band * min(scene.spacing)), field
+        self.field = Field(
+            np.ascontiguousarray(field.blocks, np.int32), _by_node(field.distance, np.float32), _by_node(field.patch, np.int32),
+            np.array(field.origin, np.float64), np.array([field.spacing]), scene.structure_friction().astype(real),
+        )  # fmt: skip
+        self.force = np.zeros((particles, 4), real)
+        self.impulses, self.dissipation = np.zeros((len(field.patches.area), 3)), 0.0
+        self.contacts = self.stopped = 0
+
+    def checkpoint(self, prefix: str) -> State:
+        """What the next step needs, by name."""
+        return arrays_of(self, ("band", "stopping"), prefix)
+
+    def find_near(self, blocks: Blocks, constants: Constants) -> None:
+        """Find the blocks near structures, of a new index."""
+        n, field = blocks.nown, self.scene_field
+        owners = np.flatnonzero(_meets(field, blocks.bxyz[:n], constants)).astype(np.int32)
+        nodes = np.unique(blocks.up[owners])
+        row_of = np.full(n + 1, -1, np.int32)  # the last one stands for no block
+        row_of[owners] = np.arange(len(owners))
+        up = np.searchsorted(nodes, blocks.up[owners]).astype(np.int32)
+        self.near = Near(owners, up, nodes.astype(np.int32), np.ascontiguousarray(row_of[blocks.down[nodes]]))
+        real = self.force.dtype
+        self.touching = Touching(
+            np.zeros(len(owners) + 1, np.int64), np.zeros(len(owners), np.int64), *_rows(0, real),
+            np.zeros((len(owners), SHARE, 4), real), np.zeros((len(nodes), 64), real), np.zeros((len(nodes), 64), real),
+        )  # fmt: skip
+        self.stopping = np.zeros(len(owners), np.int64)
+
+    def solve(self, k: SimpleNamespace, store: Store, blocks: Blocks, grid: Grid, tables: Tables, steps: int) -> None:
+        """Add the impulses of the structures to the velocities of the nodes, in step number ``steps``, and book them."""
+        near, dt, real = self.near, tables.step.dt, self.force.dtype.type
+        rows = k.place_structure_rows(near, blocks.held, self.touching.place)
+        if rows > len(self.touching.slots):
+            made = _rows(rows + rows // 4, self.force.dtype)
+            self.touching = self.touching._replace(**dict(zip(("slots", "patch", "measured", "given", "push"), made, strict=True)))
+        t = self.touching
+        self.contacts = k.find_structure_contacts(
+            store.particles, blocks, near, self.field, t, tables.constants, dt, self.band, self.force, real(stamp_of(steps - 1))
+        )  # fmt: skip
+        if self.contacts == 0:
+            return
+        k.share_structure_contacts(near, t, grid)
+        k.solve_structure_contacts(store.particles, near, t, grid, self.field, dt, self.force, real(stamp_of(steps)))
+        k.push_from_structures(near, t, grid)
+        self.dissipation += k.book_structures(t, self.impulses)
+        stopped = k.stop_before_structures(store.particles, near, t, grid, dt, self.band, self.stopping)
+        if stopped:
+            self.stopped += stopped
+            k.push_from_structures(near, t, grid)
+            self.dissipation += k.book_structures(t, self.impulses)
+
+    def memory(self) -> dict[str, int]:
+        """Bytes by array."""
+        return bytes_of(self.near, self.touching, structure_force=self.force)
+
+
+def _by_node(values: np.ndarray, dtype: Any) -> np.ndarray:
+    return np.ascontiguousarray(values.reshape(len(values), -1), dtype)
+
+
+def _rows(n: int, real: Any) -> tuple[np.ndarray, ...]:
+    """Slots, patches, measurements and impulses of so many contacts."""
+    return np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros((n, 8), real), np.zeros((n, 4), real), np.zeros((n, 4), real)
+
+
+def _meets(field: StructureField, bxyz: np.ndarray, constants: Constants) -> np.ndarray:
+    """Whether the particles of blocks (n, 3) may lie in a block of the lattice."""
+    first, size = (constants.corner + 4 * bxyz.astype(np.int64)), CELLS * field.spacing
+    shape = np.array(field.blocks.shape)
+    low, high = (
+        np.clip(np.floor(((first + by) * constants.spacing - field.origin) / size).astype(np.int64) + more, 0, shape)
+        for by, more in ((LOWEST, 0), (HIGHEST, 1))
+    )
+    filled = np.pad(np.cumsum(np.cumsum(np.cumsum(field.blocks >= 0, axis=0), axis=1), axis=2), ((1, 0),) * 3)
+    count = np.zeros(len(bxyz), np.int64)
+    for q in range(8):
+        corner = [np.where(q >> a & 1, high[:, a], low[:, a]) for a in range(3)]
+        count += (1 if q.bit_count() % 2 else -1) * filled[tuple(corner)]
+    return count > 0
