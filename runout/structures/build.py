@@ -79,7 +79,8 @@ def _blocks_near(pieces: Pieces, lattice: float, band: float) -> tuple[np.ndarra
     if math.prod(count.tolist()) > MOST_BLOCKS:
         span = " x ".join(f"{n * edge:.4g}" for n in count)
         raise CapacityError(
-            f"structures: they span {span} m, which is {math.prod(count.tolist()):.3g} blocks of {edge:.3g} m; leave out structures that the flow cannot reach, or use larger cells"
+            f"structures: they span {span} m, which is {math.prod(count.tolist()):.3g} blocks of {edge:.3g} m; "
+            "leave out structures that the flow cannot reach, or use larger cells"
         )
     keys = np.unique(np.ravel_multi_index(tuple((low - first).T), count))  # type: ignore[call-overload]
     steps = (high - low).max(0) + 1

@@ -50,7 +50,7 @@ def _placed(solid: Solid, height: np.ndarray, stands: bool, terrain: Terrain) ->
     elif height.max() <= 0:
         yield f"{solid.place}: is buried, its top lies {-height.max():.3g} m below the ground, {at}; raise it, or remove it"
     elif solid.clearance is None and not stands:
-        yield f"{solid.place}: floats {height.min():.3g} m above the ground, {at}; lower it, or state clearance if it is to hang there"
+        yield f"{solid.place}: floats {height.min():.3g} m above the ground, {at}; lower it, or state clearance if it hangs"
 
 
 def thin_walls(solids: Sequence[Solid], terrain: Terrain, spacing: Sequence[float]) -> list[str]:
