@@ -30,10 +30,12 @@ from runout.model.particle_source import CompactParticles, ParticleSource
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.scene import Scene
+from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.result import Result
 from runout.run import BATCH, Run, RunControl
 from runout.scenario import build_scene
+from runout.structure_forces import named_structures
 
 MOST = 64  # scenarios per launch
 ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
@@ -114,6 +116,7 @@ class _Job:
     progress: Callable[[float], None] | None
     seconds: float  # to prepare it
     bytes: float  # on the device
+    structures: Structures | None
 
     @classmethod
     def of(cls, number: int, arguments: Mapping[str, Any], progress: Callable[[int, float], None] | None) -> "_Job":
@@ -123,13 +126,17 @@ class _Job:
         release = given["release"]
         given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
         times = tuple(sorted(given.pop("snapshot_times", ())))
-        control = RunControl(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
+        control = RunControl(
+            given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times,
+            force_interval=given.pop("force_interval", None),
+        )  # fmt: skip
         found: list[Extent] = []
         scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)
         particles = CompactParticles.of(made, scene.densities, scene.dtype)
         needed = bytes_on_device(found[0].particles, found[0].nodes_on_device, scene.precision, scene.transfer, scene.f_bar)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
-        return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed)
+        named = named_structures(given.get("structures"))
+        return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, named)
 
 
 class _Ahead:
@@ -205,6 +212,9 @@ class _View:
     def ledger(self) -> LedgerRow:
         return self.rows()[self.scene]
 
+    def structure_impulses(self) -> np.ndarray:
+        return self.batch.structure_impulses_of(self.scene)
+
     def memory_bytes(self) -> int:
         return self.batch.memory_bytes()
 
@@ -226,7 +236,9 @@ class _Together:
         self.batch = get_batch([(job.scene, job.particles) for job in jobs], place)
         self.rows: list[LedgerRow] = []  # of the present state, filled on first use
         views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
-        self.runs = [Run(view, job.scene, job.control, job.progress, None) for view, job in zip(views, jobs, strict=True)]
+        self.runs = [
+            Run(view, job.scene, job.control, job.progress, None, job.structures) for view, job in zip(views, jobs, strict=True)
+        ]
         self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()

@@ -27,7 +27,7 @@ from runout.model.particle_source import ParticleSource
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
-FORMAT = 11  # version of the file; increase it when the meaning of a state changes
+FORMAT = 12  # version of the file; increase it when the meaning of a state changes
 EVERY = 120.0  # [s] between two checkpoints
 # errors of a damaged archive; RuntimeError: it seems to be encrypted, or has an unknown compression
 DAMAGED = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -124,6 +124,10 @@ def run_key(scene: Scene, particles: ParticleSource, *choices: Any) -> str:
         arrays += [zones.factor, zones.coefficient, *chain.from_iterable(stated)]
     if scene.unknown is not None:
         arrays += [scene.unknown]
+    if scene.structures:
+        field = scene.structures
+        digest.update(repr((field.spacing, field.origin, field.band)).encode())
+        arrays += [field.blocks, field.distance, field.patch, *vars(field.patches).values()]
     for values in chain(arrays, particles.content()):
         digest.update(np.ascontiguousarray(values).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()

@@ -12,6 +12,7 @@ from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
 from runout.errors import CapacityError
 from runout.map_quantities import member_map_names
 from runout.model.release import Release
+from runout.model.structures import StructureField, Structures
 from runout.model.surface import Surface
 
 GIGABYTE = 1e9
@@ -22,6 +23,7 @@ WHILE_LOADED = 8, 24  # bytes a particle beside the arrays of a backend on the C
 CHUNKS = 1e7  # bytes of the particles that are made at once
 BYTES_PER_SQUARE = 40, 1000  # bytes per square of two by two cells while blocks are counted: around the release, and below it
 PER_MAP_CELL = 110 + 8 * len(member_map_names())  # bytes per cell of the raster: sums, work arrays, and the maps
+STRUCTURE_SUMS = 4 * 216 + 4 * 128  # numbers by block near structures: of the nodes that its particles reach, and of its nodes
 PROGRAM = 0.22e9  # libraries and compiled code
 
 
@@ -94,8 +96,9 @@ def available_bytes() -> float | None:
 
 
 def expected_memory(
-    extent: Extent, map_cells: int, precision: str, engine: Backend | None = None, transfer: str = "mls", f_bar: bool = False
-) -> MemoryForecast:
+    extent: Extent, map_cells: int, precision: str, engine: Backend | None = None, transfer: str = "mls", f_bar: bool = False,
+    structures: Structures | None = None,
+) -> MemoryForecast:  # fmt: skip
     """Forecast for a backend, by default scan.
 
     Parameters
@@ -108,14 +111,24 @@ def expected_memory(
         A GPU backend gives its own numbers; otherwise those of scan are used.
     transfer, f_bar : str, bool
         As of :class:`runout.model.scene.Scene`.
+    structures : Structures, optional
     """
     device: Any = getattr(engine, "device", None)
     on_device = device is not None and bool(device.is_cuda)
     host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
+    more = 0 if structures is None else structure_bytes(structures.field, extent, precision)
     if on_device:
-        return MemoryForecast(bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar), host, True)
+        backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar)
+        return MemoryForecast(backend + more, host, True)
     backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
-    return MemoryForecast(backend, host)
+    return MemoryForecast(backend + more, host)
+
+
+def structure_bytes(structures: StructureField, extent: Extent, precision: str) -> int:
+    """Memory [byte] of structures: their field, a force by particle, and the sums of the blocks that may be near them."""
+    number = 4 if precision == "float32" else 8
+    near = min(len(structures.distance), extent.owners)
+    return structures.nbytes + number * (4 * extent.particles + STRUCTURE_SUMS * near)
 
 
 def expected_extent(

@@ -1,5 +1,6 @@
 """Records of a run: maps on the cells of the raster, and the ledger."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,8 @@ from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
 from runout.map_quantities import member_map_names, peak_quantities
 from runout.model.scene import Raster, Scene
+from runout.model.structures import Structures
+from runout.structure_forces import StructureForces
 
 THICKNESS = 0  # of the peaks
 BLOCK_NODES = 64
@@ -139,8 +142,8 @@ class Ledger:
         for d, axis in enumerate("xyz"):
             series[f"momentum_{axis}"] = np.array([row.momentum[d] for row in self.rows])
         stored = series["kinetic_energy"] + series["potential_energy"] + series["elastic_energy"]
-        lost = ("basal_dissipation", "structure_dissipation", "plastic_dissipation")
-        series["dissipation"] = sum(series[name] for name in lost)
+        outside = series["basal_dissipation"] + series["structure_dissipation"]
+        series["dissipation"] = outside + series["plastic_dissipation"]
         series["numerical_dissipation"] = stored[0] - stored - series["dissipation"] - series["escaped_energy"]
         series["dt"], series["memory"] = np.array(self.dt), np.array(self.memory, np.int64)
         return series | self._sparsity(series["active_blocks"])
@@ -149,6 +152,44 @@ class Ledger:
         """Nodes of the active blocks, and those of the smallest box around them over these; NaN without any."""
         boxes = np.array([row.box_blocks for row in self.rows], float)
         return {"active_nodes": BLOCK_NODES * active, "sparsity": np.where(active > 0, boxes / np.maximum(active, 1), np.nan)}
+
+
+class StructureImpulses:
+    """Impulses on the patches of structures, interval by interval.
+
+    Parameters
+    ----------
+    structures : Structures or None
+        None where the scene has none: nothing is due then.
+    interval : float
+        Least time between two records [s].
+    """
+
+    def __init__(self, structures: Structures | None, interval: float):
+        self.structures, self.interval = structures, interval
+        self.due = 0.0 if structures else math.inf
+        self.times: list[float] = []
+        self.totals: list[np.ndarray] = []
+
+    def record(self, time: float, impulses: np.ndarray) -> None:
+        """Keep the impulses (patches, 3) [N s] since the start at one time [s]."""
+        self.times.append(time)
+        self.totals.append(impulses)
+        self.due = time + self.interval
+
+    def state(self) -> State:
+        """All records as arrays by name, for :meth:`restore`."""
+        return {"times": np.array(self.times), "totals": np.array(self.totals), "due": np.array(self.due)}
+
+    def restore(self, state: State) -> None:
+        """Restore the records from :meth:`state`."""
+        self.times, self.totals, self.due = state["times"].tolist(), list(state["totals"]), float(state["due"])
+
+    def result(self) -> StructureForces | None:
+        """The forces; None without structures."""
+        if self.structures is None:
+            return None
+        return StructureForces(self.structures, np.array(self.times), np.diff(np.array(self.totals), axis=0))
 
 
 @dataclass

@@ -11,6 +11,7 @@ import numpy as np
 from runout.model.depth_resolution import DepthResolution
 from runout.model.particles import Particles
 from runout.model.terrain import Terrain
+from runout.structure_forces import StructureForces
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,6 +37,8 @@ class Result:
         "at rest", "end time" or "all mass has left the domain".
     resolution : Resolution
         Cells through the depth of the flow and numerical viscosity.
+    structure_forces : StructureForces or None
+        Impulses on structures over time, with force, moment and pressure of each facade; None without structures.
     start : mapping
         Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`.
     """
@@ -52,6 +55,7 @@ class Result:
     depth_resolution: DepthResolution
     snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     start: Mapping[str, Any] = field(default_factory=dict)
+    structure_forces: StructureForces | None = None
 
     @cached_property
     def state(self) -> Particles:

@@ -18,9 +18,11 @@ from runout.model.limits import checked
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.observers import THICKNESS, AtRest, Ledger, PeakMaps, flow_fields
+from runout.observers import THICKNESS, AtRest, Ledger, PeakMaps, StructureImpulses, flow_fields
 from runout.result import Result
+from runout.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
 OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger
@@ -46,6 +48,8 @@ class RunControl:
     crossing : float
         Observe whenever the fastest particle may have crossed so much of a grid cell, or of a raster cell if that is longer, and at
         least :data:`OBSERVATIONS` times; 0 observes after every step.
+    force_interval : float or None
+        Least time between two records of the forces on structures [s]; that of the rows of the ledger by default.
     crop : bool
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
     """
@@ -56,22 +60,28 @@ class RunControl:
     snapshot_times: tuple[float, ...] = ()
     crossing: float = CROSSING
     crop: bool = True
+    force_interval: float | None = None
 
     def __post_init__(self) -> None:
         checked("end_time", self.end_time, error=ConfigError)
         checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
+        if self.force_interval is not None and not 0 <= self.force_interval < math.inf:
+            raise ConfigError(f"force_interval is {self.force_interval!r} s; it must be 0 (every step) or more")
 
 
 class Run:
     """One run, from time zero or a checkpoint to its end."""
 
     def __init__(
-        self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None, keep: Checkpoint | None
-    ):
+        self, engine: Backend, scene: Scene, control: RunControl, progress: Callable[[float], None] | None,
+        keep: Checkpoint | None, structures: Structures | None = None,
+    ):  # fmt: skip
         self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
         self.ledger, self.rest = Ledger(), AtRest()
+        interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
+        self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.pending, self.reason = list(control.snapshot_times), ""
         self.looks: list[int] = []
@@ -88,6 +98,8 @@ class Run:
         put_arrays(self.peaks, state, "peaks.")
         put_arrays(self.rest, state, "rest.")
         self.ledger.restore(part(state, "ledger."))
+        if self.forces.structures:
+            self.forces.restore(part(state, "forces."))
         frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
         self.snapshots = list(zip(*frames, strict=True))
         self.pending = self.pending[len(self.snapshots) :]
@@ -99,6 +111,8 @@ class Run:
         state = {f"backend.{name}": values for name, values in self.engine.checkpoint().items()}
         state |= arrays_of(self, prefix="run.") | arrays_of(self.peaks, prefix="peaks.") | arrays_of(self.rest, prefix="rest.")
         state |= {f"ledger.{name}": values for name, values in self.ledger.state().items()}
+        if self.forces.structures:
+            state |= {f"forces.{name}": values for name, values in self.forces.state().items()}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
         state["run.seconds"] = np.asarray(self.seconds + seconds)
@@ -125,6 +139,7 @@ class Run:
             depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
             start=self.scene.start_attributes(),
+            structure_forces=self.forces.result(),
         )
 
     def depth_resolution(self) -> DepthResolution:
@@ -152,11 +167,13 @@ class Run:
     def begin(self) -> None:
         """Observe the start, unless the run continues from a checkpoint."""
         if not self.ledger.time:
+            if self.forces.structures:
+                self.forces.record(self.time, self.engine.structure_impulses())
             self.peaks.observe(self.time, self._columns())
             self._observe()
 
     def plan(self, most: int) -> int:
-        """Set the next time step [s]; returns the number of such steps until the next row of the ledger, at most ``most``.
+        """Set the next time step [s]; returns the number of such steps until the next record, at most ``most``.
 
         ``looks`` are those after which the maps are updated. The last step may pass the time of the row, but not a snapshot or the
         end.
@@ -164,7 +181,7 @@ class Run:
         control = self.control
         left = self._next_stop() - self.time
         self.dt = min(_on_ladder(self.engine.stable_step()), left)
-        to_row = math.ceil((self.ledger_due - self.time) / self.dt - 1e-9)
+        to_row = math.ceil((min(self.ledger_due, self.forces.due) - self.time) / self.dt - 1e-9)
         count = max(1, min(most, to_row, int(left / self.dt)))
         crossing = control.crossing * self.scene.observed_length / max(self.engine.max_speed, 1e-3)
         wait = min(control.end_time / OBSERVATIONS, crossing)
@@ -185,6 +202,8 @@ class Run:
     def arrive(self, count: int) -> None:
         """Account for ``count`` finished steps; record a row of the ledger if it is due."""
         self.time += self.dt * count
+        if self.time >= self.forces.due - 1e-12 * self.control.end_time:
+            self.forces.record(self.time, self.engine.structure_impulses())
         if self.time >= min(self.ledger_due, self._next_stop()) - 1e-12 * self.control.end_time:
             self._observe()
 
@@ -202,6 +221,8 @@ class Run:
         self.ledger_due = self.time + control.end_time / OBSERVATIONS
         if self.reason and self.peaks.time < self.time:
             self.peaks.observe(self.time, self._columns())
+        if self.reason and self.forces.structures and self.forces.times[-1] < self.time:
+            self.forces.record(self.time, self.engine.structure_impulses())
         if self.progress:
             self.progress(1.0 if self.reason else self.time / control.end_time)
         self.observing += clock.perf_counter() - started

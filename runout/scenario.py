@@ -18,6 +18,7 @@ from runout.model.materials import Material
 from runout.model.particle_source import gathered
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
+from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
 
 
@@ -39,6 +40,7 @@ def build_scene(
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
     initial_stress: str = "at_rest",
+    structures: Structures | StructureField | None = None,
     accept: Callable[[Extent], None] | None = None,
     in_chunks: bool = False,
 ) -> tuple[Scene, Any]:
@@ -80,6 +82,7 @@ def build_scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,
         transfer=transfer, flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones,
         strength=strength, unknown=open_edge.unknown_cells(terrain), initial_stress=InitialStress.of(initial_stress),
+        structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, seed)
     particles = ReleaseParticles(

@@ -15,10 +15,12 @@ from runout.model.depth_resolution import FEWEST_CELLS
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.release import Release
+from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
 from runout.result import Result
 from runout.run import Run, RunControl
 from runout.scenario import build_scene
+from runout.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
 
@@ -31,6 +33,7 @@ def simulate(
     basal_friction_angle: float = USUAL_ANGLE,
     basal_friction: BasalFriction | None = None,
     friction_zones: FrictionZones | None = None,
+    structures: Structures | StructureField | None = None,
     cell_size: float | tuple[float, float, float] | None = None,
     particles_per_cell: int | tuple[int, int, int] | None = None,
     end_time: float,
@@ -49,6 +52,7 @@ def simulate(
     stop: bool = True,
     arrival_threshold: float = 0.1,
     snapshot_times: Sequence[float] = (),
+    force_interval: float | None = None,
     progress: Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = EVERY,
@@ -69,6 +73,8 @@ def simulate(
         Law of friction at the ground and its parameters, instead of that angle.
     friction_zones : FrictionZones, optional
         Zones where the ground multiplies or replaces the friction, see :meth:`runout.FrictionZones.from_vector`.
+    structures : Structures or StructureField, optional
+        Buildings, walls, dams or galleries that the flow meets; the forces on them are ``Result.structure_forces``.
     cell_size : float or (dx, dy, dz)
         Grid spacing [m]; required without ``accuracy``.
     particles_per_cell : int or (nx, ny, nz)
@@ -108,6 +114,8 @@ def simulate(
         Thickness from which a cell counts as reached [m].
     snapshot_times : sequence of float
         Times [s] at which maps of thickness and speed are stored.
+    force_interval : float, optional
+        Least time between two records of the forces on structures [s]; a 200th of ``end_time`` by default, 0 for every step.
     progress : callable, optional
         Called with the fraction of the simulated time, 0 to 1.
     checkpoint : path, optional
@@ -125,22 +133,23 @@ def simulate(
         If a run cannot continue.
     """
     started = clock.perf_counter()
-    control = RunControl(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
+    control = RunControl(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)), force_interval=force_interval)
+    named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}
     scene, particles = build_scene(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones, initial_stress=initial_stress,
-        basal_friction=basal_friction, accept=lambda extent: require_memory(
-            expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar), engine, memory_gb
+        basal_friction=basal_friction, structures=named, accept=lambda extent: require_memory(
+            expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar, structures=named), engine, memory_gb
         ), in_chunks=True,
     )  # fmt: skip
     for sentence in basal_strength.sentences(scene, [r.name for r in releases]):
         LOGGER.warning("%s", sentence)
     key = run_key(scene, particles, control, type(engine).__name__) if checkpoint else ""
     keep = checkpoint_for(checkpoint, checkpoint_every, engine, key)
-    run = Run(engine, scene, control, progress, keep)
+    run = Run(engine, scene, control, progress, keep, named)
     n_particles = len(particles)
     run.start(particles)
     del particles

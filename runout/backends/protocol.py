@@ -167,6 +167,9 @@ class SceneBatch(Protocol):
     def ledgers(self) -> list[LedgerRow]:
         """Sums of the present state, a row a scene."""
 
+    def structure_impulses_of(self, s: int, /) -> np.ndarray:
+        """As :meth:`Backend.structure_impulses`."""
+
     def memory_bytes(self) -> int:
         """As :meth:`Backend.memory_bytes`, of all scenes together."""
 

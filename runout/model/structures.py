@@ -78,6 +78,11 @@ class StructureField:
         if not np.isfinite(self.distance).all():
             raise ConfigError("a distance of structures is not a number")
 
+    @property
+    def nbytes(self) -> int:
+        """Memory [byte]."""
+        return self.blocks.nbytes + self.distance.nbytes + self.patch.nbytes
+
     def require_fits(self, spacing: tuple[float, float, float]) -> None:
         """ConfigError unless the lattice is fine enough, and wide enough, for contact on a grid with this ``spacing`` [m]."""
         if self.spacing > FINEST * min(spacing) * (1 + 1e-9):

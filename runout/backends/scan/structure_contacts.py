@@ -160,12 +160,12 @@ def _find_in_block(particles, blocks, b, field, touching, m, constants, dt, band
 
 def find_structure_contacts(particles, blocks, near, field, touching, constants, dt, band, force, last):
     """List the particles of near blocks that touch structures; returns how many. ``last`` is the stamp of the step before."""
-    count = touching.count
+    number = touching.number
     for m in prange(len(near.owners)):
-        count[m] = _find_in_block(particles, blocks, near.owners[m], field, touching, m, constants, dt, band, force, last)
+        number[m] = _find_in_block(particles, blocks, near.owners[m], field, touching, m, constants, dt, band, force, last)
     total = 0
     for m in range(len(near.owners)):
-        total += count[m]
+        total += number[m]
     return total
 
 
@@ -211,7 +211,7 @@ def _add_shares(near, touching, grid, q, first):
     compliance, inverse, nodes = touching.compliance, touching.inverse, grid.nodes
     n = near.nodes[q]
     for a in range(64):
-        w, x, y, z = _sum_at(near.down, touching.count, touching.shares, q, a >> 4, (a >> 2) & 3, a & 3)
+        w, x, y, z = _sum_at(near.down, touching.number, touching.shares, q, a >> 4, (a >> 2) & 3, a & 3)
         if first:
             inverse[q, a] = _inverse_mass(grid, n, a)
             compliance[q, a] = w * inverse[q, a]
@@ -223,14 +223,14 @@ def _add_shares(near, touching, grid, q, first):
 def share_structure_contacts(near, touching, grid):
     """Compliance and inverse mass of the nodes that contacts reach; their velocities get the impulses of the step before."""
     for q in prange(len(near.nodes)):
-        if _has_contacts(near.down, touching.count, q):
+        if _has_contacts(near.down, touching.number, q):
             _add_shares(near, touching, grid, q, True)
 
 
 def push_from_structures(near, touching, grid):
     """Add the impulses of the shares to the velocities of the nodes."""
     for q in prange(len(near.nodes)):
-        if _has_contacts(near.down, touching.count, q):
+        if _has_contacts(near.down, touching.number, q):
             _add_shares(near, touching, grid, q, False)
 
 
@@ -268,7 +268,7 @@ def _normal_and_before(measured, r):
 def _solve_block(particles, near, touching, grid, field, m, dt, force, stamp):
     """Impulses on the contacts of a near block; its share holds their changes."""
     given, push, measured, share = touching.given, touching.push, touching.measured, touching.shares[m]
-    for r in range(touching.place[m], touching.place[m] + touching.count[m]):
+    for r in range(touching.place[m], touching.place[m] + touching.number[m]):
         p = np.int64(touching.slots[r])
         w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
         shared, _, u = _meet(near, touching, grid, m, c, weight)
@@ -289,7 +289,7 @@ def _solve_block(particles, near, touching, grid, field, m, dt, force, stamp):
 def solve_structure_contacts(particles, near, touching, grid, field, dt, force, stamp):
     """Solve for one impulse per contact; ``force`` gets the ``stamp`` of this step and the force of the structures."""
     for m in prange(len(near.owners)):
-        if touching.count[m] > 0:
+        if touching.number[m] > 0:
             _solve_block(particles, near, touching, grid, field, m, dt, force, stamp)
 
 
@@ -299,7 +299,7 @@ def _stop_block(particles, near, touching, grid, m, dt, band):
     none = vec(real(0.0), real(0.0), real(0.0))
     stopped = 0
     _clear_share(share)
-    for r in range(touching.place[m], touching.place[m] + touching.count[m]):
+    for r in range(touching.place[m], touching.place[m] + touching.number[m]):
         p = np.int64(touching.slots[r])
         c, weight = particles.cell[p], _weights_of(particles.rec, p)
         _, own, u = _meet(near, touching, grid, m, c, weight)
@@ -319,7 +319,7 @@ def _stop_block(particles, near, touching, grid, m, dt, band):
 def stop_before_structures(particles, near, touching, grid, dt, band, stopped):
     """Impulses on the contacts that would still enter a structure within the step; returns how many."""
     for m in prange(len(near.owners)):
-        stopped[m] = _stop_block(particles, near, touching, grid, m, dt, band) if touching.count[m] > 0 else 0
+        stopped[m] = _stop_block(particles, near, touching, grid, m, dt, band) if touching.number[m] > 0 else 0
     total = 0
     for m in range(len(near.owners)):
         total += stopped[m]
@@ -328,10 +328,10 @@ def stop_before_structures(particles, near, touching, grid, dt, band, stopped):
 
 def book_structures(touching, impulses):
     """Add the impulses on the structures to ``impulses`` (patches, 3) [N s], row by row; returns the work [J] that they took."""
-    place, count, push, patch = touching.place, touching.count, touching.push, touching.patch
+    place, number, push, patch = touching.place, touching.number, touching.push, touching.patch
     taken = 0.0
-    for m in range(len(count)):
-        for r in range(place[m], place[m] + count[m]):
+    for m in range(len(number)):
+        for r in range(place[m], place[m] + number[m]):
             taken -= np.float64(push[r, 0])
             for k in range(3):
                 impulses[patch[r], k] -= np.float64(push[r, 1 + k])

@@ -53,11 +53,11 @@ class Near(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """Rows of particles that touch structures; those of a near block start at ``place`` and are ``count``.
+    """Rows of particles that touch structures; those of a near block start at ``place``, and there are ``number``.
 
     Attributes
     ----------
-    place, count : (near + 1,), (near,) int64
+    place, number : (near + 1,), (near,) int64
     slots, patch : (rows,) int32
         Slot of the particle; patch that it touches.
     measured : (rows, 8) real
@@ -71,7 +71,7 @@ class Touching(NamedTuple):
     """
 
     place: np.ndarray
-    count: np.ndarray
+    number: np.ndarray
     slots: np.ndarray
     patch: np.ndarray
     measured: np.ndarray

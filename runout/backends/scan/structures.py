@@ -95,7 +95,7 @@ def _by_node(values: np.ndarray, dtype: Any) -> np.ndarray:
     return np.ascontiguousarray(values.reshape(len(values), -1), dtype)
 
 
-def _rows(n: int, real: Any) -> tuple[np.ndarray, ...]:
+def _rows(n: int, real: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Slots, patches, measurements and impulses of so many contacts."""
     return np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros((n, 8), real), np.zeros((n, 4), real), np.zeros((n, 4), real)
 
