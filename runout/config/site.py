@@ -274,14 +274,14 @@ class Site:
         return SiteObservations(self.settings.observations, self.folder)
 
     def observation_checksums(self) -> list[tuple[str, str]]:
-        """Names and checksums of the files of the observations.
+        """Names and checksums of the files of the observations, and of the areas behind dams.
 
         Raises
         ------
         InputError, StorageError
             If one cannot be read or downloaded.
         """
-        return [(path.name, self._checksum(path)) for path in self.observed.paths()]
+        return [(path.name, self._checksum(path)) for path in (*self.observed.paths(), *self.structures.protected())]
 
     def checksums(self) -> list[str]:
         """Checksums of the contents of :meth:`inputs`.

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from runout.config.fetch import locate
 from runout.config.structures import StructureSettings
 
@@ -37,6 +39,27 @@ class SiteStructures:
     def protected(self) -> list[Path]:
         """Files of the areas behind dams. Members do not depend on them."""
         return [Path(locate(stated.protects, self.folder)) for stated in self.stated if stated.protects]
+
+    def protected_areas(self, terrain: "Terrain") -> "dict[str, np.ndarray]":
+        """Covered area (rows, columns) [m2] of each cell behind each dam, by the name of its structures.
+
+        Raises
+        ------
+        ReleaseError
+            If polygons cannot be used.
+        """
+        import shapely
+
+        from runout.io.polygons import read_polygons
+        from runout.terrain.overlay import on_cells
+
+        found: dict[str, np.ndarray] = {}
+        for stated in (one for one in self.stated if one.protects):
+            parts = read_polygons(Path(locate(stated.protects, self.folder)), terrain, None, "protected area").polygons
+            covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)
+            name = f"{stated.name} {len(found) + 1}" if stated.name in found else stated.name
+            found[name] = covered.T[::-1] * terrain.cell_area
+        return found
 
     def sources(self) -> "list[StructureSource]":
         """What is stated of each file."""

@@ -62,7 +62,8 @@ def test_wrong_keys_are_named_with_their_lines(tmp_path):
 
 
 def test_check_lists_all_problems_of_structures_and_the_run_refuses_them(tmp_path):
-    site = with_structures(tmp_path / "ramp", "  - file: inputs/houses.gpkg\n", shapes=[THIN, HIGH], height=[20.0, 8.0], base=[0, 900])
+    values = {"height": [20.0, 8.0], "base": [0, 900]}
+    site = with_structures(tmp_path / "ramp", "  - file: inputs/houses.gpkg\n", shapes=[THIN, HIGH], **values)
     (floats,) = check.inspect(site).problems
     assert "feature 2: floats 900 m above the ground" in floats
     draw(site, [THIN, IN_RELEASE], height=[20.0, 30.0])
