@@ -37,6 +37,7 @@ _HOME = {
     "ReleaseError": "runout.errors",
     "ZoneError": "runout.errors",
     "ObservationError": "runout.errors",
+    "StructureError": "runout.errors",
     "ConfigError": "runout.errors",
     "MaterialError": "runout.errors",
     "CapacityError": "runout.errors",

@@ -81,6 +81,14 @@ class ConfigError(InputError):
         super().__init__(problems if isinstance(problems, str) else "\n".join(map(str, self.problems)))
 
 
+class StructureError(InputError):
+    """Structures that cannot be used; all their problems are listed at once."""
+
+    def __init__(self, problems: list[str] | str):
+        self.problems = [] if isinstance(problems, str) else list(problems)
+        super().__init__(problems if isinstance(problems, str) else "\n".join(problems))
+
+
 class StabilityError(RunoutError):
     """A run that is or would become unstable."""
 

@@ -134,9 +134,12 @@ class Result:
         of the whole raster in the group ``raster``.
         """
         from runout.io.netcdf import write
+        from runout.structure_series import GROUP, facade_series
 
         maps, groups = self._reached() if reached_only else (self.maps, {})
         groups["ledger"] = self.ledger
+        if self.structure_forces:
+            groups[GROUP] = facade_series(self.structure_forces)
         if self.snapshots:
             groups["snapshots"] = self.snapshot_maps()
         write(maps.assign_attrs(dict(attrs or {})), path, groups=groups)

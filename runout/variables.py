@@ -245,6 +245,48 @@ _LEDGER = {
 }
 
 
+_AXES = {"east": "towards the east", "north": "towards the north", "up": "upwards"}
+_STRUCTURES = {
+    "structure_name": Variable("", "name of the structure", dtype="str"),
+    "facade_name": Variable("", "name of the facade", dtype="str"),
+    "facade_area": Variable("m2", "area of the facade above the ground", dtype="float64"),
+    "record_time": Variable("s", "end of the interval, since the release", dtype="float64"),
+    **{f"facade_force_{axis}": Variable("N", f"force of the flow on the facade {way}") for axis, way in _AXES.items()},
+    **{
+        f"facade_moment_{axis}": Variable("N m", f"moment of the flow on the facade about the foot of the structure, axis {way}")
+        for axis, way in _AXES.items()
+    },
+    "facade_pressure": Variable("Pa", "mean pressure on the facade", comment="by area, mean over the interval"),
+    "facade_high_pressure": Variable("Pa", "pressure that 95 % of the area of the facade does not exceed"),
+    "max_facade_force": _positive("N", "maximum over time of the force on the facade"),
+    "max_facade_moment": _positive("N m", "maximum over time of the moment on the facade about the foot of the structure"),
+    "max_facade_pressure": Variable("Pa", "maximum over time of the mean pressure on the facade"),
+    "max_facade_high_pressure": Variable("Pa", "maximum over time of the pressure that 95 % of the facade does not exceed"),
+    "time_of_max_facade_force": _positive("s", "time of the maximum force on the facade", "missing where no flow reaches it"),
+    "facade_force_percentile": _positive("N", "percentile over the members of the maximum force on the facade"),
+    "facade_moment_percentile": _positive("N m", "percentile over the members of the maximum moment on the facade"),
+    "facade_pressure_percentile": Variable("Pa", "percentile over the members of the maximum mean pressure on the facade"),
+    "facade_high_pressure_percentile": Variable("Pa", "percentile over the members of the maximum 95 % pressure on the facade"),
+    "facade_pressure_exceedance_probability": Variable(
+        "1",
+        "conditional probability that the maximum mean pressure on the facade reaches or exceeds the threshold",
+        valid_min=0.0,
+        valid_max=1.0,
+        comment=_FRACTION,
+    ),
+    "protected_area": Variable("", "area behind a dam", dtype="str"),
+    "overtopping_volume": _positive("m3", "volume that lies in the protected area at the end"),
+    "overtopping_volume_percentile": _positive("m3", "percentile over the members of the volume in the protected area at the end"),
+    "overtopping_probability": Variable(
+        "1",
+        "conditional probability that mass reaches the protected area and stays there",
+        valid_min=0.0,
+        valid_max=1.0,
+        comment=_FRACTION,
+    ),
+}
+
+
 def _of(content: str, variables: dict[str, Variable]) -> dict[str, Variable]:
     return {name: replace(variable, content=content) for name, variable in variables.items()}
 
@@ -259,4 +301,5 @@ VARIABLES: dict[str, Variable] = {
     **_of("auxiliaryInformation", _ENSEMBLE),
     **_of("coordinate", _COORDINATES),
     **_LEDGER,
+    **_STRUCTURES,
 }

@@ -24,7 +24,10 @@ LARGEST_FUNCTION = 40
 LARGEST_KERNEL = 60  # of the compiled backends
 LARGEST_REFERENCE = 440
 HOMES = {
-    "numba": ("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
+    "numba": (
+        *("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
+        *("runout/structures/point_triangle.py", "runout/structures/lattice_distance.py"),
+    ),
     "warp": ("runout/backends/hash/", "runout/backends/compile.py"),
 }
 IMPORT_NAMES = {
@@ -46,6 +49,7 @@ HEAVY = (
     "matplotlib",
     "scipy",
     "pydantic",
+    "trimesh",
 )
 
 

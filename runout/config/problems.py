@@ -122,7 +122,8 @@ def _sections(document: Document) -> dict[str, Iterable[str]]:
         known["material"] = settings_of(law).model_fields
     if friction and KEY in document.values:
         known[KEY] = BLOCK.settings_of(friction).model_fields
-    return {"": SiteSettings.model_fields, **fields, **known}
+    laws = {name: known[name] for name in ("material", KEY) if name in known}
+    return {"": SiteSettings.model_fields, **laws, **{n: keys for n, keys in (fields | known).items() if n not in laws}}
 
 
 def _not_chosen(location: Location, context: Mapping[str, Any], value: Any, document: Document) -> Problem:

@@ -8,7 +8,7 @@ from runout.config.distributions import plausible_degrees, refuse, shape
 from runout.model.limits import LIMITS
 
 
-def _range(name: str) -> Any:
+def within(name: str) -> Any:
     """The bounds of a quantity."""
     bounds: Any = LIMITS[name].bounds()
     return Field(**bounds)
@@ -16,12 +16,12 @@ def _range(name: str) -> Any:
 
 Degrees = Annotated[float, AfterValidator(plausible_degrees)]
 Text = Annotated[str, Field(min_length=1), Tag("<text>")]
-Angle = Annotated[float, _range("basal_friction_angle"), AfterValidator(plausible_degrees), Tag("<number>")]
+Angle = Annotated[float, within("basal_friction_angle"), AfterValidator(plausible_degrees), Tag("<number>")]
 FrictionAngle = Annotated[Text | Angle, Discriminator(shape)]
-FrictionFactor = Annotated[Text | Annotated[float, _range("friction_factor"), Tag("<number>")], Discriminator(shape)]
-Height = Annotated[Text | Annotated[float, _range("obstacle_height"), Tag("<number>")], Discriminator(shape)]
-Thickness = Annotated[Text | Annotated[float, _range("thickness"), Tag("<number>")], Discriminator(shape)]
-Size = Annotated[float, _range("cell_size")]
+FrictionFactor = Annotated[Text | Annotated[float, within("friction_factor"), Tag("<number>")], Discriminator(shape)]
+Height = Annotated[Text | Annotated[float, within("obstacle_height"), Tag("<number>")], Discriminator(shape)]
+Thickness = Annotated[Text | Annotated[float, within("thickness"), Tag("<number>")], Discriminator(shape)]
+Size = Annotated[float, within("cell_size")]
 
 
 def _in_order(edges: list[float]) -> list[float]:

@@ -20,6 +20,8 @@ from runout.config.schema import (
     release_conflicts,
     zone_conflicts,
 )
+from runout.config.structures import FILE_KEYS as STRUCTURE_FILES
+from runout.config.structures import structure_conflicts
 from runout.config.wording import choice_fix
 from runout.errors import ConfigError, Problem
 from runout.io.boundary import exists, kind_of, names_in
@@ -114,6 +116,9 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
         yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
+    for i, structure in enumerate(_blocks(document, ("structures",))):
+        for key, message, fix in structure_conflicts({k: v for k, v in structure.items() if v is not None}):
+            yield document.problem(("structures", i, key), message, fix)
     rasters = document.value(("terrain", "friction_rasters"))
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
     site = document.values if isinstance(document.values, dict) else {}
@@ -149,7 +154,12 @@ def _own_friction(document: Document, place: Location, given: dict[str, Any], sa
 
 def _overlays(document: Document, key: str) -> list[dict[str, Any]]:
     """Friction zones or obstacles of the document; an entry that is not a block becomes an empty one."""
-    stated = document.value(("terrain", key))
+    return _blocks(document, ("terrain", key))
+
+
+def _blocks(document: Document, place: Location) -> list[dict[str, Any]]:
+    """Entries of a list; one that is not a block becomes an empty one."""
+    stated = document.value(place)
     return [part if isinstance(part, dict) else {} for part in stated] if isinstance(stated, list) else []
 
 
@@ -174,6 +184,7 @@ def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
     named: list[Any] = [terrain.dem, *(r.polygons for r in settings.release), *(r.raster for r in settings.release)]
     named += [zone.polygons for zone in terrain.friction_zones or []]
     named += [obstacle.polygons for obstacle in terrain.obstacles or []]
+    named += [getattr(one, key) for one in settings.structures or [] for key in STRUCTURE_FILES]
     observed = settings.observations
     named += [getattr(getattr(observed, name), key) for name, key in FILE_KEYS.items() if getattr(observed, name, None)]
     named += (terrain.friction_rasters or {}).values()
@@ -190,6 +201,7 @@ def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
     places += [("release", i, key) for i in range(count) for key in ("polygons", "raster")]
     for key in ("friction_zones", "obstacles"):
         places += [("terrain", key, i, "polygons") for i in range(len(_overlays(document, key)))]
+    places += [("structures", i, key) for i in range(len(_blocks(document, ("structures",)))) for key in STRUCTURE_FILES]
     places += [("observations", name, key) for name, key in FILE_KEYS.items()]
     rasters = document.value(("terrain", "friction_rasters"))
     places += [("terrain", "friction_rasters", key) for key in (rasters if isinstance(rasters, dict) else {})]
@@ -204,13 +216,17 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _coordinate_system(document: Document) -> Iterator[Problem]:
-    stated: Any = document.value(("terrain", "crs"))
-    if not isinstance(stated, str):
-        return
+    for place in (("terrain", "crs"), *(("structures", i, "crs") for i in range(len(_blocks(document, ("structures",)))))):
+        stated: Any = document.value(place)
+        if isinstance(stated, str):
+            yield from _unknown_system(document, place, stated)
+
+
+def _unknown_system(document: Document, place: Location, stated: str) -> Iterator[Problem]:
     named = file_named_by(stated)
     if named:
         yield document.problem(
-            ("terrain", "crs"), f"names the file {named!r}, which is not read", "write a code, for example EPSG:32632"
+            place, f"names the file {named!r}, which is not read", "write a code, for example EPSG:32632"
         )
         return
     from pyproj import CRS
@@ -220,4 +236,4 @@ def _coordinate_system(document: Document) -> Iterator[Problem]:
         CRS.from_user_input(stated)
     except CRSError:
         message = f"{stated!r} is not a coordinate reference system"
-        yield document.problem(("terrain", "crs"), message, "write its code, for example EPSG:32632")
+        yield document.problem(place, message, "write its code, for example EPSG:32632")

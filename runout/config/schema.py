@@ -31,6 +31,7 @@ from runout.config.quantities import (
     Thickness,
 )
 from runout.config.remote import InputFile
+from runout.config.structures import STRUCTURES, StructureSettings
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import SMALLEST_NET
 
@@ -343,6 +344,7 @@ class SiteSettings(Settings):
     description: str = quantity("what is modelled, and what is hypothetical", "")
     metadata: MetadataSettings | None = METADATA
     terrain: TerrainSettings = quantity("the terrain")
+    structures: list[StructureSettings] | None = STRUCTURES
     release: list[ReleaseSettings] = quantity("the masses that start to move, a list", min_length=1)
     material: Annotated[SerializeAsAny[MaterialSettings], BeforeValidator(validated_material)] = quantity("the material")
     basal_friction_angle_deg: Degrees | None = limited(

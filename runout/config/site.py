@@ -14,16 +14,20 @@ from runout.config.schema import SiteSettings
 from runout.config.site_files import SiteFiles
 from runout.config.site_friction import SiteFriction
 from runout.config.site_observations import SiteObservations
+from runout.config.site_structures import SiteStructures
+from runout.config.structures import COMPUTED_WITHOUT
 from runout.errors import ConfigError, InputError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
 from runout.model.laws import LAWS
+from runout.model.limits import spacing_of
 
 if TYPE_CHECKING:
     from runout.config.extent import DerivedExtent
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
     from runout.model.release import Release
+    from runout.model.structures import Structures
     from runout.model.terrain import Terrain
 
 T = TypeVar("T")
@@ -32,11 +36,12 @@ ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besid
 
 @dataclass(frozen=True)
 class SiteData:
-    """Inputs that all members of a site share: terrain, releases with a volume factor of 1, friction zones."""
+    """Inputs that all members of a site share: terrain, releases with a volume factor of 1, friction zones, structures."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"
     friction_zones: "FrictionZones | None"
+    structures: "Structures | None" = None
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,19 @@ class Site:
 
     def _read_data(self) -> SiteData:
         terrain = self.terrain()
-        return SiteData(terrain, tuple(self.releases(terrain)), self.friction_zones(terrain))
+        releases = self.releases(terrain)
+        return SiteData(terrain, tuple(releases), self.friction_zones(terrain), self._structures(terrain, releases))
+
+    def _structures(self, terrain: "Terrain", releases: "Sequence[Release]") -> "Structures | None":
+        """The structures for the grid of the site."""
+        if not self.settings.structures:
+            return None
+        return self.structures.on_grid(terrain, releases, spacing_of(self.grid(releases)["cell_size"]))
+
+    @property
+    def structures(self) -> SiteStructures:
+        """What site.yaml says of structures."""
+        return self._sources.structures
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material; sampled parameters replace the stated ones."""
@@ -196,6 +213,7 @@ class Site:
             "material": self.material(sampled),
             **self.friction.arguments(sampled),
             "friction_zones": data.friction_zones,
+            **({"structures": data.structures} if data.structures else {}),
             "cell_size": _fixed(grid["cell_size"]),
             "particles_per_cell": count,
             "end_time": stated.end_time,
@@ -256,14 +274,14 @@ class Site:
         return SiteObservations(self.settings.observations, self.folder)
 
     def observation_checksums(self) -> list[tuple[str, str]]:
-        """Names and checksums of the files of the observations.
+        """Names and checksums of the files of the observations, and of the areas behind dams.
 
         Raises
         ------
         InputError, StorageError
             If one cannot be read or downloaded.
         """
-        return [(path.name, self._checksum(path)) for path in self.observed.paths()]
+        return [(path.name, self._checksum(path)) for path in (*self.observed.paths(), *self.structures.protected())]
 
     def checksums(self) -> list[str]:
         """Checksums of the contents of :meth:`inputs`.
@@ -308,6 +326,9 @@ class Site:
             content["material"]["source"] = law.source
         if self.friction.law.source:
             content["basal_friction"]["source"] = self.friction.law.source
+        for structure in content.get("structures", ()):
+            for key in COMPUTED_WITHOUT:
+                structure.pop(key, None)
         place = content["simulation"]
         del place["device"]
         place.pop("threads", None)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from runout.config.fetch import locate
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.config.site_friction import SiteFriction
+from runout.config.site_structures import SiteStructures
 from runout.io.side_files import files_of
 
 if TYPE_CHECKING:
@@ -141,7 +142,12 @@ class SiteFiles:
         stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
         stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
         stated += (self.settings.terrain.friction_rasters or {}).values()
-        return self._paths(stated)
+        return self._paths([*stated, *self.structures.paths()])
+
+    @property
+    def structures(self) -> SiteStructures:
+        """What site.yaml says of structures."""
+        return SiteStructures(self.settings.structures or (), self.file.parent)
 
     def _paths(self, sources: Iterable[Any]) -> list[Path]:
         return [path for source in sources for path in _files(self._located(source))]

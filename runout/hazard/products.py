@@ -1,4 +1,4 @@
-"""The products of an ensemble: hazard.nc, members.nc, maps/*.tif with styles, outlines.gpkg and run.json."""
+"""The products of an ensemble: hazard.nc, members.nc, maps/*.tif with styles, structures.nc, outlines.gpkg and run.json."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,6 +16,7 @@ from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import observed_layers, scored
 from runout.hazard.outline_style import outline_styles
 from runout.hazard.sampling import Estimator
+from runout.hazard.structure_products import StructureProducts, write_structures
 from runout.io import netcdf
 from runout.io.acdd import study_attributes
 from runout.io.atomic import write_json
@@ -91,12 +92,15 @@ def write_products(
     if observed is not None:
         origin["observations"] = _score(observed, site, ensemble, terrain, releases, results, hazard)
         origin["changes"] = [*origin["changes"], *observed.changes]
+    built = write_structures(site, ensemble, terrain, attributes, results)
+    origin["changes"] = [*origin["changes"], *built.changes]
     outdated = _earlier_products(results)
     paths = [
         netcdf.write(hazard, results / "hazard.nc"),
         results / "members.nc",
         *write_maps(hazard, results / "maps"),
-        _write_outlines(hazard, ensemble, site, terrain, releases, observed, results / "outlines.gpkg"),
+        *built.paths,
+        _write_outlines(hazard, ensemble, site, terrain, releases, observed, built, results / "outlines.gpkg"),
     ]
     paths.append(_write_origin(origin, paths, results))
     for path in outdated - set(paths):
@@ -186,6 +190,7 @@ def _write_outlines(
     terrain: Terrain,
     releases: Sequence[Release],
     observed: Observations | None,
+    built: StructureProducts,
     path: Path,
 ) -> Path:
     attributes = {"thickness_threshold_m": float(hazard["thickness_threshold"].values[0])} | ensemble.counts()
@@ -198,7 +203,7 @@ def _write_outlines(
         zones=site.friction_zones(terrain),
         obstacles=site.obstacles(terrain),
         styles=outline_styles(),
-        further=observed_layers(observed) if observed else {},
+        further={**(observed_layers(observed) if observed else {}), **built.layers},
     )
 
 
@@ -207,7 +212,7 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     origin = provenance(
         name=site.name,
         folder=site.folder,
-        inputs=[*site.inputs(), *site.observed.paths()],
+        inputs=[*site.inputs(), *site.observed.paths(), *_protected(site)],
         configuration=site.resolved(),
         seed=settings.ensemble.seed,
         device=settings.simulation.device,
@@ -219,6 +224,11 @@ def _origin(site: "Site", ensemble: Ensemble, terrain: Terrain, releases: Sequen
     origin |= {"metadata": stated} if stated else {}
     state |= {"growth": ensemble.growth} if ensemble.growth else {}
     return origin | {"changes": changes, "ensemble": state | {"statement": ensemble.statement()}}
+
+
+def _protected(site: "Site") -> list[Path]:
+    """Files of the areas behind dams."""
+    return site.structures.protected() if getattr(site.settings, "structures", None) else []
 
 
 def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> dict[str, Any]:

@@ -100,8 +100,12 @@ class PolygonLayer:
         return f"{asked} numeric attributes: {self.numeric_attributes()}"
 
 
-def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: str = "release") -> PolygonLayer:
+def read_polygons(
+    path: Path, terrain: Terrain, layer: str | None = None, what: str = "release", faults: list[str] | None = None
+) -> PolygonLayer:
     """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages.
+
+    A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out.
 
     Raises
     ------
@@ -115,8 +119,13 @@ def read_polygons(path: Path, terrain: Terrain, layer: str | None = None, what: 
     frame, changes = polygons_on_terrain(path, frame, driver, terrain)
     geometry = frame.geometry.force_2d().to_numpy()
     _require_polygons(path, geometry, what)
-    _require_valid(path, geometry)
-    return PolygonLayer(path, geometry, frame.drop(columns=frame.geometry.name), changes)
+    attributes, crossed = frame.drop(columns=frame.geometry.name), _crossed(path, geometry)
+    if crossed and faults is None:
+        raise ReleaseError(next(iter(crossed.values())))
+    if faults is not None:
+        faults += crossed.values()
+    sound = np.array([number not in crossed for number in range(len(geometry))])
+    return PolygonLayer(path, geometry[sound], attributes[sound], changes)
 
 
 def read_frame(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
@@ -152,16 +161,19 @@ def _require_polygons(path: Path, geometry: np.ndarray, what: str) -> None:
         raise ReleaseError(f"{path}: holds {' and '.join(other)}; a {what} needs polygons around it")
 
 
-def _require_valid(path: Path, geometry: np.ndarray) -> None:
+def _crossed(path: Path, geometry: np.ndarray) -> dict[int, str]:
+    """Messages on the polygons that are not valid, by their rows."""
     import shapely
 
-    for number in np.flatnonzero(~shapely.is_valid(geometry)):
+    found = {}
+    for number in np.flatnonzero(~shapely.is_valid(geometry)).tolist():
         reason, _, place = shapely.is_valid_reason(geometry[number]).rstrip("]").partition("[")
         at = f" at easting {place.split()[0]}, northing {place.split()[1]}" if len(place.split()) >= 2 else ""
-        raise ReleaseError(
+        found[number] = (
             f"{path}: polygon {number + 1} is not valid, {reason.strip().lower()}{at}; mend it in the GIS (QGIS: Fix geometries) "
             f"or with `ogr2ogr -makevalid mended.gpkg {path}` and look at the outcome, which can lose or gain area"
         )
+    return found
 
 
 def without_overlap(

@@ -10,7 +10,9 @@ from runout.report.maps import STYLES
 from runout.report.members import representative
 from runout.report.picture import MapPictures, png
 from runout.report.scores import counts_in_words, range_table, score_tables
+from runout.report.structures import structure_section
 from runout.report.study import Study, read_study
+from runout.report.wording import MINUS
 
 REPORT = "report.html"
 TEMPLATE = "report.html.jinja"
@@ -55,6 +57,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "further": [_printed(sheet, pictures) for sheet in further],
         "legend": _legend(study),
         "observed": _observed(study, pictures),
+        "structures": _structures(study),
         "location": embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study.convergence),
@@ -69,13 +72,21 @@ def page(site: Any, study: Study) -> dict[str, Any]:
 def _legend(study: Study) -> str:
     """Sentence that explains the lines on the maps."""
     lines = ["a red line is the outline of a release"]
-    if study.basemap.obstacles:
+    if any(mark.label[:1] in f"+{MINUS}" for mark in study.basemap.obstacles):
         lines.append("hatched areas are obstacles, with what they add to the ground")
+    if study.loads:
+        lines.append("hatched areas with a name are structures")
     if study.basemap.observed:
         lines.append("blue is what was observed: outline, gauges (triangles) and thalweg (dotted)")
     if study.basemap.zones:
         lines.append("dashed lines are those of friction zones, with their factor or angle of friction")
     return "; ".join(lines).capitalize()
+
+
+def _structures(study: Study) -> dict[str, Any] | None:
+    """Forces on structures; None for a site without any."""
+    section = structure_section(study.loads)
+    return section and {**section, "figure": embedded(png(section["figure"]) if section["figure"] else None)}
 
 
 def _observed(study: Study, pictures: MapPictures) -> dict[str, Any] | None:

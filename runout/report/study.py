@@ -12,7 +12,8 @@ from runout.errors import InputError, StorageError
 from runout.report.error_bars import require_error_bars
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
-from runout.report.members import Ledger, Reach, member_figures
+from runout.report.members import Ledger, Reach, member_figures, representative
+from runout.report.structures import Loads, read_loads
 from runout.report.wording import MINUS, number
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ class Study:
         Provenance, ``run.json``.
     convergence : dict or None
         Numerical error of the maps, ``convergence.json``; None if it was not computed.
+    loads : Loads or None
+        Forces on structures, ``structures.nc``; None without structures.
     """
 
     hazard: "xr.Dataset"
@@ -48,6 +51,7 @@ class Study:
     basemap: Basemap
     run: dict[str, Any]
     convergence: Mapping[str, Any] | None = None
+    loads: Loads | None = None
 
     @property
     def valid(self) -> "pd.DataFrame":
@@ -75,18 +79,23 @@ def read_study(results: Path) -> Study:
         hazard["y"].values,
         hazard["elevation"].values,
         [feature["geometry"] for feature in features(drawn, "release")],
-        [Mark(feature["geometry"], obstacle_label(feature)) for feature in features(drawn, "obstacles")],
+        [
+            *(Mark(feature["geometry"], obstacle_label(feature)) for feature in features(drawn, "obstacles")),
+            *(Mark(feature["geometry"], feature["name"]) for feature in features(drawn, "structures")),
+        ],
         [Mark(feature["geometry"], zone_label(feature)) for feature in features(drawn, "friction_zones")],
         [Mark(feature["geometry"], feature.get("label", "")) for name in OBSERVED for feature in features(drawn, name)],
     )
-    error = Path(results) / "convergence.json"
+    error, every = Path(results) / "convergence.json", table.join(figures)
+    valid = every[every["status"] == "valid"]
     return Study(
         hazard,
-        table.join(figures),
+        every,
         ledgers,
         basemap,
         _provenance(_required(results, "run.json")),
         require_error_bars(_provenance(error, "verify --convergence"), error) if error.is_file() else None,
+        read_loads(Path(results) / "structures.nc", representative(valid)) if len(valid) else None,
     )
 
 

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.errors import ConfigError, InputError, MaterialError, RunoutError
+from runout.errors import ConfigError, InputError, MaterialError, RunoutError, StructureError
 from runout.workflow import check_physics, check_stiffness
 
 if TYPE_CHECKING:
     from runout.config.observations import ObservationSettings
     from runout.config.site import Site
+    from runout.config.structures import StructureSettings
     from runout.model.depth_resolution import DepthResolution
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
@@ -40,7 +41,7 @@ class Findings:
 
     def note(self, error: RunoutError) -> None:
         """Add an error, or each of the problems that it lists."""
-        listed = error.problems if isinstance(error, ConfigError) else []
+        listed = error.problems if isinstance(error, ConfigError | StructureError) else []
         self.problems += map(str, listed) if listed else [str(error)]
 
 
@@ -70,6 +71,7 @@ def inspect(checked: "Path | Site") -> Findings:
     _read_zones(found, readable, found.terrain)
     _read_observations(found, readable, found.terrain)
     _inspect_overlaps(found, found.terrain)
+    _inspect_structures(found, readable, found.terrain)
     if found.site is not None:
         _inspect_obstacles(found, found.site, found.terrain)
         try:
@@ -97,6 +99,7 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
     releases = enumerate(stated["release"] if "release" not in wrong else [])
     right = [values for i, values in releases if not any(key.startswith(f"release[{i}]") for key in wrong)]
     settings = SiteSettings.model_construct(
+        structures=_readable_structures(stated.get("structures"), wrong),
         terrain=TerrainSettings.model_validate(stated["terrain"]),
         release=[ReleaseSettings.model_validate(values) for values in right],
         observations=_readable_observations(stated.get("observations"), wrong),
@@ -112,6 +115,16 @@ def _readable_observations(stated: Any, wrong: list[str]) -> "ObservationSetting
         return None
     right = {name: values for name, values in stated.items() if not any(key.startswith(f"observations.{name}") for key in wrong)}
     return ObservationSettings.model_validate(right)
+
+
+def _readable_structures(stated: Any, wrong: list[str]) -> "list[StructureSettings] | None":
+    """Structures whose settings are valid."""
+    from runout.config.structures import StructureSettings
+
+    if not isinstance(stated, list) or "structures" in wrong:
+        return None
+    right = [values for i, values in enumerate(stated) if not any(key.startswith(f"structures[{i}]") for key in wrong)]
+    return [StructureSettings.model_validate(values) for values in right]
 
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -180,6 +193,20 @@ def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> Non
                 f"{obstacle.polygons}: the narrowest obstacle is about {width:.3g} m wide, less than two cells of {cell:.4g} m; "
                 "its volume is kept, its crest is lower than stated: use smaller cells, or draw it wider"
             )
+
+
+def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    """Read the structures; on a site whose grid is known, measure their walls too."""
+    from runout.model.limits import spacing_of
+    from runout.structures.read import require_sound
+
+    try:
+        bodies = site.structures.bodies(terrain)
+        found.notes += [f"structures: {change}" for change in bodies.changes]
+        if bodies.solids and found.site is not None and found.releases:
+            require_sound(bodies.solids, terrain, spacing_of(found.site.grid(found.releases)["cell_size"]), found.releases)
+    except InputError as error:
+        found.note(error)
 
 
 def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from runout.workflow.growth import Growth
 
 HEAD = ("name", "title", "description", "metadata")
-FLOW = ("terrain", "release", "material", "basal_friction_angle_deg", "basal_friction", "simulation", "ensemble")
+FLOW = ("terrain", "structures", "release", "material", "basal_friction_angle_deg", "basal_friction", "simulation", "ensemble")
 PLAN = (
     Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
     Stage("release", "read and check the release", ("name", "terrain", "release")),
@@ -91,7 +91,7 @@ class Study:
     @cached_property
     def observations(self) -> list[tuple[str, str]]:
         """Names and checksums of the files of the observations at the first access; maps and scores depend on them."""
-        self._watched_observations = Unchanged(self.site.observed.paths())
+        self._watched_observations = Unchanged([*self.site.observed.paths(), *self.site.structures.protected()])
         return self.site.observation_checksums()
 
     def require_inputs(self) -> None:

@@ -1,0 +1,104 @@
+"""The structures of a site: read as site.yaml states, and made for its grid."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.config.fetch import locate
+from runout.config.structures import StructureSettings
+
+if TYPE_CHECKING:
+    from runout.model.release import Release
+    from runout.model.structures import Structures
+    from runout.model.terrain import Terrain
+    from runout.structures.read import Bodies
+    from runout.structures.source import StructureSource
+
+
+@dataclass(frozen=True)
+class SiteStructures:
+    """What site.yaml says of structures.
+
+    Attributes
+    ----------
+    stated : sequence of StructureSettings
+    folder : Path
+        Of the site; paths are relative to it.
+    """
+
+    stated: Sequence[StructureSettings]
+    folder: Path
+
+    def paths(self) -> list[Any]:
+        """Files of the structures, as site.yaml names them."""
+        return [stated.file for stated in self.stated]
+
+    def protected(self) -> list[Path]:
+        """Files of the areas behind dams. Members do not depend on them."""
+        return [Path(locate(stated.protects, self.folder)) for stated in self.stated if stated.protects]
+
+    def protected_areas(self, terrain: "Terrain") -> "dict[str, np.ndarray]":
+        """Covered area (rows, columns) [m2] of each cell behind each dam, by the name of its structures.
+
+        Raises
+        ------
+        ReleaseError
+            If polygons cannot be used.
+        """
+        import shapely
+
+        from runout.io.polygons import read_polygons
+        from runout.terrain.overlay import on_cells
+
+        found: dict[str, np.ndarray] = {}
+        for stated in (one for one in self.stated if one.protects):
+            parts = read_polygons(Path(locate(stated.protects, self.folder)), terrain, None, "protected area").polygons
+            covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)
+            name = f"{stated.name} {len(found) + 1}" if stated.name in found else stated.name
+            found[name] = covered.T[::-1] * terrain.cell_area
+        return found
+
+    def sources(self) -> "list[StructureSource]":
+        """What is stated of each file."""
+        return [self._source(stated) for stated in self.stated]
+
+    def _source(self, stated: StructureSettings) -> "StructureSource":
+        from runout.structures.source import StructureSource, Top
+
+        given = stated.model_dump(exclude_none=True, exclude={"file", "top", "offset", "protects"})
+        offset = tuple(stated.offset or (0.0, 0.0, 0.0))
+        return StructureSource(Path(locate(stated.file, self.folder)), **given, top=Top(stated.top or "flat"), offset=offset)  # type: ignore[arg-type]
+
+    def bodies(self, terrain: "Terrain") -> "Bodies":
+        """Bodies of all files.
+
+        Raises
+        ------
+        StructureError
+            With all problems of all files.
+        """
+        from runout.structures.read import Bodies, read_bodies
+
+        return read_bodies(self.sources(), terrain) if self.stated else Bodies(())
+
+    def on_grid(
+        self, terrain: "Terrain", releases: "Sequence[Release]", spacing: tuple[float, float, float]
+    ) -> "Structures | None":
+        """Structures for a grid of ``spacing`` [m]; None for a site without any.
+
+        Raises
+        ------
+        StructureError
+            With all problems: of files, placement, thickness of walls, and overlaps with releases.
+        """
+        if not self.stated:
+            return None
+        from runout.structures.build import build_structures
+        from runout.structures.read import require_sound
+
+        solids = self.bodies(terrain).solids
+        require_sound(solids, terrain, spacing, releases)
+        return build_structures(solids, terrain, spacing)

@@ -1,0 +1,103 @@
+"""Structures of site.yaml: buildings, dams, galleries and piers that the flow meets."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import PurePath
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from runout.config.distributions import Settings, limited, quantity, refuse, shape
+from runout.config.quantities import Text, within
+
+MESHES = (".obj", ".ply", ".stl", ".glb")
+OF_FOOTPRINTS, OF_MESHES = ("layer", "height", "base", "top"), ("units", "crs", "offset")
+
+
+Height = Annotated[Text | Annotated[float, within("structure_height"), Tag("<number>")], Discriminator(shape)]
+Clearance = Annotated[Text | Annotated[float, within("structure_clearance"), Tag("<number>")], Discriminator(shape)]
+Elevation = Annotated[Text | Annotated[float, within("elevation"), Tag("<number>")], Discriminator(shape)]
+Position = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
+
+
+def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Conflicts between keys of a structure: key, what is wrong, remedy."""
+    file = given.get("file")
+    if not isinstance(file, str) or not file:
+        return
+    is_mesh = PurePath(file).suffix.lower() in MESHES
+    kind = "a mesh" if is_mesh else "footprints"
+    for key in OF_FOOTPRINTS if is_mesh else OF_MESHES:
+        if key in given:
+            yield key, f"has no meaning with {kind} ({file})", "remove it"
+    if is_mesh and "units" not in given:
+        yield "units", "required key is missing for a mesh", "add units: m, cm, mm or ft"
+    if is_mesh and isinstance(given.get("clearance"), str):
+        yield "clearance", f"{given['clearance']!r} is no number, and a mesh has no attributes", "give a number in m"
+
+
+class StructureSettings(Settings):
+    """Structures of one file: footprints with a height, or meshes."""
+
+    file: str = quantity(
+        "footprints (GeoPackage, Shapefile, GeoJSON) or a closed mesh (OBJ, PLY, STL, GLB), relative to this folder",
+        min_length=1,
+        examples=["inputs/buildings.gpkg"],
+    )
+    layer: str | None = quantity("layer of the GeoPackage; not needed when it has one only", None, examples=["buildings"])
+    name: str = quantity("name of structures without an attribute name", "structure", min_length=1)
+    height: Height | None = quantity(
+        "height of the top above the mean ground under a footprint; a number or the attribute that holds it, by default `height`",
+        None,
+        unit="m",
+        examples=[8.0],
+    )
+    base: Elevation | None = quantity(
+        "elevation that heights count from instead of the ground; a number or an attribute, by default `base` if there is one",
+        None,
+        unit="m",
+        examples=[1204.5],
+    )
+    clearance: Clearance | None = quantity(
+        "height of the underside above the ground, for galleries and bridges; a number or an attribute, by default `clearance` if "
+        "there is one; a mesh that states it may hang above the ground",
+        None,
+        unit="m",
+        examples=[5.0],
+    )
+    top: Literal["flat", "along_ground"] | None = quantity(
+        "flat (default), or along_ground: the top follows the ground, as that of a dam down a slope",
+        None,
+        examples=["along_ground"],
+    )
+    friction_angle_deg: float = limited(
+        "basal_friction_angle", "friction angle of the surfaces; an attribute `friction_deg` replaces it", 20.0
+    )
+    units: Literal["m", "cm", "mm", "ft"] | None = quantity("units of a mesh: m, cm, mm or ft", None, examples=["m"])
+    crs: str | None = quantity(
+        "coordinate system of a mesh, by default that of the terrain", None, hint="for example EPSG:32632", examples=["EPSG:32632"]
+    )
+    offset: Position | None = quantity(
+        "added to the coordinates of a mesh, [easting, northing, elevation]", None, unit="m", examples=[[500000, 5000000, 0]]
+    )
+    protects: str | None = quantity(
+        "polygons of the area behind a dam: the volume that lies there at the end is reported as overtopping",
+        None,
+        min_length=1,
+        examples=["inputs/behind_dam.gpkg"],
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> "StructureSettings":
+        for key, message, fix in structure_conflicts(self.model_dump(exclude_none=True)):
+            raise refuse(message, fix, key)
+        return self
+
+
+STRUCTURES = quantity(
+    "list of buildings, dams, galleries and piers that the flow meets: footprints with a height, or meshes; forces are reported",
+    None,
+    min_length=1,
+    examples=[[{"file": "inputs/buildings.gpkg", "height": 8.0}]],
+)
+FILE_KEYS = ("file", "protects")
+COMPUTED_WITHOUT = ("protects",)  # keys that change no member

@@ -1,0 +1,126 @@
+"""Forces on structures in the report: tables by facade and by dam, and force against time."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.report.maps import NORMAL, SMALL, WIDE
+from runout.report.wording import number, percent, volume
+from runout.structure_series import AXES, SERIES
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MOST_LINES = 8  # structures of the figure
+KILO = 1e3
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Forces on structures: the content of ``structures.nc``, with the series of one member.
+
+    Attributes
+    ----------
+    over : xarray.Dataset
+        Maxima and what follows from them over the members.
+    series : xarray.Dataset
+        Forces (record, facade) of the member ``chosen`` against ``record_time``.
+    chosen : int
+        Its number.
+    """
+
+    over: "xr.Dataset"
+    series: "xr.Dataset"
+    chosen: int
+
+
+def read_loads(path: Path, chosen: int) -> Loads | None:
+    """The forces in a results folder; None without structures."""
+    import xarray as xr
+
+    from runout.io import netcdf
+
+    if not path.is_file():
+        return None
+    with netcdf.reading(path), xr.open_dataset(path, engine="netcdf4", decode_timedelta=False) as file:
+        stacks = ["record_time", *SERIES]
+        series = file[[*stacks, "structure_name"]].sel(realization=chosen).load()
+        return Loads(file.drop_vars(stacks).load(), series.isel(record=np.isfinite(series["record_time"].values)), chosen)
+
+
+def structure_section(loads: Loads | None) -> dict[str, Any] | None:
+    """Content of the section; None without structures."""
+    if loads is None:
+        return None
+    over = loads.over
+    reached = np.flatnonzero(over["max_facade_force"].max("realization").values > 0)
+    return {
+        "headings": _headings(over),
+        "rows": [_row(over.isel(facade=k)) for k in reached],
+        "untouched": over.sizes["facade"] - len(reached),
+        "dams": _dams(over),
+        "chosen": loads.chosen,
+        "figure": force_figure(loads) if len(reached) else None,
+    }
+
+
+def _headings(over: "xr.Dataset") -> list[tuple[str, str]]:
+    """Heading and unit of each column."""
+    middle = [(f"Force, {p:g} %", "kN") for p in over["percentile"].values]
+    chance = [(f"P(pressure ≥ {number(t / KILO)})", "kPa") for t in over["pressure_threshold"].values]
+    largest = [("Force, largest", "kN"), ("at", "s"), ("Moment", "kN m"), ("Pressure, mean", "kPa"), ("95 % of area", "kPa")]
+    return [("Structure", ""), ("Facade", ""), ("Area", "m²"), *middle, *largest, *chance]
+
+
+def _row(facade: "xr.Dataset") -> list[str]:
+    """Cells of a facade."""
+    force = facade["max_facade_force"].fillna(-1.0).values
+    when = float(facade["time_of_max_facade_force"].values[force.argmax()])
+    largest = [float(facade[f"max_facade_{name}"].max()) / KILO for name in ("moment", "pressure", "high_pressure")]
+    return [
+        str(facade["structure_name"].values),
+        str(facade["facade_name"].values),
+        number(float(facade["facade_area"])),
+        *(number(float(v) / KILO) for v in facade["facade_force_percentile"].values),
+        number(float(force.max()) / KILO),
+        number(when),
+        *map(number, largest),
+        *(percent(float(p)) for p in facade["facade_pressure_exceedance_probability"].values),
+    ]
+
+
+def _dams(over: "xr.Dataset") -> list[tuple[str, str]]:
+    """Sentence on the volume behind each dam."""
+    if "protected_area" not in over:
+        return []
+    found = []
+    for k, name in enumerate(over["protected_area"].values):
+        volumes = over["overtopping_volume_percentile"].values[:, k]
+        parts = [f"{p:g} %: {volume(float(v))}" for p, v in zip(over["percentile"].values, volumes, strict=True)]
+        largest = volume(float(over["overtopping_volume"].values[:, k].max()))
+        chance = percent(float(over["overtopping_probability"].values[k]))
+        found.append((str(name), f"probability {chance}; volume behind it at the end by percentile, {', '.join(parts)}; most {largest}"))
+    return found
+
+
+def force_figure(loads: Loads) -> Any:
+    """Figure of the force on each structure, all its facades together, against time: the member of the series."""
+    from matplotlib.figure import Figure
+
+    from runout.report.figures import tidy
+
+    owners = loads.series["structure_name"].values.astype(str)
+    forces = np.stack([loads.series[f"facade_force_{axis}"].values for axis in AXES], axis=-1)
+    sums = {name: np.linalg.norm(forces[:, owners == name].sum(1), axis=1) for name in dict.fromkeys(owners)}
+    largest = sorted(sums, key=lambda name: -float(np.nanmax(sums[name])))[:MOST_LINES]
+    figure = Figure(figsize=(WIDE, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for name in largest:
+        axes.plot(loads.series["record_time"].values, sums[name] / KILO, linewidth=1.3, label=name)
+    axes.set(xlim=(0, None), ylim=(0, None))
+    axes.set_ylabel("force [kN]", fontsize=NORMAL)
+    axes.legend(fontsize=SMALL, frameon=False)
+    tidy(axes)
+    return figure

@@ -1,0 +1,135 @@
+"""The signed distance field and the patches of structures for the grid of a run."""
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from runout.errors import CapacityError
+from runout.model.structures import CELLS, Patches, StructureField, Structures
+from runout.model.terrain import Terrain
+from runout.structures.lattice_distance import NODES, mark_inside, nearest_in_blocks
+from runout.structures.pieces import BESIDE, Pieces, cut_pieces, joined_patches
+from runout.structures.solid import Solid, as_arrays, discs_around, normals_and_areas
+from runout.structures.store import STRUCTURES, structures_key
+
+BAND = 3.0  # spacings of the grid that the distance is known for, outside and inside
+PER_CELL = 2  # cells of the lattice in one of the grid
+GROUP = 4  # blocks along an edge of a group that shares a list of triangles
+MOST_BLOCKS = 250_000_000  # of the table of blocks, 1 GB
+
+
+def build_structures(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float]) -> Structures | None:
+    """Structures for a grid of ``spacing`` [m]; None without bodies.
+
+    The lattice has half the smallest spacing; one of its nodes lies at local position 0. The distance is exact at its nodes, that
+    to the surface of the union of the bodies: walls between bodies that touch are none. Patches are what is above the ground. The
+    last few that were made are kept (:mod:`runout.structures.store`).
+
+    Raises
+    ------
+    CapacityError
+        If structures lie so far apart that the table of blocks does not fit into memory.
+    """
+    if not solids:
+        return None
+    return STRUCTURES.get(structures_key(solids, terrain, spacing), lambda: _made(solids, terrain, spacing))
+
+
+def _made(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float, float]) -> Structures:
+    lattice, band = min(spacing) / PER_CELL, BAND * max(spacing)
+    pieces, surface = cut_pieces(solids, terrain, min(spacing))
+    patches = joined_patches(pieces, spacing, np.array([s.friction for s in solids]))
+    first, blocks = _blocks_near(pieces, lattice, band)
+    low = (first + blocks) * (CELLS * lattice)
+    distance, nearest, foot = _nearest(low, lattice, blocks, surface)
+    near = (distance < band).any((1, 2, 3))
+    low, blocks, distance = low[near], blocks[near], distance[near]
+    normals = normals_and_areas(surface)[0][nearest[near]]
+    patch = _nearest_patches(foot[near], normals, patches, max(spacing))
+    inside = _inside(low, lattice, solids, distance, BESIDE * min(spacing))
+    table = np.full(blocks.max(0) + 1, -1, np.int32)
+    table[tuple(blocks.T)] = np.arange(len(blocks))
+    signed = np.where(inside, -distance, distance).astype(np.float32)
+    origin = tuple(float(x) for x in first * (CELLS * lattice))
+    found = StructureField(lattice, origin, table, signed, patch, band, patches)  # type: ignore[arg-type]
+    return _named(solids, found)
+
+
+def _named(solids: Sequence[Solid], field: StructureField) -> Structures:
+    """Names of structures and facades; facades without a patch, those in the ground, are left out."""
+    owner = np.repeat(np.arange(len(solids)), [len(s.facades) for s in solids])
+    names = [name for solid in solids for name in solid.facades]
+    kept, row = np.unique(field.patches.facade, return_inverse=True)
+    renumbered = replace(field, patches=replace(field.patches, facade=row.ravel()))
+    return Structures(tuple(s.name for s in solids), tuple(names[k] for k in kept), owner[kept], renumbered)
+
+
+def _blocks_near(pieces: Pieces, lattice: float, band: float) -> tuple[np.ndarray, np.ndarray]:
+    """First block of the lattice (3,), and coordinates (n, 3) from there of the blocks that may lie within the band, in groups."""
+    edge, discs = CELLS * lattice, discs_around(pieces.corners)
+    reach = discs[:, 3:4] + band
+    low, high = (np.floor((discs[:, :3] + sign * reach) / edge).astype(np.int64) for sign in (-1, 1))
+    first = low.min(0)
+    count = high.max(0) - first + 1
+    if math.prod(count.tolist()) > MOST_BLOCKS:
+        span = " x ".join(f"{n * edge:.4g}" for n in count)
+        raise CapacityError(
+            f"structures: they span {span} m, which is {math.prod(count.tolist()):.3g} blocks of {edge:.3g} m; "
+            "leave out structures that the flow cannot reach, or use larger cells"
+        )
+    keys = np.unique(np.ravel_multi_index(tuple((low - first).T), count))  # type: ignore[call-overload]
+    steps = (high - low).max(0) + 1
+    for step in np.ndindex(*steps.tolist()):
+        at = low + np.array(step)
+        fits = (at <= high).all(1)
+        keys = np.union1d(keys, np.ravel_multi_index(tuple((at[fits] - first).T), count))  # type: ignore[call-overload]
+    blocks = np.stack(np.unravel_index(keys, count), axis=1)
+    away, _ = cKDTree(discs[:, :3]).query((first + blocks + 0.5) * edge)
+    blocks = blocks[away <= band + discs[:, 3].max() + 0.5 * edge * math.sqrt(3.0)]
+    return first, blocks[np.lexsort((blocks // GROUP).T)]
+
+
+def _nearest(
+    low: np.ndarray, lattice: float, blocks: np.ndarray, corners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance [m] to the nearest triangle, its row, and its nearest point at the nodes of blocks (n, 9, 9, 9)."""
+    nodes = len(low), *(NODES,) * 3
+    distance, index, foot = np.empty(nodes), np.empty(nodes, np.int32), np.empty((*nodes, 3))
+    change = np.flatnonzero((np.diff(blocks // GROUP, axis=0) != 0).any(1)) + 1
+    groups = np.stack([np.concatenate([[0], change]), np.concatenate([change, [len(low)]])], axis=1)
+    discs = discs_around(corners)
+    _in_threads(lambda part: nearest_in_blocks(part, low, lattice, corners, discs, distance, index, foot), groups)
+    return distance, index, foot
+
+
+def _nearest_patches(foot: np.ndarray, normal: np.ndarray, patches: Patches, length: float) -> np.ndarray:
+    """Patch nearest to points on the surface among those that face the same way: a turn counts as much as ``length`` [m]."""
+    faced = cKDTree(np.concatenate([patches.centre, length * patches.normal], axis=1))
+    points = np.concatenate([foot, length * normal], axis=-1)
+    return faced.query(points.reshape(-1, 6), workers=-1)[1].reshape(points.shape[:-1]).astype(np.int32)  # type: ignore[no-any-return]
+
+
+def _inside(low: np.ndarray, lattice: float, solids: Sequence[Solid], distance: np.ndarray, gap: float) -> np.ndarray:
+    """Whether the nodes of blocks lie in a body, or in a ``gap`` [m] between bodies (n, 9, 9, 9)."""
+    inside, high = np.zeros(distance.shape, bool), low + CELLS * lattice
+    for solid in solids:
+        body = as_arrays(solid, gap)
+        rows = np.flatnonzero((high >= body[-1][0]).all(1) & (low <= body[-1][1]).all(1))
+        _in_threads(lambda part, body=body: mark_inside(part, low, lattice, body, distance, gap, inside), rows)  # type: ignore[misc]
+    return inside
+
+
+def _in_threads(work: Callable[[np.ndarray], None], rows: np.ndarray) -> None:
+    """Call a kernel for parts of some rows in threads; each part writes to places of its own."""
+    count = min(len(rows), os.process_cpu_count() if hasattr(os, "process_cpu_count") else len(os.sched_getaffinity(0)))
+    if count <= 1:
+        if len(rows):
+            work(rows)
+        return
+    with ThreadPoolExecutor(count) as threads:
+        list(threads.map(work, (rows[k::count] for k in range(count))))

@@ -1,0 +1,184 @@
+"""Bodies from footprints: polygons of a vector file, extruded from below the ground to their height."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from runout.errors import InputError
+from runout.io.polygons import PolygonLayer, read_polygons
+from runout.model.limits import checked
+from runout.model.terrain import Terrain
+from runout.structures.facades import numbered, walls_of
+from runout.structures.ground import GroundUnder, elevation_at, ground_under
+from runout.structures.solid import Solid
+from runout.structures.source import Read, StructureSource, Top
+
+BELOW = 2.0  # how far a body reaches below the lowest ground under it, in cells of the raster
+FRICTION = "friction_deg"
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """What a feature states: name, height, base, clearance [m], Coulomb coefficient, and its place for messages."""
+
+    name: str
+    height: float
+    base: float | None
+    clearance: float | None
+    friction: float
+    place: str
+
+
+def read_footprints(source: StructureSource, terrain: Terrain) -> Read:
+    """Bodies of the polygons of a vector file, problems, and changes."""
+    problems: list[str] = []
+    try:
+        layer = read_polygons(source.path, terrain, source.layer, "structure", faults=problems)
+    except InputError as error:
+        return Read((), (str(error),), ())
+    solids = []
+    for row, number in enumerate(layer.attributes.index + 1):
+        place = f"{source.path}: feature {number}"
+        found: list[str] = []
+        stated = _stated(source, layer, row, place, found)
+        if stated is not None and not found:
+            found += _impossible(stated)
+        if stated is not None and not found:
+            shape = _local(layer.polygons[row], terrain)
+            ground = ground_under(shape, terrain)
+            found += _off_the_ground(ground, layer.polygons[row], terrain, place)
+            if not found:
+                solids.append(_extruded(shape, stated, source.top, ground, terrain))
+        problems += found
+    return Read(tuple(solids), tuple(problems), layer.changes)
+
+
+def _local(polygon: Any, terrain: Terrain) -> Any:
+    import shapely
+
+    return shapely.transform(polygon, terrain.frame.to_local)
+
+
+def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, problems: list[str]) -> _Stated | None:
+    """What a feature states, or None and what is wrong with it."""
+    columns = layer.attributes.columns
+    values: dict[str, float | None] = {}
+    wanted: dict[str, tuple[float | str | None, str]] = {
+        "height": ("height" if source.height is None else source.height, "structure_height"),
+        "base": (source.base if source.base is not None else "base" if "base" in columns else None, "elevation"),
+        "clearance": (
+            source.clearance if source.clearance is not None else "clearance" if "clearance" in columns else None,
+            "structure_clearance",
+        ),
+        "friction": (FRICTION if FRICTION in columns else source.friction_angle_deg, "basal_friction_angle"),
+    }
+    for key, (given, quantity) in wanted.items():
+        try:
+            values[key] = _value(layer, row, given, quantity, place)
+        except InputError as error:
+            problems.append(str(error))
+    if problems:
+        return None
+    name = str(layer.attributes["name"].iloc[row]) if "name" in columns and layer.attributes["name"].iloc[row] else source.name
+    height, friction = values["height"], values["friction"]
+    if height is None or friction is None:
+        what = "height" if height is None else "friction angle"
+        problems.append(f"{place}: its {what} is empty; every structure needs one")
+        return None
+    return _Stated(name, height, values["base"], values["clearance"], math.tan(math.radians(friction)), place)
+
+
+def _value(layer: PolygonLayer, row: int, given: float | str | None, quantity: str, place: str) -> float | None:
+    """A number that is stated, or that of an attribute of a feature; None where it is empty."""
+    import pandas
+
+    key = quantity
+    if isinstance(given, str):
+        if given not in layer.attributes:
+            raise InputError(
+                f"{place}: no attribute {given!r} for the {quantity.replace('_', ' ')}; numeric attributes: "
+                f"{layer.numeric_attributes()}; name one of them, or a number"
+            )
+        key, given = f"attribute {given!r}", layer.attributes[given].iloc[row]
+        if given is None or (not isinstance(given, str) and pandas.isna(given)):
+            return None
+        given = given.item() if hasattr(given, "item") else given
+    return None if given is None else checked(quantity, given, place=place, key=key, error=InputError)
+
+
+def _impossible(stated: _Stated) -> Iterator[str]:
+    if stated.clearance is not None and stated.clearance >= stated.height:
+        yield (
+            f"{stated.place}: clearance is {stated.clearance:g} m and height {stated.height:g} m, both above the ground; "
+            "a structure needs a clearance less than its height"
+        )
+
+
+def _off_the_ground(ground: GroundUnder, polygon: Any, terrain: Terrain, place: str) -> Iterator[str]:
+    if not math.isnan(ground.lowest):
+        return
+    x, y = polygon.representative_point().coords[0]
+    yield (
+        f"{place}: the structure at easting {x:.1f}, northing {y:.1f} lies beyond the terrain {terrain.source} or where "
+        "that has no elevation; move it, use a larger DEM, or remove it"
+    )
+
+
+def _extruded(shape: Any, stated: _Stated, top: Top, ground: GroundUnder, terrain: Terrain) -> Solid:
+    """A body from its footprint in local positions."""
+    import shapely
+
+    level = ground.mean if stated.base is None else stated.base
+    step = min(terrain.cell_size)
+    along_ground = top is Top.ALONG_GROUND and stated.base is None
+    if along_ground:
+        shape = shapely.segmentize(shape, step)
+    points, walls, caps, names = _outline(shape)
+    base = elevation_at(terrain, points) if along_ground else np.full(len(points), level)
+    hangs = stated.clearance is not None and stated.clearance > 0
+    if hangs or (stated.base is not None and stated.base > ground.highest):  # the latter floats, unless a clearance is stated
+        bottom = base + (stated.clearance or 0.0)
+    else:
+        bottom = np.full(len(points), min(ground.lowest, level) - BELOW * step)
+    n = len(points)
+    vertices = np.concatenate([np.column_stack([points, bottom]), np.column_stack([points, base + stated.height])])
+    a, b, wall = walls.T
+    faces = np.concatenate([np.column_stack([a, b, b + n]), np.column_stack([a, b + n, a + n]), caps + n, caps[:, ::-1]])
+    facade = np.concatenate([wall, wall, np.full(len(caps), len(names)), np.full(len(caps), len(names) + 1)])
+    clearance = stated.clearance if hangs else None
+    facades = tuple(numbered([*names, "top", "underside"]))
+    return Solid(stated.name, vertices, faces, facade, facades, stated.friction, stated.place, clearance)
+
+
+def _outline(shape: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
+    """Points (n, 2) of a polygon or multipolygon; from, to and wall (n, 3) of its sides; triangles (m, 3) in it; names of walls."""
+    import shapely
+
+    points, sides, count = [], [], 0
+    names: list[str] = []
+    for part in shapely.get_parts(shapely.orient_polygons(shapely.normalize(shape))):
+        for number, ring in enumerate([part.exterior, *part.interiors]):
+            xy = shapely.get_coordinates(ring)[:-1]
+            wall, named = walls_of(xy)
+            here = count + np.arange(len(xy))
+            sides.append(np.column_stack([here, np.roll(here, -1), len(names) + wall]))
+            names += [f"inner {name}" for name in named] if number else named
+            points.append(xy)
+            count += len(xy)
+    joined = np.concatenate(points)
+    return joined, np.concatenate(sides), _triangles(shape, joined), names
+
+
+def _triangles(shape: Any, points: np.ndarray) -> np.ndarray:
+    """Rows of the points (m, 3) of triangles that fill a polygon, counterclockwise."""
+    import shapely
+    from scipy.spatial import cKDTree
+
+    parts = shapely.get_parts(shapely.orient_polygons(shapely.constrained_delaunay_triangles(shape)))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    return cKDTree(points).query(corners)[1]  # type: ignore[no-any-return]
+
+

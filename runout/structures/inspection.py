@@ -1,0 +1,153 @@
+"""What is wrong with structures on a terrain, for a grid: floating, buried, thinner than two cells, in a release."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from runout.model.release import Release
+from runout.model.terrain import Terrain
+from runout.structures.ground import elevation_at
+from runout.structures.pieces import bisected
+from runout.structures.solid import Solid, normals_and_areas
+
+FEWEST_CELLS = 2.0  # of the grid through a wall
+OPPOSITE = -0.8  # cosine of the angle between the two sides of a wall
+ON_EDGE = 1e-6  # of a triangle, beyond which a line misses it
+ROUNDING = 1e-6  # relative, of the thickness
+APART = 0.25  # cells of the grid between a structure and what bears it
+
+
+def placement_problems(solids: Sequence[Solid], terrain: Terrain) -> list[str]:
+    """Structures beyond the terrain, in the air or in the ground."""
+    heights = [_heights(solid, terrain) for solid in solids]
+    tolerance = APART * min(terrain.cell_size)
+    standing = [bool(np.nanmin(h, initial=np.inf) <= tolerance) for h in heights]
+    for _ in solids:  # what stands bears what it touches
+        borne = [s or any(t and a.meets(b, tolerance) for b, t in zip(solids, standing, strict=True)) for a, s in
+                 zip(solids, standing, strict=True)]  # fmt: skip
+        if borne == standing:
+            break
+        standing = borne
+    problems: list[str] = []
+    for solid, height, stands in zip(solids, heights, standing, strict=True):
+        problems += _placed(solid, height, stands, terrain)
+    return problems
+
+
+def _heights(solid: Solid, terrain: Terrain) -> np.ndarray:
+    """Heights above ground [m] of points all over a body, NaN beyond the terrain."""
+    pieces, _ = bisected(solid.corners, max(2 * min(terrain.cell_size), float(np.ptp(solid.box, axis=0).max()) / 64))
+    points = pieces.reshape(-1, 3)
+    return points[:, 2] - elevation_at(terrain, points)  # type: ignore[no-any-return]
+
+
+def _placed(solid: Solid, height: np.ndarray, stands: bool, terrain: Terrain) -> Iterator[str]:
+    at = _map_place(solid.box.mean(0), terrain)
+    if np.isnan(height).any():
+        beyond = "wholly" if np.isnan(height).all() else "partly"
+        where = f"lies {beyond} beyond the terrain {terrain.source} or its known cells, {at}"
+        yield f"{solid.place}: {where}; move it, or use a larger DEM"
+    elif height.max() <= 0:
+        yield f"{solid.place}: is buried, its top lies {-height.max():.3g} m below the ground, {at}; raise it, or remove it"
+    elif solid.clearance is None and not stands:
+        yield f"{solid.place}: floats {height.min():.3g} m above the ground, {at}; lower it, or state clearance if it hangs"
+
+
+def thin_walls(solids: Sequence[Solid], terrain: Terrain, spacing: Sequence[float]) -> list[str]:
+    """Structures with a wall, roof or slab above ground that is thinner than two cells of the grid."""
+    problems = []
+    for solid in solids:
+        thickness, centres, cells = wall_thickness(solid, terrain, spacing)
+        if not (thin := thickness < FEWEST_CELLS * cells * (1 - ROUNDING)).any():
+            continue
+        least = np.argmin(np.where(thin, thickness / cells, np.inf))
+        finer = thickness[least] / FEWEST_CELLS * min(1.0, min(spacing) / cells[least])
+        problems.append(
+            f"{solid.place}: a wall is {thickness[least]:.3g} m thick, less than two cells of {cells[least]:.3g} m, "
+            f"{_map_place(centres[least], terrain)}; material would pass through it: draw it thicker, or set "
+            f"simulation.cell_size to {finer:.2g} or less"
+        )
+    return problems
+
+
+def wall_thickness(solid: Solid, terrain: Terrain, spacing: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Thickness [m] of the walls behind pieces of a body above ground, their centres (n, 3) [m], and the spacing across [m].
+
+    The thickness is the way inwards to a surface that faces the other way; edges of a body that runs out have none (inf).
+    """
+    from scipy.spatial import cKDTree
+
+    pieces, _ = bisected(solid.corners, 2.0 * min(spacing))
+    normals, areas = normals_and_areas(pieces)
+    centres = pieces.mean(1)
+    across = np.linalg.norm(normals * np.asarray(spacing), axis=1)
+    reach = FEWEST_CELLS * max(spacing)
+    radius = np.linalg.norm(pieces - centres[:, None], axis=2).max()
+    pairs = cKDTree(centres).query_pairs(reach + radius, output_type="ndarray")
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    pairs = pairs[(normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(1) < OPPOSITE]
+    way = _way_to(centres[pairs[:, 0]], -normals[pairs[:, 0]], pieces[pairs[:, 1]])
+    thickness = np.full(len(pieces), np.inf)
+    np.minimum.at(thickness, pairs[:, 0], way)
+    seen = (centres[:, 2] > elevation_at(terrain, centres)) & (areas > 0)
+    return thickness[seen], centres[seen], across[seen]
+
+
+def _way_to(start: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Way (n,) along directions to triangles (n, 3, 3); inf where it misses them (Moeller & Trumbore 1997)."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    p = np.cross(direction, second)
+    scale = (first * p).sum(1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = start - corners[:, 0]
+        u = (offset * p).sum(1) / scale
+        q = np.cross(offset, first)
+        v = (direction * q).sum(1) / scale
+        way = (second * q).sum(1) / scale
+        beside = u + v
+    hit = (u >= -ON_EDGE) & (v >= -ON_EDGE) & (beside <= 1 + ON_EDGE) & (way > 0)
+    return np.where(hit, way, np.inf)
+
+
+def release_overlaps(solids: Sequence[Solid], releases: Sequence[Release]) -> list[str]:
+    """Structures in the mass of a release."""
+    return [
+        f"{solid.place}: the structure {solid.name!r} overlaps release {release.name} on {count} cells, "
+        f"{_map_place(solid.box.mean(0), release.terrain)}; move one of them, or cut the release back"
+        for solid in solids
+        for release in releases
+        if (count := _shared_cells(solid, release))
+    ]
+
+
+def _shared_cells(solid: Solid, release: Release) -> int:
+    """Cells whose middle has mass at the height of the body."""
+    terrain = release.terrain
+    rows, columns = np.nonzero(release.thickness > 0)
+    x, y = (columns + 0.5) * terrain.cell_size[0], (terrain.shape[0] - rows - 0.5) * terrain.cell_size[1]
+    low, high = solid.box
+    within = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+    if not within.any():
+        return 0
+    span = vertical_span(solid, np.column_stack([x, y])[within])
+    ground, thickness = (one[rows[within], columns[within]] for one in (terrain.elevation, release.thickness))
+    top = ground + (release.heap[rows[within], columns[within]] if np.any(release.heap) else 0.0)
+    return int(((span[:, 0] < top) & (span[:, 1] > top - thickness)).sum())
+
+
+def vertical_span(solid: Solid, points: np.ndarray) -> np.ndarray:
+    """Lowest and highest elevation (n, 2) [m] of a body over positions (n, 2); inf and -inf where it is not."""
+    span = np.tile([np.inf, -np.inf], (len(points), 1))
+    start = np.column_stack([points, np.full(len(points), solid.box[0, 2] - 1.0)])
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    for corners in solid.corners:
+        way = _way_to(start, up, np.broadcast_to(corners, (len(points), 3, 3)))
+        hit = np.isfinite(way)
+        z = start[hit, 2] + way[hit]
+        span[hit, 0], span[hit, 1] = np.minimum(span[hit, 0], z), np.maximum(span[hit, 1], z)
+    return span
+
+
+def _map_place(point: np.ndarray, terrain: Terrain) -> str:
+    x, y = terrain.frame.to_map(point)[:2]
+    return f"at easting {x:.1f}, northing {y:.1f}"

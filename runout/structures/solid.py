@@ -1,0 +1,98 @@
+"""A structure as a closed body with named facades."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from runout.errors import StructureError
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed body of triangles, counterclockwise seen from outside.
+
+    Attributes
+    ----------
+    name : str
+        Of the structure.
+    vertices : ndarray (v, 3)
+        Local positions [m], float64; z is the elevation.
+    faces : ndarray (f, 3) of int
+        Rows of ``vertices``.
+    facade : ndarray (f,) of int
+        Row of ``facades`` of each face.
+    facades : tuple of str
+        Names, each once.
+    friction : float
+        Coulomb coefficient of its surfaces [1].
+    place : str
+        File and feature, for messages.
+    clearance : float or None
+        Height above ground at which it hangs [m]; None for one that stands on the ground.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    facade: np.ndarray
+    facades: tuple[str, ...]
+    friction: float
+    place: str
+    clearance: float | None = None
+    box: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        if len(self.faces) != len(self.facade) or self.faces.min(initial=0) < 0 or self.faces.max(initial=-1) >= len(self.vertices):
+            raise StructureError(f"{self.place}: the faces of the body do not fit to its vertices or facades")
+        object.__setattr__(self, "box", np.stack([self.vertices.min(0), self.vertices.max(0)]))
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners (f, 3, 3) of the faces [m]."""
+        return self.vertices[self.faces]  # type: ignore[no-any-return]
+
+    def meets(self, other: "Solid", gap: float = 0.0) -> bool:
+        """Whether the boxes around both, ``gap`` [m] apart at most, overlap."""
+        return bool((self.box[0] <= other.box[1] + gap).all() and (other.box[0] <= self.box[1] + gap).all())
+
+
+def normals_and_areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals (n, 3) [1], zero for triangles without area, and areas (n,) [m2] of triangles (n, 3, 3) [m]."""
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    return np.divide(cross, length[:, None], out=np.zeros_like(cross), where=length[:, None] > 0), 0.5 * length
+
+
+def pseudo_normals(solid: Solid) -> np.ndarray:
+    """Normals (f, 7, 3) of a closed body at the parts of each face: its inside, its corners a, b, c, its edges ab, bc, ca.
+
+    A point is outside where it lies on the side of the normal of the part nearest to it. Normals of corners are weighted by the
+    angles of their faces (Baerentzen & Aanaes 2005, eq. 8); those of edges are the sums of two faces.
+    """
+    corners = solid.corners
+    normals, _ = normals_and_areas(corners)
+    to_next, to_last = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    lengths = np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_last, axis=2)
+    cosine = np.divide((to_next * to_last).sum(2), lengths, out=np.ones_like(lengths), where=lengths > 0)
+    angles = np.arccos(np.clip(cosine, -1.0, 1.0))
+    at_vertex = np.zeros_like(solid.vertices)
+    np.add.at(at_vertex, solid.faces.ravel(), (angles[:, :, None] * normals[:, None, :]).reshape(-1, 3))
+    ends = np.sort(np.stack([solid.faces, np.roll(solid.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, edge = np.unique(ends, axis=0, return_inverse=True)
+    at_edge = np.zeros((edge.max() + 1, 3))
+    np.add.at(at_edge, edge.ravel(), np.repeat(normals, 3, axis=0))
+    edges = at_edge[edge.ravel()].reshape(-1, 3, 3)
+    return np.concatenate([normals[:, None, :], at_vertex[solid.faces], edges], axis=1)
+
+
+def discs_around(corners: np.ndarray) -> np.ndarray:
+    """Centre and radius [m], and normal, (n, 7) of a disc around each triangle (n, 3, 3)."""
+    centre = corners.mean(1)
+    radius = np.linalg.norm(corners - centre[:, None, :], axis=2).max(1, initial=0.0)
+    return np.column_stack([centre, radius, normals_and_areas(corners)[0]])
+
+
+def as_arrays(solid: Solid, gap: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A body as :func:`runout.structures.lattice_distance.mark_inside` takes it, with a box larger by ``gap`` [m]."""
+    corners = solid.corners
+    return corners, discs_around(corners), pseudo_normals(solid), solid.box + gap * np.array([[-1.0], [1.0]])

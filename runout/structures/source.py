@@ -1,0 +1,74 @@
+"""What is stated of the structures of a file, and what reading it gives."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from runout.structures.solid import Solid
+
+MESHES = (".obj", ".ply", ".stl", ".glb")
+CONCRETE = 20.0  # friction angle [deg] of a smooth wall where none is stated
+
+
+class Top(StrEnum):
+    """How the top of a footprint lies."""
+
+    FLAT = "flat"
+    ALONG_GROUND = "along_ground"
+
+
+@dataclass(frozen=True)
+class StructureSource:
+    """A file of structures.
+
+    Attributes
+    ----------
+    path : Path
+        Footprints (GeoPackage, Shapefile, GeoJSON, FlatGeobuf) or a mesh (OBJ, PLY, STL, GLB).
+    layer : str, optional
+        Of a vector file with several.
+    name : str
+        Of structures without an attribute ``name``.
+    height : float or str, optional
+        Of footprints above the ground [m], or the attribute that holds it; by default ``height``.
+    base : float or str, optional
+        Elevation [m] that the height counts from, or its attribute; by default ``base`` where there is one, else the mean ground.
+    clearance : float or str, optional
+        Height [m] of the underside above the ground, or its attribute. A mesh that states one may hang above the ground.
+    top : Top
+        Flat, or along the ground: then top and underside follow it.
+    friction_angle_deg : float
+        Friction angle of the surfaces [deg]; an attribute ``friction_deg`` replaces it.
+    units : str, optional
+        Of a mesh: m, cm, mm or ft.
+    crs : str, optional
+        Of a mesh, that of the terrain by default.
+    offset : tuple of float
+        Added to the coordinates of a mesh: easting, northing, elevation [m].
+    """
+
+    path: Path
+    layer: str | None = None
+    name: str = "structure"
+    height: float | str | None = None
+    base: float | str | None = None
+    clearance: float | str | None = None
+    top: Top = Top.FLAT
+    friction_angle_deg: float = CONCRETE
+    units: str | None = None
+    crs: str | None = None
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether the file holds a mesh, by its name."""
+        return self.path.suffix.lower() in MESHES
+
+
+@dataclass(frozen=True)
+class Read:
+    """Bodies of a file, what is wrong with others, and what was changed or assumed."""
+
+    solids: tuple[Solid, ...]
+    problems: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()

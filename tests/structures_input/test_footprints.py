@@ -1,0 +1,139 @@
+"""Footprints become closed bodies with named facades; what cannot be used is named, all at once."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from conftest import write_footprints
+
+from runout.errors import StructureError
+from runout.model.terrain import Terrain
+from runout.structures.build import build_structures
+from runout.structures.facades import walls_of
+from runout.structures.meshes import _volume
+from runout.structures.read import read_bodies, require_sound
+from runout.structures.solid import normals_and_areas
+from runout.structures.source import StructureSource, Top
+
+HOUSE = shapely.box(80, 90, 100, 102)
+
+
+def only(path, terrain, **stated):
+    (solid,) = read_bodies([StructureSource(path, **stated)], terrain).solids
+    return solid
+
+
+def facade_area(solid, name):
+    return normals_and_areas(solid.corners)[1][solid.facade == solid.facades.index(name)].sum()
+
+
+def test_house_has_a_facade_for_each_wall_and_a_top(level, tmp_path):
+    house = only(write_footprints(tmp_path / "h.gpkg", [HOUSE], height=[8.0], name=["school"], friction_deg=[30.0]), level)
+    assert house.name == "school"
+    assert set(house.facades) == {"south", "east", "north", "west", "top", "underside"}
+    assert facade_area(house, "top") == pytest.approx(240)
+    assert _volume(house.vertices, house.faces) == pytest.approx(240 * (8 + 10))  # two cells into the ground
+    assert house.box[1, 2] == pytest.approx(108)
+    assert house.friction == pytest.approx(math.tan(math.radians(30)))
+    made = build_structures([house], level, (2.0, 2.0, 2.0))
+    assert set(made.facades) == {"south", "east", "north", "west", "top"}
+    area = np.bincount(made.field.patches.facade, made.field.patches.area)
+    assert dict(zip(made.facades, area.round(6), strict=True)) == {"south": 160, "east": 96, "north": 160, "west": 96, "top": 240}
+
+
+def test_a_courtyard_stays_open(level, tmp_path):
+    yard = HOUSE.buffer(10, join_style="mitre").difference(HOUSE)
+    solid = only(write_footprints(tmp_path / "y.gpkg", [yard], height=[6.0]), level)
+    assert facade_area(solid, "top") == pytest.approx(yard.area)
+    assert {"inner north", "inner south", "inner east", "inner west"} <= set(solid.facades)
+    assert facade_area(solid, "inner south") == pytest.approx(20 * 16)
+    assert _volume(solid.vertices, solid.faces) == pytest.approx(yard.area * 16)
+
+
+def test_height_counts_from_the_mean_ground_or_a_base_or_along_the_ground(tmp_path):
+    slope = Terrain(np.tile(100 + 0.2 * (np.arange(40) + 0.5) * 5, (40, 1)), (5.0, 5.0), 500000.0, 5000000.0, "EPSG:32632")
+    path = write_footprints(tmp_path / "s.gpkg", [HOUSE], height=[8.0])
+    assert only(path, slope).box[1, 2] == pytest.approx(100 + 0.2 * 90 + 8)
+    assert only(path, slope, base=116.0).box[1, 2] == pytest.approx(124)
+    tops = only(path, slope, top=Top.ALONG_GROUND).vertices
+    tops = tops[tops[:, 2] > 110]
+    assert tops[:, 2] == pytest.approx(108 + 0.2 * tops[:, 0])
+
+
+def test_a_gallery_hangs_above_the_ground(level, tmp_path):
+    roof = only(write_footprints(tmp_path / "g.gpkg", [HOUSE], height=[9.0], clearance=[5.0]), level)
+    assert roof.box[:, 2] == pytest.approx([105, 109])
+    assert "underside" in build_structures([roof], level, (2.0, 2.0, 2.0)).facades
+
+
+@pytest.mark.parametrize(("sides", "walls"), [(4, 4), (8, 8), (64, 8)])
+def test_a_round_pier_has_at_most_eight_walls(sides, walls):
+    angle = (np.arange(sides) + 0.5) * 2 * np.pi / sides
+    wall, names = walls_of(10 * np.column_stack([np.cos(angle), np.sin(angle)]))
+    assert len(names) == walls == len(set(wall))
+
+
+def test_points_along_a_wall_do_not_divide_it():
+    ring = shapely.get_coordinates(shapely.segmentize(HOUSE, 3.0).exterior)[:-1]
+    wall, names = walls_of(ring[::-1] if not shapely.is_ccw(shapely.LinearRing(ring)) else ring)
+    assert sorted(names) == ["east", "north", "south", "west"]
+    assert len(wall) == len(ring)
+
+
+def test_all_problems_are_said_at_once(level, tmp_path):
+    bow = shapely.Polygon([(20, 20), (40, 40), (40, 20), (20, 40)])
+    shapes = [HOUSE, bow, shapely.box(190, 90, 210, 110), shapely.box(20, 150, 40, 170), shapely.box(60, 150, 80, 170), HOUSE]
+    path = write_footprints(
+        tmp_path / "bad.gpkg",
+        shapes,
+        height=[-2.0, 5.0, 5.0, 5.0, 5.0, np.nan],
+        base=[np.nan, np.nan, np.nan, 140.0, 60.0, np.nan],
+    )
+    with pytest.raises(StructureError) as caught:
+        read_bodies([StructureSource(path), StructureSource(tmp_path / "none.obj", units="m")], level)
+    said = caught.value.problems
+    assert len(said) == 7, said
+    for text in (
+        "feature 1: attribute 'height' is -2 m",
+        "polygon 2 is not valid, self-intersection at easting 500030",
+        "feature 3: the structure at easting 500200.0, northing 5000100.0 lies beyond",
+        "feature 4: floats",
+        "feature 5: is buried, its top lies 35 m below",
+        "feature 6: its height is empty",
+        "none.obj: no such file",
+    ):
+        assert sum(text in problem for problem in said) == 1, (text, said)
+
+
+def test_a_wall_of_less_than_two_cells_is_refused(level, tmp_path):
+    path = write_footprints(tmp_path / "w.gpkg", [shapely.box(80, 90, 120, 93)], height=[6.0])
+    solids = read_bodies([StructureSource(path)], level).solids
+    require_sound(solids, level, (1.5, 1.5, 1.5))
+    with pytest.raises(StructureError, match=r"a wall is 3 m thick, less than two cells of 2 m, .*cell_size to 1.5 or less"):
+        require_sound(solids, level, (2.0, 2.0, 2.0))
+
+
+def test_hollow_walls_and_slabs_are_measured(level, tmp_path):
+    shell = HOUSE.buffer(0.5, join_style="mitre").difference(HOUSE)
+    path = write_footprints(tmp_path / "t.gpkg", [shell, shapely.box(20, 20, 40, 40)], height=[6.0, 6.0], clearance=[np.nan, 5.5])
+    with pytest.raises(StructureError) as caught:
+        require_sound(read_bodies([StructureSource(path)], level).solids, level, (1.0, 1.0, 1.0))
+    assert [problem.split("a wall is ")[1][:5] for problem in caught.value.problems] == ["0.5 m", "0.5 m"]
+
+
+def test_a_structure_in_a_release_is_refused(level, tmp_path):
+    from runout.model.release import Release
+
+    thickness = np.zeros(level.shape)
+    thickness[10:24, 10:24] = 3.0
+    path = write_footprints(tmp_path / "r.gpkg", [HOUSE], height=[8.0], name=["barn"])
+    solids = read_bodies([StructureSource(path)], level).solids
+    with pytest.raises(StructureError, match="the structure 'barn' overlaps release top on 8 cells"):
+        require_sound(solids, level, (2.0, 2.0, 2.0), [Release(thickness, level, placement="on_surface", name="top")])
+
+
+def test_a_missing_attribute_names_those_that_are_there(level, tmp_path):
+    path = write_footprints(tmp_path / "a.gpkg", [HOUSE], hoehe=[8.0])
+    with pytest.raises(StructureError, match=r"no attribute 'height'.*numeric attributes: hoehe"):
+        read_bodies([StructureSource(path)], level)
