@@ -1,0 +1,36 @@
+"""Commands on slopes: where a terrain may fail, scarps, and a cheap baseline of the runout."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from runout.commands.options import Injected
+from runout.slopes.choices import PatchChoices, Strength
+
+PlaceArgument = Annotated[Path, Parameter(help="Folder of the site, its site.yaml, or an elevation raster.")]
+_Soil = Annotated[Strength | None, Parameter(name="*", negative_iterable=(), group="Strength of the soil, ranges")]
+_Patches = Annotated[PatchChoices | None, Parameter(name="*", negative_iterable=(), group="Releases")]
+
+
+def suggest_release(
+    site: PlaceArgument,
+    *,
+    terrain_only: Annotated[
+        bool, Parameter(name="--terrain-only", negative="", help="Sinks, flow paths, slope and drainage area only.")
+    ] = False,
+    strength: _Soil = None,
+    releases: _Patches = None,
+    session: Injected,
+) -> int:
+    """Report sinks, flow paths and slope, map the factor of safety, and propose release polygons; needs landlab.
+
+    Writes results/slopes/. `runout new` takes its release.gpkg as it is.
+    """
+    from runout.slopes.suggestion import command
+
+    return command(site, session.out, terrain_only, strength or Strength(), releases or PatchChoices())
+
+
+COMMANDS: tuple[Callable[..., int], ...] = (suggest_release,)

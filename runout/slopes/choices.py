@@ -1,0 +1,88 @@
+"""Choices of the commands on slopes; each refuses values out of range."""
+
+import math
+from dataclasses import dataclass
+
+from runout.errors import ConfigError
+from runout.model.limits import Range, checked_within, looks_like_radians, radians_remedy
+
+MOST_SAMPLES = 4096
+
+_RANGES = {
+    "cohesion": Range(0, 1e6, "Pa"),
+    "friction_angle": Range(1, 60, "deg", degrees=True),
+    "soil_thickness": Range(0.01, 100, "m", "thickness is vertical, in metres"),
+    "saturation": Range(0, 1, "", "1 is water up to the surface"),
+    "transmissivity_recharge": Range(1, 1e6, "m", "transmissivity over recharge"),
+    "soil_density": Range(1000, 4000, "kg m-3"),
+}
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Ranges of the soil, each sampled uniformly and independently.
+
+    Cohesion, friction angle, density and wetness default to the ranges of SINMAP (Pack, Tarboton and Goodwin 1998): friction angle
+    30 to 45 degrees, dimensionless cohesion 0 to 0.25 (here for 1 m of soil), 2000 kg m-3, transmissivity over recharge 2000 to
+    3000 m. The soil thickness is an assumption for shallow landslides.
+    """
+
+    cohesion: tuple[float, float] = (0.0, 4900.0)
+    """Of soil and roots [Pa]."""
+    friction_angle: tuple[float, float] = (30.0, 45.0)
+    """Internal friction angle [deg]."""
+    soil_thickness: tuple[float, float] = (0.5, 1.5)
+    """Vertical thickness above the failure surface [m]."""
+    soil_density: float = 2000.0
+    """Wet bulk density [kg m-3]."""
+    transmissivity_recharge: tuple[float, float] = (2000.0, 3000.0)
+    """Transmissivity over recharge [m]: small in wet weather."""
+    saturation: tuple[float, float] | None = None
+    """Share of the soil thickness below water [1], in place of the wetness from drainage area and recharge."""
+    samples: int = 256
+    """Number of samples, a power of two."""
+    sample_seed: int = 0
+    """Seed of the samples."""
+
+    def __post_init__(self) -> None:
+        for name in ("cohesion", "friction_angle", "soil_thickness", "transmissivity_recharge", "saturation"):
+            if getattr(self, name) is not None:
+                _check_range(name, getattr(self, name))
+        checked_within(_RANGES["soil_density"], "--soil-density", self.soil_density, error=ConfigError)
+        if not 1 <= self.samples <= MOST_SAMPLES or self.samples & (self.samples - 1):
+            raise ConfigError(f"--samples is {self.samples}; it must be a power of two up to {MOST_SAMPLES}, such as 256")
+        if self.sample_seed < 0:
+            raise ConfigError(f"--sample-seed is {self.sample_seed}; it must be 0 or more")
+
+
+def _check_range(name: str, stated: tuple[float, float]) -> None:
+    option, valid = "--" + name.replace("_", "-"), _RANGES[name]
+    for value in stated:
+        if valid.degrees and looks_like_radians(value):
+            raise ConfigError(f"{option} is {value:g} degrees; {radians_remedy(value)}")
+        checked_within(valid, option, value, error=ConfigError)
+    if stated[0] > stated[1]:
+        raise ConfigError(f"{option} is {stated[0]:g} {stated[1]:g}; the smaller value comes first")
+
+
+@dataclass(frozen=True)
+class PatchChoices:
+    """Which cells make a release, and how many are proposed."""
+
+    probability: float = 0.5
+    """Least probability of failure of its cells."""
+    largest_drainage: float = 1e5
+    """Largest drainage area of its cells [m2]: larger ones are channels."""
+    least_area: float = 500.0
+    """Least area of a release [m2]."""
+    most: int = 20
+    """Largest number of releases, the first in rank."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.probability <= 1.0:
+            raise ConfigError(f"--probability is {self.probability:g}; it must be above 0 and at most 1")
+        for name in ("largest_drainage", "least_area"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"--{name.replace('_', '-')} is {getattr(self, name):g} m2; it must be above 0")
+        if self.most < 1:
+            raise ConfigError(f"--most is {self.most}; at least 1 release is needed")
