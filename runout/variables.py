@@ -173,7 +173,7 @@ _SLOPES = {
     "drainage_area": _positive("m2", "plan area that drains through the cell", comment="along the steepest of eight directions"),
     "factor_of_safety": _positive("1", "median factor of safety of an infinite slope", comment="at most 10"),
     "failure_probability": Variable(
-        "1", "share of the samples in which an infinite slope fails", valid_min=0.0, valid_max=1.0, comment="not an annual probability"
+        "1", "share of the samples in which an infinite slope fails", valid_min=0, valid_max=1, comment="not an annual probability"
     ),
     "failure_thickness": _positive("m", "mean vertical thickness of the samples that fail", comment="0 where none fails"),
     "elevation_change": Variable("m", "change of elevation", comment="after the runout minus before the failure"),

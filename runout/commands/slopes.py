@@ -7,11 +7,12 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from runout.commands.options import Injected
-from runout.slopes.choices import PatchChoices, Strength
+from runout.slopes.choices import PatchChoices, ScarpChoices, Strength
 
 PlaceArgument = Annotated[Path, Parameter(help="Folder of the site, its site.yaml, or an elevation raster.")]
 _Soil = Annotated[Strength | None, Parameter(name="*", negative_iterable=(), group="Strength of the soil, ranges")]
 _Patches = Annotated[PatchChoices | None, Parameter(name="*", negative_iterable=(), group="Releases")]
+_Scarp = Annotated[ScarpChoices | None, Parameter(name="*", negative_iterable=(), group="Shape")]
 
 
 def suggest_release(
@@ -33,4 +34,11 @@ def suggest_release(
     return command(site, session.out, terrain_only, strength or Strength(), releases or PatchChoices())
 
 
-COMMANDS: tuple[Callable[..., int], ...] = (suggest_release,)
+def scarp(site: PlaceArgument, *, shape: _Scarp = None, session: Injected) -> int:
+    """Make a thickness raster that thins out to its rim, above an ellipsoid or planes; writes results/scarp/."""
+    from runout.slopes.scarp_raster import command
+
+    return command(site, session.out, shape or ScarpChoices())
+
+
+COMMANDS: tuple[Callable[..., int], ...] = (suggest_release, scarp)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 from runout.errors import ConfigError
 from runout.model.limits import Range, checked_within, looks_like_radians, radians_remedy
@@ -86,3 +87,35 @@ class PatchChoices:
                 raise ConfigError(f"--{name.replace('_', '-')} is {getattr(self, name):g} m2; it must be above 0")
         if self.most < 1:
             raise ConfigError(f"--most is {self.most}; at least 1 release is needed")
+
+
+Five = tuple[float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class ScarpChoices:
+    """Shape of a scarp: an ellipsoid, or planes."""
+
+    ellipsoid: Five | None = None
+    """Easting and northing of the middle, semi-axes along and across the azimuth, vertical depth, all in m."""
+    azimuth: float | None = None
+    """Direction of the first axis, clockwise from north [deg] [default: downslope]."""
+    tilt: float | None = None
+    """Inclination of the plane through the rim, down along the azimuth [deg] [default: that of the ground]."""
+    plane: tuple[Five, ...] = ()
+    """Easting, northing, depth below the ground there [m], dip and direction of the dip [deg]; repeat it for every plane."""
+    outline: Path | None = None
+    """Polygons that limit the mass above planes."""
+    volume: float | None = None
+    """Volume to which the thickness is scaled [m3]."""
+    name: str = "thickness"
+    """Name of the raster."""
+
+    def __post_init__(self) -> None:
+        if (self.ellipsoid is None) == (not self.plane):
+            said = "both are given" if self.plane else "neither is given"
+            raise ConfigError(f"a scarp is --ellipsoid or --plane; {said}; state one kind")
+        others = {"--azimuth": self.azimuth, "--tilt": self.tilt} if self.plane else {"--outline": self.outline}
+        for option, value in others.items():
+            if value is not None:
+                raise ConfigError(f"{option} has no meaning with {'--plane' if self.plane else '--ellipsoid'}; leave it out")

@@ -107,7 +107,7 @@ def _of_cells(slope: np.ndarray, area: np.ndarray, samples: np.ndarray, strength
     wetness = water[None, :]
     if strength.saturation is None:
         wetness = np.minimum(1.0, water * (area.astype(np.float32)[:, None] / np.sin(theta)))
-    factors = factor_of_safety(theta, cohesion, friction, thickness, wetness, np.float32(strength.soil_density))
+    factors = factor_of_safety(theta, cohesion, friction, thickness, wetness, strength.soil_density)
     fails = factors <= 1.0
     count = fails.sum(axis=1)
     mean = np.divide(fails @ thickness, count, out=np.zeros(len(count)), where=count > 0)

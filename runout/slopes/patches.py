@@ -102,7 +102,8 @@ def _patches(label: np.ndarray, numbers: list[int], drained: "Drainage", stable:
     """Patches of the labelled cells; the smoothed outline of a later one leaves out those before it."""
     from scipy import ndimage
 
-    boxes, taken = ndimage.find_objects(label), []
+    boxes = ndimage.find_objects(label)
+    taken: list[Any] = []
     for number in numbers:
         box = boxes[number - 1]
         inside = _whole(label[box] == number, box, label.shape)
