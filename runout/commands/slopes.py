@@ -6,13 +6,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from runout.commands.options import Injected
-from runout.slopes.choices import PatchChoices, ScarpChoices, Strength
+from runout.commands.options import Injected, SiteArgument
+from runout.slopes.choices import MassWasting, PatchChoices, ScarpChoices, Strength
 
 PlaceArgument = Annotated[Path, Parameter(help="Folder of the site, its site.yaml, or an elevation raster.")]
 _Soil = Annotated[Strength | None, Parameter(name="*", negative_iterable=(), group="Strength of the soil, ranges")]
 _Patches = Annotated[PatchChoices | None, Parameter(name="*", negative_iterable=(), group="Releases")]
 _Scarp = Annotated[ScarpChoices | None, Parameter(name="*", negative_iterable=(), group="Shape")]
+_Automaton = Annotated[MassWasting | None, Parameter(name="*", group="Parameters of MassWastingRunout")]
 
 
 def suggest_release(
@@ -41,4 +42,11 @@ def scarp(site: PlaceArgument, *, shape: _Scarp = None, session: Injected) -> in
     return command(site, session.out, shape or ScarpChoices())
 
 
-COMMANDS: tuple[Callable[..., int], ...] = (suggest_release, scarp)
+def screen(site: SiteArgument, *, parameters: _Automaton = None, session: Injected) -> int:
+    """Run landlab's MassWastingRunout as a cheap baseline and list places to look at in 3D; writes results/screen/."""
+    from runout.slopes.screening import command
+
+    return command(site, session.out, parameters or MassWasting())
+
+
+COMMANDS: tuple[Callable[..., int], ...] = (suggest_release, scarp, screen)

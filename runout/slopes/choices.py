@@ -17,6 +17,13 @@ _RANGES = {
     "transmissivity_recharge": Range(1, 1e6, "m", "transmissivity over recharge"),
     "soil_density": Range(1000, 4000, "kg m-3"),
 }
+_WASTING = {
+    "critical_slope": Range(0.001, 2),
+    "threshold_flux": Range(1e-3, 100, "m"),
+    "erosion_coefficient": Range(0, 10),
+    "erodible_thickness": Range(0, 100, "m"),
+    "grain_diameter": Range(1e-4, 10, "m"),
+}
 
 
 @dataclass(frozen=True)
@@ -119,3 +126,30 @@ class ScarpChoices:
         for option, value in others.items():
             if value is not None:
                 raise ConfigError(f"{option} has no meaning with {'--plane' if self.plane else '--ellipsoid'}; leave it out")
+
+
+@dataclass(frozen=True)
+class MassWasting:
+    """Parameters of MassWastingRunout (Keck et al. 2024, Earth Surf. Dynam. 12:1165).
+
+    Defaults are those of landlab's tutorial, calibrated there to a landslide of 22 000 m3 in the Cascade Mountains.
+    """
+
+    critical_slope: float = 0.156
+    """Slope [1] below which the flow deposits."""
+    threshold_flux: float = 0.766
+    """Flow depth [m] below which the flow stops."""
+    erosion_coefficient: float = 0.0337443
+    """Scour [m] by shear stress; 0 for none."""
+    erodible_thickness: float = 1.2
+    """Soil that the flow can entrain [m]."""
+    grain_diameter: float = 0.316
+    """Representative grain diameter [m]."""
+    resolution: float | None = None
+    """Cell size [m] [default: the terrain's, or coarser to take at most two minutes]."""
+
+    def __post_init__(self) -> None:
+        for name, valid in _WASTING.items():
+            checked_within(valid, "--" + name.replace("_", "-"), getattr(self, name), error=ConfigError)
+        if self.resolution is not None and not 0.0 < self.resolution < math.inf:
+            raise ConfigError(f"--resolution is {self.resolution:g} m; it must be above 0")
