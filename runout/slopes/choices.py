@@ -146,7 +146,7 @@ class MassWasting:
     grain_diameter: float = 0.316
     """Representative grain diameter [m]."""
     resolution: float | None = None
-    """Cell size [m] [default: the terrain's, or coarser to take at most two minutes]."""
+    """Cell size [m] [default: the terrain's, or coarser to take about a minute at most]."""
 
     def __post_init__(self) -> None:
         for name, valid in _WASTING.items():

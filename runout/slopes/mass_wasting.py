@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 LOGGER = logging.getLogger("runout.slopes")
-LONGEST, REFUSED = 120.0, 1800.0  # [s] of processor time: coarser cells from the first on; a stated cell size is refused at the other
-SECONDS_PER_CALL, SECONDS_PER_NODE = 5e-3, 0.9e-6  # of one update of the flow directions, measured
+LONGEST = 60.0  # [s] of processor time; beyond it cells are made coarser
+REFUSED = 1800.0  # [s] beyond it a stated cell size is refused
+SECONDS_PER_CALL, SECONDS_PER_NODE = 5e-3, 2e-6  # of one update of the flow directions of the whole grid, measured
 MARGIN = 5  # cells around what the mass can reach
 FEWEST_ITERATIONS = 1000
 
@@ -96,8 +97,8 @@ def _placed(terrain: "Terrain", thickness: np.ndarray, parameters: MassWasting) 
     expected = seconds(ground.shape, (mass > 0).sum())
     if parameters.resolution is not None and expected > REFUSED:
         raise ConfigError(
-            f"--resolution {size:g} m takes about {expected / 60:.0f} minutes on {ground.shape[0]} x {ground.shape[1]} cells; state "
-            "a coarser one or leave it out"
+            f"--resolution {size:g} m takes about {expected / 60:.0f} minutes on {ground.shape[0]} x {ground.shape[1]} cells; "
+            "state a coarser one or leave it out"
         )
     step = 1
     while parameters.resolution is None and expected > LONGEST:
@@ -165,8 +166,8 @@ def _run(terrain: "Terrain", mass: np.ndarray, parameters: MassWasting) -> Basel
     end, peak = on_map(grid.at_node[ELEVATION], shape), on_map(model.peak, shape)
     deposit = np.maximum(end - (terrain.elevation - mass), 0.0)
     peak = np.maximum(np.maximum(peak, mass), deposit)
-    maps = (terrain.where_known(values) for values in (mass, peak, deposit, end - terrain.elevation))
-    return Baseline(terrain, *maps, iterations=model.c, moving=model.c >= most and len(model.arn) > 0)
+    mass, peak, deposit, change = (terrain.where_known(values) for values in (mass, peak, deposit, end - terrain.elevation))
+    return Baseline(terrain, mass, peak, deposit, change, model.c, model.c >= most and len(model.arn) > 0)
 
 
 def _with_peaks() -> Any:

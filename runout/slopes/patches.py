@@ -50,13 +50,13 @@ class Suggestion:
         By rank: the largest product of probability and volume first.
     found : int
         Number of releases before the limit on their number.
-    left : dict of str to int
-        Cells left after each condition, in order.
+    left : dict of str to (int, str)
+        Number of cells that meet each condition and those before it, and the option that sets it.
     """
 
     patches: list[Patch]
     found: int
-    left: dict[str, int] = field(default_factory=dict)
+    left: dict[str, tuple[int, str]] = field(default_factory=dict)
 
 
 def suggest(drained: "Drainage", stable: "Stability", choices: PatchChoices) -> Suggestion:
@@ -77,10 +77,10 @@ def suggest(drained: "Drainage", stable: "Stability", choices: PatchChoices) -> 
     patches = sorted(_patches(label, large, drained, stable), key=lambda one: -one.expected_volume)
     ranked = [Patch(one.outline, {"rank": k, **one.attributes}) for k, one in enumerate(patches[: choices.most], 1)]
     left = {
-        f"with a probability of failure of {choices.probability:g} or more": int(likely.sum()),
-        f"of them with a drainage area of at most {choices.largest_drainage:g} m2": int(slope_cells.sum()),
-        "of them in strips of three cells or wider": int(opened.sum()),
-        f"of them in patches of {choices.least_area:g} m2 or more": int(cells[large].sum()),
+        f"has a probability of failure of {choices.probability:g} or more": (int(likely.sum()), "--probability"),
+        f"of these drains {choices.largest_drainage:g} m2 or less": (int(slope_cells.sum()), "--largest-drainage"),
+        "of these lies in a strip of three cells or wider": (int(opened.sum()), "--probability"),
+        f"of these lies in a patch of {choices.least_area:g} m2 or more": (int(cells[large].sum()), "--least-area"),
     }
     return Suggestion(ranked, len(patches), left)
 
@@ -106,10 +106,10 @@ def _patches(label: np.ndarray, numbers: list[int], drained: "Drainage", stable:
     taken: list[Any] = []
     for number in numbers:
         box = boxes[number - 1]
-        inside = _whole(label[box] == number, box, label.shape)
-        shape = _smooth(outline(inside, drained.terrain), drained.terrain, taken)
+        inside = label[box] == number
+        shape = _smooth(outline(inside, drained.terrain.part(*box)), drained.terrain, taken)  # 3 x 3 cells or more, once opened
         taken.append(shape)
-        yield _patch(shape, float(drained.area[inside].max()), drained, stable)
+        yield _patch(shape, float(drained.area[box][inside].max()), drained, stable)
 
 
 def _patch(shape: Any, drainage_area: float, drained: "Drainage", stable: "Stability") -> Patch:
@@ -139,12 +139,6 @@ class _Mean:
         """Mean of the known values (rows, columns)."""
         known = np.isfinite(values) & (self.area > 0)
         return float(np.sum(values[known] * self.area[known]) / np.sum(self.area[known]))
-
-
-def _whole(mask: np.ndarray, box: tuple[slice, slice], shape: tuple[int, int]) -> np.ndarray:
-    whole = np.zeros(shape, bool)
-    whole[box] = mask
-    return whole
 
 
 def _smooth(shape: Any, terrain: "Terrain", taken: list[Any]) -> Any:

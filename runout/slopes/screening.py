@@ -55,14 +55,13 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     folder = (out or site.folder / "results") / FOLDER
     record = {"runout": __version__, "parameters": asdict(parameters), **figures, "places": [asdict(p) for p in places]}
     _write(folder, site, found, drained, way, places, record)
-    LOGGER.info("wrote %s; next: runout compare %s SITE", folder, folder)
+    LOGGER.info("wrote %s; next: runout compare %s %s", folder, folder, site.folder)
     return ExitCode.OK
 
 
 def _figures(found: Baseline, drained: Drainage, way: FlowPath, took: float) -> dict[str, Any]:
     """Numbers of the baseline for the record."""
     terrain, reached = found.terrain, np.nan_to_num(found.peak) >= LEAST
-    rows, columns = np.nonzero(found.release > 0)
     ground = np.where(found.release > 0, terrain.elevation, -np.inf)
     top = np.unravel_index(np.argmax(ground), ground.shape)
     far = np.hypot(terrain.easting[None, :] - terrain.easting[top[1]], terrain.northing[:, None] - terrain.northing[top[0]])
@@ -74,7 +73,7 @@ def _figures(found: Baseline, drained: Drainage, way: FlowPath, took: float) -> 
         "still_moving": found.moving,
         "rows_columns": list(terrain.shape),
         "cell_size_m": terrain.cell_size[0],
-        "release_cells": len(rows),
+        "release_cells": int((found.release > 0).sum()),
         "volumes_m3": found.volumes,
         "reached_area_m2": float(reached.sum() * terrain.cell_area),
         "largest_thickness_m": float(np.nanmax(found.peak)),
@@ -94,8 +93,8 @@ def _lines(found: Baseline, figures: dict[str, Any], way: FlowPath, places: Sequ
     )
     yield "volume: " + ", ".join(f"{name} {value:.4g} m3" for name, value in figures["volumes_m3"].items())
     yield (
-        f"extent: {figures['reached_area_m2']:.4g} m2 of {LEAST:g} m or more; {figures['length_m']:.0f} m long, {figures['fall_m']:.0f} "
-        f"m of fall, travel angle {figures['travel_angle_deg']:.1f} deg"
+        f"extent: {figures['reached_area_m2']:.4g} m2 of {LEAST:g} m or more; {figures['length_m']:.0f} m long, "
+        f"{figures['fall_m']:.0f} m of fall, travel angle {figures['travel_angle_deg']:.1f} deg"
     )
     yield f"flow path: {figures['path_length_m']:.0f} m, {figures['confined_share']:.0%} of it confined on both sides"
     for place in places[:LISTED]:

@@ -61,15 +61,17 @@ def command(path: Path, out: Path | None, terrain_only: bool, strength: Strength
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
     folder = place.results / FOLDER
     write(folder, place.name, terrain, maps, figures, found, record)
-    LOGGER.info("wrote %s in %.0f s%s", folder, time.perf_counter() - start, _next(folder, path, found))
+    LOGGER.info("wrote %s in %.0f s%s", folder, time.perf_counter() - start, _next(folder, path, place, found))
     return ExitCode.OK
 
 
-def _next(folder: Path, path: Path, found: Suggestion | None) -> str:
+def _next(folder: Path, path: Path, place: Place, found: Suggestion | None) -> str:
+    """How to use the proposed releases; empty if there are none."""
     if not found or not found.patches:
         return ""
-    dem = path if path.is_file() and path.suffix != ".yaml" else "DEM"
-    return f"; next: runout new FOLDER --dem {dem} --release {folder / RELEASE}"
+    if place.site is None:
+        return f"; next: runout new FOLDER --dem {path} --release {folder / RELEASE}"
+    return f"; in site.yaml: release: [{{polygons: {folder / RELEASE}, thickness: thickness_m}}]"
 
 
 def _maps(drained: Drainage, slope: np.ndarray, stable: Stability | None) -> dict[str, np.ndarray]:
@@ -99,11 +101,11 @@ def _lines(stable: Stability, found: Suggestion, terrain: "Terrain") -> Iterator
 
 
 def _reason(stable: Stability, found: Suggestion) -> str:
-    """Why no release is proposed: the steepest slope and the largest probability, and the condition that no cell meets."""
+    """Why no release is proposed: the condition that no cell meets, the steepest slope and the largest probability."""
     steepest, largest = np.degrees(np.nanmax(stable.slope)), np.nanmax(stable.probability)
-    last = next((f"no cell is left {words}" for words, cells in found.left.items() if cells == 0), "")
-    remedy = "state weaker or wetter soil, a smaller --probability or a smaller --least-area if that is right"
-    return f"{last.replace('of them ', '')}; steepest slope {steepest:.1f} deg, largest probability {largest:.2g}; {remedy}"
+    condition, option = next((words, option) for words, (cells, option) in found.left.items() if cells == 0)
+    remedy = f"if that is too strict, state another {option}, or weaker or wetter soil"
+    return f"no cell {condition}; steepest slope {steepest:.1f} deg, largest probability {largest:.2g}; {remedy}"
 
 
 def _record(
@@ -126,7 +128,8 @@ def _record(
     if found is None:
         return record
     released = [patch.attributes for patch in found.patches]
-    return record | {"strength": asdict(strength), "choices": asdict(choices), "cells_left": found.left, "releases": released}
+    left = {words: cells for words, (cells, _) in found.left.items()}
+    return record | {"strength": asdict(strength), "choices": asdict(choices), "cells_left": left, "releases": released}
 
 
 def write(
