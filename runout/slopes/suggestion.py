@@ -36,6 +36,7 @@ FOLDER, PAGE, RECORD, MAPS, TERRAIN_LAYERS, RELEASE = (
     "slopes", "slopes.html", "slopes.json", "slopes.nc", "terrain.gpkg", "release.gpkg"
 )  # fmt: skip
 THRESHOLDS = {"drainage_area": (1e3, 1e4, 1e5, 1e6, 1e7, 1e8), "factor_of_safety": (0.8, 1.0, 1.2, 1.5, 2.0)}
+OWN_MAPS = ("sink_depth", "drainage_area", "ground_slope", "factor_of_safety", "failure_probability", "failure_thickness")
 ATTRIBUTES = {
     "summary": "Drainage of an elevation raster and stability of an infinite slope",
     "source": f"runout {__version__}, landlab",
@@ -141,14 +142,15 @@ def write(
     found: Suggestion | None,
     record: Mapping[str, Any],
 ) -> None:
-    """Write all files of a folder; a release of an earlier call is removed first.
+    """Write all files of a folder; those of an earlier call are removed first.
 
     Raises
     ------
     StorageError
         If a file cannot be written.
     """
-    (folder / RELEASE).unlink(missing_ok=True)
+    for old in (PAGE, RECORD, MAPS, TERRAIN_LAYERS, RELEASE, *(f"{map_}{end}" for map_ in OWN_MAPS for end in (".tif", ".qml"))):
+        (folder / old).unlink(missing_ok=True)
     patches = found.patches if found else []
     write_maps(folder, MAPS, f"{name}: terrain and stability", terrain, {"elevation": terrain.elevation, **maps}, ATTRIBUTES)
     sinks = [{**sink.attributes(), "geometry": sink.outline} for sink in figures.sinks]
