@@ -109,6 +109,10 @@ class DeviceError(RunoutError):
     """A device that does not exist or cannot be used."""
 
 
+class LibraryError(RunoutError):
+    """A library of an optional extra that is not installed or cannot be imported; states the command that installs it."""
+
+
 class ClusterError(RunoutError):
     """A cluster that cannot be reached, or whose workers cannot compute members."""
 

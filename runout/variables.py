@@ -168,6 +168,17 @@ _OBSERVED = {
     ),
 }
 
+_SLOPES = {
+    "sink_depth": _positive("m", "depth below the spill of a closed sink of the elevation raster"),
+    "drainage_area": _positive("m2", "plan area that drains through the cell", comment="along the steepest of eight directions"),
+    "factor_of_safety": _positive("1", "median factor of safety of an infinite slope", comment="at most 10"),
+    "failure_probability": Variable(
+        "1", "share of the samples in which an infinite slope fails", valid_min=0, valid_max=1, comment="not an annual probability"
+    ),
+    "failure_thickness": _positive("m", "mean vertical thickness of the samples that fail", comment="0 where none fails"),
+    "elevation_change": Variable("m", "change of elevation", comment="after the runout minus before the failure"),
+}
+
 _DIFFERENCES = {
     name: Variable(units, f"difference of the {what}", comment="modelled minus observed, or first minus second product")
     for name, units, what in (
@@ -297,6 +308,7 @@ VARIABLES: dict[str, Variable] = {
     **_HAZARD_MAPS,
     **_of("qualityInformation", {name: v for name, v in _HAZARD_MAPS.items() if name.endswith(("standard_error", "rms_error"))}),
     **_OBSERVED,
+    **_SLOPES,
     **_DIFFERENCES,
     **_of("auxiliaryInformation", _ENSEMBLE),
     **_of("coordinate", _COORDINATES),

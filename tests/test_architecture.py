@@ -225,7 +225,7 @@ def test_every_dependency_is_imported_and_every_import_is_a_dependency():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = [line for name, lines in project["optional-dependencies"].items() if name != "test" for line in lines]
     stated = [*project["dependencies"], *extras]
-    names = {re.match(r"[\w.-]+", line)[0] for line in stated} - {"cryptography"}  # dask imports it to make certificates
+    names = {re.match(r"[\w.-]+", line)[0] for line in stated} - {"cryptography", "requireit"}  # dask and landlab import them
     modules = {IMPORT_NAMES.get(name, name) for name in names}
     used = {COME_WITH.get(name, name) for path in SOURCES for _, name in imported(path)}
     assert modules == used - set(sys.stdlib_module_names) - {"runout", "pipelines", ""}

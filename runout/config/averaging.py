@@ -39,10 +39,15 @@ def averaged(terrain: "Terrain", resolution: float, file: str) -> "Terrain":
         message = f"{resolution:g} m leaves fewer than {FEWEST_AVERAGED} cells along a side of a raster of {size}"
         raise ConfigError([Problem(file, None, "terrain.resolution", message, "write a smaller size, or remove it")])
     east, north = (max(1, round(resolution / size)) for size in own)
-    rows, columns = terrain.shape[0] // north, terrain.shape[1] // east
+    return block_means(terrain, east, north, "terrain.resolution")
+
+
+def block_means(terrain: "Terrain", east: int, north: int, why: str) -> "Terrain":
+    """The terrain averaged over blocks of ``east`` x ``north`` cells; a change says so with the reason ``why``."""
+    own, rows, columns = terrain.cell_size, terrain.shape[0] // north, terrain.shape[1] // east
     kept = terrain.elevation[terrain.shape[0] - rows * north :, : columns * east]  # blocks start at the south-west corner
     mean = kept.reshape(rows, north, columns, east).mean(axis=(1, 3))
-    change = f"averaged over blocks of {east} x {north} cells to {own[0] * east:g} m x {own[1] * north:g} m (terrain.resolution)"
+    change = f"averaged over blocks of {east} x {north} cells to {own[0] * east:g} m x {own[1] * north:g} m ({why})"
     unknown = int(np.isnan(mean).sum())
     change += f"; {unknown} of {mean.size} blocks hold an unknown cell and are unknown" if unknown else ""
     return replace(terrain, elevation=mean, cell_size=(own[0] * east, own[1] * north), changes=(*terrain.changes, change))

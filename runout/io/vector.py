@@ -75,12 +75,36 @@ def write_outlines(
     kinds = dict.fromkeys(layers, "MultiPolygon")
     for name, (kind, rows) in (further or {}).items():
         layers[name], kinds[name] = _frame(_of_kind(rows, kind), terrain), kind
+    return _write(path, layers, kinds, styles or {})
+
+
+def write_layers(path: str | os.PathLike[str], terrain: Terrain, layers: Mapping[str, tuple[str, list[dict[str, Any]]]]) -> Path:
+    """Write a GeoPackage with layers in the system of the terrain; returns the path.
+
+    Parameters
+    ----------
+    layers : mapping of str to (str, list of dict)
+        Type of geometry, and rows of columns with ``geometry`` (shapely, map coordinates). A layer without rows is left out.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or the folder cannot be written; an older file stays as it is.
+    """
+    held = {name: (kind, rows) for name, (kind, rows) in layers.items() if rows}
+    frames = {name: _frame(_of_kind(rows, kind), terrain) for name, (kind, rows) in held.items()}
+    return _write(path, frames, {name: kind for name, (kind, _) in held.items()}, {})
+
+
+def _write(
+    path: str | os.PathLike[str], layers: "Mapping[str, gpd.GeoDataFrame]", kinds: Mapping[str, str], styles: Mapping[str, str]
+) -> Path:
     with whole_file(path) as temporary, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="'crs' was not provided")  # a local system has none
         try:
             for name, frame in layers.items():
                 frame.to_file(temporary, layer=name, engine="pyogrio", geometry_type=kinds[name], **_GEOPACKAGE)
-            _write_styles(temporary, {name: text for name, text in (styles or {}).items() if name in layers})
+            _write_styles(temporary, {name: text for name, text in styles.items() if name in layers})
         except RuntimeError as cause:  # errors of pyogrio for data source, layer and feature
             raise storage_error(path, cause) from cause
     return Path(path)

@@ -122,7 +122,7 @@ def read_product(path: Path, reading: Reading) -> Product:
 
 
 def _of_folder(path: Path, reading: Reading) -> Product:
-    for place in (path / "hazard.nc", path / "results" / "hazard.nc"):
+    for place in (path / "hazard.nc", path / "results" / "hazard.nc", path / "screen.nc"):
         if place.is_file():
             return _of_netcdf(place, reading)
     if (path / "hdr.adf").is_file():  # an ESRI grid is a folder

@@ -1,0 +1,155 @@
+"""Choices of the commands on slopes; each refuses values out of range."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from runout.errors import ConfigError
+from runout.model.limits import Range, checked_within, looks_like_radians, radians_remedy
+
+MOST_SAMPLES = 4096
+
+_RANGES = {
+    "cohesion": Range(0, 1e6, "Pa"),
+    "friction_angle": Range(1, 60, "deg", degrees=True),
+    "soil_thickness": Range(0.01, 100, "m", "thickness is vertical, in metres"),
+    "saturation": Range(0, 1, "", "1 is water up to the surface"),
+    "transmissivity_recharge": Range(1, 1e6, "m", "transmissivity over recharge"),
+    "soil_density": Range(1000, 4000, "kg m-3"),
+}
+_WASTING = {
+    "critical_slope": Range(0.001, 2),
+    "threshold_flux": Range(1e-3, 100, "m"),
+    "erosion_coefficient": Range(0, 10),
+    "erodible_thickness": Range(0, 100, "m"),
+    "grain_diameter": Range(1e-4, 10, "m"),
+}
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Ranges of the soil, each sampled uniformly and independently.
+
+    Cohesion, friction angle, density and wetness default to the ranges of SINMAP (Pack, Tarboton and Goodwin 1998): friction angle
+    30 to 45 degrees, dimensionless cohesion 0 to 0.25 (here for 1 m of soil), 2000 kg m-3, transmissivity over recharge 2000 to
+    3000 m. The soil thickness is an assumption for shallow landslides.
+    """
+
+    cohesion: tuple[float, float] = (0.0, 4900.0)
+    """Of soil and roots [Pa]."""
+    friction_angle: tuple[float, float] = (30.0, 45.0)
+    """Internal friction angle [deg]."""
+    soil_thickness: tuple[float, float] = (0.5, 1.5)
+    """Vertical thickness above the failure surface [m]."""
+    soil_density: float = 2000.0
+    """Wet bulk density [kg m-3]."""
+    transmissivity_recharge: tuple[float, float] = (2000.0, 3000.0)
+    """Transmissivity over recharge [m]: small in wet weather."""
+    saturation: tuple[float, float] | None = None
+    """Share of the soil thickness below water [1], in place of the wetness from drainage area and recharge."""
+    samples: int = 256
+    """Number of samples, a power of two."""
+    sample_seed: int = 0
+    """Seed of the samples."""
+
+    def __post_init__(self) -> None:
+        for name in ("cohesion", "friction_angle", "soil_thickness", "transmissivity_recharge", "saturation"):
+            if getattr(self, name) is not None:
+                _check_range(name, getattr(self, name))
+        checked_within(_RANGES["soil_density"], "--soil-density", self.soil_density, error=ConfigError)
+        if not 1 <= self.samples <= MOST_SAMPLES or self.samples & (self.samples - 1):
+            raise ConfigError(f"--samples is {self.samples}; it must be a power of two up to {MOST_SAMPLES}, such as 256")
+        if self.sample_seed < 0:
+            raise ConfigError(f"--sample-seed is {self.sample_seed}; it must be 0 or more")
+
+
+def _check_range(name: str, stated: tuple[float, float]) -> None:
+    option, valid = "--" + name.replace("_", "-"), _RANGES[name]
+    for value in stated:
+        if valid.degrees and looks_like_radians(value):
+            raise ConfigError(f"{option} is {value:g} degrees; {radians_remedy(value)}")
+        checked_within(valid, option, value, error=ConfigError)
+    if stated[0] > stated[1]:
+        raise ConfigError(f"{option} is {stated[0]:g} {stated[1]:g}; the smaller value comes first")
+
+
+@dataclass(frozen=True)
+class PatchChoices:
+    """Which cells make a release, and how many are proposed."""
+
+    probability: float = 0.5
+    """Least probability of failure of its cells."""
+    largest_drainage: float = 1e5
+    """Largest drainage area of its cells [m2]: larger ones are channels."""
+    least_area: float = 500.0
+    """Least area of a release [m2]."""
+    most: int = 20
+    """Largest number of releases, the first in rank."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.probability <= 1.0:
+            raise ConfigError(f"--probability is {self.probability:g}; it must be above 0 and at most 1")
+        for name in ("largest_drainage", "least_area"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"--{name.replace('_', '-')} is {getattr(self, name):g} m2; it must be above 0")
+        if self.most < 1:
+            raise ConfigError(f"--most is {self.most}; at least 1 release is needed")
+
+
+Five = tuple[float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class ScarpChoices:
+    """Shape of a scarp: an ellipsoid, or planes."""
+
+    ellipsoid: Five | None = None
+    """Easting and northing of the middle, semi-axes along and across the azimuth, vertical depth, all in m."""
+    azimuth: float | None = None
+    """Direction of the first axis, clockwise from north [deg] [default: downslope]."""
+    tilt: float | None = None
+    """Inclination of the plane through the rim, down along the azimuth [deg] [default: that of the ground]."""
+    plane: tuple[Five, ...] = ()
+    """Easting, northing, depth below the ground there [m], dip and direction of the dip [deg]; repeat it for every plane."""
+    outline: Path | None = None
+    """Polygons that limit the mass above planes."""
+    volume: float | None = None
+    """Volume to which the thickness is scaled [m3]."""
+    name: str = "thickness"
+    """Name of the raster."""
+
+    def __post_init__(self) -> None:
+        if (self.ellipsoid is None) == (not self.plane):
+            said = "both are given" if self.plane else "neither is given"
+            raise ConfigError(f"a scarp is --ellipsoid or --plane; {said}; state one kind")
+        others = {"--azimuth": self.azimuth, "--tilt": self.tilt} if self.plane else {"--outline": self.outline}
+        for option, value in others.items():
+            if value is not None:
+                raise ConfigError(f"{option} has no meaning with {'--plane' if self.plane else '--ellipsoid'}; leave it out")
+
+
+@dataclass(frozen=True)
+class MassWasting:
+    """Parameters of MassWastingRunout (Keck et al. 2024, Earth Surf. Dynam. 12:1165).
+
+    Defaults are those of landlab's tutorial, calibrated there to a landslide of 22 000 m3 in the Cascade Mountains.
+    """
+
+    critical_slope: float = 0.156
+    """Slope [1] below which the flow deposits."""
+    threshold_flux: float = 0.766
+    """Flow depth [m] below which the flow stops."""
+    erosion_coefficient: float = 0.0337443
+    """Scour [m] by shear stress; 0 for none."""
+    erodible_thickness: float = 1.2
+    """Soil that the flow can entrain [m]."""
+    grain_diameter: float = 0.316
+    """Representative grain diameter [m]."""
+    resolution: float | None = None
+    """Cell size [m] [default: the terrain's, or coarser to take about a minute at most]."""
+
+    def __post_init__(self) -> None:
+        for name, valid in _WASTING.items():
+            checked_within(valid, "--" + name.replace("_", "-"), getattr(self, name), error=ConfigError)
+        if self.resolution is not None and not 0.0 < self.resolution < math.inf:
+            raise ConfigError(f"--resolution is {self.resolution:g} m; it must be above 0")

@@ -1,0 +1,114 @@
+"""Factor of safety of an infinite slope with sampled strength, thickness and wetness."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout.model.scene import STANDARD_GRAVITY
+from runout.scores.slope_normal import terrain_slope
+from runout.slopes.choices import Strength
+
+if TYPE_CHECKING:
+    from runout.slopes.drainage import Drainage
+
+WATER_DENSITY = 1000.0  # [kg m-3]
+LARGEST_FACTOR = 10.0  # factors of safety are cut there; level ground has no finite one
+BLOCK = 16_384  # cells whose samples are held at once
+
+@dataclass(frozen=True)
+class Stability:
+    """Stability of a terrain.
+
+    Attributes
+    ----------
+    slope : ndarray (rows, columns)
+        Slope of the ground [rad].
+    factor : ndarray (rows, columns)
+        Median factor of safety over the samples [1], at most :data:`LARGEST_FACTOR`.
+    probability : ndarray (rows, columns)
+        Share of the samples with a factor of at most 1.
+    thickness : ndarray (rows, columns)
+        Mean vertical thickness of the samples that fail [m], 0 where none does. All maps are NaN where unknown.
+    """
+
+    slope: np.ndarray
+    factor: np.ndarray
+    probability: np.ndarray
+    thickness: np.ndarray
+
+
+def sampled(strength: Strength) -> np.ndarray:
+    """Samples (4, n) of cohesion [Pa], friction [1], thickness [m] and water, from a scrambled Sobol sequence.
+
+    Water is the saturation [1] where that is stated, else recharge over transmissivity [m-1].
+    """
+    from scipy.stats import qmc
+
+    unit = qmc.Sobol(4, scramble=True, rng=strength.sample_seed).random(strength.samples).T
+    water = strength.transmissivity_recharge if strength.saturation is None else strength.saturation
+    ranges = np.array([strength.cohesion, strength.friction_angle, strength.soil_thickness, water])
+    values = ranges[:, :1] + unit * np.diff(ranges)
+    values[1] = np.tan(np.radians(values[1]))
+    if strength.saturation is None:
+        values[3] = 1.0 / values[3]
+    return values  # type: ignore[no-any-return]
+
+
+def factor_of_safety(slope, cohesion, friction, thickness, wetness, density: float):  # type: ignore[no-untyped-def]
+    """Factor of safety of an infinite slope [1].
+
+    F = c / (rho g D sin(theta) cos(theta)) + (1 - w rho_w / rho) tan(phi) / tan(theta), with the vertical thickness D, that is
+    h = D cos(theta) normal to the slope in Pack, Tarboton and Goodwin (1998, SINMAP, eq. 2) and in Strauch et al. (2018, Earth
+    Surf. Dynam. 6:49, eq. 1), which landlab's LandslideProbability computes.
+
+    Parameters
+    ----------
+    slope : ndarray
+        [rad], above 0.
+    cohesion, friction, thickness, wetness : ndarray
+        c [Pa], tan(phi) [1], D [m], saturated share w of the thickness [1]; broadcast with ``slope``.
+    density : float
+        Wet bulk density rho [kg m-3].
+    """
+    sine, cosine = np.sin(slope), np.cos(slope)
+    cohesive = cohesion / (density * STANDARD_GRAVITY * thickness * sine * cosine)
+    return cohesive + (1.0 - wetness * (WATER_DENSITY / density)) * friction * cosine / sine
+
+
+def stability(drained: "Drainage", strength: Strength) -> Stability:
+    """Stability of every cell under all samples; each sample holds for the whole terrain.
+
+    The wetness is w = min(1, R a / (T sin(theta))) with the specific drainage area a (Pack et al. 1998, eq. 8), or the saturation.
+    """
+    terrain = drained.terrain
+    slope = terrain_slope(terrain.elevation, terrain.cell_size)
+    known = np.flatnonzero(np.isfinite(slope))
+    maps = np.full((3, slope.size), np.nan)
+    samples = sampled(strength).astype(np.float32)
+    theta, area = slope.ravel(), drained.specific_area.ravel()
+    for cells in _blocks(known):
+        maps[:, cells] = _of_cells(theta[cells], area[cells], samples, strength)
+    factor, probability, thickness = maps.reshape(3, *slope.shape)
+    return Stability(slope, factor, probability, thickness)
+
+
+def _blocks(cells: np.ndarray) -> Iterator[np.ndarray]:
+    for start in range(0, len(cells), BLOCK):
+        yield cells[start : start + BLOCK]
+
+
+def _of_cells(slope: np.ndarray, area: np.ndarray, samples: np.ndarray, strength: Strength) -> np.ndarray:
+    """Median factor, probability and mean failing thickness (3, n) of cells (n,)."""
+    theta = np.maximum(slope, math.radians(0.01)).astype(np.float32)[:, None]
+    cohesion, friction, thickness, water = samples
+    wetness = water[None, :]
+    if strength.saturation is None:
+        wetness = np.minimum(1.0, water * (area.astype(np.float32)[:, None] / np.sin(theta)))
+    factors = factor_of_safety(theta, cohesion, friction, thickness, wetness, strength.soil_density)
+    fails = factors <= 1.0
+    count = fails.sum(axis=1)
+    mean = np.divide(fails @ thickness, count, out=np.zeros(len(count)), where=count > 0)
+    return np.stack([np.minimum(np.median(factors, axis=1), LARGEST_FACTOR), count / samples.shape[1], mean])

@@ -1,0 +1,113 @@
+"""Page on a terrain and its stability: maps over hillshade, sinks, slope classes, proposed releases."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout import __version__
+from runout.report.html import embedded, render
+from runout.report.maps import STYLES, Basemap, MapStyle, draw_map
+from runout.report.marks import Mark
+from runout.report.picture import MapPictures, png
+from runout.report.wording import number, quantity
+from runout.slopes.infinite_slope import LARGEST_FACTOR
+from runout.slopes.terrain_figures import LISTED
+
+if TYPE_CHECKING:
+    from runout.model.terrain import Terrain
+    from runout.slopes.patches import Patch
+    from runout.slopes.sinks import Sink
+    from runout.slopes.terrain_figures import TerrainFigures
+
+TEMPLATE = "slopes.html.jinja"
+MARKED = 100  # sinks with an outline on the map, the largest
+MOST_CELLS = 500_000  # of a picture; larger maps are thinned out
+SLOPE_STEPS_DEG = (0.0, 5.0, 15.0, 25.0, 35.0, 45.0, 60.0, 90.0)
+FACTOR_STEPS = (0.0, 0.8, 1.0, 1.2, 1.5, 2.0, 3.0, LARGEST_FACTOR + 1e-6)
+SHEETS = {
+    "sink_depth": ("Closed sinks", MapStyle("depth below the spill [m]", "Blues"), "Water stays here. Real ponds, or errors and "
+                   "dams of the elevation raster such as bridges, road fills and tree tops. Blue lines: the largest."),
+    "drainage_area": ("Drainage area", MapStyle("drainage area [m²]", "YlGnBu", logarithmic=True), "Area that drains through the "
+                      "cell, over filled sinks: the flow paths."),
+    "ground_slope": ("Slope", MapStyle("slope [°]", "YlOrBr", steps=SLOPE_STEPS_DEG, faintest=-1.0), "Of the ground, by central "
+                     "differences."),
+    "factor_of_safety": ("Factor of safety", MapStyle("median factor of safety [1]", "RdYlBu", steps=FACTOR_STEPS, faintest=-1.0),
+                         "Infinite slope, median over the samples. Red lines: proposed releases."),
+    "failure_probability": ("Probability of failure", replace(STYLES["probability"], label="share of the samples [1]"), "Share of "
+                            "the samples with a factor of safety of at most 1. Not an annual probability."),
+}  # fmt: skip
+
+
+def slopes_page(
+    name: str,
+    terrain: "Terrain",
+    maps: Mapping[str, np.ndarray],
+    figures: "TerrainFigures",
+    patches: "Sequence[Patch]",
+    lines: Sequence[str],
+) -> str:
+    """HTML text of one self-contained page; ``maps`` are those of the NetCDF file by name."""
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    return render(
+        {
+            "title": name,
+            "heading": [
+                ("Elevation", terrain.source),
+                ("Grid", f"{rows} x {columns} cells of {dx:.4g} x {dy:.4g} m"),
+                ("Made by", f"runout {__version__}, landlab"),
+            ],
+            "lines": [line for line in lines if not line.startswith("release ")],
+            "patches": [_patch_cells(patch) for patch in patches],
+            "sinks": [_sink_cells(sink) for sink in figures.sinks[:LISTED]],
+            "sheets": list(_sheets(terrain, maps, patches, figures.sinks[:MARKED])),
+            "changes": terrain.changes,
+        },
+        TEMPLATE,
+    )
+
+
+def _patch_cells(patch: "Patch") -> list[str]:
+    a = patch.attributes
+    return [
+        f"{a['rank']:g}",
+        quantity(a["volume_m3"], "m3"),
+        quantity(a["area_m2"], "m2"),
+        quantity(a["thickness_m"], "m"),
+        number(a["probability"], 2),
+        number(a["factor_of_safety"]),
+        f"{a['slope_deg']:.0f}°",
+    ]
+
+
+def _sink_cells(sink: "Sink") -> list[str]:
+    place = f"{sink.easting:.0f}, {sink.northing:.0f}"
+    return [place, quantity(sink.depth, "m"), quantity(sink.area, "m2"), quantity(sink.volume, "m3")]
+
+
+def basemap(terrain: "Terrain", patches: "Sequence[Patch]" = ()) -> tuple[Basemap, int]:
+    """Ground and outlines under the maps, and the step by which rows and columns are thinned out."""
+    step = max(1, math.ceil(math.sqrt(terrain.elevation.size / MOST_CELLS)))
+    outlines = [patch.outline for patch in patches]
+    return Basemap(terrain.easting[::step], terrain.northing[::step], terrain.elevation[::step, ::step], outlines), step
+
+
+def _with_sinks(base: Basemap, sinks: "Sequence[Sink]") -> Basemap:
+    """The basemap with the outlines of sinks in place of releases."""
+    return replace(base, outlines=[], observed=[Mark(sink.outline, "") for sink in sinks])
+
+
+def _sheets(
+    terrain: "Terrain", maps: Mapping[str, np.ndarray], patches: "Sequence[Patch]", sinks: "Sequence[Sink]"
+) -> Iterator[dict[str, str | None]]:
+    base, step = basemap(terrain, patches)
+    pictures = MapPictures(base, base.whole)
+    for name, (title, style, caption) in SHEETS.items():
+        if name in maps:
+            values = maps[name][::step, ::step]
+            marked = name == "sink_depth" and sinks
+            image = embedded(png(draw_map(_with_sinks(base, sinks), values, style)) if marked else pictures.png(values, style))
+            yield {"title": title, "caption": caption, "image": image}
+

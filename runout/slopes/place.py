@@ -1,0 +1,48 @@
+"""What the commands on slopes start from: a site, or an elevation raster alone."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runout.config.scaffold import RASTER_SUFFIXES
+from runout.model.terrain import Terrain
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+
+
+@dataclass(frozen=True)
+class Place:
+    """A terrain with its name and the folder of its results.
+
+    Attributes
+    ----------
+    name : str
+    terrain : Terrain
+    results : Path
+        ``results`` of the site, or ``NAME_results`` in the working folder for a raster, unless another folder is stated.
+    site : Site or None
+        None of a raster.
+    """
+
+    name: str
+    terrain: Terrain
+    results: Path
+    site: "Site | None" = None
+
+
+def read_place(path: Path, out: Path | None) -> Place:
+    """The place of a site folder, a site.yaml or an elevation raster.
+
+    Raises
+    ------
+    ConfigError, DemError
+        If the site or the raster cannot be used.
+    """
+    if str(path).startswith("matplotlib:") or (path.suffix.lower() in RASTER_SUFFIXES and not path.is_dir()):
+        name = path.stem.removeprefix("matplotlib:")
+        return Place(name, Terrain.from_raster(str(path)), out or Path(f"{name}_results"))
+    from runout.config.site import read_site
+
+    site = read_site(path)
+    return Place(site.name, site.terrain(), out or site.folder / "results", site)

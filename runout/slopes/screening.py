@@ -1,0 +1,152 @@
+"""Command ``runout screen``: a cheap baseline of the runout of a site, and the places where three dimensions may matter."""
+
+import logging
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout import __version__, log
+from runout.errors import ExitCode
+from runout.io.atomic import whole_file, write_json
+from runout.io.vector import outline, write_layers
+from runout.slopes.choices import MassWasting
+from runout.slopes.drainage import Drainage, drainage
+from runout.slopes.grid import landlab_components
+from runout.slopes.mass_wasting import Baseline, mass_wasting
+from runout.slopes.path_features import Feature, FlowPath, features, flow_path
+from runout.slopes.suggestion import write_maps
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+
+LOGGER = logging.getLogger("runout.slopes")
+FOLDER, MAPS, RECORD, LAYERS, PICTURE = "screen", "screen.nc", "screen.json", "screen.gpkg", "screen.png"
+LEAST = 0.1  # [m] of flow that counts as reached
+LISTED = 10  # places that are printed
+ATTRIBUTES = {
+    "summary": "Runout of a gravitational mass movement by landlab's MassWastingRunout, a cellular automaton without time",
+    "source": f"runout {__version__}, landlab MassWastingRunout",
+    "comment": "thicknesses are vertical; a flow thickness is a volume per area of a cell and iteration",
+}
+
+
+def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
+    """Run the baseline, write ``screen/`` of the results, and print its extent and the places to look at."""
+    from runout.config.site import read_site
+
+    landlab_components()
+    site = read_site(path)
+    terrain, releases = site.data().terrain, site.data().releases
+    start = time.perf_counter()
+    found = mass_wasting(terrain, releases, parameters)
+    took = time.perf_counter() - start
+    drained = drainage(found.terrain)
+    way = flow_path(drained, found.release, found.peak, LEAST)
+    places = features(drained, way, found.peak, site.obstacles(terrain))
+    figures = _figures(found, drained, way, took)
+    lines = list(_lines(found, figures, way, places))
+    for line in lines:
+        log.output().print(line, markup=False, highlight=False, soft_wrap=True)
+    folder = (out or site.folder / "results") / FOLDER
+    record = {"runout": __version__, "parameters": asdict(parameters), **figures, "places": [asdict(p) for p in places]}
+    _write(folder, site, found, drained, way, places, record)
+    LOGGER.info("wrote %s; next: runout compare %s %s", folder, folder, site.folder)
+    return ExitCode.OK
+
+
+def _figures(found: Baseline, drained: Drainage, way: FlowPath, took: float) -> dict[str, Any]:
+    """Numbers of the baseline for the record."""
+    terrain, reached = found.terrain, np.nan_to_num(found.peak) >= LEAST
+    ground = np.where(found.release > 0, terrain.elevation, -np.inf)
+    top = np.unravel_index(np.argmax(ground), ground.shape)
+    far = np.hypot(terrain.easting[None, :] - terrain.easting[top[1]], terrain.northing[:, None] - terrain.northing[top[0]])
+    toe = np.unravel_index(np.argmax(np.where(reached, far, -1.0)), far.shape)
+    length, fall = float(far[toe]), float(terrain.elevation[top] - terrain.elevation[toe])
+    return {
+        "seconds": took,
+        "iterations": found.iterations,
+        "still_moving": found.moving,
+        "rows_columns": list(terrain.shape),
+        "cell_size_m": terrain.cell_size[0],
+        "release_cells": int((found.release > 0).sum()),
+        "volumes_m3": found.volumes,
+        "reached_area_m2": float(reached.sum() * terrain.cell_area),
+        "largest_thickness_m": float(np.nanmax(found.peak)),
+        "length_m": length,
+        "fall_m": fall,
+        "travel_angle_deg": math.degrees(math.atan2(fall, length)) if length > 0 else 0.0,
+        "path_length_m": float(way.distance[-1]),
+        "confined_share": float(way.confined.mean()),
+    }
+
+
+def _lines(found: Baseline, figures: dict[str, Any], way: FlowPath, places: Sequence[Feature]) -> Iterator[str]:
+    rows, columns = found.terrain.shape
+    yield (
+        f"baseline: {figures['seconds']:.1f} s, {found.iterations} iterations on {rows} x {columns} cells of "
+        f"{figures['cell_size_m']:g} m" + ("; mass was STILL MOVING at the last iteration" if found.moving else "")
+    )
+    yield "volume: " + ", ".join(f"{name} {value:.4g} m3" for name, value in figures["volumes_m3"].items())
+    yield (
+        f"extent: {figures['reached_area_m2']:.4g} m2 of {LEAST:g} m or more; {figures['length_m']:.0f} m long, "
+        f"{figures['fall_m']:.0f} m of fall, travel angle {figures['travel_angle_deg']:.1f} deg"
+    )
+    yield f"flow path: {figures['path_length_m']:.0f} m, {figures['confined_share']:.0%} of it confined on both sides"
+    for place in places[:LISTED]:
+        yield f"look in 3D: {place.words()}"
+    if len(places) > LISTED:
+        yield f"look in 3D: {len(places) - LISTED} places more, in {LAYERS}"
+    if not places:
+        yield "look in 3D: the flow path has no steep step, leaves no channel and reaches no structure of the site"
+
+
+def _write(
+    folder: Path,
+    site: "Site",
+    found: Baseline,
+    drained: Drainage,
+    way: FlowPath,
+    places: Sequence[Feature],
+    record: dict[str, Any],
+) -> None:
+    from shapely import LineString, Point
+
+    maps = {
+        "elevation": found.terrain.elevation,
+        "release_thickness": found.release,
+        "max_flow_thickness": found.peak,
+        "deposit_thickness": found.deposit,
+        "elevation_change": found.change,
+    }
+    write_maps(folder, MAPS, f"{site.name}: baseline of the runout", found.terrain, maps, ATTRIBUTES)
+    extent = outline(np.nan_to_num(found.peak) >= LEAST, found.terrain)
+    path = [{"length_m": float(way.distance[-1]), "geometry": LineString(way.points(drained))}] if len(way.cells) > 1 else []
+    rows = [{**asdict(one), "geometry": Point(one.easting, one.northing)} for one in places]
+    reached = [] if extent.is_empty else [{"thickness_m": LEAST, "geometry": extent}]
+    layers = {"extent": ("MultiPolygon", reached), "flow_path": ("LineString", path), "places": ("Point", rows)}
+    write_layers(folder / LAYERS, found.terrain, layers)
+    write_json(record, folder / RECORD)
+    with whole_file(folder / PICTURE) as temporary:
+        temporary.write_bytes(picture(found, drained, way, places))
+
+
+def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[Feature]) -> bytes:
+    """PNG of the largest thickness over hillshade, with the release, the flow path and the places on it."""
+    from shapely import LineString, Point
+
+    from runout.report.maps import STYLES, Basemap, draw_map
+    from runout.report.marks import Mark
+    from runout.report.picture import png
+
+    terrain = found.terrain
+    marks = [Mark(LineString(way.points(drained)), "")] if len(way.cells) > 1 else []
+    marks += [Mark(Point(one.easting, one.northing), one.kind) for one in places]
+    released = [outline(np.nan_to_num(found.release) > 0, terrain)]
+    base = Basemap(terrain.easting, terrain.northing, terrain.elevation, released, observed=marks)
+    window = base.window(np.nan_to_num(found.peak) >= LEAST)
+    return png(draw_map(base, found.peak, STYLES["thickness"], window, "Baseline: largest thickness"))

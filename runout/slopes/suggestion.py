@@ -1,0 +1,180 @@
+"""Command ``runout suggest-release``: what the terrain hides, where it may fail, and release polygons."""
+
+import logging
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout import __version__, log
+from runout.errors import ExitCode
+from runout.hazard.style import class_edges, qml
+from runout.io.atomic import write_json, write_text
+from runout.io.geotiff import write_cog
+from runout.io.netcdf import map_dataset
+from runout.io.netcdf import write as write_netcdf
+from runout.io.vector import write_layers
+from runout.scores.slope_normal import terrain_slope
+from runout.slopes.choices import PatchChoices, Strength
+from runout.slopes.drainage import Drainage, drainage
+from runout.slopes.grid import landlab_components, manageable
+from runout.slopes.infinite_slope import Stability, stability
+from runout.slopes.page import slopes_page
+from runout.slopes.patches import Suggestion, suggest
+from runout.slopes.place import Place, read_place
+from runout.slopes.terrain_figures import TerrainFigures, terrain_figures
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    from runout.model.terrain import Terrain
+
+LOGGER = logging.getLogger("runout.slopes")
+FOLDER, PAGE, RECORD, MAPS, TERRAIN_LAYERS, RELEASE = (
+    "slopes", "slopes.html", "slopes.json", "slopes.nc", "terrain.gpkg", "release.gpkg"
+)  # fmt: skip
+THRESHOLDS = {"drainage_area": (1e3, 1e4, 1e5, 1e6, 1e7, 1e8), "factor_of_safety": (0.8, 1.0, 1.2, 1.5, 2.0)}
+OWN_MAPS = ("sink_depth", "drainage_area", "ground_slope", "factor_of_safety", "failure_probability", "failure_thickness")
+ATTRIBUTES = {
+    "summary": "Drainage of an elevation raster and stability of an infinite slope",
+    "source": f"runout {__version__}, landlab",
+    "keywords": "landslide, slope stability, drainage",
+    "comment": "thicknesses are vertical; y descends from north to south",
+}
+
+
+def command(path: Path, out: Path | None, terrain_only: bool, strength: Strength, choices: PatchChoices) -> int:
+    """Examine a site or an elevation raster, write ``slopes/`` of its results, and print a line for each subject."""
+    start = time.perf_counter()
+    landlab_components()
+    place = read_place(path, out)
+    terrain = manageable(place.terrain)
+    drained = drainage(terrain)
+    stable = None if terrain_only else stability(drained, strength)
+    slope = terrain_slope(terrain.elevation, terrain.cell_size) if stable is None else stable.slope
+    figures, found = terrain_figures(drained, slope), None if stable is None else suggest(drained, stable, choices)
+    lines = [*figures.lines(), *(_lines(stable, found, terrain) if stable and found else ())]
+    record = _record(place, terrain, figures, strength, choices, found) | {"lines": lines}
+    maps = _maps(drained, slope, stable)
+    for line in lines:
+        log.output().print(line, markup=False, highlight=False, soft_wrap=True)
+    folder = place.results / FOLDER
+    write(folder, place.name, terrain, maps, figures, found, record)
+    LOGGER.info("wrote %s in %.0f s%s", folder, time.perf_counter() - start, _next(folder, path, place, found))
+    return ExitCode.OK
+
+
+def _next(folder: Path, path: Path, place: Place, found: Suggestion | None) -> str:
+    """How to use the proposed releases; empty if there are none."""
+    if not found or not found.patches:
+        return ""
+    if place.site is None:
+        return f"; next: runout new FOLDER --dem {path} --release {folder / RELEASE}"
+    return f"; in site.yaml: release: [{{polygons: {folder / RELEASE}, thickness: thickness_m}}]"
+
+
+def _maps(drained: Drainage, slope: np.ndarray, stable: Stability | None) -> dict[str, np.ndarray]:
+    maps = {"sink_depth": drained.sink_depth, "drainage_area": drained.area, "ground_slope": np.degrees(slope)}
+    if stable is not None:
+        maps |= {"factor_of_safety": stable.factor, "failure_probability": stable.probability}
+        maps["failure_thickness"] = stable.thickness
+    return maps
+
+
+def _lines(stable: Stability, found: Suggestion, terrain: "Terrain") -> Iterator[str]:
+    """Lines on the stability and the proposed releases, or the reason why there are none."""
+    at_one = float(np.nanmean(stable.factor <= 1.0))
+    yield f"factor of safety: median at most 1 on {at_one:.1%} of the area; largest probability {np.nanmax(stable.probability):.2g}"
+    if not found.patches:
+        yield f"no release is proposed: {_reason(stable, found)}"
+        return
+    more = f", the first {len(found.patches)} are kept" if found.found > len(found.patches) else ""
+    total = sum(patch.attributes["volume_m3"] for patch in found.patches)
+    yield f"releases: {found.found} proposed{more}, {total:.4g} m3"
+    for patch in found.patches:
+        a = patch.attributes
+        yield (
+            f"release {a['rank']:g}: {a['volume_m3']:.4g} m3 on {a['area_m2']:.4g} m2, {a['thickness_m']:.2f} m thick, probability "
+            f"{a['probability']:.2f}, slope {a['slope_deg']:.0f} deg"
+        )
+
+
+def _reason(stable: Stability, found: Suggestion) -> str:
+    """Why no release is proposed: the condition that no cell meets, the steepest slope and the largest probability."""
+    steepest, largest = np.degrees(np.nanmax(stable.slope)), np.nanmax(stable.probability)
+    condition, option = next((words, option) for words, (cells, option) in found.left.items() if cells == 0)
+    remedy = f"if that is too strict, state another {option}, or weaker or wetter soil"
+    return f"no cell {condition}; steepest slope {steepest:.1f} deg, largest probability {largest:.2g}; {remedy}"
+
+
+def _record(
+    place: Place,
+    terrain: "Terrain",
+    figures: TerrainFigures,
+    strength: Strength,
+    choices: PatchChoices,
+    found: Suggestion | None,
+) -> dict[str, Any]:
+    record = {
+        "runout": __version__,
+        "name": place.name,
+        "elevation": terrain.source,
+        "rows_columns": list(terrain.shape),
+        "cell_size_m": list(terrain.cell_size),
+        "changes": list(terrain.changes),
+        "terrain": figures.record(),
+    }
+    if found is None:
+        return record
+    released = [patch.attributes for patch in found.patches]
+    left = {words: cells for words, (cells, _) in found.left.items()}
+    return record | {"strength": asdict(strength), "choices": asdict(choices), "cells_left": left, "releases": released}
+
+
+def write(
+    folder: Path,
+    name: str,
+    terrain: "Terrain",
+    maps: Mapping[str, np.ndarray],
+    figures: TerrainFigures,
+    found: Suggestion | None,
+    record: Mapping[str, Any],
+) -> None:
+    """Write all files of a folder; those of an earlier call are removed first.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+    """
+    for old in (PAGE, RECORD, MAPS, TERRAIN_LAYERS, RELEASE, *(f"{map_}{end}" for map_ in OWN_MAPS for end in (".tif", ".qml"))):
+        (folder / old).unlink(missing_ok=True)
+    patches = found.patches if found else []
+    write_maps(folder, MAPS, f"{name}: terrain and stability", terrain, {"elevation": terrain.elevation, **maps}, ATTRIBUTES)
+    sinks = [{**sink.attributes(), "geometry": sink.outline} for sink in figures.sinks]
+    layers = {"sinks": ("MultiPolygon", sinks), "flow_paths": ("LineString", figures.paths)}
+    if sinks or figures.paths:
+        write_layers(folder / TERRAIN_LAYERS, terrain, layers)
+    if patches:
+        rows = [{**patch.attributes, "rank": int(patch.attributes["rank"]), "geometry": patch.outline} for patch in patches]
+        write_layers(folder / RELEASE, terrain, {"release": ("MultiPolygon", rows)})
+    write_text(slopes_page(name, terrain, maps, figures, patches, record["lines"]), folder / PAGE)
+    write_json(record, folder / RECORD)
+
+
+def write_maps(
+    folder: Path, file: str, title: str, terrain: "Terrain", maps: Mapping[str, np.ndarray], attributes: Mapping[str, Any]
+) -> None:
+    """Write maps as NetCDF, and all but the elevation as a GeoTIFF with a QGIS style each."""
+    dataset = map_dataset(terrain, maps, title=title, attrs=attributes)
+    write_netcdf(dataset, folder / file)
+    for name in maps:
+        if name == "elevation":
+            continue
+        known = dataset[name].values[np.isfinite(dataset[name].values)]
+        smallest, largest = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+        edges: Sequence[float] = class_edges(name, THRESHOLDS.get(name, ()), smallest, largest)
+        write_cog(dataset, name, folder / f"{name}.tif")
+        write_text(qml(edges, VARIABLES[name].printed[0], name), folder / f"{name}.qml")
