@@ -123,7 +123,10 @@ class _Job:
         release = given["release"]
         given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
         times = tuple(sorted(given.pop("snapshot_times", ())))
-        control = RunControl(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
+        shown = given.pop("snapshot_particles", 0)
+        control = RunControl(
+            given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times, snapshot_particles=shown
+        )
         found: list[Extent] = []
         scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)
         particles = CompactParticles.of(made, scene.densities, scene.dtype)

@@ -101,6 +101,10 @@ class DeviceError(RunoutError):
     """A device that does not exist or cannot be used."""
 
 
+class RenderError(RunoutError):
+    """A picture or film that cannot be made; results do not depend on it."""
+
+
 class ClusterError(RunoutError):
     """A cluster that cannot be reached, or whose workers cannot compute members."""
 

@@ -19,7 +19,7 @@ from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
-from runout.observers import THICKNESS, AtRest, Ledger, PeakMaps, flow_fields
+from runout.observers import THICKNESS, AtRest, Ledger, ParticleSample, PeakMaps, flow_fields
 from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
@@ -48,6 +48,8 @@ class RunControl:
         least :data:`OBSERVATIONS` times; 0 observes after every step.
     crop : bool
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
+    snapshot_particles : int
+        Most particles that are kept at each snapshot.
     """
 
     end_time: float
@@ -56,10 +58,13 @@ class RunControl:
     snapshot_times: tuple[float, ...] = ()
     crossing: float = CROSSING
     crop: bool = True
+    snapshot_particles: int = 0
 
     def __post_init__(self) -> None:
         checked("end_time", self.end_time, error=ConfigError)
         checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
+        if self.snapshot_particles < 0:
+            raise ConfigError(f"snapshot_particles is {self.snapshot_particles}; it must be 0 or more")
 
 
 class Run:
@@ -73,12 +78,14 @@ class Run:
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
         self.ledger, self.rest = Ledger(), AtRest()
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self.sample, self.particle_frames = ParticleSample(), list[np.ndarray]()
         self.pending, self.reason = list(control.snapshot_times), ""
         self.looks: list[int] = []
         self.time = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
+        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
         state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
@@ -90,6 +97,7 @@ class Run:
         self.ledger.restore(part(state, "ledger."))
         frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
         self.snapshots = list(zip(*frames, strict=True))
+        self.particle_frames = list(state["frames.particles"])
         self.pending = self.pending[len(self.snapshots) :]
         LOGGER.info("continues from a checkpoint at %.4g s of %.4g s", self.time, self.control.end_time)
 
@@ -101,6 +109,7 @@ class Run:
         state |= {f"ledger.{name}": values for name, values in self.ledger.state().items()}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
+        state["frames.particles"] = np.array(self.particle_frames)
         state["run.seconds"] = np.asarray(self.seconds + seconds)
         return state
 
@@ -124,6 +133,7 @@ class Run:
             stop_reason=self.reason,
             depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
+            particle_frames=self.particle_frames,
             start=self.scene.start_attributes(),
         )
 
@@ -196,6 +206,8 @@ class Run:
         started, control = clock.perf_counter(), self.control
         while self.pending and self.time >= self.pending[0] - 1e-12 * control.end_time:
             self.snapshots.append((self.pending.pop(0), *self._frame(self._raster_columns())))
+            if self.sample.size:
+                self.particle_frames.append(self.sample.take(self.engine.particles(), self.scene.spacing))
         if self.time >= control.end_time * (1 - 1e-12):
             self.reason = "end time"
         self._record(self.engine.ledger(), self.engine.memory_bytes())

@@ -49,6 +49,7 @@ def simulate(
     stop: bool = True,
     arrival_threshold: float = 0.1,
     snapshot_times: Sequence[float] = (),
+    snapshot_particles: int = 0,
     progress: Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = EVERY,
@@ -108,6 +109,8 @@ def simulate(
         Thickness from which a cell counts as reached [m].
     snapshot_times : sequence of float
         Times [s] at which maps of thickness and speed are stored.
+    snapshot_particles : int
+        Most particles whose positions and speeds are stored at these times, evenly chosen; 0: none.
     progress : callable, optional
         Called with the fraction of the simulated time, 0 to 1.
     checkpoint : path, optional
@@ -125,7 +128,8 @@ def simulate(
         If a run cannot continue.
     """
     started = clock.perf_counter()
-    control = RunControl(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
+    times = tuple(sorted(snapshot_times))
+    control = RunControl(end_time, stop, arrival_threshold, times, snapshot_particles=snapshot_particles)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}

@@ -198,19 +198,24 @@ def _sheet(extent: Extent, above: float = 0.0) -> tuple[Any, Any]:
 
 def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = True) -> None:
     """Hillshade and contour lines of a window."""
-    from matplotlib.colors import LightSource
-
-    dx, dy = basemap.cell_size
     z = basemap.elevation[window]
     known = np.where(np.isfinite(z), z, np.nanmin(basemap.elevation))
-    shade = LightSource(SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG).hillshade(known, vert_exag=1.3, dx=dx, dy=dy)
-    shade = np.ma.masked_where(~np.isfinite(z), shade)
+    shade = np.ma.masked_where(~np.isfinite(z), hillshade(known, basemap.cell_size))
     extent = basemap.extent(window)
     axes.set_facecolor("#e9ebee")
     axes.imshow(shade, cmap="gray", vmin=-1.5, vmax=1.05, extent=extent, interpolation="bicubic", zorder=0)
     draw_unknown(axes, ~np.isfinite(z), extent)
     if contours and np.ptp(known) > 0:
         _contours(axes, basemap, window)
+
+
+def hillshade(elevation: np.ndarray, cell_size: tuple[float, float]) -> np.ndarray:
+    """Brightness, 0 to 1, of ground of known elevation (rows, columns) [m] that the sun of :data:`SUN_AZIMUTH_DEG` lights."""
+    from matplotlib.colors import LightSource
+
+    dx, dy = cell_size
+    shade: np.ndarray = LightSource(SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG).hillshade(elevation, vert_exag=1.3, dx=dx, dy=dy)
+    return shade
 
 
 def _contours(axes: Any, basemap: Basemap, window: Window) -> None:
