@@ -64,8 +64,8 @@ def camera_for(scene: FlowScene, direction: tuple[float, float] | None, aspect: 
 def best_direction(scene: FlowScene, aspect: float) -> tuple[float, float]:
     """Azimuth and elevation [rad] from which the ground of the flow is visible, faces the camera and fills the picture.
 
-    The rating is the share of the picture that the flow fills, times the square of its mean area in the picture per plan area: the
-    first alone would choose a view along the slope, the second alone a view up the path, which is high and narrow.
+    The rating is the share of the picture that the flow fills, times its mean area in the picture per plan area: the first alone
+    would choose a view along the slope, the second alone a view up the path, which is high and narrow.
     """
     points, normals = _flow_points(scene), _flow_normals(scene)
     for elevation in np.radians(ELEVATIONS_DEG):
@@ -74,7 +74,7 @@ def best_direction(scene: FlowScene, aspect: float) -> tuple[float, float]:
             towards = _towards(azimuth, elevation)
             seen = _visible(scene, points, towards)
             facing = np.clip(normals @ towards, 0.0, None) / normals[:, 2]  # area in the picture per area of the plan
-            rating = float((seen * facing).mean()) ** 3 / _picture_area(points, azimuth, elevation, aspect)
+            rating = float((seen * facing).mean()) ** 2 / _picture_area(points, azimuth, elevation, aspect)
             rated.append((rating, seen.mean(), azimuth))
         _, seen_share, best = max(rated)
         if seen_share >= VISIBLE:

@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -96,13 +97,24 @@ def _write_mp4(frames: Sequence[Path], path: Path, fps: float) -> None:
 
 
 def _write_gif(frames: Sequence[Path], path: Path, fps: float) -> None:
-    """One palette for all frames, that of the last, so that colours do not flicker."""
+    """One palette for all frames, so that colours do not flicker."""
     from PIL import Image
 
     pictures = [Image.fromarray(colours) for colours in _pictures(frames)]
-    middle = pictures[len(pictures) // 2].quantize(256, method=Image.Quantize.MEDIANCUT)
-    paletted = [picture.quantize(palette=middle, dither=Image.Dither.NONE) for picture in pictures]
+    palette = _palette([pictures[k] for k in sorted({0, len(pictures) // 2, len(pictures) - 1})])
+    paletted = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     paletted[0].save(path, save_all=True, append_images=paletted[1:], duration=round(1000 / fps), loop=0, optimize=False)
+
+
+def _palette(pictures: Sequence[Any]) -> Any:
+    """Picture with a palette of 256 colours: half of them by area, half for the colours of small areas such as the colour bar."""
+    from PIL import Image
+
+    some = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures]))
+    halves = [some.quantize(128, method=way).getpalette() for way in (Image.Quantize.MEDIANCUT, Image.Quantize.MAXCOVERAGE)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for half in halves for value in (half or [])[: 3 * 128]])
+    return palette
 
 
 def _write_folder(frames: Sequence[Path], times: Sequence[float], folder: Path) -> Path:

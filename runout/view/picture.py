@@ -15,11 +15,11 @@ from runout.view.camera import VIEW_ANGLE_DEG, camera_for
 from runout.view.scene import FlowScene
 
 SKY_TOP, SKY = "#dfe7ee", "#ffffff"
-GROUND_TINT = np.array([1.0, 0.985, 0.955])  # of the brightest ground
+GROUND_TINT = np.array([0.95, 0.93, 0.89])  # of the brightest ground
 DARKEST = 0.9  # brightness of ground in the shade, before it is scaled to at most 1
 STRUCTURE = "#b9bdc2"
 LINE_WIDTH, TUBE = 4.0, 0.12  # [pixel]; of a cell above the ground
-POINT_SIZE = 4.0  # [pixel]
+SMALLEST_POINT, LARGEST_POINT, COVERED = 3.0, 14.0, 0.3  # [pixel]; share of the picture that all particles cover at most
 TEXT_HEIGHT = 45.0  # of the picture, per height of its text
 
 
@@ -124,7 +124,7 @@ class Picture:
         if look.show == "particles":
             points, values = surfaces.particle_values(scene, frame, look.colour)
             mesh = pv.PolyData(points)
-            choices |= {"point_size": POINT_SIZE, "render_points_as_spheres": True}
+            choices |= {"point_size": self._point_size(len(points)), "render_points_as_spheres": True}
         else:
             mesh = self._surface(surfaces.flow_points(scene, frame), surfaces.flow_faces(scene, frame))
             values = surfaces.flow_values(scene, frame, look.colour).ravel()
@@ -136,6 +136,11 @@ class Picture:
         stamp = look.caption or f"t = {scene.times[frame]:.4g} s"
         self._write(stamp, 3.9, "time")
         self.plotter.render()
+
+    def _point_size(self, points: int) -> float:
+        """Size of particles [pixel]: the fewer, the larger."""
+        size = np.sqrt(COVERED * self.look.size[0] * self.look.size[1] / max(1, points))
+        return float(np.clip(size, SMALLEST_POINT, LARGEST_POINT * self.look.size[1] / 720))
 
     def _write(self, text: str, line: float, name: str) -> None:
         """Text so many lines below the upper edge."""

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from runout.map_quantities import QUANTITIES
-from runout.report.wording import unit
 from runout.view.scene import FlowScene
 
 COLOURED = {"thickness": QUANTITIES["thickness"], "speed": QUANTITIES["speed"]}  # what the flow may be coloured by
+PLAIN_UNITS = {"m": "m", "m s-1": "m/s"}  # the font of VTK has no superscript minus
 TOP_PERCENTILE = 99.5
 FAINTEST = 0.12  # part of the colours that is not used, as too light on the ground
 
@@ -32,7 +32,7 @@ def scale_of(scene: FlowScene, colour: str) -> Scale:
     values = np.nan_to_num(getattr(scene, colour))[covered]
     top = float(np.percentile(values, TOP_PERCENTILE)) if values.size else 0.0
     ticks = MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, top if top > 0 else 1.0)
-    return Scale(f"{quantity.symbol} [{unit(quantity.units)}]", quantity.colours, float(ticks[-1]), len(ticks))
+    return Scale(f"{quantity.symbol} [{PLAIN_UNITS[quantity.units]}]", quantity.colours, float(ticks[-1]), len(ticks))
 
 
 def quads(cells: np.ndarray) -> np.ndarray:
