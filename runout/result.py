@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.model.depth_resolution import DepthResolution
+from runout.model.facts import as_html, as_text, short
 from runout.model.particles import Particles
+from runout.model.readers import reader
 from runout.model.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -118,6 +120,35 @@ class Result:
         }
         series = {name: ("particle", values) for name, values in columns.items()}
         return xr.Dataset(series, coords={"particle": self.state.identity})
+
+    def plot(self, quantity: str = "thickness", *, title: str | None = None) -> Any:
+        """Axes of matplotlib with a map over hillshade, on a new figure of pyplot.
+
+        ``quantity`` is thickness, speed, pressure, momentum_flux, deposit or arrival; the first four are maxima over the run.
+        """
+        return reader("Result.plot")(self, quantity, title=title)
+
+    def _facts(self) -> dict[str, str]:
+        area, mass = self.terrain.cell_area, self.series["mass"]
+        thickness, speed = (np.nan_to_num(self.fields[f"max_{name}"]) for name in ("flow_thickness", "speed"))
+        deposit = np.nan_to_num(self.fields["deposit_thickness"])
+        return {
+            "ended": f"{self.stop_reason} at {short(self.series['time'][-1], 's')}",
+            "size": f"{self.n_particles} particles, {self.steps} steps, {short(self.timing.get('total', 0.0), 's')}",
+            "largest thickness": short(thickness.max(), "m"),
+            "largest speed": short(speed.max(), "m/s"),
+            "area reached": short((thickness > 0).sum() * area, "m2"),
+            "volume at the end": short(deposit.sum() * area, "m3"),
+            "escaped": f"{100 * (1 - mass[-1] / mass[0]):.3g} % of the mass" if mass[0] > 0 else "no mass",
+            "resolution": self.depth_resolution.statement(),
+            "snapshots": str(len(self.snapshots)),
+        }
+
+    def __repr__(self) -> str:
+        return as_text("Result", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html("Result", self._facts())
 
     def snapshot_maps(self) -> "xr.Dataset":
         """Thickness [m] and speed [m/s] at the snapshot times, (time, y, x)."""

@@ -4,6 +4,7 @@ Text is at least 9 pt on a sheet of 4.2 inch, which is 10 pixels high on a phone
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -161,9 +162,11 @@ def draw_map(basemap: Basemap, values: np.ndarray, style: MapStyle, window: Wind
     return axes.figure
 
 
-def blank_map(basemap: Basemap, window: Window, title: str = "") -> tuple[Any, Any]:
-    """Axes of a map with everything but its values, and axes for the colour bar."""
-    axes, bar = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0)
+def blank_map(
+    basemap: Basemap, window: Window, title: str = "", new_figure: Callable[..., Any] | None = None
+) -> tuple[Any, Any]:
+    """Axes of a map with everything but its values, and axes for the colour bar, on a figure that ``new_figure`` makes."""
+    axes, bar = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0, new_figure)
     axes.set_title(title, loc="left", fontsize=NORMAL, color=INK, pad=6)
     draw_ground(axes, basemap, window)
     draw_frame(axes, basemap, window)
@@ -179,7 +182,7 @@ def draw_values(axes: Any, bar: Any, extent: Extent, values: np.ndarray, style: 
     return painted
 
 
-def _sheet(extent: Extent, above: float = 0.0) -> tuple[Any, Any]:
+def _sheet(extent: Extent, above: float = 0.0, new_figure: Callable[..., Any] | None = None) -> tuple[Any, Any]:
     """Axes in the shape of the extent with room [inch] above, and axes of the colour bar below, on a new figure."""
     from matplotlib.figure import Figure
 
@@ -189,7 +192,7 @@ def _sheet(extent: Extent, above: float = 0.0) -> tuple[Any, Any]:
     width = min(WIDE - left - right, HIGHEST * ratio)
     height = width / ratio
     high = height + bottom + top + above + bar + words
-    figure = Figure(figsize=(WIDE, high))
+    figure = (new_figure or Figure)(figsize=(WIDE, high))
     middle = left + (WIDE - left - right - width) / 2
     axes = figure.add_axes((middle / WIDE, (bottom + bar + words) / high, width / WIDE, height / high))
     below = figure.add_axes((left / WIDE, words / high, (WIDE - left - right) / WIDE, bar / high))

@@ -10,6 +10,7 @@ from runout.view.scene import FlowScene
 
 ELEVATIONS_DEG = (33.0, 50.0)  # of the camera above the horizon; the second where ridges hide the flow from the first
 AZIMUTH_STEP_DEG = 15
+FACING = 0.8  # of the largest area per plan area, that a direction needs
 VISIBLE = 0.9  # share of the flow that the first elevation must show
 HIDDEN = 0.05  # of a cell, by which ground above a line hides its end
 VIEW_ANGLE_DEG = 30.0  # height of the picture
@@ -64,8 +65,8 @@ def camera_for(scene: FlowScene, direction: tuple[float, float] | None, aspect: 
 def best_direction(scene: FlowScene, aspect: float) -> tuple[float, float]:
     """Azimuth and elevation [rad] from which the ground of the flow is visible, faces the camera and fills the picture.
 
-    The rating is the share of the picture that the flow fills, times its mean area in the picture per plan area: the first alone
-    would choose a view along the slope, the second alone a view up the path, which is high and narrow.
+    Candidates are directions with nearly the largest mean area in the picture per plan area: they face the slope. Among them, the
+    flow fills most of the picture in the best one; that alone would choose a view along the slope.
     """
     points, normals = _flow_points(scene), _flow_normals(scene)
     for elevation in np.radians(ELEVATIONS_DEG):
@@ -74,9 +75,10 @@ def best_direction(scene: FlowScene, aspect: float) -> tuple[float, float]:
             towards = _towards(azimuth, elevation)
             seen = _visible(scene, points, towards)
             facing = np.clip(normals @ towards, 0.0, None) / normals[:, 2]  # area in the picture per area of the plan
-            rating = float((seen * facing).mean()) ** 2 / _picture_area(points, azimuth, elevation, aspect)
-            rated.append((rating, seen.mean(), azimuth))
-        _, seen_share, best = max(rated)
+            faced = float((seen * facing).mean())
+            rated.append((faced, faced / _picture_area(points, azimuth, elevation, aspect), seen.mean(), azimuth))
+        enough = FACING * max(faced for faced, *_ in rated)
+        _, seen_share, best = max(one[1:] for one in rated if one[0] >= enough)
         if seen_share >= VISIBLE:
             break
     return float(best), float(elevation)

@@ -124,8 +124,10 @@ def window_around(terrain: "Terrain", releases: "Sequence[Release]", reached: np
 
 
 def _rings(releases: "Sequence[Release]") -> list[np.ndarray]:
-    """Exterior rings (n, 2) of the outlines of releases; releases of rasters have none."""
-    outlines = [release.outline for release in releases if release.outline is not None]
+    """Exterior rings (n, 2) of the outlines of releases; of rasters, those around the cells with thickness."""
+    from runout.io.vector import outline
+
+    outlines = [r.outline if r.outline is not None else outline(r.thickness > 0, r.terrain) for r in releases]
     parts = [part for outline in outlines for part in getattr(outline, "geoms", [outline])]
     return [np.asarray(part.exterior.coords)[:, :2] for part in parts]
 

@@ -18,7 +18,8 @@ SKY_TOP, SKY = "#dfe7ee", "#ffffff"
 GROUND_TINT = np.array([0.95, 0.93, 0.89])  # of the brightest ground
 DARKEST = 0.9  # brightness of ground in the shade, before it is scaled to at most 1
 STRUCTURE = "#b9bdc2"
-LINE_WIDTH, TUBE = 4.0, 0.12  # [pixel]; of a cell above the ground
+LINE_WIDTH, LIFT = 4.0, 0.03  # [pixel]; of a cell above the surface
+BAR_BACKGROUND = 0.55  # opacity
 SMALLEST_POINT, LARGEST_POINT, COVERED = 3.0, 14.0, 0.3  # [pixel]; share of the picture that all particles cover at most
 TEXT_HEIGHT = 45.0  # of the picture, per height of its text
 
@@ -39,6 +40,8 @@ class Look:
         Width and height [pixel].
     caption : str
         Second line of the picture, instead of the time of the frame.
+    top : float
+        Value of the last colour; 0: that of the scene.
     """
 
     colour: str = "thickness"
@@ -46,6 +49,7 @@ class Look:
     direction: tuple[float, float] | None = None
     size: tuple[int, int] = (1280, 720)
     caption: str = ""
+    top: float = 0.0
 
 
 def _plotter(off_screen: bool, size: tuple[int, int]) -> Any:
@@ -66,14 +70,14 @@ class Picture:
     def __init__(self, scene: FlowScene, look: Look, off_screen: bool = True):
         self.scene, self.look = scene.refined(), look
         self.coarse = scene  # one cell of the raster each
-        self.scale = surfaces.scale_of(scene, look.colour)
+        self.scale = surfaces.scale_of(scene, look.colour, look.top)
         self.colours = ListedColormap(colormaps[self.scale.colours](np.linspace(surfaces.FAINTEST, 1.0, 256)))
         self.plotter = _plotter(off_screen, look.size)
         self.text = max(10, round(look.size[1] / TEXT_HEIGHT))
         self.plotter.set_background(SKY, top=SKY_TOP)
         self.plotter.enable_anti_aliasing("ssaa" if off_screen else "msaa")
         self._ground()
-        self._marks()
+        self._structures()
         self._frame_of_picture()
         self.show(0)
 
@@ -85,7 +89,8 @@ class Picture:
             return
         x, y = mesh.points[:, 0], mesh.points[:, 1]
         mesh.active_texture_coordinates = np.column_stack([x / x.max(), y / y.max()])
-        self.plotter.add_mesh(mesh, texture=pv.Texture(self.scene.image), smooth_shading=True, ambient=0.35, name="ground")
+        light = {"smooth_shading": True, "ambient": 0.15, "diffuse": 0.8}
+        self.plotter.add_mesh(mesh, texture=pv.Texture(self.scene.image), name="ground", **light)
 
     def _shade(self) -> np.ndarray:
         """Colours (n, 3) of uint8 of the ground by the sun."""
@@ -97,11 +102,15 @@ class Picture:
         corners = surfaces.quads(faces)
         return pv.PolyData(points.reshape(-1, 3), np.column_stack([np.full(len(corners), 4), corners]).ravel())
 
-    def _marks(self) -> None:
-        lift = np.array([0.0, 0.0, TUBE * min(self.scene.cell_size)])
+    def _outlines(self, points: np.ndarray) -> None:
+        """Outlines of the releases on a surface (rows, columns, 3)."""
+        lift = np.array([0.0, 0.0, LIFT * min(self.coarse.cell_size)])
         for k, outline in enumerate(self.scene.outlines):
-            line = pv.lines_from_points(self.scene.draped(outline) + lift)
-            self.plotter.add_mesh(line, color=RELEASE, line_width=LINE_WIDTH, lighting=False, name=f"outline {k}")
+            line = pv.lines_from_points(self.scene.draped(outline, points[..., 2]) + lift)
+            choices = {"color": RELEASE, "line_width": LINE_WIDTH, "lighting": False, "render": False, "reset_camera": False}
+            self.plotter.add_mesh(line, name=f"outline {k}", **choices)
+
+    def _structures(self) -> None:
         for name, (points, faces) in self.scene.meshes.items():
             mesh = pv.PolyData(self.scene.local(points), np.column_stack([np.full(len(faces), 3), faces]).ravel())
             self.plotter.add_mesh(mesh, color=STRUCTURE, show_edges=False, ambient=0.25, name=f"structure {name}")
@@ -121,21 +130,30 @@ class Picture:
             "scalars": look.colour, "cmap": self.colours, "clim": (0.0, self.scale.top), "scalar_bar_args": self._bar(),
             "name": "flow",
         }  # fmt: skip
+        surface = surfaces.flow_points(scene, frame)
         if look.show == "particles":
             points, values = surfaces.particle_values(scene, frame, look.colour)
             mesh = pv.PolyData(points)
             choices |= {"point_size": self._point_size(len(points)), "render_points_as_spheres": True}
         else:
-            mesh = self._surface(surfaces.flow_points(scene, frame), surfaces.flow_faces(scene, frame))
+            mesh = self._surface(surface, surfaces.flow_faces(scene, frame))
             values = surfaces.flow_values(scene, frame, look.colour).ravel()
             choices |= {"smooth_shading": True, "ambient": 0.3, "specular": 0.15}
         self.plotter.remove_actor("flow", render=False)
         if len(values) and mesh.n_cells:
             mesh.point_data[look.colour] = values
             self.plotter.add_mesh(mesh, render=False, reset_camera=False, **choices)
+            self._lighten(self.plotter.scalar_bars[self._bar()["title"]])
+        self._outlines(surface)
         stamp = look.caption or f"t = {scene.times[frame]:.4g} s"
         self._write(stamp, 3.9, "time")
         self.plotter.render()
+
+    def _lighten(self, bar: Any) -> None:
+        """A light background, so that a dark image does not hide the words."""
+        bar.GetBackgroundProperty().SetOpacity(BAR_BACKGROUND)
+        bar.GetTitleTextProperty().SetBackgroundColor(1.0, 1.0, 1.0)
+        bar.GetTitleTextProperty().SetBackgroundOpacity(BAR_BACKGROUND)
 
     def _point_size(self, points: int) -> float:
         """Size of particles [pixel]: the fewer, the larger."""
@@ -150,6 +168,6 @@ class Picture:
     def _bar(self) -> dict[str, Any]:
         return {
             "title": self.scale.label + "\n", "vertical": True, "position_x": 0.88, "position_y": 0.25,
-            "width": 0.05, "height": 0.5, "color": INK, "title_font_size": self.text, "label_font_size": self.text,
-            "n_labels": self.scale.labels, "fmt": "%.3g",
+            "width": 0.05, "height": 0.5, "background_color": "white", "fill": True, "color": INK,
+            "title_font_size": self.text, "label_font_size": self.text, "n_labels": self.scale.labels, "fmt": "%.3g",
         }  # fmt: skip

@@ -87,8 +87,8 @@ class FlowScene:
         """Local positions (n, 3) [m] of map positions (n, 3) [m]."""
         return np.asarray(points, np.float64) - np.array([*self.origin, 0.0])
 
-    def draped(self, line: np.ndarray) -> np.ndarray:
-        """A line (n, 2) in map coordinates on the ground, (m, 3) local [m], with a point on each cell."""
+    def draped(self, line: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        """A line (n, 2) in map coordinates on a surface (rows, columns) [m], (m, 3) local [m], with points on each cell."""
         from scipy.ndimage import map_coordinates
 
         line = np.asarray(line, np.float64)
@@ -96,7 +96,7 @@ class FlowScene:
         steps = np.linspace(0.0, length[-1], max(2, int(2 * length[-1] / min(self.cell_size))))
         x, y = (np.interp(steps, length, line[:, k]) - self.origin[k] for k in (0, 1))
         place = [len(self.northing) - 1 - y / self.cell_size[1], x / self.cell_size[0]]
-        return np.column_stack([x, y, map_coordinates(self.points()[..., 2], place, order=1, mode="nearest")])
+        return np.column_stack([x, y, map_coordinates(elevation, place, order=1, mode="nearest")])
 
     def frames(self, count: int | None) -> "FlowScene":
         """The scene with ``count`` of its frames, evenly chosen, first and last included; all if it has no more."""

@@ -23,14 +23,15 @@ class Scale:
     labels: int
 
 
-def scale_of(scene: FlowScene, colour: str) -> Scale:
-    """One scale for all frames; its top is a round number above all but the largest half percent of the values."""
+def scale_of(scene: FlowScene, colour: str, top: float = 0.0) -> Scale:
+    """One scale for all frames; its top is a round number above all but the largest half percent of the values, or ``top``."""
     from matplotlib.ticker import MaxNLocator
 
     quantity = COLOURED[colour]
     covered = np.nan_to_num(scene.thickness) >= scene.least_thickness
     values = np.nan_to_num(getattr(scene, colour))[covered]
-    top = float(np.percentile(values, TOP_PERCENTILE)) if values.size else 0.0
+    if not top:
+        top = float(np.percentile(values, TOP_PERCENTILE)) if values.size else 0.0
     ticks = MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, top if top > 0 else 1.0)
     return Scale(f"{quantity.symbol} [{PLAIN_UNITS[quantity.units]}]", quantity.colours, float(ticks[-1]), len(ticks))
 
