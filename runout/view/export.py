@@ -4,6 +4,7 @@ Positions are local metres, so that single precision on a graphics card resolves
 holds the easting and northing of the local origin. Only the process that draws imports this module.
 """
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -15,6 +16,7 @@ from runout.view import surfaces
 from runout.view.scene import FlowScene
 
 HIDDEN_POINT = 2  # vtkDataSetAttributes::HIDDENPOINT
+NOT_IN_A_NAME = r"[^\w.-]"
 HEAD = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>\n'
 
 
@@ -28,7 +30,7 @@ def export(scene: FlowScene, folder: Path) -> list[Path]:
         written += [*clouds, _collection(scene.times, clouds, folder / "particles.pvd")]
     for name, (points, faces) in scene.meshes.items():
         mesh = pv.PolyData(scene.local(points), np.column_stack([np.full(len(faces), 3), faces]).ravel())
-        written.append(_saved(mesh, scene, folder / f"structure_{name}.vtp"))
+        written.append(_saved(mesh, scene, folder / f"structure_{re.sub(NOT_IN_A_NAME, '_', name)}.vtp"))
     return written
 
 

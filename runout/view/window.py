@@ -21,9 +21,9 @@ class Player:
         """Show the frame next to a time [s]."""
         self.show(int(np.argmin(np.abs(self.picture.scene.times - time))))
 
-    def step(self, by: int) -> None:
-        """Show an earlier or a later frame."""
-        self.show(int(np.clip(self.frame + by, 0, len(self.picture.scene.times) - 1)))
+    def beside(self, by: int) -> int:
+        """Number of an earlier or a later frame."""
+        return int(np.clip(self.frame + by, 0, len(self.picture.scene.times) - 1))
 
     def show(self, frame: int) -> None:
         """Show a frame, unless it is shown."""
@@ -44,12 +44,12 @@ def prepare(picture: Picture) -> Player:
     if len(times) > 1:
         slider = picture.plotter.add_slider_widget(
             player.to_time, [float(times[0]), float(times[-1])], value=float(times[0]), title="time [s]", fmt="%.3g",
-            pointa=(0.3, 0.08), pointb=(0.7, 0.08), color=INK, interaction_event="always",
+            pointa=(0.3, 0.08), pointb=(0.7, 0.08), color=INK, interaction_event="always", style="modern",
         )  # fmt: skip
 
         def move(by: int) -> None:
-            player.step(by)
-            slider.GetRepresentation().SetValue(float(times[player.frame]))
+            slider.GetRepresentation().SetValue(float(times[player.beside(by)]))  # before it is drawn
+            player.show(player.beside(by))
 
         picture.plotter.add_key_event("Right", lambda: move(1))
         picture.plotter.add_key_event("Left", lambda: move(-1))
