@@ -128,7 +128,7 @@ class _Job:
         times = tuple(sorted(given.pop("snapshot_times", ())))
         control = RunControl(
             given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times,
-            force_interval=given.pop("force_interval", None),
+            force_interval=given.pop("force_interval", None), snapshot_particles=given.pop("snapshot_particles", 0),
         )  # fmt: skip
         found: list[Extent] = []
         scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)

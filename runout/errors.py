@@ -113,6 +113,10 @@ class LibraryError(RunoutError):
     """A library of an optional extra that is not installed or cannot be imported; states the command that installs it."""
 
 
+class RenderError(RunoutError):
+    """A picture or film that cannot be made; results do not depend on it."""
+
+
 class ClusterError(RunoutError):
     """A cluster that cannot be reached, or whose workers cannot compute members."""
 

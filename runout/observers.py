@@ -10,6 +10,7 @@ from runout.backends.compile import array_binding
 from runout.backends.protocol import LedgerRow, RasterSums
 from runout.backends.state import State, part, plain
 from runout.map_quantities import member_map_names, peak_quantities
+from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.structures import Structures
 from runout.structure_forces import StructureForces
@@ -106,6 +107,36 @@ def flow_fields(columns: RasterSums, raster: Raster) -> tuple[np.ndarray, np.nda
     mass = np.maximum(columns.mass, np.finfo(float).tiny)
     speed = array_binding().flow_columns.column_speed(mass, *np.moveaxis(columns.momentum, -1, 0))
     return columns.volume / (raster.cell_size[0] * raster.cell_size[1]), speed
+
+
+@dataclass(frozen=True)
+class ParticleSample:
+    """Some particles of a run, evenly spaced by their identity, that are followed through the snapshots.
+
+    Attributes
+    ----------
+    size : int
+        Number of particles; 0 for none.
+    stride : int
+        Step of their identities.
+    """
+
+    size: int = 0
+    stride: int = 1
+
+    @classmethod
+    def of(cls, particles: int, most: int) -> "ParticleSample":
+        """Sample of at most ``most`` of so many particles."""
+        stride = -(-particles // most) if most else 1
+        return cls(-(-particles // stride) if most else 0, max(1, stride))
+
+    def take(self, particles: Particles, spacing: tuple[float, float, float]) -> np.ndarray:
+        """Local position [m] and speed [m/s] of the sample, (size, 4) float32; NaN for a particle that has left the domain."""
+        found = particles.take(particles.identity % self.stride == 0)
+        frame = np.full((self.size, 4), np.nan, np.float32)
+        speed = np.linalg.norm(found.velocity, axis=1)
+        frame[found.identity // self.stride] = np.column_stack([found.position(np.array(spacing)), speed])
+        return frame
 
 
 class Ledger:

@@ -9,12 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.model.depth_resolution import DepthResolution
+from runout.model.facts import as_html, as_text, short
 from runout.model.particles import Particles
+from runout.model.readers import reader
 from runout.model.terrain import Terrain
 from runout.structure_forces import StructureForces
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+FIRST = ("first_row", "first_column")  # attributes of the file of a part of a raster
 
 
 def _nothing() -> Particles:
@@ -37,6 +42,10 @@ class Result:
         "at rest", "end time" or "all mass has left the domain".
     resolution : Resolution
         Cells through the depth of the flow and numerical viscosity.
+    snapshots : list of tuple
+        Time [s], thickness [m] and speed [m/s] (rows, columns) of each snapshot.
+    particle_frames : list of ndarray (n, 4)
+        Local position [m] and speed [m/s] of a sample of the particles at each snapshot; empty unless requested.
     structure_forces : StructureForces or None
         Impulses on structures over time, with force, moment and pressure of each facade; None without structures.
     start : mapping
@@ -54,6 +63,7 @@ class Result:
     stop_reason: str
     depth_resolution: DepthResolution
     snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
+    particle_frames: list[np.ndarray] = field(default_factory=list)
     start: Mapping[str, Any] = field(default_factory=dict)
     structure_forces: StructureForces | None = None
 
@@ -115,6 +125,35 @@ class Result:
         series = {name: ("particle", values) for name, values in columns.items()}
         return xr.Dataset(series, coords={"particle": self.state.identity})
 
+    def plot(self, quantity: str = "thickness", *, title: str | None = None) -> Any:
+        """Axes of matplotlib with a map over hillshade, on a new figure of pyplot.
+
+        ``quantity`` is thickness, speed, pressure, momentum_flux, deposit or arrival; the first four are maxima over the run.
+        """
+        return reader("Result.plot")(self, quantity, title=title)
+
+    def _facts(self) -> dict[str, str]:
+        area, mass = self.terrain.cell_area, self.series["mass"]
+        thickness, speed = (np.nan_to_num(self.fields[f"max_{name}"]) for name in ("flow_thickness", "speed"))
+        deposit = np.nan_to_num(self.fields["deposit_thickness"])
+        return {
+            "ended": f"{self.stop_reason} at {short(self.series['time'][-1], 's')}",
+            "size": f"{self.n_particles} particles, {self.steps} steps, {short(self.timing.get('total', 0.0), 's')}",
+            "largest thickness": short(thickness.max(), "m"),
+            "largest speed": short(speed.max(), "m/s"),
+            "area reached": short((thickness > 0).sum() * area, "m2"),
+            "volume at the end": short(deposit.sum() * area, "m3"),
+            "escaped": f"{100 * (1 - mass[-1] / mass[0]):.3g} % of the mass" if mass[0] > 0 else "no mass",
+            "resolution": self.depth_resolution.statement(),
+            "snapshots": str(len(self.snapshots)),
+        }
+
+    def __repr__(self) -> str:
+        return as_text("Result", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html("Result", self._facts())
+
     def snapshot_maps(self) -> "xr.Dataset":
         """Thickness [m] and speed [m/s] at the snapshot times, (time, y, x)."""
         from runout.io.netcdf import add_map, map_dataset
@@ -124,6 +163,24 @@ class Result:
         for name, frames in (("flow_thickness", [h for _, h, _ in self.snapshots]), ("speed", [v for _, _, v in self.snapshots])):
             add_map(dataset, name, self.terrain.where_known(np.array(frames)), ("time",))
         return dataset
+
+    def snapshot_particles(self) -> "xr.Dataset":
+        """Map coordinates [m] and speed [m/s] of a sample of the particles at the snapshot times, (time, particle).
+
+        NaN for particles that have left the domain. Empty unless ``snapshot_particles`` was given to :func:`runout.simulate`.
+        """
+        import xarray as xr
+
+        from runout.variables import VARIABLES
+
+        frames = np.array(self.particle_frames, np.float64).reshape(len(self.particle_frames), -1, 4)
+        columns = [*np.moveaxis(self.terrain.frame.to_map(frames[..., :3]), -1, 0), frames[..., 3]]
+        names = ("particle_easting", "particle_northing", "particle_elevation", "particle_speed")
+        series = {
+            name: (("time", "particle"), values, VARIABLES[name].attributes()) for name, values in zip(names, columns, strict=True)
+        }
+        times = [t for t, _, _ in self.snapshots][: len(frames)]
+        return xr.Dataset(series, coords={"time": ("time", times, VARIABLES["time"].attributes())})
 
     def to_netcdf(
         self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None, *, reached_only: bool = False
@@ -136,20 +193,30 @@ class Result:
         from runout.io.netcdf import write
         from runout.structure_series import GROUP, facade_series
 
-        maps, groups = self._reached() if reached_only else (self.maps, {})
+        shown, place, groups = self._reached() if reached_only else (self, {}, {})
         groups["ledger"] = self.ledger
         if self.structure_forces:
             groups[GROUP] = facade_series(self.structure_forces)
         if self.snapshots:
-            groups["snapshots"] = self.snapshot_maps()
-        write(maps.assign_attrs(dict(attrs or {})), path, groups=groups)
+            groups["snapshots"] = shown.snapshot_maps()
+        if self.particle_frames:
+            groups["snapshot_particles"] = self.snapshot_particles()
+        write(shown.maps.assign_attrs(place | dict(attrs or {})), path, groups=groups)
 
-    def _reached(self) -> "tuple[xr.Dataset, dict[str, xr.Dataset]]":
-        """Maps on the part of the raster that the flow reached, and the group that tells the place of the whole."""
+    def _reached(self) -> "tuple[Result, dict[str, Any], dict[str, xr.Dataset]]":
+        """Result on the part of the raster that the flow reached, attributes of its place, and the group of the whole raster."""
         from runout.io.member_maps import RASTER, cut_to_reached
 
-        terrain, fields, attributes, raster = cut_to_reached(self.terrain, self.fields)
-        return replace(self, terrain=terrain, fields=fields).maps.assign_attrs(attributes), {RASTER: raster}
+        layers = {f"{k}": np.maximum(h, v) for k, (_, h, v) in enumerate(self.snapshots)}
+        terrain, cut, attributes, raster = cut_to_reached(self.terrain, {**self.fields, **layers})
+        rows, columns = (slice(attributes[name], attributes[name] + n) for name, n in zip(FIRST, terrain.shape, strict=True))
+        part = replace(
+            self,
+            terrain=terrain,
+            fields={name: cut[name] for name in self.fields},
+            snapshots=[(t, h[rows, columns], v[rows, columns]) for t, h, v in self.snapshots],
+        )
+        return part, dict(attributes), {RASTER: raster}
 
     def _attributes(self) -> dict[str, Any]:
         run = {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}

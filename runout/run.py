@@ -20,7 +20,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.observers import THICKNESS, AtRest, Ledger, PeakMaps, StructureImpulses, flow_fields
+from runout.observers import THICKNESS, AtRest, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
 from runout.result import Result
 from runout.structure_forces import named_structures
 
@@ -52,6 +52,8 @@ class RunControl:
         Least time between two records of the forces on structures [s]; that of the rows of the ledger by default.
     crop : bool
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
+    snapshot_particles : int
+        Most particles that are kept at each snapshot.
     """
 
     end_time: float
@@ -61,12 +63,15 @@ class RunControl:
     crossing: float = CROSSING
     crop: bool = True
     force_interval: float | None = None
+    snapshot_particles: int = 0
 
     def __post_init__(self) -> None:
         checked("end_time", self.end_time, error=ConfigError)
         checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
         if self.force_interval is not None and not 0 <= self.force_interval < math.inf:
             raise ConfigError(f"force_interval is {self.force_interval!r} s; it must be 0 (every step) or more")
+        if self.snapshot_particles < 0:
+            raise ConfigError(f"snapshot_particles is {self.snapshot_particles}; it must be 0 or more")
 
 
 class Run:
@@ -83,12 +88,14 @@ class Run:
         interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
         self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
+        self.sample, self.particle_frames = ParticleSample(), list[np.ndarray]()
         self.pending, self.reason = list(control.snapshot_times), ""
         self.looks: list[int] = []
         self.time = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
+        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
         state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
@@ -102,6 +109,7 @@ class Run:
             self.forces.restore(part(state, "forces."))
         frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
         self.snapshots = list(zip(*frames, strict=True))
+        self.particle_frames = list(state["frames.particles"])
         self.pending = self.pending[len(self.snapshots) :]
         LOGGER.info("continues from a checkpoint at %.4g s of %.4g s", self.time, self.control.end_time)
 
@@ -115,6 +123,7 @@ class Run:
             state |= {f"forces.{name}": values for name, values in self.forces.state().items()}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
+        state["frames.particles"] = np.array(self.particle_frames)
         state["run.seconds"] = np.asarray(self.seconds + seconds)
         return state
 
@@ -138,6 +147,7 @@ class Run:
             stop_reason=self.reason,
             depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
+            particle_frames=self.particle_frames,
             start=self.scene.start_attributes(),
             structure_forces=self.forces.result(),
         )
@@ -215,6 +225,8 @@ class Run:
         started, control = clock.perf_counter(), self.control
         while self.pending and self.time >= self.pending[0] - 1e-12 * control.end_time:
             self.snapshots.append((self.pending.pop(0), *self._frame(self._raster_columns())))
+            if self.sample.size:
+                self.particle_frames.append(self.sample.take(self.engine.particles(), self.scene.spacing))
         if self.time >= control.end_time * (1 - 1e-12):
             self.reason = "end time"
         self._record(self.engine.ledger(), self.engine.memory_bytes())

@@ -52,6 +52,7 @@ def simulate(
     stop: bool = True,
     arrival_threshold: float = 0.1,
     snapshot_times: Sequence[float] = (),
+    snapshot_particles: int = 0,
     force_interval: float | None = None,
     progress: Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -114,6 +115,8 @@ def simulate(
         Thickness from which a cell counts as reached [m].
     snapshot_times : sequence of float
         Times [s] at which maps of thickness and speed are stored.
+    snapshot_particles : int
+        Most particles whose positions and speeds are stored at these times, evenly chosen; 0: none.
     force_interval : float, optional
         Least time between two records of the forces on structures [s]; a 200th of ``end_time`` by default, 0 for every step.
     progress : callable, optional
@@ -133,7 +136,10 @@ def simulate(
         If a run cannot continue.
     """
     started = clock.perf_counter()
-    control = RunControl(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)), force_interval=force_interval)
+    times = tuple(sorted(snapshot_times))
+    control = RunControl(
+        end_time, stop, arrival_threshold, times, force_interval=force_interval, snapshot_particles=snapshot_particles
+    )
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)

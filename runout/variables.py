@@ -91,6 +91,10 @@ _MEMBER_MAPS = {
     ARRIVAL: _positive("s", "time from the release to the arrival of the flow", comment="missing where no flow arrives"),
     "flow_thickness": _positive("m", "flow thickness, vertical"),
     "speed": _positive("m s-1", "speed of the flow"),
+    "particle_easting": _series("m", "easting of a particle"),
+    "particle_northing": _series("m", "northing of a particle"),
+    "particle_elevation": Variable("m", "elevation of a particle"),
+    "particle_speed": Variable("m s-1", "speed of a particle"),
 }
 
 _TERRAIN_MAPS = {

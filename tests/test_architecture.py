@@ -35,6 +35,7 @@ IMPORT_NAMES = {
     "ruamel.yaml": "ruamel",
     "pillow": "PIL",
     "dask-jobqueue": "dask_jobqueue",
+    "imageio-ffmpeg": "imageio_ffmpeg",
 }  # where it differs from the name of the distribution
 COME_WITH = {"llvmlite": "numba", "pydantic_core": "pydantic", "mpl_toolkits": "matplotlib"}  # always, in a version that fits
 HEAVY = (

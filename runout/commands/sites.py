@@ -109,6 +109,7 @@ def simulate(
     *,
     member: Annotated[int, Parameter(help="Number of the member, as in `runout status`.")] = 0,
     snapshots: Annotated[int, Parameter(help="Number of snapshots, evenly spaced in time.")] = 20,
+    particles: Annotated[int, Parameter(help="Most particles that each snapshot keeps with position and speed.")] = 0,
     cell_size: Annotated[
         tuple[float, ...] | None,
         Parameter(consume_multiple=True, negative="", help="Grid spacing [m], one number or three [default: what site.yaml says]."),
@@ -119,7 +120,8 @@ def simulate(
     """Run one member and keep snapshots; write results/simulations/, never the members of the ensemble."""
     from runout.workflow.single_member import run as run_member
 
-    run_member(site, session.out, member=member, snapshots=snapshots, device=device, cell_size=cell_size)
+    choices = {"member": member, "snapshots": snapshots, "particles": particles}
+    run_member(site, session.out, **choices, device=device, cell_size=cell_size)
     return ExitCode.OK
 
 

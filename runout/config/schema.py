@@ -31,12 +31,13 @@ from runout.config.quantities import (
     Thickness,
 )
 from runout.config.remote import InputFile
+from runout.config.report import REPORT, ReportSettings
 from runout.config.structures import STRUCTURES, StructureSettings
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import SMALLEST_NET
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
-MOST_MEMBERS, LARGEST_NET = 100_000, 65_536
+MOST_MEMBERS, LARGEST_NET, MOST_SNAPSHOTS = 100_000, 65_536, 1000
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
@@ -271,6 +272,13 @@ class SimulationSettings(Settings):
     )
     cfl: float = limited("cfl", "time step as a fraction of the stable one", CFL)
     arrival_threshold: float = limited("arrival_threshold", "thickness that counts as arrival of the flow", 0.1)
+    snapshots: int | None = quantity(
+        "thickness and speed of every member are kept at this number of times, evenly spaced, for `runout view` and `animate`",
+        None,
+        ge=2,
+        le=MOST_SNAPSHOTS,
+        examples=[20],
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -359,6 +367,7 @@ class SiteSettings(Settings):
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())
     observations: ObservationSettings | None = OBSERVATIONS
+    report: ReportSettings | None = REPORT
     budget: BudgetSettings | None = quantity(
         "a run that is forecast to need more is refused", None, examples=[{"hours": 1.0, "memory_gb": 8.0, "disk_gb": 2.0}]
     )

@@ -229,6 +229,7 @@ class Site:
             "initial_stress": stated.initial_stress,
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,
+            **({"snapshot_times": even_times(stated.end_time, stated.snapshots)} if stated.snapshots else {}),
         }
 
     def grid(self, releases: "Sequence[Release]") -> dict[str, Any]:
@@ -368,6 +369,11 @@ def read_site(path: Path | str) -> Site:
     file = site_file(path)
     settings = load(file)
     return Site(file.parent, file, settings.name, settings)
+
+
+def even_times(end_time: float, count: int) -> tuple[float, ...]:
+    """Times [s] of ``count`` snapshots from 0 to ``end_time`` [s]."""
+    return tuple(end_time * k / max(1, count - 1) for k in range(count))
 
 
 def _fixed(value: Any) -> Any:

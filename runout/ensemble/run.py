@@ -22,12 +22,14 @@ from runout.errors import DiskFullError, InputError, RunoutError
 from runout.io.fingerprint import Unchanged
 from runout.io.lock import exclusive, shared
 from runout.io.part import remove_stale
+from runout.model.facts import as_html, as_text
 
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
+MOST_REASONS = 10  # of failed members, in the representation of a report
 LEAST_WORK = 0.01  # members that must be finished before the remaining time is estimated
 
 
@@ -68,6 +70,19 @@ class EnsembleReport:
 
     def __str__(self) -> str:
         return f"{self.members} members: {len(self.done)} simulated, {len(self.skipped)} already there, {len(self.failed)} failed"
+
+    def _facts(self) -> dict[str, str]:
+        numbers = (self.members, len(self.done), len(self.skipped), len(self.failed))
+        counts = dict(zip(("members", "simulated", "already there", "failed"), numbers, strict=True))
+        shown = list(self.failed.items())[:MOST_REASONS]
+        facts = {name: str(count) for name, count in counts.items()} | {f"member {n} failed": why for n, why in shown}
+        return facts | ({"growth": self.growth} if self.growth else {})
+
+    def __repr__(self) -> str:
+        return as_text("EnsembleReport", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html("EnsembleReport", self._facts())
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from runout.errors import ReleaseError, member_of
 from runout.model.arrays import real_array
 from runout.model.basal_friction import BasalFriction
+from runout.model.facts import as_html, as_text, short
 from runout.model.limits import LIMITS
 from runout.model.materials import Material
 from runout.model.readers import reader
@@ -190,6 +191,28 @@ class Release:
             return replace(self, thickness=self.thickness * factor, deepest=deepest)
         body = self.body.scaled(factor)
         return replace(self, thickness=body.thickness(), body=body, deepest=deepest)
+
+    def plot(self, *, title: str | None = None) -> Any:
+        """Axes of matplotlib with a map of the thickness over hillshade, on a new figure of pyplot."""
+        return reader("Release.plot")(self, title=title)
+
+    def _facts(self) -> dict[str, str]:
+        released = self.thickness > 0
+        return {
+            "name": self.name,
+            "volume": short(self.volume, "m3"),
+            "area": short(self.area, "m2"),
+            "thickness": f"{short(self.thickness[released].mean())} m on average, {short(self.thickness.max())} m at most",
+            "placement": str(self.placement),
+            "edge": str(self.edge),
+            "source": self.source,
+        }
+
+    def __repr__(self) -> str:
+        return as_text("Release", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html("Release", self._facts())
 
     @property
     def excavation(self) -> np.ndarray:

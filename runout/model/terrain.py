@@ -8,6 +8,7 @@ import numpy as np
 
 from runout.errors import DemError
 from runout.model.arrays import real_array
+from runout.model.facts import as_html, as_text, crs_name
 from runout.model.frame import LocalFrame
 from runout.model.readers import reader
 
@@ -101,6 +102,29 @@ class Terrain:
         """
         read: Terrain = reader("Terrain.from_raster")(path, crs, extent)
         return read
+
+    def plot(self, *, title: str = "") -> Any:
+        """Axes of matplotlib with a map of the elevation over hillshade, on a new figure of pyplot."""
+        return reader("Terrain.plot")(self, title=title)
+
+    def _facts(self) -> dict[str, str]:
+        rows, columns = self.shape
+        dx, dy = self.cell_size
+        unknown = int(np.isnan(self.elevation).sum())
+        facts = {
+            "cells": f"{rows} x {columns} (rows x columns) of {dx:.4g} m" + ("" if dx == dy else f" x {dy:.4g} m"),
+            "elevation": f"{np.nanmin(self.elevation):.1f} to {np.nanmax(self.elevation):.1f} m",
+            "west, south, east, north": ", ".join(f"{edge:.1f}" for edge in self.extent) + " m",
+            "coordinate system": crs_name(self.crs),
+            "source": self.source,
+        }
+        return facts | ({"without elevation": f"{unknown} cells"} if unknown else {})
+
+    def __repr__(self) -> str:
+        return as_text("Terrain", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html("Terrain", self._facts())
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -1,9 +1,10 @@
 """The report of a study: one self-contained HTML file."""
 
 from base64 import b64encode
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from runout.report import figures, sheets, tables
 from runout.report.maps import STYLES
@@ -14,11 +15,16 @@ from runout.report.structures import structure_section
 from runout.report.study import Study, read_study
 from runout.report.wording import MINUS
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from runout.report.stills import Stills
+
 REPORT = "report.html"
 TEMPLATE = "report.html.jinja"
 
 
-def write_report(site: Any, results: Path) -> Path:
+def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Stills] | None" = None) -> Path:
     """Write the report ``results/report.html``, completely or not at all; returns its path.
 
     Parameters
@@ -27,6 +33,8 @@ def write_report(site: Any, results: Path) -> Path:
         The study's site: name, title, and the resolved configuration.
     results : Path
         Folder with ``hazard.nc``, ``members.nc``, ``members/``, ``outlines.gpkg`` and ``run.json``.
+    stills : callable, optional
+        Draws valid members in three dimensions.
 
     Raises
     ------
@@ -36,7 +44,8 @@ def write_report(site: Any, results: Path) -> Path:
     from runout.io.atomic import write_text
 
     study = read_study(Path(results))
-    return write_text(render(page(site, study)), Path(results) / REPORT)
+    drawn = stills(study.valid).content() if stills else None
+    return write_text(render({**page(site, study), "stills": drawn}), Path(results) / REPORT)
 
 
 def page(site: Any, study: Study) -> dict[str, Any]:

@@ -4,6 +4,7 @@ Text is at least 9 pt on a sheet of 4.2 inch, which is 10 pixels high on a phone
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -161,9 +162,11 @@ def draw_map(basemap: Basemap, values: np.ndarray, style: MapStyle, window: Wind
     return axes.figure
 
 
-def blank_map(basemap: Basemap, window: Window, title: str = "") -> tuple[Any, Any]:
-    """Axes of a map with everything but its values, and axes for the colour bar."""
-    axes, bar = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0)
+def blank_map(
+    basemap: Basemap, window: Window, title: str = "", new_figure: Callable[..., Any] | None = None
+) -> tuple[Any, Any]:
+    """Axes of a map with everything but its values, and axes for the colour bar, on a figure that ``new_figure`` makes."""
+    axes, bar = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0, new_figure)
     axes.set_title(title, loc="left", fontsize=NORMAL, color=INK, pad=6)
     draw_ground(axes, basemap, window)
     draw_frame(axes, basemap, window)
@@ -179,7 +182,7 @@ def draw_values(axes: Any, bar: Any, extent: Extent, values: np.ndarray, style: 
     return painted
 
 
-def _sheet(extent: Extent, above: float = 0.0) -> tuple[Any, Any]:
+def _sheet(extent: Extent, above: float = 0.0, new_figure: Callable[..., Any] | None = None) -> tuple[Any, Any]:
     """Axes in the shape of the extent with room [inch] above, and axes of the colour bar below, on a new figure."""
     from matplotlib.figure import Figure
 
@@ -189,7 +192,7 @@ def _sheet(extent: Extent, above: float = 0.0) -> tuple[Any, Any]:
     width = min(WIDE - left - right, HIGHEST * ratio)
     height = width / ratio
     high = height + bottom + top + above + bar + words
-    figure = Figure(figsize=(WIDE, high))
+    figure = (new_figure or Figure)(figsize=(WIDE, high))
     middle = left + (WIDE - left - right - width) / 2
     axes = figure.add_axes((middle / WIDE, (bottom + bar + words) / high, width / WIDE, height / high))
     below = figure.add_axes((left / WIDE, words / high, (WIDE - left - right) / WIDE, bar / high))
@@ -198,19 +201,24 @@ def _sheet(extent: Extent, above: float = 0.0) -> tuple[Any, Any]:
 
 def draw_ground(axes: Any, basemap: Basemap, window: Window, contours: bool = True) -> None:
     """Hillshade and contour lines of a window."""
-    from matplotlib.colors import LightSource
-
-    dx, dy = basemap.cell_size
     z = basemap.elevation[window]
     known = np.where(np.isfinite(z), z, np.nanmin(basemap.elevation))
-    shade = LightSource(SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG).hillshade(known, vert_exag=1.3, dx=dx, dy=dy)
-    shade = np.ma.masked_where(~np.isfinite(z), shade)
+    shade = np.ma.masked_where(~np.isfinite(z), hillshade(known, basemap.cell_size))
     extent = basemap.extent(window)
     axes.set_facecolor("#e9ebee")
     axes.imshow(shade, cmap="gray", vmin=-1.5, vmax=1.05, extent=extent, interpolation="bicubic", zorder=0)
     draw_unknown(axes, ~np.isfinite(z), extent)
     if contours and np.ptp(known) > 0:
         _contours(axes, basemap, window)
+
+
+def hillshade(elevation: np.ndarray, cell_size: tuple[float, float]) -> np.ndarray:
+    """Brightness, 0 to 1, of ground of known elevation (rows, columns) [m] that the sun of :data:`SUN_AZIMUTH_DEG` lights."""
+    from matplotlib.colors import LightSource
+
+    dx, dy = cell_size
+    shade: np.ndarray = LightSource(SUN_AZIMUTH_DEG, SUN_ALTITUDE_DEG).hillshade(elevation, vert_exag=1.3, dx=dx, dy=dy)
+    return shade
 
 
 def _contours(axes: Any, basemap: Basemap, window: Window) -> None:

@@ -16,13 +16,17 @@ from runout.interrupt import at_end
 from runout.io.lock import exclusive
 from runout.io.part import remove_stale
 from runout.lifetime import end_workers
+from runout.model.facts import as_html, as_text
 from runout.workflow.compilation import compile_ahead
 from runout.workflow.stages import Stage
 from runout.workflow.study import PLAN, STAGES, Study
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from runout.config.site import Site
     from runout.ensemble.cluster import Cluster
+    from runout.report.stills import Stills
 
 LOGGER = logging.getLogger("runout.hazard_map")
 
@@ -39,6 +43,16 @@ class Outcome:
     def exit_code(self) -> ExitCode:
         """PARTIAL_ENSEMBLE if members failed, else OK."""
         return ExitCode.PARTIAL_ENSEMBLE if self.failed else ExitCode.OK
+
+    def _facts(self) -> dict[str, str]:
+        stages = {"done": ", ".join(self.done) or "none", "up to date": ", ".join(self.skipped) or "none"}
+        return {**stages, "failed members": str(len(self.failed))} | {f"member {n} failed": why for n, why in self.failed.items()}
+
+    def __repr__(self) -> str:
+        return as_text("Outcome", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html("Outcome", self._facts())
 
 
 def run(
@@ -229,7 +243,17 @@ def make_report(study: Study) -> Iterable[Path]:
     from runout.report.html import write_report
 
     study.require_maps()
-    return [write_report(study.site, study.results)]
+    return [write_report(study.site, study.results, _stills(study))]
+
+
+def _stills(study: Study) -> "Callable[[pd.DataFrame], Stills] | None":
+    """What draws members in three dimensions; None unless site.yaml asks for it."""
+    stated = study.site.settings.report
+    if stated is None or stated.stills == "none":
+        return None
+    from runout.workflow.stills import member_stills
+
+    return partial(member_stills, study, chosen=stated.stills)
 
 
 MAKERS: dict[str, Callable[[Study], Iterable[Path]]] = {

@@ -118,6 +118,7 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
     cost = step_cost(arguments)
     seconds = SETUP_SECONDS + cost.step * steps + cost.particle * particle_steps
     maps = 2.0 * len(members) * len(member_map_names())  # of members/*.nc and members.nc, before compression
+    maps += 2.0 * len(members) * (site.settings.simulation.snapshots or 0)
     disk = maps * 4 * site.terrain().elevation.size
     disk += together * particles * CHECKPOINT_BYTES[site.settings.simulation.precision]
     work, longest = float(seconds.sum()), float(seconds.max())

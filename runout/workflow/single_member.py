@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from runout import log
 from runout.errors import ConfigError
 from runout.workflow.study import Study
@@ -25,6 +23,7 @@ def run(
     *,
     member: int = 0,
     snapshots: int = 20,
+    particles: int = 0,
     device: str | None = None,
     cell_size: Sequence[float] | None = None,
 ) -> Path:
@@ -40,6 +39,8 @@ def run(
         Row of the table of members.
     snapshots : int
         Number of snapshots, evenly spaced over the simulated time.
+    particles : int
+        Most particles whose positions and speeds each snapshot keeps.
     device : str or None
         "cpu", "cuda:N" or "auto" instead of what site.yaml says.
     cell_size : sequence of float or None
@@ -48,10 +49,10 @@ def run(
     Raises
     ------
     ConfigError, DeviceError
-        If there is no such member, the number of snapshots is negative, the cell size is out of range, or the device does not
-        exist.
+        If there is no such member, a number of snapshots or particles is negative, the cell size is out of range, or the device
+        does not exist.
     """
-    from runout.ensemble.member import plan_members
+    from runout.config.site import even_times
     from runout.ensemble.work_log import log_work
     from runout.io.atomic import whole_file
     from runout.simulation import simulate
@@ -60,23 +61,42 @@ def run(
     site, overrides = study.site, {} if cell_size is None else {"cell_size": list(cell_size)}
     if cell_size is not None:
         site = site.with_cell_size(cell_size)
-    members = plan_members(site)
-    if not 0 <= member < len(members):
-        raise ConfigError(f"member is {member}; the site has members 0 to {len(members) - 1}, see `runout status`")
+    chosen = chosen_member(site, member)
     if snapshots < 0:
         raise ConfigError(f"snapshots is {snapshots}; it must be 0 or more")
-    chosen, file = members[member], study.results / "simulations" / f"{member:04d}{_suffix(overrides)}.nc"
+    file = simulation_file(study.results, member, _suffix(overrides))
     with log.to_file(study.results / "run.log"), log.progress(f"member {member}") as bar:
         arguments = {**site.member_arguments(chosen.parameters), "seed": chosen.seed}
-        times = np.linspace(0.0, arguments["end_time"], snapshots)
+        arguments |= {"snapshot_times": even_times(arguments["end_time"], snapshots), "snapshot_particles": particles}
         stated = [f"{name} {value:.4g}" for name, value in chosen.parameters.items()]
         LOGGER.info("member %d: %s", member, ", ".join([*stated, *(f"{name} {value}" for name, value in overrides.items())]))
-        result = simulate(**arguments, snapshot_times=tuple(times), progress=bar)
+        result = simulate(**arguments, progress=bar)
         log_work(member, result.series)
         with whole_file(file) as temporary:
-            result.to_netcdf(temporary, attrs=_attributes(site, chosen, overrides))
+            result.to_netcdf(temporary, attrs={**_attributes(site, chosen, overrides), "snapshots_planned": snapshots})
         LOGGER.info("wrote %s: %d particles, %d steps, stopped: %s", file, result.n_particles, result.steps, result.stop_reason)
     return file
+
+
+def simulation_file(results: Path, member: int, suffix: str = "") -> Path:
+    """Where the simulation of one member goes."""
+    return Path(results) / "simulations" / f"{member:04d}{suffix}.nc"
+
+
+def chosen_member(site: "Site", number: int) -> "Member":
+    """A member of a site by its number.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such member.
+    """
+    from runout.ensemble.member import plan_members
+
+    members = plan_members(site)
+    if not 0 <= number < len(members):
+        raise ConfigError(f"member is {number}; the site has members 0 to {len(members) - 1}, see `runout status`")
+    return members[number]
 
 
 def _suffix(overrides: dict[str, list[float]]) -> str:
@@ -99,6 +119,8 @@ def _attributes(site: "Site", member: "Member", overrides: dict[str, list[float]
     attributes: dict[str, Any] = {"member": member.number, "parameters": json.dumps(member.parameters), "seed": member.seed}
     attributes |= {name: json.dumps(origin[name]) for name in ("inputs", "configuration", "versions")}
     attributes |= {name: origin[name] for name in ("site", "device", "command", "configuration_sha256")}
+    if not overrides:
+        attributes["member_key"] = member.key
     if overrides:
         attributes["overrides"] = json.dumps({f"simulation.{name}": numbers for name, numbers in overrides.items()})
         named = ", ".join(overrides)

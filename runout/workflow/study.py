@@ -30,7 +30,7 @@ PLAN = (
     Stage("release", "read and check the release", ("name", "terrain", "release")),
     Stage("ensemble", "run the members", FLOW),
     Stage("hazard", "aggregate the members into maps", (*HEAD, *FLOW, "hazard", "observations")),
-    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "observations", "budget")),  # sections that the report prints
+    Stage("report", "write the report", (*HEAD, *FLOW, "hazard", "observations", "report", "budget")),  # sections that it prints
 )
 STAGES = tuple(stage.name for stage in PLAN)
 

@@ -1,0 +1,70 @@
+"""Commands that show a member of a site in three dimensions."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from runout.commands.options import Device, Injected, SiteArgument
+from runout.errors import ExitCode
+
+Member = Annotated[int, Parameter(help="Number of the member, as in `runout status`.")]
+Frames = Annotated[int | None, Parameter(help="Number of frames [default: those that are there, or 40].")]
+Colour = Annotated[Literal["thickness", "speed"], Parameter(help="What the colours show.")]
+Show = Annotated[Literal["surface", "particles"], Parameter(help="Free surface of the flow, or its particles.")]
+Image = Annotated[Path | None, Parameter(help="GeoTIFF on the ground, such as an orthophoto [default: hillshade].")]
+Direction = Annotated[
+    str, Parameter(help="auto, top, north, east, south, west (where the camera stands), or azimuth,elevation in degrees.")
+]
+Size = Annotated[tuple[int, int], Parameter(consume_multiple=True, negative="", help="Width and height [pixel].")]
+
+
+def view(
+    site: SiteArgument,
+    *,
+    member: Member = 0,
+    frames: Frames = None,
+    colour: Colour = "thickness",
+    show: Show = "surface",
+    camera: Direction = "auto",
+    image: Image = None,
+    size: Size = (1280, 720),
+    device: Device = None,
+    session: Injected,
+) -> int:
+    """Open a window on the flow of one member in 3D, with a slider for the time; needs the extra runout[view]."""
+    from runout.workflow.seeing import Choices
+    from runout.workflow.seeing import view as open_view
+
+    open_view(site, session.out, Choices(member, frames, colour, show, camera, image, size, device))
+    return ExitCode.OK
+
+
+def animate(
+    site: SiteArgument,
+    *,
+    member: Member = 0,
+    frames: Frames = None,
+    output: Annotated[
+        Path | None, Parameter(help="Film .mp4 or .gif, or a folder for PNG [default: animations/ in the results folder].")
+    ] = None,
+    vtk: Annotated[Path | None, Parameter(help="Folder for files of ParaView with the time of each frame.")] = None,
+    colour: Colour = "thickness",
+    show: Show = "surface",
+    camera: Direction = "auto",
+    image: Image = None,
+    size: Size = (1280, 720),
+    fps: Annotated[float, Parameter(help="Frames per second of the film.")] = 10.0,
+    device: Device = None,
+    session: Injected,
+) -> int:
+    """Write a film of one member in 3D, or files for ParaView; needs no display, but the extra runout[view]."""
+    from runout.workflow.seeing import Choices
+    from runout.workflow.seeing import animate as write
+
+    write(site, session.out, Choices(member, frames, colour, show, camera, image, size, device), output, vtk, fps)
+    return ExitCode.OK
+
+
+COMMANDS: tuple[Callable[..., int], ...] = (view, animate)

@@ -1,0 +1,30 @@
+"""Pictures of members in three dimensions, for the report."""
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Stills:
+    """Pictures of the maximum thickness of members.
+
+    Attributes
+    ----------
+    pictures : tuple of (str, bytes)
+        Title and PNG of each.
+    drawn_by : str
+        Versions and driver: the pixels depend on them.
+    failure : str
+        Why pictures are missing; empty if none is.
+    """
+
+    pictures: tuple[tuple[str, bytes], ...] = ()
+    drawn_by: str = ""
+    failure: str = ""
+
+    def content(self) -> dict[str, Any]:
+        """Content of the template."""
+        from runout.report.html import embedded
+
+        shown = [{"title": title, "image": embedded(picture)} for title, picture in self.pictures]
+        return {"pictures": shown, "drawn_by": self.drawn_by, "failure": self.failure}

@@ -1,0 +1,117 @@
+"""Runs the process that draws, with a time limit; its end by VTK becomes one sentence."""
+
+import json
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from runout.errors import RenderError
+from runout.interrupt import at_end
+from runout.view.renderer import PACKAGE_MISSING
+from runout.view.scene import FlowScene
+
+LOGGER = logging.getLogger(__name__)
+COMMAND = (sys.executable, "-m", "runout.view.renderer")
+START_SECONDS, FRAME_SECONDS = 120.0, 20.0  # time limit [s], and what each frame adds to it
+POLL_SECONDS = 0.2
+INSTALL = "pip install 'runout[view]'"
+NO_PACKAGE = f"3D pictures need pyvista: {INSTALL}"
+NO_OPENGL = (
+    "3D pictures need OpenGL, and VTK found none on this machine: install a software driver (Debian, Ubuntu: apt install libegl1 "
+    "libgl1-mesa-dri) or draw on another machine; the run is complete without them"
+)
+
+
+def require_packages() -> None:
+    """Raise RenderError unless pyvista is installed."""
+    if find_spec("pyvista") is None:
+        raise RenderError(NO_PACKAGE)
+
+
+def make(
+    task: str, scene: FlowScene, look: Mapping[str, Any], folder: Path, progress: Callable[[float], None] | None = None
+) -> list[Path]:
+    """Products of a task of :mod:`runout.view.renderer` in ``folder / "made"``.
+
+    Parameters
+    ----------
+    task : str
+        "frames", "files" or "window".
+    scene : FlowScene
+    look : mapping
+        Arguments of :class:`runout.view.picture.Look`.
+    folder : Path
+        Empty folder for the job.
+    progress : callable, optional
+        Called with the finished fraction, 0 to 1.
+
+    Raises
+    ------
+    RenderError
+        If pyvista is missing, there is no OpenGL, the disk is full, or the time limit is exceeded.
+    """
+    require_packages()
+    scene.save(folder / "scene.npz")
+    (folder / "job.json").write_text(json.dumps({"task": task, "look": dict(look)}), encoding="utf-8")
+    limit = None if task == "window" else START_SECONDS + FRAME_SECONDS * len(scene.times)
+    code = _run(folder, limit, progress, len(scene.times))
+    if code:
+        raise RenderError(_reason(folder, code, task))
+    return sorted((folder / "made").iterdir())
+
+
+def _run(folder: Path, limit: float | None, progress: Callable[[float], None] | None, frames: int) -> int:
+    """Exit code of the process; RenderError at the time limit."""
+    started = time.monotonic()
+    with open(folder / "messages.txt", "wb") as messages:
+        streams = {"stdout": messages, "stderr": messages, "stdin": subprocess.DEVNULL}
+        process = subprocess.Popen([*COMMAND, str(folder)], env=_environment(), **streams)  # type: ignore[call-overload]
+        with at_end(process.kill):
+            try:
+                while True:
+                    try:
+                        return process.wait(POLL_SECONDS)
+                    except subprocess.TimeoutExpired:
+                        _tell(folder, progress, frames)
+                    if limit is not None and time.monotonic() - started > limit:
+                        raise RenderError(f"3D pictures: not finished after {limit:.0f} s; draw fewer frames or a smaller picture")
+            finally:
+                if process.poll() is None:
+                    process.kill()
+                    process.wait()
+
+
+def _tell(folder: Path, progress: Callable[[float], None] | None, frames: int) -> None:
+    if progress and (folder / "made").is_dir():
+        progress(sum(1 for _ in (folder / "made").iterdir()) / max(1, frames))
+
+
+def _environment() -> dict[str, str]:
+    """Environment in which the process finds this package."""
+    home, before = str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")
+    return {**os.environ, "PYTHONPATH": f"{home}{os.pathsep}{before}" if before else home}
+
+
+def _reason(folder: Path, code: int, task: str) -> str:
+    """Sentence about a process that failed."""
+    messages = (folder / "messages.txt").read_text(encoding="utf-8", errors="replace")
+    LOGGER.debug("the process that draws ended with code %d: %s", code, messages)
+    if code == PACKAGE_MISSING:
+        cause = (folder / "reason.txt").read_text(encoding="utf-8")
+        return f"3D pictures: pyvista cannot be imported ({cause}); repair it with {INSTALL}"
+    last = messages.strip().splitlines()[-1:] or [""]
+    if code == 1 and "Error" in last[0]:
+        return f"3D pictures: {last[0]}; -v shows more"
+    return NO_OPENGL
+
+
+def folder_for_job() -> tempfile.TemporaryDirectory[str]:
+    """Temporary folder of a job."""
+    return tempfile.TemporaryDirectory(prefix="runout_view_")

@@ -1,0 +1,191 @@
+"""What a picture in three dimensions shows: the ground, the frames of a flow, outlines and structures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MOST_CELLS = 250_000  # of the ground; a larger window is averaged over blocks of cells
+LEAST_CELLS, MOST_FINER = 120_000, 8  # of a smaller window, which is interpolated, and parts of a side of its cells
+LEAST_SHOWN = 0.1  # [m]
+RIM = 0.5  # share of covered ground at the rim of the flow
+Mesh = tuple[np.ndarray, np.ndarray]  # points (n, 3) in map coordinates [m], and triangles (m, 3) of their numbers
+
+
+@dataclass(frozen=True)
+class FlowScene:
+    """Ground and frames of a flow on the cells of a window, row 0 in the north.
+
+    Attributes
+    ----------
+    easting, northing : ndarray (columns,), (rows,)
+        Cell centres [m]; northing descends.
+    ground : ndarray (rows, columns)
+        Elevation below the flow [m]: the sliding surface of an excavated release, the terrain elsewhere; NaN where unknown.
+    times : ndarray (frames,)
+        [s]
+    thickness, speed : ndarray (frames, rows, columns)
+        Vertical thickness [m] and speed [m/s]; NaN or 0 where there is no flow.
+    title : str
+        First line of the picture.
+    least_thickness : float
+        Thinner flow is not drawn [m].
+    outlines : sequence of ndarray (n, 2)
+        Closed lines in map coordinates [m]: outlines of releases.
+    meshes : mapping of str to Mesh
+        Structures by name.
+    particles : ndarray (frames, n, 4) or None
+        Easting, northing, elevation [m] and speed [m/s]; NaN for particles that are no longer there.
+    image : ndarray (height, width, 3) of uint8, or None
+        Picture of exactly the window, north up, instead of the hillshade.
+    crs : str or None
+        Coordinate system as WKT.
+    """
+
+    easting: np.ndarray
+    northing: np.ndarray
+    ground: np.ndarray
+    times: np.ndarray
+    thickness: np.ndarray
+    speed: np.ndarray
+    title: str = ""
+    least_thickness: float = LEAST_SHOWN
+    outlines: Sequence[np.ndarray] = ()
+    meshes: Mapping[str, Mesh] = field(default_factory=dict)
+    particles: np.ndarray | None = None
+    image: np.ndarray | None = None
+    crs: str | None = None
+
+    @property
+    def cell_size(self) -> tuple[float, float]:
+        """Size of a cell east-west and north-south [m]."""
+        return float(self.easting[1] - self.easting[0]), float(self.northing[0] - self.northing[1])
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Map coordinates [m] of the local origin, the south-western cell centre."""
+        return float(self.easting[0]), float(self.northing[-1])
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """West, south, east and north of the outer cell centres [m]."""
+        return float(self.easting[0]), float(self.northing[-1]), float(self.easting[-1]), float(self.northing[0])
+
+    @property
+    def reached(self) -> np.ndarray:
+        """Cells (rows, columns) that are covered in any frame."""
+        return np.nanmax(np.nan_to_num(self.thickness), axis=0) >= self.least_thickness
+
+    def points(self) -> np.ndarray:
+        """Local positions (rows, columns, 3) [m] of the ground; unknown cells lie at its lowest elevation."""
+        x, y = np.meshgrid(self.easting - self.origin[0], self.northing - self.origin[1])
+        return np.stack([x, y, np.where(np.isfinite(self.ground), self.ground, np.nanmin(self.ground))], axis=-1)
+
+    def local(self, points: np.ndarray) -> np.ndarray:
+        """Local positions (n, 3) [m] of map positions (n, 3) [m]."""
+        return np.asarray(points, np.float64) - np.array([*self.origin, 0.0])
+
+    def draped(self, line: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        """A line (n, 2) in map coordinates on a surface (rows, columns) [m], (m, 3) local [m], with points on each cell."""
+        from scipy.ndimage import map_coordinates
+
+        line = np.asarray(line, np.float64)
+        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+        steps = np.linspace(0.0, length[-1], max(2, int(2 * length[-1] / min(self.cell_size))))
+        x, y = (np.interp(steps, length, line[:, k]) - self.origin[k] for k in (0, 1))
+        place = [len(self.northing) - 1 - y / self.cell_size[1], x / self.cell_size[0]]
+        return np.column_stack([x, y, map_coordinates(elevation, place, order=1, mode="nearest")])
+
+    def frames(self, count: int | None) -> "FlowScene":
+        """The scene with ``count`` of its frames, evenly chosen, first and last included; all if it has no more."""
+        if count is None or count >= len(self.times):
+            return self
+        chosen = np.unique(np.linspace(0, len(self.times) - 1, count).round().astype(int))
+        some: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("times", "thickness", "speed")}
+        return replace(self, **some, particles=None if self.particles is None else self.particles[chosen])
+
+    def coarsened(self, most: int = MOST_CELLS) -> "FlowScene":
+        """The scene with means over square blocks, so that it has at most ``most`` cells."""
+        block = int(np.ceil(np.sqrt(self.ground.size / most)))
+        if block < 2:
+            return self
+        names = ("easting", "northing", "ground", "thickness", "speed")
+        maps: dict[str, Any] = {name: _block_means(getattr(self, name), block) for name in names}
+        return replace(self, **maps)
+
+    def refined(self, least: int = LEAST_CELLS) -> "FlowScene":
+        """The scene on a finer grid, so that a flow of few cells has no stepped rim.
+
+        The ground is a cubic spline; thickness and speed are linear between cell centres, up to a rim that a quadratic B-spline of
+        the covered cells rounds. The number of cells is at least ``least``, or 64 for each cell if that is less.
+        """
+        finer = min(MOST_FINER, int(np.ceil(np.sqrt(least / self.ground.size))))
+        if finer < 2:
+            return self
+        rows, columns = ((n - 1) * finer + 1 for n in self.ground.shape)
+        whole = np.isfinite(self.ground).all()
+        ground = _resampled(self.ground, (rows, columns), order=3 if whole else 1)
+        frames = [self._finer_frame(frame, (rows, columns)) for frame in range(len(self.times))]
+        thickness, speed = np.array(frames, np.float32).reshape(-1, 2, rows, columns).swapaxes(0, 1)
+        west, south, east, north = self.extent
+        axes: dict[str, Any] = {"easting": np.linspace(west, east, columns), "northing": np.linspace(north, south, rows)}
+        return replace(self, ground=ground, thickness=thickness, speed=speed, **axes)
+
+    def _finer_frame(self, frame: int, shape: tuple[int, int]) -> list[np.ndarray]:
+        """Thickness and speed of a frame on a finer grid."""
+        from scipy.ndimage import uniform_filter
+
+        wet = np.nan_to_num(self.thickness[frame]) >= self.least_thickness
+        covered = _resampled(wet.astype(float), shape, order=2, prefilter=False) >= RIM
+        share = np.maximum(uniform_filter(wet.astype(float), 3), 1e-9)
+        found = []
+        for values in (self.thickness[frame], self.speed[frame]):
+            inside = np.where(wet, np.nan_to_num(values), 0.0)
+            beside = uniform_filter(inside, 3) / share  # mean of the covered cells around
+            found.append(np.where(covered, _resampled(np.where(wet, inside, beside), shape), 0.0))
+        return [np.where(covered, np.maximum(found[0], self.least_thickness), 0.0), found[1]]
+
+    def save(self, path: Path) -> None:
+        """Write the scene to an archive of NumPy."""
+        content: dict[str, Any] = {name: getattr(self, name) for name in _PLAIN if getattr(self, name) is not None}
+        content |= {f"outline_{k}": line for k, line in enumerate(self.outlines)}
+        for name, (points, faces) in self.meshes.items():
+            content |= {f"points_{name}": points, f"faces_{name}": faces}
+        np.savez(path, **content)
+
+    @classmethod
+    def load(cls, path: Path) -> "FlowScene":
+        """The scene of an archive of :meth:`save`."""
+        with np.load(path, allow_pickle=False) as archive:
+            held = {name: archive[name] for name in archive.files}
+        plain = {name: value[()] if value.ndim == 0 else value for name, value in held.items() if name in _PLAIN}
+        names = [name.removeprefix("points_") for name in held if name.startswith("points_")]
+        return cls(
+            **plain,
+            outlines=[held[name] for name in held if name.startswith("outline_")],
+            meshes={name: (held[f"points_{name}"], held[f"faces_{name}"]) for name in names},
+        )
+
+
+_PLAIN = tuple(f.name for f in fields(FlowScene) if f.name not in ("outlines", "meshes"))
+
+
+def _resampled(values: np.ndarray, shape: tuple[int, int], order: int = 1, prefilter: bool = True) -> np.ndarray:
+    """Values at the nodes of a finer grid with the same corners."""
+    from scipy.ndimage import zoom
+
+    factors = [n / m for n, m in zip(shape, values.shape, strict=True)]
+    finer: np.ndarray = zoom(values, factors, order=order, mode="nearest", prefilter=prefilter)
+    return finer
+
+
+def _block_means(values: np.ndarray, block: int) -> np.ndarray:
+    """Means over blocks along the last axis, or the last two of maps; incomplete blocks at the end are left out."""
+    for axis in range(max(0, values.ndim - 2), values.ndim):
+        whole = values.shape[axis] // block
+        values = np.take(values, np.arange(whole * block), axis=axis)
+        shape = (*values.shape[:axis], whole, block, *values.shape[axis + 1 :])
+        values = values.reshape(shape).mean(axis=axis + 1)
+    return values

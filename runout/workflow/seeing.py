@@ -1,0 +1,209 @@
+"""Shows one member of a site in three dimensions: window, film, files for ParaView."""
+
+import logging
+import os
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runout import log
+from runout.errors import ConfigError, RenderError
+from runout.view import film, process
+from runout.view.camera import stated_direction
+from runout.view.frames import flow_scene, held
+from runout.view.scene import MOST_CELLS, FlowScene, Mesh
+from runout.view.surfaces import COLOURED
+from runout.workflow.single_member import chosen_member, simulation_file
+from runout.workflow.study import Study
+
+if TYPE_CHECKING:
+    from runout.config.site import Site
+    from runout.ensemble.member import Member
+
+LOGGER = logging.getLogger("runout.seeing")
+FRAMES, PARTICLES = 40, 20_000  # of a simulation that is made for the pictures
+SMALLEST, LARGEST = 64, 7680  # [pixel]
+SHOWN = ("surface", "particles")
+NO_DISPLAY = "there is no display for a window; `runout animate {site}` makes a film without one"
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What is shown, and how.
+
+    Attributes
+    ----------
+    member : int
+        Number of the member.
+    frames : int or None
+        Number of frames; None: those that are there, or :data:`FRAMES`.
+    colour, show, camera : str
+        "thickness" or "speed"; "surface" or "particles"; see :func:`runout.view.camera.stated_direction`.
+    image : Path or None
+        GeoTIFF on the ground instead of the hillshade.
+    size : tuple of int
+        Width and height [pixel].
+    device : str or None
+        Where a simulation is made that is not there, instead of what site.yaml says.
+    """
+
+    member: int = 0
+    frames: int | None = None
+    colour: str = "thickness"
+    show: str = "surface"
+    camera: str = "auto"
+    image: Path | None = None
+    size: tuple[int, int] = (1280, 720)
+    device: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.frames is not None and self.frames < 1:
+            raise ConfigError(f"frames is {self.frames}; it must be 1 or more")
+        for name, known in (("colour", COLOURED), ("show", SHOWN)):
+            if getattr(self, name) not in known:
+                raise ConfigError(f"{name} is {getattr(self, name)!r}; choose one of {', '.join(known)}")
+        if not all(SMALLEST <= side <= LARGEST for side in self.size):
+            raise ConfigError(f"size is {self.size[0]} x {self.size[1]}; each side must be {SMALLEST} to {LARGEST} pixels")
+        stated_direction(self.camera)
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """Arguments of :class:`runout.view.picture.Look`."""
+        return {"colour": self.colour, "show": self.show, "direction": stated_direction(self.camera), "size": self.size}
+
+
+def view(site_path: Path, out: Path | None, choices: Choices) -> None:
+    """Open a window; returns when it is closed.
+
+    Raises
+    ------
+    RenderError
+        If there is no display, no pyvista or no OpenGL.
+    """
+    if not _has_display():
+        raise RenderError(NO_DISPLAY.format(site=site_path))
+    process.require_packages()
+    scene = scene_of(site_path, out, choices)
+    with process.folder_for_job() as folder:
+        process.make("window", scene, choices.look, Path(folder))
+
+
+def animate(site_path: Path, out: Path | None, choices: Choices, output: Path | None, vtk: Path | None, fps: float) -> list[Path]:
+    """Write a film, files for ParaView, or both; returns their paths. The film is left out if only ``vtk`` is stated.
+
+    Raises
+    ------
+    ConfigError, RenderError, StorageError
+        If a choice is not valid, there is no pyvista, OpenGL or codec, or a file cannot be written.
+    """
+    process.require_packages()
+    if not 0 < fps <= 120:
+        raise ConfigError(f"fps is {fps:g}; it must be above 0 and at most 120")
+    if output is None and vtk is None:
+        output = _usual_output(Study.open(site_path, out).results, choices)
+    if output is not None:
+        film.kind_of(output)
+    scene, made = scene_of(site_path, out, choices), []
+    with process.folder_for_job() as folder:
+        if vtk is not None:
+            made.append(_write_files(scene, choices, Path(folder) / "files", vtk))
+        if output is not None:
+            made.append(_write_film(scene, choices, Path(folder) / "film", output, fps))
+    for path in made:
+        LOGGER.info("wrote %s: %d frames, %.4g to %.4g s", path, len(scene.times), scene.times[0], scene.times[-1])
+    return made
+
+
+def scene_of(site_path: Path, out: Path | None, choices: Choices) -> FlowScene:
+    """Scene of a member; its simulation is made if there is none with enough frames."""
+    study = Study.open(site_path, out, device=choices.device)
+    site, member = study.site, chosen_member(study.site, choices.member)
+    file = simulation(study, member, choices)
+    terrain = site.terrain()
+    releases = site.releases(terrain, member.parameters)
+    title = f"{site.settings.title or site.name}, member {member.number}"
+    least = site.settings.simulation.arrival_threshold
+    scene = flow_scene(file, terrain, releases, title=title, least_thickness=least, meshes=structure_meshes(site))
+    scene = scene.frames(choices.frames).coarsened()
+    if scene.ground.size < (cells := _cells_of_window(scene, terrain.cell_size)):
+        LOGGER.info("the window has %d cells; means over blocks are drawn, %d at most", cells, MOST_CELLS)
+    if choices.image is not None:
+        from dataclasses import replace
+
+        from runout.view.image import draped_image
+
+        scene = replace(scene, image=draped_image(choices.image, scene.extent, scene.crs))
+    return scene
+
+
+def simulation(study: Study, member: "Member", choices: Choices) -> Path:
+    """File with the frames of a member: of `runout simulate`, of the ensemble if it keeps snapshots, or a new simulation."""
+    from runout.ensemble.member import stored_key
+    from runout.workflow import single_member
+
+    wanted, particles = choices.frames or 1, choices.show == "particles"
+    own = simulation_file(study.results, member.number)
+    for file in (own, member.file(study.results)):
+        found = held(file)
+        planned = max(found.planned, study.site.settings.simulation.snapshots or 0)
+        if found.frames and planned >= wanted and found.particles >= particles and stored_key(file) == member.key:
+            return file
+    why = "there is no simulation with snapshots" if not held(own).frames else "its simulation is of other settings or has too few"
+    frames = max(choices.frames or FRAMES, held(own).planned)
+    LOGGER.info("member %d: %s; simulating it with %d snapshots, apart from the ensemble", member.number, why, frames)
+    most = PARTICLES if particles else 0
+    return single_member.run(
+        study.site.file, study.results, member=member.number, snapshots=frames, particles=most, device=choices.device
+    )
+
+
+def structure_meshes(site: "Site") -> Mapping[str, Mesh]:
+    """Structures of a site by name, in map coordinates; none yet."""
+    return {}
+
+
+def _cells_of_window(scene: FlowScene, cell_size: tuple[float, float]) -> int:
+    """Cells of the raster in the window of a scene."""
+    per_cell = scene.cell_size[0] * scene.cell_size[1] / (cell_size[0] * cell_size[1])
+    return round(scene.ground.size * per_cell)
+
+
+def _has_display() -> bool:
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _usual_output(results: Path, choices: Choices) -> Path:
+    """A film in the results folder: MP4, or GIF where there is no codec."""
+    name = f"{choices.member:04d}_{choices.colour}" + ("_particles" if choices.show == "particles" else "")
+    kind = ".mp4" if film.has_codec() else ".gif"
+    if kind == ".gif":
+        LOGGER.warning("%s; a GIF is made instead", film.NO_CODEC.split(";")[0])
+    return results / "animations" / f"{name}{kind}"
+
+
+def _write_film(scene: FlowScene, choices: Choices, folder: Path, output: Path, fps: float) -> Path:
+    folder.mkdir()
+    with log.progress("drawing") as bar:
+        made = process.make("frames", scene, choices.look, folder, bar)
+    frames = [path for path in made if path.suffix == ".png"]
+    return film.write_film(frames, list(scene.times), output, fps)
+
+
+def _write_files(scene: FlowScene, choices: Choices, folder: Path, target: Path) -> Path:
+    """Files for ParaView in the folder ``target``; older ones of these names are replaced."""
+    from runout.io.atomic import storage_error
+
+    folder.mkdir()
+    made = process.make("files", scene, choices.look, folder)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        for path in sorted(made, key=lambda path: path.suffix == ".pvd"):  # collections last: they name the other files
+            shutil.copyfile(path, target / path.name)
+    except OSError as cause:
+        raise storage_error(target, cause) from cause
+    return target

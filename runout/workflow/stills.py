@@ -1,0 +1,79 @@
+"""Draws members in three dimensions for the report; a failure leaves a sentence and nothing else."""
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runout.errors import RenderError
+from runout.report.stills import Stills
+from runout.view import process
+from runout.view.frames import maximum_scene
+from runout.view.surfaces import scale_of
+from runout.workflow.seeing import structure_meshes
+from runout.workflow.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from runout.view.scene import FlowScene
+
+LOGGER = logging.getLogger("runout.stills")
+SIZE = (1120, 630)
+CAPTION = "maximum over the whole run"
+REPEAT = "`runout report --force` tries again"
+
+
+def member_stills(study: Study, valid: "pd.DataFrame", chosen: str) -> Stills:
+    """Pictures of the maximum thickness of members.
+
+    Parameters
+    ----------
+    study : Study
+    valid : DataFrame
+        Valid members with ``file`` and ``runout_distance``.
+    chosen : str
+        "worst" (the longest runout; of equal ones the first) or "all".
+    """
+    if not len(valid):
+        return Stills()
+    numbers = [int(valid["runout_distance"].idxmax())] if chosen == "worst" else [int(n) for n in valid.index]
+    pictures: list[tuple[str, bytes]] = []
+    drawn_by = ""
+    try:
+        process.require_packages()
+        scenes = {number: _scene(study, number, str(valid["file"][number])) for number in numbers}
+        top = max(scale_of(scene, "thickness").top for scene in scenes.values())
+        for number, scene in scenes.items():
+            picture, drawn_by = draw(scene, top)
+            distance = f"runout {valid['runout_distance'][number]:.0f} m"
+            pictures.append((f"Member {number}, {distance}" + (", the longest" if chosen == "worst" else ""), picture))
+    except RenderError as error:
+        LOGGER.warning("report: %s", error)
+        return Stills(tuple(pictures), drawn_by, f"{error}; {REPEAT}")
+    return Stills(tuple(pictures), drawn_by)
+
+
+def draw(scene: "FlowScene", top: float = 0.0) -> tuple[bytes, str]:
+    """PNG of the first frame of a scene with the colour scale up to ``top`` [m], and what it was drawn by.
+
+    Raises
+    ------
+    RenderError
+        If it cannot be drawn.
+    """
+    with process.folder_for_job() as folder:
+        made = process.make("frames", scene, {"caption": CAPTION, "size": SIZE, "top": top}, Path(folder))
+        pictures = {path.suffix: path for path in made}
+        return pictures[".png"].read_bytes(), pictures[".txt"].read_text(encoding="utf-8")
+
+
+def _scene(study: Study, number: int, file: str) -> "FlowScene":
+    from runout.ensemble.member import members_folder, plan_members
+
+    site = study.site
+    terrain, member = site.terrain(), plan_members(site, study.results)[number]
+    return maximum_scene(
+        members_folder(study.results) / file, terrain, site.releases(terrain, member.parameters),
+        title=f"{site.settings.title or site.name}, member {number}",
+        least_thickness=site.settings.simulation.arrival_threshold, meshes=structure_meshes(site),
+    ).coarsened()  # fmt: skip
