@@ -123,7 +123,10 @@ class _Job:
         release = given["release"]
         given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
         times = tuple(sorted(given.pop("snapshot_times", ())))
-        control = RunControl(given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times)
+        probes = given.pop("probes", None)
+        places = probes.on(given["terrain"]) if probes else None
+        threshold = given.pop("arrival_threshold", 0.1)
+        control = RunControl(given.pop("end_time"), given.pop("stop", True), threshold, times, probes=places)
         found: list[Extent] = []
         scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)
         particles = CompactParticles.of(made, scene.densities, scene.dtype)

@@ -10,6 +10,7 @@ import numpy as np
 
 from runout.model.depth_resolution import DepthResolution
 from runout.model.particles import Particles
+from runout.model.probe_series import ProbeSeries
 from runout.model.terrain import Terrain
 
 if TYPE_CHECKING:
@@ -38,6 +39,8 @@ class Result:
         Cells through the depth of the flow and numerical viscosity.
     start : mapping
         Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`.
+    probes : ProbeSeries or None
+        Time series at the points and cross-sections of ``simulate(probes=...)``.
     """
 
     terrain: Terrain
@@ -52,6 +55,7 @@ class Result:
     depth_resolution: DepthResolution
     snapshots: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
     start: Mapping[str, Any] = field(default_factory=dict)
+    probes: ProbeSeries | None = None
 
     @cached_property
     def state(self) -> Particles:
@@ -124,7 +128,7 @@ class Result:
     def to_netcdf(
         self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None, *, reached_only: bool = False
     ) -> None:
-        """Write maps, ledger and snapshots to one file, completely or not at all.
+        """Write maps, ledger, snapshots and series at probes to one file, completely or not at all.
 
         With ``reached_only`` the maps hold the rows and columns that the flow reached; their place is in the attributes, that
         of the whole raster in the group ``raster``.
@@ -135,6 +139,10 @@ class Result:
         groups["ledger"] = self.ledger
         if self.snapshots:
             groups["snapshots"] = self.snapshot_maps()
+        if self.probes:
+            from runout.io.probe_files import series_datasets
+
+            groups |= series_datasets(self.probes)
         write(maps.assign_attrs(dict(attrs or {})), path, groups=groups)
 
     def _reached(self) -> "tuple[xr.Dataset, dict[str, xr.Dataset]]":

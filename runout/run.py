@@ -17,9 +17,11 @@ from runout.model.depth_resolution import DepthResolution, flow_depth
 from runout.model.limits import checked
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
+from runout.model.probes import Probes
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
 from runout.observers import THICKNESS, AtRest, Ledger, PeakMaps, flow_fields
+from runout.probe_recorder import ProbeRecorder
 from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
@@ -48,6 +50,8 @@ class RunControl:
         least :data:`OBSERVATIONS` times; 0 observes after every step.
     crop : bool
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
+    probes : Probes or None
+        Points and cross-sections, in local coordinates, at which time series are recorded.
     """
 
     end_time: float
@@ -56,6 +60,7 @@ class RunControl:
     snapshot_times: tuple[float, ...] = ()
     crossing: float = CROSSING
     crop: bool = True
+    probes: Probes | None = None
 
     def __post_init__(self) -> None:
         checked("end_time", self.end_time, error=ConfigError)
@@ -71,6 +76,8 @@ class Run:
         self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
+        wanted = control.probes
+        self.probes = ProbeRecorder(scene, wanted, control.arrival_threshold, on_lattice) if wanted else None
         self.ledger, self.rest = Ledger(), AtRest()
         self.snapshots: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.pending, self.reason = list(control.snapshot_times), ""
@@ -88,6 +95,8 @@ class Run:
         put_arrays(self.peaks, state, "peaks.")
         put_arrays(self.rest, state, "rest.")
         self.ledger.restore(part(state, "ledger."))
+        if self.probes:
+            self.probes.restore(part(state, "probes."))
         frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
         self.snapshots = list(zip(*frames, strict=True))
         self.pending = self.pending[len(self.snapshots) :]
@@ -99,6 +108,7 @@ class Run:
         state = {f"backend.{name}": values for name, values in self.engine.checkpoint().items()}
         state |= arrays_of(self, prefix="run.") | arrays_of(self.peaks, prefix="peaks.") | arrays_of(self.rest, prefix="rest.")
         state |= {f"ledger.{name}": values for name, values in self.ledger.state().items()}
+        state |= {f"probes.{name}": values for name, values in self.probes.state().items()} if self.probes else {}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
         state["run.seconds"] = np.asarray(self.seconds + seconds)
@@ -112,9 +122,10 @@ class Run:
     def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
         """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
         maps = self.peaks.maps().items()  # only on known ground: the footprint of a particle may extend beyond an edge
+        fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps}
         return Result(
             terrain=terrain,
-            fields={name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps},
+            fields=fields,
             series={"time": np.array(self.ledger.time), **self.ledger.series()},
             bring=self.engine.particles if brought else lambda: Particles.zeros(0),
             spacing=self.scene.spacing,
@@ -125,6 +136,7 @@ class Run:
             depth_resolution=self.depth_resolution(),
             snapshots=self.snapshots,
             start=self.scene.start_attributes(),
+            probes=self.probes.series(self.control.end_time, terrain, fields) if self.probes else None,
         )
 
     def depth_resolution(self) -> DepthResolution:
@@ -146,13 +158,13 @@ class Run:
                 count = self.plan(1)
                 self.engine.step(self.dt)
                 if self.looks:
-                    self.peaks.observe(self.time + self.dt, self._columns())
+                    self._note(self.time + self.dt, self._columns())
             self.arrive(count)
 
     def begin(self) -> None:
         """Observe the start, unless the run continues from a checkpoint."""
         if not self.ledger.time:
-            self.peaks.observe(self.time, self._columns())
+            self._note(self.time, self._columns())
             self._observe()
 
     def plan(self, most: int) -> int:
@@ -179,7 +191,7 @@ class Run:
         started, scene = clock.perf_counter(), self.scene
         if footprints.apply_to(scene) and not self.peaks.on_lattice:
             columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))
-        self.peaks.observe(self.time + self.dt * step, columns)
+        self._note(self.time + self.dt * step, columns)
         self.observing += clock.perf_counter() - started
 
     def arrive(self, count: int) -> None:
@@ -187,6 +199,12 @@ class Run:
         self.time += self.dt * count
         if self.time >= min(self.ledger_due, self._next_stop()) - 1e-12 * self.control.end_time:
             self._observe()
+
+    def _note(self, time: float, columns: RasterSums) -> None:
+        """Update maps and probes with the columns at one time [s]."""
+        self.peaks.observe(time, columns)
+        if self.probes:
+            self.probes.observe(time, columns, self.dt)
 
     def _next_stop(self) -> float:
         return min([self.control.end_time, *self.pending[:1]])
@@ -201,7 +219,7 @@ class Run:
         self._record(self.engine.ledger(), self.engine.memory_bytes())
         self.ledger_due = self.time + control.end_time / OBSERVATIONS
         if self.reason and self.peaks.time < self.time:
-            self.peaks.observe(self.time, self._columns())
+            self._note(self.time, self._columns())
         if self.progress:
             self.progress(1.0 if self.reason else self.time / control.end_time)
         self.observing += clock.perf_counter() - started

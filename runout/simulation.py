@@ -14,6 +14,7 @@ from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.depth_resolution import FEWEST_CELLS
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
+from runout.model.probes import Probes
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 from runout.result import Result
@@ -49,6 +50,7 @@ def simulate(
     stop: bool = True,
     arrival_threshold: float = 0.1,
     snapshot_times: Sequence[float] = (),
+    probes: Probes | None = None,
     progress: Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = EVERY,
@@ -108,6 +110,8 @@ def simulate(
         Thickness from which a cell counts as reached [m].
     snapshot_times : sequence of float
         Times [s] at which maps of thickness and speed are stored.
+    probes : Probes, optional
+        Points and cross-sections, in map coordinates, whose time series :attr:`runout.Result.probes` holds.
     progress : callable, optional
         Called with the fraction of the simulated time, 0 to 1.
     checkpoint : path, optional
@@ -125,7 +129,8 @@ def simulate(
         If a run cannot continue.
     """
     started = clock.perf_counter()
-    control = RunControl(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)))
+    places = probes.on(terrain) if probes else None
+    control = RunControl(end_time, stop, arrival_threshold, tuple(sorted(snapshot_times)), probes=places)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)
     grid = choices(accuracy, releases, {"cell_size": cell_size, "cfl": cfl}) | {"particles_per_cell": particles_per_cell}

@@ -14,6 +14,7 @@ from runout.config.schema import SiteSettings
 from runout.config.site_files import SiteFiles
 from runout.config.site_friction import SiteFriction
 from runout.config.site_observations import SiteObservations
+from runout.config.site_probes import SiteProbes
 from runout.errors import ConfigError, InputError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
@@ -21,8 +22,10 @@ from runout.model.laws import LAWS
 
 if TYPE_CHECKING:
     from runout.config.extent import DerivedExtent
+    from runout.config.probes import ProbeSettings
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
+    from runout.model.probes import Probes
     from runout.model.release import Release
     from runout.model.terrain import Terrain
 
@@ -32,11 +35,12 @@ ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besid
 
 @dataclass(frozen=True)
 class SiteData:
-    """Inputs that all members of a site share: terrain, releases with a volume factor of 1, friction zones."""
+    """Inputs that all members of a site share: terrain, releases with a volume factor of 1, friction zones, probes."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"
     friction_zones: "FrictionZones | None"
+    probes: "Probes | None" = None
 
 
 @dataclass(frozen=True)
@@ -161,7 +165,17 @@ class Site:
 
     def _read_data(self) -> SiteData:
         terrain = self.terrain()
-        return SiteData(terrain, tuple(self.releases(terrain)), self.friction_zones(terrain))
+        return SiteData(terrain, tuple(self.releases(terrain)), self.friction_zones(terrain), self.probes(terrain))
+
+    def probes(self, terrain: "Terrain") -> "Probes | None":
+        """The points and cross-sections at which members record time series; None if site.yaml states none.
+
+        Raises
+        ------
+        ConfigError
+            With all problems of points and lines.
+        """
+        return SiteProbes(self.settings.probes, self.file).read(terrain)
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material; sampled parameters replace the stated ones."""
@@ -211,6 +225,7 @@ class Site:
             "initial_stress": stated.initial_stress,
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,
+            **({"probes": data.probes} if data.probes else {}),
         }
 
     def grid(self, releases: "Sequence[Release]") -> dict[str, Any]:
@@ -324,6 +339,10 @@ class Site:
         """The site with another grid spacing [m], see :func:`runout.config.overrides.with_cell_size`."""
         simulation = with_cell_size(self.settings.simulation, cell_size)
         return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
+
+    def with_probes(self, probes: "ProbeSettings | None") -> "Site":
+        """The site with other probes: its members are others, too."""
+        return replace(self, settings=self.settings.model_copy(update={"probes": probes}))
 
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
         """The sampled parameters; an unknown name is refused."""

@@ -218,10 +218,12 @@ def make_members(study: Study) -> Iterable[Path]:
 
 
 def make_maps(study: Study) -> Iterable[Path]:
-    """Aggregate finished members into hazard.nc, members.nc, maps/, outlines.gpkg and run.json."""
+    """Aggregate finished members into hazard.nc, members.nc, maps/, outlines.gpkg and run.json, and series into probes/."""
     from runout.hazard.products import write_products
+    from runout.workflow.probes import write_of_site
 
-    return write_products(study.site, study.results, study.members, study.ensemble_report)
+    paths = write_products(study.site, study.results, study.members, study.ensemble_report)
+    return [*paths, *write_of_site(study)]
 
 
 def make_report(study: Study) -> Iterable[Path]:

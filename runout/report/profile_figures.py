@@ -1,0 +1,96 @@
+"""Figure of a profile: ground, flow surface and deposit to scale, and what the maps say along the line."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from runout.hazard.profiles import DISTANCE
+from runout.io.probe_files import PERCENTILE
+from runout.report.figures import tidy
+from runout.report.maps import NORMAL, SMALL
+from runout.report.marks import INK
+from runout.report.wording import unit
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+WIDTH, PANEL, MARGIN = 9.0, 1.35, 0.9  # [inch]
+LOWEST, HIGHEST = 1.6, 5.5  # [inch] of the section
+GROUND, FLOW, DEPOSIT = "#7d7468", "#1f6f8b", "#b3651d"
+PANELS = {"max_flow_thickness": ("thickness", FLOW), "max_speed": ("speed", "#a23b72"), "arrival_time": ("arrival", "#5b7f2b")}
+
+
+def profile_figure(dataset: "xr.Dataset", title: str) -> Any:
+    """Figure of a profile: the section without vertical exaggeration, then peak thickness and deposit, speed and arrival.
+
+    Of an ensemble lines are medians and bands lie between the lowest and the highest percentile.
+    """
+    from matplotlib.figure import Figure
+
+    section = float(np.clip((WIDTH - MARGIN) * relief(dataset) / max(length(dataset), 1e-9), LOWEST, HIGHEST))
+    figure = Figure(figsize=(WIDTH, section + MARGIN + PANEL * len(PANELS)), layout="constrained")
+    axes = figure.subplots(1 + len(PANELS), height_ratios=[section, *(PANEL for _ in PANELS)], sharex=True)
+    draw_section(axes[0], dataset)
+    axes[0].set_title(title, loc="left", fontsize=NORMAL, color=INK)
+    for one, (name, (label, colour)) in zip(axes[1:], PANELS.items(), strict=True):
+        draw_quantity(one, dataset, name, colour, label)
+        if name == "max_flow_thickness":
+            draw_quantity(one, dataset, "deposit_thickness", DEPOSIT, "deposit")
+            one.legend(fontsize=SMALL, frameon=False, loc="upper right")
+        one.set_ylim(bottom=0.0)
+        one.set_ylabel(f"{label}\n[{unit(VARIABLES[name].printed[0])}]")
+    for one in axes:
+        tidy(one, "distance along the line [m]" if one is axes[-1] else "")
+    axes[0].set_xlim(0.0, float(dataset[DISTANCE].values[-1]))
+    return figure
+
+
+def length(dataset: "xr.Dataset") -> float:
+    """Length of the line [m]."""
+    return float(dataset[DISTANCE].values[-1])
+
+
+def relief(dataset: "xr.Dataset") -> float:
+    """Difference between the highest and the lowest place of the section [m]."""
+    ground = dataset["ground_elevation"].values
+    top = ground + np.nan_to_num(layers(dataset, "max_flow_thickness")[-1])
+    return float(np.nanmax(top) - np.nanmin(ground)) if np.isfinite(ground).any() else 1.0
+
+
+def layers(dataset: "xr.Dataset", name: str) -> np.ndarray:
+    """Values (1 or percentiles, n) of a quantity along the line."""
+    return np.atleast_2d(dataset[name].values)
+
+
+def draw_section(axes: Any, dataset: "xr.Dataset") -> None:
+    """Ground, highest flow surface and deposit, with equal scales."""
+    distance, ground = dataset[DISTANCE].values, dataset["ground_elevation"].values
+    flow, deposit = layers(dataset, "max_flow_thickness"), layers(dataset, "deposit_thickness")
+    middle, bottom = len(flow) // 2, np.nanmin(ground) - 0.08 * relief(dataset)
+    of = " (median)" if PERCENTILE in dataset.dims else ""
+    axes.fill_between(distance, bottom, ground, color=GROUND, alpha=0.35, linewidth=0)
+    axes.fill_between(distance, ground, ground + deposit[middle], color=DEPOSIT, alpha=0.9, linewidth=0, label=f"deposit{of}")
+    axes.plot(distance, _surface(ground, flow[middle]), color=FLOW, linewidth=1.2, label=f"highest flow surface{of}")
+    if len(flow) > 1:
+        high = float(dataset[PERCENTILE].values[-1])
+        axes.plot(distance, _surface(ground, flow[-1]), color=FLOW, linewidth=0.8, linestyle=":", label=f"{high:g} %")
+    axes.plot(distance, ground, color=INK, linewidth=0.9)
+    axes.set_ylabel("elevation [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(fontsize=SMALL, frameon=False, loc="upper right")
+
+
+def _surface(ground: np.ndarray, thickness: np.ndarray) -> np.ndarray:
+    """Surface of the flow where it is; the ground where it begins and ends."""
+    wet = np.nan_to_num(thickness) > 0.0
+    beside = wet | np.roll(wet, 1) | np.roll(wet, -1)
+    return np.where(beside, ground + np.nan_to_num(thickness), np.nan)  # type: ignore[no-any-return]
+
+
+def draw_quantity(axes: Any, dataset: "xr.Dataset", name: str, colour: str, label: str) -> None:
+    """Line of a quantity along the profile; of an ensemble median and band."""
+    distance, values = dataset[DISTANCE].values, layers(dataset, name) / VARIABLES[name].printed[1]
+    if len(values) > 1:
+        axes.fill_between(distance, values[0], values[-1], color=colour, alpha=0.2, linewidth=0)
+    axes.plot(distance, values[len(values) // 2], color=colour, linewidth=1.4, label=label)
