@@ -8,6 +8,7 @@ downstream.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -145,8 +146,8 @@ class ProbeRecorder:
         depth, speed, density = np.moveaxis(rows, 1, 0)
         formulas, moving, series = array_binding().flow_columns, depth >= self.arrival_threshold, {}
         for quantity in peak_quantities():
-            formula = getattr(formulas, quantity.formula.__name__, quantity.formula)  # type: ignore[union-attr]
-            values = formula(depth, speed, density)
+            formula: Any = quantity.formula
+            values = getattr(formulas, formula.__name__, formula)(depth, speed, density)
             if quantity.stem == "flow_thickness":
                 series[quantity.stem] = _resampled(values, known, time)
             else:

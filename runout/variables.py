@@ -258,6 +258,9 @@ _PROBES = {
     "arrival_probability": Variable(
         "1", "conditional probability that the flow arrives", valid_min=0.0, valid_max=1.0, comment=_FRACTION
     ),
+    "bed_elevation": Variable(
+        "m", "elevation of the ground without the released mass", comment="the surface on which flow and deposit lie"
+    ),
     "ground_elevation": Variable("m", "ground elevation, bilinear between the cell centres", "surface_altitude"),
 }
 

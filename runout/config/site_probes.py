@@ -78,7 +78,7 @@ def probe_settings(
     Raises
     ------
     ConfigError
-        If no file is given, one does not exist, or the interval is not above 0.
+        If a file does not exist, or the interval is not above 0.
     """
     from runout.config.read import nearest_file
 
@@ -86,9 +86,8 @@ def probe_settings(
     for path in (points, cross_sections):
         if path is not None and not path.exists():
             near = nearest_file(path)
-            problems.append(Problem(str(path), None, "", "there is no such file", f"did you mean {near}?" if near else "check the path"))
-    if points is None and cross_sections is None:
-        problems.append(Problem("probe", None, "", "neither points nor cross-sections are given", "add --points or --cross-sections"))
+            fix = f"did you mean {near}?" if near else "check the path"
+            problems.append(Problem(str(path), None, "", "there is no such file", fix))
     if interval is not None and not interval > 0:
         problems.append(Problem("probe", None, "--interval", f"{interval:g} s; it must be above 0", "leave it out for the default"))
     if problems:

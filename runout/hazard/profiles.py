@@ -1,7 +1,7 @@
 """Ground, peaks, arrival and deposit along a line, of one member or as percentiles over the members of an ensemble."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +39,8 @@ class ProfileLine:
         Row and column of the raster.
     ground : ndarray (n,)
         Elevation [m], bilinear between the cell centres; NaN beside cells without elevation.
+    bed : ndarray (n,)
+        The same without the mass that is excavated; flow and deposit lie on it.
     """
 
     name: str
@@ -46,10 +48,11 @@ class ProfileLine:
     places: np.ndarray
     cells: tuple[np.ndarray, np.ndarray]
     ground: np.ndarray
+    bed: np.ndarray
 
     @classmethod
-    def of(cls, line: CrossSection, terrain: Terrain) -> "ProfileLine":
-        """Places on a line, half a cell apart or closer, its vertices among them."""
+    def of(cls, line: CrossSection, terrain: Terrain, excavated: np.ndarray) -> "ProfileLine":
+        """Places on a line, half a cell apart or closer, its vertices among them; ``excavated`` (rows, columns) [m]."""
         vertices = np.array(line.vertices)
         middles, _, lengths = line.samples(min(terrain.cell_size) / PIECES)
         ends = np.cumsum(lengths)
@@ -60,7 +63,8 @@ class ProfileLine:
         row, column = cell_of(terrain, places)
         rows, columns = terrain.shape
         cells = row.clip(0, rows - 1), column.clip(0, columns - 1)
-        return cls(line.name, distance[order], places, cells, ground_at(terrain, places))
+        dug = replace(terrain, elevation=terrain.elevation - excavated)
+        return cls(line.name, distance[order], places, cells, ground_at(terrain, places), ground_at(dug, places))
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -75,9 +79,9 @@ class ProfileLine:
         return {name: member.within(name, (rows, columns))[at] for name in names}
 
 
-def member_profiles(path: Path, lines: Sequence[CrossSection], terrain: Terrain) -> "list[xr.Dataset]":
-    """A profile along each line, of the member in a file."""
-    wanted = [ProfileLine.of(line, terrain) for line in lines]
+def member_profiles(path: Path, lines: Sequence[CrossSection], terrain: Terrain, excavated: np.ndarray) -> "list[xr.Dataset]":
+    """A profile along each line, of the member in a file; ``excavated`` (rows, columns) [m] is what its releases take away."""
+    wanted = [ProfileLine.of(line, terrain, excavated) for line in lines]
     return [_dataset(line, terrain, values) for line, (values,) in zip(wanted, _values([path], wanted, terrain), strict=True)]
 
 
@@ -86,14 +90,16 @@ def ensemble_profiles(
     weights: Sequence[float] | np.ndarray,
     lines: Sequence[CrossSection],
     terrain: Terrain,
+    excavated: np.ndarray,
     percentiles: Sequence[float] = PERCENTILES,
 ) -> "list[xr.Dataset]":
     """Percentiles over the members along each line, from their maps cell by cell; the files are read once.
 
     A percentile is that of each place for itself: the smallest value at which the summed weight reaches it. Members that do not
-    arrive count as infinity in the arrival time.
+    arrive count as infinity in the arrival time. ``excavated`` (rows, columns) [m] is what releases with a volume factor of 1 take
+    away.
     """
-    w, wanted, found = normalised(weights, len(files)), [ProfileLine.of(line, terrain) for line in lines], []
+    w, wanted, found = normalised(weights, len(files)), [ProfileLine.of(line, terrain, excavated) for line in lines], []
     for line, members in zip(wanted, _values(files, wanted, terrain), strict=True):
         values = {}
         for name in members[0]:
@@ -135,7 +141,7 @@ def _dataset(
         coordinates[PERCENTILE] = (PERCENTILE, np.array(percentiles, float))
     dataset = xr.Dataset(coords=coordinates, attrs={"line": line.name})
     known = np.isfinite(terrain.elevation[line.cells])
-    for name, found in {"ground_elevation": line.ground, **values}.items():
+    for name, found in {"ground_elevation": line.ground, "bed_elevation": line.bed, **values}.items():
         variable = VARIABLES[name]
         dims = (PERCENTILE, DISTANCE)[2 - found.ndim :]
         dataset[name] = (dims, np.where(known, found, np.nan).astype(variable.dtype), variable.attributes())

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-POINTS, SECTIONS = "probe_points", "cross_sections"  # groups of a member's file, and ends of the names of files
+POINTS, SECTIONS = "probe_points", "cross_sections"  # groups of a member's file
+NAMES = {POINTS: "points", SECTIONS: "cross_sections"}  # ends of the names of files
+FOLDER, SITE_STEM = "probes", "site_ensemble"  # of the files of the probes of site.yaml
+SITE_FILES = {group: f"{FOLDER}/{SITE_STEM}_{name}.nc" for group, name in NAMES.items()}
 STATION, TIME, PERCENTILE = "station", "time", "percentile"
 _PLACES = "time x y station_elevation station_name"
 
@@ -110,8 +113,8 @@ def series_table(dataset: "xr.Dataset") -> "pd.DataFrame":
     stations, times = dataset.sizes[STATION], dataset.sizes[TIME]
     columns: dict[str, Any] = {"name": np.repeat(dataset["station_name"].values, times)}
     columns["time [s]"] = np.tile(dataset[TIME].values, stations)
-    for name in names:
-        columns |= _columns(dataset, str(name), stations * times)
+    for one in names:
+        columns |= _columns(dataset, str(one), stations * times)
     return pd.DataFrame(columns)
 
 
@@ -123,8 +126,8 @@ def peaks_table(dataset: "xr.Dataset") -> "pd.DataFrame":
     columns: dict[str, Any] = {"name": dataset["station_name"].values}
     for name in ("x", "y", "station_elevation"):
         columns[f"{name} [m]"] = dataset[name].values
-    for name in names:
-        columns |= _columns(dataset, str(name), dataset.sizes[STATION])
+    for one in names:
+        columns |= _columns(dataset, str(one), dataset.sizes[STATION])
     return pd.DataFrame(columns)
 
 

@@ -14,8 +14,8 @@ from runout.io.polygons import read_frame
 from runout.model.probes import CrossSection, Probe, Probes, name_problems, place_problems, vertex_problems
 from runout.model.terrain import Terrain
 
-POINTS, LINES = "point", "cross-section"
-REMEDIES = {POINTS: "draw single points", LINES: "draw single lines without branches or gaps"}
+POINTS, LINES = "point", "line"
+REMEDIES = {POINTS: "draw a point, or split it", LINES: "draw a line without branches or gaps"}
 TYPES = {POINTS: ("Point",), LINES: ("LineString", "LinearRing")}
 PREFIXES = {POINTS: "p", LINES: "x"}
 
@@ -110,10 +110,11 @@ def _features(path: Path, frame: Any, what: str) -> Iterator[Probe | CrossSectio
         if geometry is None or geometry.is_empty:
             yield Problem(source, None, "", f"{name!r} has no geometry", "delete it or draw it")
             continue
-        parts = shapely.get_parts(shapely.line_merge(geometry) if what == LINES else geometry)
+        merged = shapely.line_merge(geometry) if geometry.geom_type == "MultiLineString" else geometry
+        parts = shapely.get_parts(merged)
         if len(parts) != 1 or parts[0].geom_type not in TYPES[what]:
             several = f" of {len(parts)} parts" if len(parts) > 1 else ""
-            yield Problem(source, None, "", f"{name!r} is a {geometry.geom_type}{several}, no {what}", REMEDIES[what])
+            yield Problem(source, None, "", f"{name!r} is a {geometry.geom_type}{several}, not a single {what}", REMEDIES[what])
             continue
         vertices = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(parts[0]))
         if what == POINTS and not np.isfinite(vertices).all():

@@ -24,8 +24,8 @@ class ProbeSeries:
     points : mapping of str to ndarray (points, times)
         ``flow_thickness`` [m], ``speed`` [m s-1], ``pressure`` [Pa], ``momentum_flux`` [m3 s-2].
     cross_sections : mapping of str to ndarray (cross-sections, times)
-        ``discharge`` [m3 s-1], the mean of the interval that ends then; ``passed_volume`` [m3]; ``flow_width`` [m] at least as thick
-        as the arrival threshold; ``largest_thickness`` [m] along the line.
+        ``discharge`` [m3 s-1], the mean of the interval that ends then; ``passed_volume`` [m3]; ``flow_width`` [m] that the
+        flow covers with at least the arrival threshold; ``largest_thickness`` [m] along the line.
     peaks : mapping of str to ndarray (points,)
         Values of the maps of the run at the points: ``max_flow_thickness`` and so on, ``arrival_time`` [s] (NaN: never),
         ``deposit_thickness``.

@@ -167,7 +167,8 @@ class Probes:
         ConfigError
             With every point and line that lies outside of the terrain or on cells without elevation.
         """
-        problems = [p for one in (*self.points, *self.cross_sections) for p in place_problems(one, terrain)]
+        both: tuple[Probe | CrossSection, ...] = (*self.points, *self.cross_sections)
+        problems = [problem for one in both for problem in place_problems(one, terrain)]
         if problems:
             raise ConfigError(problems)
         west, south = terrain.west, terrain.south
@@ -236,17 +237,20 @@ def vertex_problems(line: CrossSection) -> Iterator[Problem]:
 def place_problems(one: Probe | CrossSection, terrain: Terrain) -> Iterator[Problem]:
     """A point or line that lies outside of the terrain, or on cells without elevation."""
     inside, known = _standing(one, terrain)
-    what = f"{'point' if isinstance(one, Probe) else 'cross-section'} {one.name!r}"
-    west, south, east, north = terrain.extent
+    is_point = isinstance(one, Probe)
+    what = f"{'point' if is_point else 'line'} {one.name!r}"
+    part = "" if is_point else "{:.0%} of the length of "
+    remedy = "move it" if is_point else "shorten it"
     if not inside.all():
-        x, y = np.array(one.vertices)[0]
-        at = f" at easting {x:.6g}, northing {y:.7g}" if isinstance(one, Probe) else f" with {1.0 - inside.mean():.0%} of its length"
-        extent = f"easting {west:.6g} to {east:.6g}, northing {south:.7g} to {north:.7g}"
-        fix = "move it, or check its coordinate system" if isinstance(one, Probe) else "shorten it, or check its coordinate system"
-        yield Problem(one.source, None, "", f"{what} lies outside of {terrain.source} ({extent}){at}", fix)
+        west, south, east, north = terrain.extent
+        x, y = one.vertices[0]
+        at = f"at easting {x:.10g}, northing {y:.10g}" if is_point else ""
+        extent = f"{terrain.source} (easting {west:.10g} to {east:.10g}, northing {south:.10g} to {north:.10g})"
+        said = f"{part.format(1.0 - inside.mean())}{what} {at} lies outside of {extent}".replace("  ", " ")
+        yield Problem(one.source, None, "", said, f"{remedy}, or check its coordinate system")
     elif not known.all():
-        part = "" if isinstance(one, Probe) else f" with {1.0 - known.mean():.0%} of its length"
-        yield Problem(one.source, None, "", f"{what} lies on cells without elevation{part}", "move it, or fill the elevation raster")
+        said = f"{part.format(1.0 - known.mean())}{what} lies on cells without elevation"
+        yield Problem(one.source, None, "", said, f"{remedy}, or fill the elevation raster")
 
 
 def _standing(one: Probe | CrossSection, terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:

@@ -9,16 +9,17 @@ from runout.io.probe_files import PERCENTILE, POINTS, SECTIONS, TIME
 from runout.report.figures import tidy
 from runout.report.maps import NORMAL, SMALL, WIDE
 from runout.report.marks import INK
-from runout.report.wording import THIN, UNKNOWN, number, percent, unit
+from runout.report.wording import THIN, number, percent, unit
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
 PANEL, HEAD = 1.45, 0.55  # heights [inch]
+TO = f"{THIN}\u2013{THIN}"  # between the ends of a range
 PANELS = {  # quantities of a figure: label and colour
     POINTS: {
-        "flow_thickness": ("thickness", "#1f6f8b"), "speed": ("speed", "#a23b72"), "pressure": ("pressure ρv²", "#c26a1b"),
+        "flow_thickness": ("thickness", "#1f6f8b"), "speed": ("speed", "#a23b72"), "pressure": ("pressure \u03c1v²", "#c26a1b"),
     },
     SECTIONS: {
         "discharge": ("discharge", "#1f6f8b"), "passed_volume": ("passed volume", "#7a5c3e"),
@@ -74,7 +75,8 @@ def station_figure(dataset: "xr.Dataset", group: str, station: int, title: str =
     name = str(dataset["station_name"].values[station])
     rows[0].set_title(title or f"{WORDS[group].capitalize()} {name}", loc="left", fontsize=NORMAL, color=INK)
     if PERCENTILE in dataset.dims:
-        rows[0].legend(fontsize=SMALL, frameon=False, loc="upper right")
+        handles, labels = rows[0].get_legend_handles_labels()
+        figure.legend(handles[::-1], labels[::-1], fontsize=SMALL, frameon=False, loc="outside upper left", ncols=2)
     return figure
 
 
@@ -118,5 +120,4 @@ def _range(values: "xr.DataArray", divisor: float) -> str:
         return number(float(values) / divisor)
     levels = values[PERCENTILE].values
     low, middle, high = (float(values.sel(percentile=q)) / divisor for q in (levels.min(), levels[len(levels) // 2], levels.max()))
-    shown = f"{number(low)}{THIN}–{THIN}{number(high)}"
-    return number(middle) if shown == f"{UNKNOWN}{THIN}–{THIN}{UNKNOWN}" else f"{number(middle)} ({shown})"
+    return number(middle) if np.isnan([low, high]).all() else f"{number(middle)} ({number(low)}{TO}{number(high)})"

@@ -187,8 +187,11 @@ def make_members(study: Study) -> Iterable[Path]:
     from runout.ensemble.run import EnsembleReport, run_ensemble
     from runout.workflow.growth import grow
     from runout.workflow.plan import member_bytes, require_budget
+    from runout.workflow.probes import other_members
 
     workers = study.workers
+    if said := other_members(study):
+        LOGGER.warning("%s", said)
     if study.compilation and study.compilation.is_running:
         with log.progress("compiling") as bar:
             study.compilation.wait(bar)

@@ -2,22 +2,20 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.io import netcdf
 from runout.io.atomic import whole_file
-from runout.io.probe_files import POINTS, SECTIONS, peaks_table, series_table, write_table
+from runout.io.probe_files import FOLDER, NAMES, POINTS, SECTIONS, peaks_table, series_table, write_table
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from runout.config.site import Site
 
-PROBES, PROFILES = "probes", "profiles"  # folders in the results
-SITE_STEM = "site"  # begins the names of files of the probes of site.yaml
-NAMES = {POINTS: "points", SECTIONS: "cross_sections"}  # ends of the names of files
+PROBES, PROFILES = FOLDER, "profiles"  # folders in the results
 SINGLE = {POINTS: "point", SECTIONS: "cross_section"}
 PICTURES = ("png", "svg")
 DPI = 150
@@ -30,8 +28,6 @@ def write_series(
 
     Files of the same stem that an earlier run wrote, and this one does not, are removed.
     """
-    from runout.report.probe_figures import station_figure
-
     written = []
     for group, dataset in datasets.items():
         name = f"{stem}_{NAMES[group]}"
@@ -41,11 +37,20 @@ def write_series(
             write_table(series_table(dataset), folder / f"{name}_series.csv"),
             write_table(peaks_table(dataset), folder / f"{name}_peaks.csv"),
         ]
-        for station, label in enumerate(file_names(dataset["station_name"].values)):
-            figure = station_figure(dataset, group, station)
-            written.append(write_figure(figure, folder / f"{stem}_{SINGLE[group]}_{label}.{picture}"))
+    written += write_pictures(datasets, folder, stem, picture)
     remove_others(folder, stem, written)
     return written
+
+
+def write_pictures(datasets: "Mapping[str, xr.Dataset]", folder: Path, stem: str, picture: str) -> list[Path]:
+    """Write a figure for each probe; returns the paths."""
+    from runout.report.probe_figures import station_figure
+
+    return [
+        write_figure(station_figure(dataset, group, station), folder / f"{stem}_{SINGLE[group]}_{label}.{picture}")
+        for group, dataset in datasets.items()
+        for station, label in enumerate(file_names(dataset["station_name"].values))
+    ]
 
 
 def write_profiles(
@@ -62,13 +67,21 @@ def write_profiles(
         written += [
             netcdf.write(described, folder / f"{name}.nc"),
             write_table(profile_table(dataset), folder / f"{name}.csv"),
-            write_figure(profile_figure(dataset, f"{title}, line {line}"), folder / f"{name}.{picture}"),
+            write_figure(profile_figure(dataset, heading(dataset, title)), folder / f"{name}.{picture}"),
         ]
     remove_others(folder, stem, written)
     return written
 
 
-def file_names(names: Sequence[str]) -> list[str]:
+def heading(dataset: "xr.Dataset", title: str) -> str:
+    """Heading of the figure of a profile."""
+    if "percentile" not in dataset.dims:
+        return f"Line {dataset.attrs['line']}: {title}"
+    levels = dataset["percentile"].values
+    return f"Line {dataset.attrs['line']}: median and {levels[0]:g} to {levels[-1]:g} % of {dataset.attrs['members']} members"
+
+
+def file_names(names: Iterable[str]) -> list[str]:
     """Parts of file names from names of probes; different ones for different names."""
     plain = [re.sub(r"[^A-Za-z0-9-]+", "_", str(name)).strip("_") or "unnamed" for name in names]
     lowered = [name.lower() for name in plain]
@@ -109,4 +122,5 @@ def attributes_of(site: "Site", inputs: Sequence[Path] = ()) -> dict[str, Any]:
     listed = {name: json.dumps(origin[name]) for name in ("inputs", "configuration", "versions")}
     plain = {name: origin[name] for name in ("site", "device", "command", "configuration_sha256", "seed")}
     history = f"{origin['created']} {origin['command']} (runout {origin['runout']})"
-    return {**netcdf.global_attributes(site.terrain(), ""), "comment": "thicknesses are vertical", "history": history, **listed, **plain}
+    common = netcdf.global_attributes(site.terrain(), "")
+    return {**common, "comment": "thicknesses are vertical", "history": history, **listed, **plain}

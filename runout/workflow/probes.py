@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Any
 from runout import log
 from runout.errors import ConfigError
 from runout.interrupt import at_end
+from runout.io.probe_files import SITE_FILES, SITE_STEM
 from runout.lifetime import end_workers
-from runout.workflow.probe_products import PICTURES, PROBES, SITE_STEM, attributes_of, remove_others, write_series
-from runout.workflow.study import Study
+from runout.workflow.probe_products import PICTURES, PROBES, attributes_of, remove_others, write_pictures, write_series
+from runout.workflow.study import PLAN, Study
 
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.hazard.members import Ensemble
 
+OF_SITE, OF_ENSEMBLE = SITE_STEM.split("_")  # beginnings of the names of files
+HAZARD = next(stage for stage in PLAN if stage.name == "hazard")  # writes the percentiles at the probes of site.yaml
 LOGGER = logging.getLogger("runout.probes")
 ALL = "all"
 
@@ -59,7 +62,7 @@ class ProbeChoices:
     def stem(self) -> str:
         """Beginning of the names of the files."""
         named = [path.stem for path in (self.points, self.cross_sections) if path is not None]
-        return "_".join(dict.fromkeys(named)) or SITE_STEM
+        return "_".join(dict.fromkeys(named)) or OF_SITE
 
     def require_consistent(self) -> None:
         """Raise ConfigError for choices that contradict each other."""
@@ -96,9 +99,22 @@ def run(site_path: Path | str, out: Path | None, choices: ProbeChoices, **how: A
     study = replace(study, part=None if single is None else range(single, single + 1))
     if choices.has_files or choices.members or single is not None:
         run_missing(study)
+    elif study.why_stale(HAZARD) is None:
+        LOGGER.info("up to date: %s*", study.results / PROBES / SITE_STEM)
+        return _present(study.results, choices.picture)
     ensemble = finished(study)
-    label = "ensemble" if single is None else f"member_{single:04d}"
+    label = OF_ENSEMBLE if single is None else f"member_{single:04d}"
     return write_products(study.site, study.results, ensemble, f"{choices.stem}_{label}", single, choices.picture)
+
+
+def _present(results: Path, picture: str) -> list[Path]:
+    """Files of the percentiles at the probes of site.yaml, after writing figures if they are to be of another format."""
+    from runout.io import netcdf
+
+    if picture != "png":
+        datasets = {group: netcdf.read(results / name) for group, name in SITE_FILES.items() if (results / name).is_file()}
+        write_pictures(datasets, results / PROBES, SITE_STEM, picture)
+    return sorted(path for path in (results / PROBES).iterdir() if path.name.startswith(f"{SITE_STEM}_"))
 
 
 def with_probes(study: Study, choices: ProbeChoices) -> Study:
@@ -138,13 +154,25 @@ def run_missing(study: Study) -> None:
         return
     with log.muted():
         require_sound(study.site)
-    which = ", ".join(map(str, study.left[:8])) + (", ..." if len(study.left) > 8 else "")
-    text = "%d of %d members have no series at these probes and are run again: %s; members with other probes stay as they are"
-    LOGGER.info(text, len(study.left), len(study.standings), which)
+    left, count = study.left, len(study.standings)
+    which = f"member {left[0]} has" if study.part else f"{len(left)} of {count} members have"
+    LOGGER.info("%s no series at these probes and will be run; other members stay as they are", which)
     with log.to_file(study.results / "run.log"), at_end(end_workers):
         make_members(study)
         study.require_inputs()
         study.keep()
+
+
+def other_members(study: Study) -> str:
+    """Sentence on members that are done but lack the series of the probes of site.yaml; empty if there are none."""
+    if study.site.settings.probes is None or not study.left:
+        return ""
+    without = replace(study, site=study.site.with_probes(None))
+    count = sum(standing.state == "done" for standing in without.standings)
+    if not count:
+        return ""
+    text = f"{count} members are done without these probes; they are kept, and run again to record series"
+    return f"{text} (`runout profile` needs no new run)"
 
 
 def finished(study: Study) -> "Ensemble":
@@ -180,8 +208,7 @@ def write_products(
 
 def write_of_site(study: Study) -> Sequence[Path]:
     """Files of the percentiles at the probes of site.yaml, in the stage hazard; without probes earlier ones are removed."""
-    stem = f"{SITE_STEM}_ensemble"
     if study.site.settings.probes is None:
-        remove_others(study.results / PROBES, stem)
+        remove_others(study.results / PROBES, SITE_STEM)
         return ()
-    return write_products(study.site, study.results, finished(study), stem, None)
+    return write_products(study.site, study.results, finished(study), SITE_STEM, None)

@@ -3,17 +3,29 @@
 import logging
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from runout.errors import ConfigError
 from runout.workflow.probe_products import PICTURES, PROFILES, attributes_of, write_profiles
 from runout.workflow.probes import ProbeChoices, finished, member_of
 from runout.workflow.study import Study
 
+if TYPE_CHECKING:
+    from runout.config.site import Site
+
 LOGGER = logging.getLogger("runout.profiles")
 
 
 def run(
-    site_path: Path | str, out: Path | None, line: Path, *, layer: str | None = None, member: int | None = None, picture: str = "png"
+    site_path: Path | str,
+    out: Path | None,
+    line: Path,
+    *,
+    layer: str | None = None,
+    member: int | None = None,
+    picture: str = "png",
 ) -> list[Path]:
     """Write profiles of a site to ``results/profiles``; returns the paths.
 
@@ -48,13 +60,20 @@ def run(
     study = replace(study, part=None if number is None else range(number, number + 1))
     ensemble = finished(study)
     files = list(ensemble.files.values())
+    excavated = excavation(study.site, study.standings[0].member.parameters if number is not None else {})
     if number is None:
-        datasets, of = ensemble_profiles(files, ensemble.weights, lines, study.terrain), ensemble.statement()
+        datasets, of = ensemble_profiles(files, ensemble.weights, lines, study.terrain, excavated), ensemble.statement()
     else:
-        datasets, of = member_profiles(files[0], lines, study.terrain), f"member {number}"
+        datasets, of = member_profiles(files[0], lines, study.terrain, excavated), f"member {number}"
     attributes = attributes_of(study.site, [line]) | {"ensemble": of}
     label = "ensemble" if number is None else f"member_{number:04d}"
     folder, title = study.results / PROFILES, f"{study.site.name}, {of.partition(';')[0]}"
     paths = write_profiles(datasets, folder, f"{line.stem}_{label}", attributes, title, picture)
     LOGGER.info("wrote %d files: %s*", len(paths), folder / f"{line.stem}_{label}")
     return paths
+
+
+def excavation(site: "Site", sample: dict[str, float]) -> np.ndarray:
+    """Depth [m] (rows, columns) of what the releases of a member take away from the ground."""
+    terrain = site.terrain()
+    return np.sum([np.zeros(terrain.shape), *(release.excavation for release in site.releases(terrain, sample))], axis=0)  # type: ignore[no-any-return]
