@@ -93,8 +93,8 @@ class ProbeRecorder:
     def _at_lines(self, columns: RasterSums, dt: float) -> np.ndarray:
         """Flux [m3/s], covered width [m] and largest thickness [m] of the lines, one after another."""
         count = len(self.probes.cross_sections)
-        if not count:
-            return np.zeros(0)
+        if not count or not self._reaches_lines(columns):
+            return np.zeros(OF_LINE * count)
         owner, places, normals, lengths = self.pieces
         _, mass, *momentum = self._gathered(columns, self._cell_at(places))
         downstream = places + 0.5 * dt * (np.array(momentum[:2]) / np.maximum(mass, TINY)).T
@@ -105,6 +105,15 @@ class ProbeRecorder:
         largest = np.zeros(count)
         np.maximum.at(largest, crossed, depth)
         return np.concatenate([np.bincount(owner, flux, count), width, largest])
+
+    def _reaches_lines(self, columns: RasterSums) -> bool:
+        """Whether there is any mass in the rectangle around the lines, or in a cell beside it."""
+        (south, west), (north, east) = self.line_cells[1].min(axis=1) - 1, self.line_cells[1].max(axis=1) + 2
+        low, high = (south, north) if self.from_south else (self.shape[0] - north, self.shape[0] - south)
+        rows, across = (slice(max(a - first, 0), max(b - first, 0)) for a, b, first in (
+            (low, high, columns.row), (west, east, columns.column),
+        ))  # fmt: skip
+        return bool(columns.mass[rows, across].any())
 
     def _cell_at(self, places: np.ndarray) -> np.ndarray:
         """Row from the south and column (2, n) of the cells that hold places (n, 2) [m]."""

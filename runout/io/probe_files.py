@@ -21,6 +21,7 @@ POINTS, SECTIONS = "probe_points", "cross_sections"  # groups of a member's file
 NAMES = {POINTS: "points", SECTIONS: "cross_sections"}  # ends of the names of files
 FOLDER, SITE_STEM = "probes", "site_ensemble"  # of the files of the probes of site.yaml
 SITE_FILES = {group: f"{FOLDER}/{SITE_STEM}_{name}.nc" for group, name in NAMES.items()}
+NO_DATE = "the release has no date: these are seconds after it, not a time of a calendar"
 STATION, TIME, PERCENTILE = "station", "time", "percentile"
 _PLACES = "time x y station_elevation station_name"
 
@@ -43,7 +44,7 @@ def points_frame(probes: Probes, terrain: Terrain, time: np.ndarray) -> "xr.Data
 
 
 def sections_frame(probes: Probes, terrain: Terrain, time: np.ndarray) -> "xr.Dataset":
-    """Names, middles and vertices of cross-sections, without values; the vertices are a line geometry of CF."""
+    """Names, middles and vertices of cross-sections, without values; the vertices of all lines stand one behind another."""
     lines = probes.cross_sections
     dataset = _frame([line.name for line in lines], np.array([line.middle for line in lines]), terrain, time)
     vertices = np.concatenate([np.array(line.vertices) for line in lines])
@@ -51,11 +52,8 @@ def sections_frame(probes: Probes, terrain: Terrain, time: np.ndarray) -> "xr.Da
     counts = np.array([len(line.vertices) for line in lines], np.int32)
     dataset["node_count"] = (STATION, counts, {"long_name": "number of vertices"})
     for axis, values in zip("xy", vertices.T, strict=True):
-        named = {"units": "m", "axis": axis.upper(), "long_name": f"{axis} of the vertices"}
+        named = {"units": "m", "long_name": f"{axis} of the vertices of the lines, one line behind another"}
         dataset[f"node_{axis}"] = ("node", values, named)
-    described = {"geometry_type": "line", "node_count": "node_count", "node_coordinates": "node_x node_y"}
-    dataset["geometry"] = ((), np.int32(0), described)
-    dataset["geometry"].encoding |= {"coordinates": "x y"} | ({"grid_mapping": "crs"} if "crs" in dataset.coords else {})
     return dataset
 
 
@@ -66,7 +64,7 @@ def _frame(names: list[str], places: np.ndarray, terrain: Terrain, time: np.ndar
     text = VARIABLES["station_name"].attributes() | {"cf_role": "timeseries_id"}
     dataset = dataset.assign_coords(
         {
-            TIME: (TIME, time, {"axis": "T"}),
+            TIME: (TIME, time, {"axis": "T", "comment": NO_DATE}),
             "station_name": (STATION, np.array(names, dtype=object), text),
             "station_elevation": (STATION, ground_at(terrain, places)),
         }
@@ -101,8 +99,6 @@ def add_values(dataset: "xr.Dataset", name: str, values: np.ndarray, dims: tuple
     dataset[name].encoding["coordinates"] = _PLACES if timed else _PLACES.removeprefix("time ")
     if "crs" in dataset.coords:
         dataset[name].encoding["grid_mapping"] = "crs"
-    if "geometry" in dataset:
-        dataset[name].attrs["geometry"] = "geometry"
 
 
 def series_table(dataset: "xr.Dataset") -> "pd.DataFrame":

@@ -111,7 +111,7 @@ def _features(path: Path, frame: Any, what: str) -> Iterator[Probe | CrossSectio
             yield Problem(source, None, "", f"{name!r} has no geometry", "delete it or draw it")
             continue
         merged = shapely.line_merge(geometry) if geometry.geom_type == "MultiLineString" else geometry
-        parts = shapely.get_parts(merged)
+        parts = shapely.get_parts(geometry if merged.is_empty else merged)  # a line of one place merges to nothing
         if len(parts) != 1 or parts[0].geom_type not in TYPES[what]:
             several = f" of {len(parts)} parts" if len(parts) > 1 else ""
             yield Problem(source, None, "", f"{name!r} is a {geometry.geom_type}{several}, not a single {what}", REMEDIES[what])
