@@ -27,6 +27,8 @@ _HOME = {
     "register_friction": "runout.model.friction_laws",
     "FrictionZones": "runout.model.friction",
     "Particles": "runout.model.particles",
+    "Probes": "runout.model.probes",
+    "ProbeSeries": "runout.model.probe_series",
     "Scene": "runout.model.scene",
     "simulate": "runout.simulation",
     "Result": "runout.result",
@@ -61,6 +63,7 @@ declare_readers(
         "Release.from_array": "runout.release.read:release_from_array",
         "Release.from_raster": "runout.release.read:read_raster",
         "Release.from_vector": "runout.release.read:read_vector",
+        "Probes.from_vector": "runout.io.probe_layers:read_probes",
         "FrictionZones.from_vector": "runout.terrain.zones:read_zones",
         "FrictionZones.from_rasters": "runout.terrain.friction_rasters:read_friction_rasters",
     }

@@ -126,9 +126,11 @@ class _Job:
         release = given["release"]
         given |= choices(given.pop("accuracy", None), [release] if isinstance(release, Release) else list(release), given)
         times = tuple(sorted(given.pop("snapshot_times", ())))
+        probes = given.pop("probes", None)
         control = RunControl(
             given.pop("end_time"), given.pop("stop", True), given.pop("arrival_threshold", 0.1), times,
             force_interval=given.pop("force_interval", None), snapshot_particles=given.pop("snapshot_particles", 0),
+            probes=probes.on(given["terrain"]) if probes else None,
         )  # fmt: skip
         found: list[Extent] = []
         scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)

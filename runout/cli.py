@@ -15,7 +15,7 @@ with interrupt.ended_at_once():  # it takes a moment
     from cyclopts import App, CycloptsError, Group, Parameter
 
     from runout import log
-    from runout.commands import sites, slopes, studies, view
+    from runout.commands import probes, sites, slopes, studies, view
     from runout.commands.options import Session
 
 LOGGER = logging.getLogger(__name__)
@@ -28,7 +28,10 @@ app = App(
 )
 app.meta.group_parameters = Group("Options of every command", sort_key=0)
 
-COMMANDS: tuple[Callable[..., int], ...] = (*sites.COMMANDS, *view.COMMANDS, *slopes.COMMANDS, *studies.COMMANDS)
+COMMANDS: tuple[Callable[..., int], ...] = (
+    *(*sites.COMMANDS, *probes.COMMANDS, *view.COMMANDS),
+    *(*slopes.COMMANDS, *studies.COMMANDS),
+)
 for order, one in enumerate(COMMANDS):
     app.command(one, sort_key=order)
 

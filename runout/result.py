@@ -11,6 +11,7 @@ import numpy as np
 from runout.model.depth_resolution import DepthResolution
 from runout.model.facts import as_html, as_text, short
 from runout.model.particles import Particles
+from runout.model.probe_series import ProbeSeries
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 from runout.structure_forces import StructureForces
@@ -50,6 +51,8 @@ class Result:
         Impulses on structures over time, with force, moment and pressure of each facade; None without structures.
     start : mapping
         Initial stress, basal friction and stiffness, :meth:`runout.model.scene.Scene.start_attributes`.
+    probes : ProbeSeries or None
+        Time series at the points and cross-sections of ``simulate(probes=...)``.
     """
 
     terrain: Terrain
@@ -66,6 +69,7 @@ class Result:
     particle_frames: list[np.ndarray] = field(default_factory=list)
     start: Mapping[str, Any] = field(default_factory=dict)
     structure_forces: StructureForces | None = None
+    probes: ProbeSeries | None = None
 
     @cached_property
     def state(self) -> Particles:
@@ -185,7 +189,7 @@ class Result:
     def to_netcdf(
         self, path: str | os.PathLike[str], attrs: Mapping[str, Any] | None = None, *, reached_only: bool = False
     ) -> None:
-        """Write maps, ledger and snapshots to one file, completely or not at all.
+        """Write maps, ledger, snapshots and series at probes to one file, completely or not at all.
 
         With ``reached_only`` the maps hold the rows and columns that the flow reached; their place is in the attributes, that
         of the whole raster in the group ``raster``.
@@ -201,6 +205,10 @@ class Result:
             groups["snapshots"] = shown.snapshot_maps()
         if self.particle_frames:
             groups["snapshot_particles"] = self.snapshot_particles()
+        if self.probes:
+            from runout.io.probe_files import series_datasets
+
+            groups |= series_datasets(self.probes)
         write(shown.maps.assign_attrs(place | dict(attrs or {})), path, groups=groups)
 
     def _reached(self) -> "tuple[Result, dict[str, Any], dict[str, xr.Dataset]]":

@@ -17,10 +17,12 @@ from runout.model.depth_resolution import DepthResolution, flow_depth
 from runout.model.limits import checked
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
+from runout.model.probes import Probes
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.observers import THICKNESS, AtRest, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
+from runout.probe_recorder import ProbeRecorder
 from runout.result import Result
 from runout.structure_forces import named_structures
 
@@ -54,6 +56,8 @@ class RunControl:
         Observe only the part of the raster where the mass is, with a backend that knows it; the maps are the same bit by bit.
     snapshot_particles : int
         Most particles that are kept at each snapshot.
+    probes : Probes or None
+        Points and cross-sections, in local coordinates, at which time series are recorded.
     """
 
     end_time: float
@@ -64,6 +68,7 @@ class RunControl:
     crop: bool = True
     force_interval: float | None = None
     snapshot_particles: int = 0
+    probes: Probes | None = None
 
     def __post_init__(self) -> None:
         checked("end_time", self.end_time, error=ConfigError)
@@ -84,6 +89,8 @@ class Run:
         self.engine, self.scene, self.control, self.progress, self.keep = engine, scene, control, progress, keep
         on_lattice = control.crop and isinstance(engine, WindowBackend) and footprints.keep_peaks(scene)
         self.peaks = PeakMaps(scene, control.arrival_threshold, on_lattice)
+        wanted = control.probes
+        self.probes = ProbeRecorder(scene, wanted, control.arrival_threshold, on_lattice) if wanted else None
         self.ledger, self.rest = Ledger(), AtRest()
         interval = control.end_time / OBSERVATIONS if control.force_interval is None else control.force_interval
         self.forces = StructureImpulses(structures or named_structures(scene.structures), interval)
@@ -107,6 +114,8 @@ class Run:
         self.ledger.restore(part(state, "ledger."))
         if self.forces.structures:
             self.forces.restore(part(state, "forces."))
+        if self.probes:
+            self.probes.restore(part(state, "probes."))
         frames = (state["frames.time"].tolist(), state["frames.thickness"], state["frames.speed"])
         self.snapshots = list(zip(*frames, strict=True))
         self.particle_frames = list(state["frames.particles"])
@@ -121,6 +130,7 @@ class Run:
         state |= {f"ledger.{name}": values for name, values in self.ledger.state().items()}
         if self.forces.structures:
             state |= {f"forces.{name}": values for name, values in self.forces.state().items()}
+        state |= {f"probes.{name}": values for name, values in self.probes.state().items()} if self.probes else {}
         for k, name in enumerate(("time", "thickness", "speed")):
             state[f"frames.{name}"] = np.array([frame[k] for frame in self.snapshots])
         state["frames.particles"] = np.array(self.particle_frames)
@@ -135,9 +145,10 @@ class Run:
     def result(self, terrain: Terrain, n_particles: int, setup: float, *, brought: bool = True) -> Result:
         """What has been found, after ``setup`` [s] of preparation for so many particles; ``brought``: with these as they are."""
         maps = self.peaks.maps().items()  # only on known ground: the footprint of a particle may extend beyond an edge
+        fields = {name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps}
         return Result(
             terrain=terrain,
-            fields={name: terrain.where_known(m, np.nan if name == "arrival_time" else 0.0) for name, m in maps},
+            fields=fields,
             series={"time": np.array(self.ledger.time), **self.ledger.series()},
             bring=self.engine.particles if brought else lambda: Particles.zeros(0),
             spacing=self.scene.spacing,
@@ -150,6 +161,7 @@ class Run:
             particle_frames=self.particle_frames,
             start=self.scene.start_attributes(),
             structure_forces=self.forces.result(),
+            probes=self.probes.series(self.control.end_time, terrain, fields) if self.probes else None,
         )
 
     def depth_resolution(self) -> DepthResolution:
@@ -171,7 +183,7 @@ class Run:
                 count = self.plan(1)
                 self.engine.step(self.dt)
                 if self.looks:
-                    self.peaks.observe(self.time + self.dt, self._columns())
+                    self._note(self.time + self.dt, self._columns())
             self.arrive(count)
 
     def begin(self) -> None:
@@ -179,7 +191,7 @@ class Run:
         if not self.ledger.time:
             if self.forces.structures:
                 self.forces.record(self.time, self.engine.structure_impulses())
-            self.peaks.observe(self.time, self._columns())
+            self._note(self.time, self._columns())
             self._observe()
 
     def plan(self, most: int) -> int:
@@ -206,7 +218,7 @@ class Run:
         started, scene = clock.perf_counter(), self.scene
         if footprints.apply_to(scene) and not self.peaks.on_lattice:
             columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))
-        self.peaks.observe(self.time + self.dt * step, columns)
+        self._note(self.time + self.dt * step, columns)
         self.observing += clock.perf_counter() - started
 
     def arrive(self, count: int) -> None:
@@ -216,6 +228,12 @@ class Run:
             self.forces.record(self.time, self.engine.structure_impulses())
         if self.time >= min(self.ledger_due, self._next_stop()) - 1e-12 * self.control.end_time:
             self._observe()
+
+    def _note(self, time: float, columns: RasterSums) -> None:
+        """Update maps and probes with the columns at one time [s]."""
+        self.peaks.observe(time, columns)
+        if self.probes:
+            self.probes.observe(time, columns, self.dt)
 
     def _next_stop(self) -> float:
         return min([self.control.end_time, *self.pending[:1]])
@@ -232,7 +250,7 @@ class Run:
         self._record(self.engine.ledger(), self.engine.memory_bytes())
         self.ledger_due = self.time + control.end_time / OBSERVATIONS
         if self.reason and self.peaks.time < self.time:
-            self.peaks.observe(self.time, self._columns())
+            self._note(self.time, self._columns())
         if self.reason and self.forces.structures and self.forces.times[-1] < self.time:
             self.forces.record(self.time, self.engine.structure_impulses())
         if self.progress:

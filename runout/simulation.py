@@ -14,6 +14,7 @@ from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
 from runout.model.depth_resolution import FEWEST_CELLS
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
+from runout.model.probes import Probes
 from runout.model.release import Release
 from runout.model.structures import StructureField, Structures
 from runout.model.terrain import Terrain
@@ -54,6 +55,7 @@ def simulate(
     snapshot_times: Sequence[float] = (),
     snapshot_particles: int = 0,
     force_interval: float | None = None,
+    probes: Probes | None = None,
     progress: Callable[[float], None] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = EVERY,
@@ -119,6 +121,8 @@ def simulate(
         Most particles whose positions and speeds are stored at these times, evenly chosen; 0: none.
     force_interval : float, optional
         Least time between two records of the forces on structures [s]; a 200th of ``end_time`` by default, 0 for every step.
+    probes : Probes, optional
+        Points and cross-sections, in map coordinates, whose time series :attr:`runout.Result.probes` holds.
     progress : callable, optional
         Called with the fraction of the simulated time, 0 to 1.
     checkpoint : path, optional
@@ -136,10 +140,11 @@ def simulate(
         If a run cannot continue.
     """
     started = clock.perf_counter()
-    times = tuple(sorted(snapshot_times))
+    times, places = tuple(sorted(snapshot_times)), probes.on(terrain) if probes else None
     control = RunControl(
-        end_time, stop, arrival_threshold, times, force_interval=force_interval, snapshot_particles=snapshot_particles
-    )
+        end_time, stop, arrival_threshold, times,
+        force_interval=force_interval, snapshot_particles=snapshot_particles, probes=places,
+    )  # fmt: skip
     named = named_structures(structures)
     engine = get_backend(backend, device, threads)
     releases = [release] if isinstance(release, Release) else list(release)

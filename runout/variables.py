@@ -302,6 +302,34 @@ _STRUCTURES = {
 }
 
 
+_PROBES = {
+    **{q.stem: _positive(q.units, q.described) for q in QUANTITIES.values() if q.formula},
+    "discharge": Variable(
+        "m3 s-1",
+        "discharge through the cross-section",
+        comment="mean over the interval that ends at this time; positive to the left of the line, its lower side",
+    ),
+    "passed_volume": Variable("m3", "volume that has passed the cross-section", comment="the integral of the discharge"),
+    "flow_width": _positive("m", "length of the cross-section that the flow covers", "at least as thick as the arrival threshold"),
+    "largest_thickness": _positive("m", "largest flow thickness along the cross-section, vertical"),
+    "max_discharge": _positive("m3 s-1", "maximum discharge through the cross-section", "mean over one interval of the series"),
+    "arrival_probability": Variable(
+        "1", "conditional probability that the flow arrives", valid_min=0.0, valid_max=1.0, comment=_FRACTION
+    ),
+    "bed_elevation": Variable(
+        "m", "elevation of the ground without the released mass", comment="the surface on which flow and deposit lie"
+    ),
+    "ground_elevation": Variable("m", "ground elevation, bilinear between the cell centres", "surface_altitude"),
+}
+
+_STATIONS = {
+    "station_name": Variable("", "name", dtype="str"),
+    "station_elevation": Variable("m", "ground elevation", "surface_altitude", dtype="float64"),
+    "section_length": Variable("m", "length of the cross-section in the plan", dtype="float64"),
+    "distance": Variable("m", "length along the line from its first vertex", dtype="float64"),
+}
+
+
 def _of(content: str, variables: dict[str, Variable]) -> dict[str, Variable]:
     return {name: replace(variable, content=content) for name, variable in variables.items()}
 
@@ -318,4 +346,6 @@ VARIABLES: dict[str, Variable] = {
     **_of("coordinate", _COORDINATES),
     **_LEDGER,
     **_STRUCTURES,
+    **_PROBES,
+    **_of("coordinate", _STATIONS),
 }

@@ -188,6 +188,7 @@ def files_outside(settings: SiteSettings, folder: Path) -> list[str]:
     observed = settings.observations
     named += [getattr(getattr(observed, name), key) for name, key in FILE_KEYS.items() if getattr(observed, name, None)]
     named += (terrain.friction_rasters or {}).values()
+    named += settings.probes.files() if settings.probes else []
     local = dict.fromkeys(name for name in named if isinstance(name, str) and not name.startswith("matplotlib:"))
     root = folder.resolve()
     places = {name: (folder / name).resolve() for name in local}
@@ -202,6 +203,7 @@ def _local_files(document: Document) -> Iterator[tuple[Location, str]]:
     for key in ("friction_zones", "obstacles"):
         places += [("terrain", key, i, "polygons") for i in range(len(_overlays(document, key)))]
     places += [("structures", i, key) for i in range(len(_blocks(document, ("structures",)))) for key in STRUCTURE_FILES]
+    places += [("probes", key) for key in ("points", "cross_sections")]
     places += [("observations", name, key) for name, key in FILE_KEYS.items()]
     rasters = document.value(("terrain", "friction_rasters"))
     places += [("terrain", "friction_rasters", key) for key in (rasters if isinstance(rasters, dict) else {})]

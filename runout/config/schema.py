@@ -19,6 +19,7 @@ from runout.config.hazard import HazardSettings
 from runout.config.material import MaterialSettings, sampled_parameters, sampled_ranges, validated_material
 from runout.config.metadata import METADATA, MetadataSettings
 from runout.config.observations import OBSERVATIONS, ObservationSettings
+from runout.config.probes import PROBES, ProbeSettings
 from runout.config.quantities import (
     CellSize,
     Degrees,
@@ -366,6 +367,7 @@ class SiteSettings(Settings):
     simulation: SimulationSettings = quantity("how each member is computed")
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())
+    probes: ProbeSettings | None = PROBES
     observations: ObservationSettings | None = OBSERVATIONS
     report: ReportSettings | None = REPORT
     budget: BudgetSettings | None = quantity(

@@ -14,6 +14,7 @@ from runout.config.schema import SiteSettings
 from runout.config.site_files import SiteFiles
 from runout.config.site_friction import SiteFriction
 from runout.config.site_observations import SiteObservations
+from runout.config.site_probes import SiteProbes
 from runout.config.site_structures import SiteStructures
 from runout.config.structures import COMPUTED_WITHOUT
 from runout.errors import ConfigError, InputError
@@ -24,8 +25,10 @@ from runout.model.limits import spacing_of
 
 if TYPE_CHECKING:
     from runout.config.extent import DerivedExtent
+    from runout.config.probes import ProbeSettings
     from runout.model.friction import FrictionZones
     from runout.model.materials import Material
+    from runout.model.probes import Probes
     from runout.model.release import Release
     from runout.model.structures import Structures
     from runout.model.terrain import Terrain
@@ -36,12 +39,13 @@ ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besid
 
 @dataclass(frozen=True)
 class SiteData:
-    """Inputs that all members of a site share: terrain, releases with a volume factor of 1, friction zones, structures."""
+    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes."""
 
     terrain: "Terrain"
     releases: "tuple[Release, ...]"
     friction_zones: "FrictionZones | None"
     structures: "Structures | None" = None
+    probes: "Probes | None" = None
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,8 @@ class Site:
     def _read_data(self) -> SiteData:
         terrain = self.terrain()
         releases = self.releases(terrain)
-        return SiteData(terrain, tuple(releases), self.friction_zones(terrain), self._structures(terrain, releases))
+        structures, probes = self._structures(terrain, releases), self.probes(terrain)
+        return SiteData(terrain, tuple(releases), self.friction_zones(terrain), structures, probes)
 
     def _structures(self, terrain: "Terrain", releases: "Sequence[Release]") -> "Structures | None":
         """The structures for the grid of the site."""
@@ -179,6 +184,16 @@ class Site:
     def structures(self) -> SiteStructures:
         """What site.yaml says of structures."""
         return self._sources.structures
+
+    def probes(self, terrain: "Terrain") -> "Probes | None":
+        """The points and cross-sections at which members record time series; None if site.yaml states none.
+
+        Raises
+        ------
+        ConfigError
+            With all problems of points and lines.
+        """
+        return SiteProbes(self.settings.probes, self.file).read(terrain)
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material; sampled parameters replace the stated ones."""
@@ -230,6 +245,7 @@ class Site:
             "stop": stated.stop_when_at_rest,
             "arrival_threshold": stated.arrival_threshold,
             **({"snapshot_times": even_times(stated.end_time, stated.snapshots)} if stated.snapshots else {}),
+            **({"probes": data.probes} if data.probes else {}),
         }
 
     def grid(self, releases: "Sequence[Release]") -> dict[str, Any]:
@@ -346,6 +362,10 @@ class Site:
         """The site with another grid spacing [m], see :func:`runout.config.overrides.with_cell_size`."""
         simulation = with_cell_size(self.settings.simulation, cell_size)
         return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
+
+    def with_probes(self, probes: "ProbeSettings | None") -> "Site":
+        """The site with other probes: its members are others, too."""
+        return replace(self, settings=self.settings.model_copy(update={"probes": probes}))
 
     def _known(self, sample: Mapping[str, float] | None) -> dict[str, float]:
         """The sampled parameters; an unknown name is refused."""

@@ -142,6 +142,7 @@ class SiteFiles:
         stated += [zone.polygons for zone in self.settings.terrain.friction_zones or []]
         stated += [obstacle.polygons for obstacle in self.settings.terrain.obstacles or []]
         stated += (self.settings.terrain.friction_rasters or {}).values()
+        stated += self.settings.probes.files() if self.settings.probes else []
         return self._paths([*stated, *self.structures.paths()])
 
     @property

@@ -15,6 +15,7 @@ from runout.hazard.maps import OWN_MAP, write_maps
 from runout.hazard.members import Ensemble, members_file
 from runout.hazard.observed import observed_layers, scored
 from runout.hazard.outline_style import outline_styles
+from runout.hazard.probe_layers import probe_layers
 from runout.hazard.sampling import Estimator
 from runout.hazard.structure_products import StructureProducts, write_structures
 from runout.io import netcdf
@@ -59,7 +60,7 @@ def write_products(
     ----------
     site : Site
         Its folder, name, settings, ``terrain()``, ``releases(terrain)``, ``friction_zones(terrain)``, ``obstacles(terrain)``,
-        ``observed``, ``inputs()`` and ``resolved()`` are used.
+        ``probes(terrain)``, ``observed``, ``inputs()`` and ``resolved()`` are used.
     results : Path
         Folder that holds ``members/`` and takes the products.
     members : pandas.DataFrame
@@ -203,7 +204,7 @@ def _write_outlines(
         zones=site.friction_zones(terrain),
         obstacles=site.obstacles(terrain),
         styles=outline_styles(),
-        further={**(observed_layers(observed) if observed else {}), **built.layers},
+        further={**(observed_layers(observed) if observed else {}), **built.layers, **probe_layers(site.probes(terrain))},
     )
 
 

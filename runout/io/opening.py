@@ -243,7 +243,8 @@ def _reading(file: VectorFile) -> Iterator[Any]:
             warnings.simplefilter("ignore", RuntimeWarning)  # warnings of GDAL; the result is checked instead
             yield pyogrio
     except ShapelyError as cause:
-        raise file.error(f"{file.path}: holds a broken geometry ({cause}); close every ring, with four points or more") from cause
+        remedy = "close every ring, with four points or more; give every line two"
+        raise file.error(f"{file.path}: holds a broken geometry ({str(cause).strip()}); {remedy}") from cause
     except (DataSourceError, DataLayerError, ProjError, UnicodeError) as cause:
         remedy = "use GeoPackage, Shapefile or GeoJSON"
         raise file.error(f"{file.path}: cannot be read as a vector file ({cause}); {remedy}") from cause

@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout.report import figures, sheets, tables
+from runout.report import figures, probe_figures, sheets, tables
 from runout.report.maps import STYLES
 from runout.report.members import representative
 from runout.report.picture import MapPictures, png
@@ -67,6 +67,7 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "legend": _legend(study),
         "observed": _observed(study, pictures),
         "structures": _structures(study),
+        "probes": _probed(study),
         "location": embedded(sheets.location(study, window)),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study.convergence),
@@ -87,6 +88,8 @@ def _legend(study: Study) -> str:
         lines.append("hatched areas with a name are structures")
     if study.basemap.observed:
         lines.append("blue is what was observed: outline, gauges (triangles) and thalweg (dotted)")
+    if study.basemap.probes:
+        lines.append("purple are probes: points and cross-sections")
     if study.basemap.zones:
         lines.append("dashed lines are those of friction zones, with their factor or angle of friction")
     return "; ".join(lines).capitalize()
@@ -111,6 +114,20 @@ def _observed(study: Study, pictures: MapPictures) -> dict[str, Any] | None:
         "members": range_table(whole["scores"], members) if len(members) > 1 else [],
         "sheets": [_printed(sheet, pictures) for sheet in sheets.observed_sheets(study)],
     }
+
+
+def _probed(study: Study) -> dict[str, Any] | None:
+    """Tables of peaks and a figure for each probe; None for a site without probes."""
+    if not study.probes:
+        return None
+    tables_of = [probe_figures.peak_table(dataset, group) for group, dataset in study.probes.items()]
+    shown = [
+        (f"{probe_figures.WORDS[group].capitalize()} {dataset['station_name'].values[k]}", group, dataset, k)
+        for group, dataset in study.probes.items()
+        for k in range(dataset.sizes["station"])
+    ]
+    figures_of = [(title, embedded(png(probe_figures.station_figure(d, group, k, " ")))) for title, group, d, k in shown]
+    return {"tables": tables_of, "figures": figures_of}
 
 
 def _plots(study: Study) -> dict[str, Any]:

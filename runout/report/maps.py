@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from runout.map_quantities import QUANTITIES, MapQuantity
-from runout.report.marks import INK, Mark, draw_marks, draw_observed, draw_unknown
+from runout.report.marks import INK, Mark, draw_marks, draw_observed, draw_probes, draw_unknown
 from runout.report.wording import unit
 from runout.variables import VARIABLES
 
@@ -99,6 +99,8 @@ class Basemap:
         Obstacles and friction zones, with their labels.
     observed : list of Mark
         What was observed: outlines, points with labels, a thalweg.
+    probes : list of Mark
+        Points and cross-sections at which series were recorded.
     """
 
     easting: np.ndarray
@@ -108,6 +110,7 @@ class Basemap:
     obstacles: list[Mark] = field(default_factory=list)
     zones: list[Mark] = field(default_factory=list)
     observed: list[Mark] = field(default_factory=list)
+    probes: list[Mark] = field(default_factory=list)
 
     @property
     def cell_size(self) -> tuple[float, float]:
@@ -291,6 +294,7 @@ def draw_frame(axes: Any, basemap: Basemap, window: Window, labels: bool = True)
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
     draw_marks(axes, basemap.outlines, basemap.obstacles, basemap.zones, labels)
     draw_observed(axes, basemap.observed, labels)
+    draw_probes(axes, basemap.probes, labels)
     _coordinates(axes, max(east - west, north - south))
     _scale_bar(axes, east - west)
     _north_arrow(axes)

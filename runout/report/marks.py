@@ -10,6 +10,7 @@ INK = "#22282f"
 RELEASE = "#d7263d"
 OBSTACLE = "#6b3f16"
 OBSERVED = "#0b4fae"
+PROBE = "#6a1b9a"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
 UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # hatched unlike obstacles
@@ -53,6 +54,18 @@ def draw_observed(axes: Any, observed: Sequence[Mark], labels: bool = True) -> N
         axes.plot(mark.geometry.x, mark.geometry.y, "^", color=OBSERVED, markeredgecolor="white", markersize=6, zorder=5)
     for mark in points[:MOST_LABELS] if labels else ():
         _label(axes, mark, OBSERVED, (0, 9))
+
+
+def draw_probes(axes: Any, probes: Sequence[Mark], labels: bool = True) -> None:
+    """Draw points at which series were recorded as purple dots, cross-sections as purple lines, with their names."""
+    for mark in probes:
+        if mark.geometry.geom_type == "Point":
+            axes.plot(mark.geometry.x, mark.geometry.y, "o", color=PROBE, markeredgecolor="white", markersize=5, zorder=5)
+        else:
+            axes.plot(*mark.geometry.xy, color="white", linewidth=2.6, alpha=0.8, zorder=3)
+            axes.plot(*mark.geometry.xy, color=PROBE, linewidth=1.3, zorder=4)
+    for mark in probes[:MOST_LABELS] if labels else ():
+        _label(axes, mark, PROBE, (0, 9))
 
 
 def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, float, float]) -> None:

@@ -3,12 +3,13 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout.ensemble.member import members_folder
 from runout.errors import InputError, StorageError
+from runout.io.probe_files import SITE_FILES
 from runout.report.error_bars import require_error_bars
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 OBSERVED = ("observed_outline", "thalweg", "gauges")  # layers of outlines.gpkg
+PROBED = ("cross_sections", "probes")
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Study:
         Terrain and outlines of the releases.
     run : dict
         Provenance, ``run.json``.
+    probes : dict of str to xarray.Dataset
+        Percentiles of the series at the probes of site.yaml, by their kind; empty if it states none.
     convergence : dict or None
         Numerical error of the maps, ``convergence.json``; None if it was not computed.
     loads : Loads or None
@@ -52,6 +56,7 @@ class Study:
     run: dict[str, Any]
     convergence: Mapping[str, Any] | None = None
     loads: Loads | None = None
+    probes: "Mapping[str, xr.Dataset]" = field(default_factory=dict)
 
     @property
     def valid(self) -> "pd.DataFrame":
@@ -85,6 +90,7 @@ def read_study(results: Path) -> Study:
         ],
         [Mark(feature["geometry"], zone_label(feature)) for feature in features(drawn, "friction_zones")],
         [Mark(feature["geometry"], feature.get("label", "")) for name in OBSERVED for feature in features(drawn, name)],
+        [Mark(feature["geometry"], feature["name"]) for name in PROBED for feature in features(drawn, name)],
     )
     error, every = Path(results) / "convergence.json", table.join(figures)
     valid = every[every["status"] == "valid"]
@@ -96,7 +102,16 @@ def read_study(results: Path) -> Study:
         _provenance(_required(results, "run.json")),
         require_error_bars(_provenance(error, "verify --convergence"), error) if error.is_file() else None,
         read_loads(Path(results) / "structures.nc", representative(valid)) if len(valid) else None,
+        _probes(results),
     )
+
+
+def _probes(results: Path) -> "dict[str, xr.Dataset]":
+    """Percentiles of the series at the probes of site.yaml, as the hazard stage wrote them."""
+    from runout.io import netcdf
+
+    paths = {group: Path(results) / name for group, name in SITE_FILES.items()}
+    return {group: netcdf.read(path) for group, path in paths.items() if path.is_file()}
 
 
 def _required(results: Path, name: str) -> Path:

@@ -11,6 +11,7 @@ PRINTED_UNITS = {
     "m2": "m²",
     "m2 s-1": "m² s⁻¹",
     "m3": "m³",
+    "m3 s-1": "m³ s⁻¹",
     "m3 s-2": "m³ s⁻²",
     "kg m-3": "kg m⁻³",
     "degree": "°",

@@ -14,6 +14,7 @@ from runout.workflow import check_physics, check_stiffness
 
 if TYPE_CHECKING:
     from runout.config.observations import ObservationSettings
+    from runout.config.probes import ProbeSettings
     from runout.config.site import Site
     from runout.config.structures import StructureSettings
     from runout.model.depth_resolution import DepthResolution
@@ -70,6 +71,7 @@ def inspect(checked: "Path | Site") -> Findings:
     _read_releases(found, readable, found.terrain)
     _read_zones(found, readable, found.terrain)
     _read_observations(found, readable, found.terrain)
+    _read_probes(found, readable, found.terrain)
     _inspect_overlaps(found, found.terrain)
     _inspect_structures(found, readable, found.terrain)
     if found.site is not None:
@@ -103,6 +105,7 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
         terrain=TerrainSettings.model_validate(stated["terrain"]),
         release=[ReleaseSettings.model_validate(values) for values in right],
         observations=_readable_observations(stated.get("observations"), wrong),
+        probes=_readable_probes(stated.get("probes"), wrong),
     )
     return Site(file.parent, file, file.parent.name, settings)
 
@@ -125,6 +128,14 @@ def _readable_structures(stated: Any, wrong: list[str]) -> "list[StructureSettin
         return None
     right = [values for i, values in enumerate(stated) if not any(key.startswith(f"structures[{i}]") for key in wrong)]
     return [StructureSettings.model_validate(values) for values in right]
+
+
+def _readable_probes(stated: Any, wrong: list[str]) -> "ProbeSettings | None":
+    """Probes whose settings are valid."""
+    from runout.config.probes import ProbeSettings
+
+    sound = isinstance(stated, dict) and not any(key.startswith("probes") for key in wrong)
+    return ProbeSettings.model_validate(stated) if sound else None
 
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -155,6 +166,15 @@ def _read_observations(found: Findings, site: "Site", terrain: "Terrain") -> Non
         found.note(problem)
     if observed is not None:
         found.notes += [observed.statement(), *observed.changes]
+
+
+def _read_probes(found: Findings, site: "Site", terrain: "Terrain") -> None:
+    try:
+        probes = site.probes(terrain)
+    except InputError as error:
+        found.note(error)
+    else:
+        found.notes += [probes.statement(), *probes.changes] if probes else []
 
 
 def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:

@@ -201,8 +201,11 @@ def make_members(study: Study) -> Iterable[Path]:
     from runout.ensemble.run import EnsembleReport, run_ensemble
     from runout.workflow.growth import grow
     from runout.workflow.plan import member_bytes, require_budget
+    from runout.workflow.probes import other_members
 
     workers = study.workers
+    if said := other_members(study):
+        LOGGER.warning("%s", said)
     if study.compilation and study.compilation.is_running:
         with log.progress("compiling") as bar:
             study.compilation.wait(bar)
@@ -232,10 +235,12 @@ def make_members(study: Study) -> Iterable[Path]:
 
 
 def make_maps(study: Study) -> Iterable[Path]:
-    """Aggregate finished members into hazard.nc, members.nc, maps/, outlines.gpkg and run.json."""
+    """Aggregate finished members into hazard.nc, members.nc, maps/, outlines.gpkg and run.json, and series into probes/."""
     from runout.hazard.products import write_products
+    from runout.workflow.probes import write_of_site
 
-    return write_products(study.site, study.results, study.members, study.ensemble_report)
+    paths = write_products(study.site, study.results, study.members, study.ensemble_report)
+    return [*paths, *write_of_site(study)]
 
 
 def make_report(study: Study) -> Iterable[Path]:

@@ -68,6 +68,7 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", data: "Site
     from runout.workflow import check_stiffness
     from runout.workflow.check import depth_resolution
     from runout.workflow.plan import forecast, particle_line
+    from runout.workflow.probes import other_members
     from runout.workflow.status import print_stages
     from runout.workflow.study import Study
 
@@ -83,6 +84,8 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", data: "Site
     for line in check_stiffness.lines(site.material(), found.stiffness):
         console.print(line, markup=False)
     print_stages(console, study)
+    if said := other_members(study):
+        console.print(f"probes    {said}", markup=False)
     if study.growth:
         console.print(f"ensemble  {study.growth.statement()}", markup=False)
     try:

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from runout.workflow.growth import Growth
 
 HEAD = ("name", "title", "description", "metadata")
-FLOW = ("terrain", "structures", "release", "material", "basal_friction_angle_deg", "basal_friction", "simulation", "ensemble")
+FLOW = (
+    *("terrain", "structures", "release", "material", "basal_friction_angle_deg", "basal_friction", "simulation", "ensemble"),
+    "probes",
+)
 PLAN = (
     Stage("terrain", "read and prepare the DEM", ("name", "terrain")),
     Stage("release", "read and check the release", ("name", "terrain", "release")),

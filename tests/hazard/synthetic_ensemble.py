@@ -104,6 +104,9 @@ class FakeSite:
     def friction_zones(self, terrain: Terrain) -> None:
         """None."""
 
+    def probes(self, terrain: Terrain) -> None:
+        return None
+
     def obstacles(self, terrain: Terrain) -> list:
         """A dam of 4 m south of the release."""
         return [(shapely.box(WEST + 60.0, SOUTH + 200.0, WEST + 120.0, SOUTH + 240.0), 4.0)]

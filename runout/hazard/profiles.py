@@ -1,0 +1,165 @@
+"""Ground, peaks, arrival and deposit along a line, of one member or as percentiles over the members of an ensemble."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from runout.hazard.order import normalised
+from runout.hazard.probe_series import PERCENTILES, percentiles_of
+from runout.io.member_maps import MemberMaps
+from runout.io.probe_files import PERCENTILE, place_coordinates
+from runout.map_quantities import ARRIVAL
+from runout.model.probes import CrossSection, cell_of, ground_at
+from runout.model.terrain import Terrain
+from runout.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+DISTANCE = "distance"
+PIECES = 2  # values along the shorter side of a cell, at least
+
+
+@dataclass(frozen=True)
+class ProfileLine:
+    """Places along a line.
+
+    Attributes
+    ----------
+    name : str
+    distance : ndarray (n,)
+        Length along the line [m], from its first vertex to its last.
+    places : ndarray (n, 2)
+        Map coordinates [m].
+    cells : tuple of ndarray (n,)
+        Row and column of the raster.
+    ground : ndarray (n,)
+        Elevation [m], bilinear between the cell centres; NaN beside cells without elevation.
+    bed : ndarray (n,)
+        The same without the mass that is excavated; flow and deposit lie on it.
+    """
+
+    name: str
+    distance: np.ndarray
+    places: np.ndarray
+    cells: tuple[np.ndarray, np.ndarray]
+    ground: np.ndarray
+    bed: np.ndarray
+
+    @classmethod
+    def of(cls, line: CrossSection, terrain: Terrain, excavated: np.ndarray) -> "ProfileLine":
+        """Places on a line, half a cell apart or closer, its vertices among them; ``excavated`` (rows, columns) [m]."""
+        vertices = np.array(line.vertices)
+        middles, _, lengths = line.samples(min(terrain.cell_size) / PIECES)
+        ends = np.cumsum(lengths)
+        at_vertices = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(vertices, axis=0).T))])
+        distance = np.concatenate([ends - 0.5 * lengths, at_vertices])
+        order = np.argsort(distance, kind="stable")
+        places = np.concatenate([middles, vertices])[order]
+        row, column = cell_of(terrain, places)
+        rows, columns = terrain.shape
+        cells = row.clip(0, rows - 1), column.clip(0, columns - 1)
+        dug = replace(terrain, elevation=terrain.elevation - excavated)
+        return cls(line.name, distance[order], places, cells, ground_at(terrain, places), ground_at(dug, places))
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the raster around the line."""
+        row, column = self.cells
+        return slice(int(row.min()), int(row.max()) + 1), slice(int(column.min()), int(column.max()) + 1)
+
+    def read(self, member: MemberMaps, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Values (n,) of the cells under the line, of the maps of a member."""
+        rows, columns = self.window
+        at = self.cells[0] - rows.start, self.cells[1] - columns.start
+        return {name: member.within(name, (rows, columns))[at] for name in names}
+
+
+def member_profiles(path: Path, lines: Sequence[CrossSection], terrain: Terrain, excavated: np.ndarray) -> "list[xr.Dataset]":
+    """A profile along each line, of the member in a file; ``excavated`` (rows, columns) [m] is what its releases take away."""
+    wanted = [ProfileLine.of(line, terrain, excavated) for line in lines]
+    return [_dataset(line, terrain, values) for line, (values,) in zip(wanted, _values([path], wanted, terrain), strict=True)]
+
+
+def ensemble_profiles(
+    files: Sequence[Path],
+    weights: Sequence[float] | np.ndarray,
+    lines: Sequence[CrossSection],
+    terrain: Terrain,
+    excavated: np.ndarray,
+    percentiles: Sequence[float] = PERCENTILES,
+) -> "list[xr.Dataset]":
+    """Percentiles over the members along each line, from their maps cell by cell; the files are read once.
+
+    A percentile is that of each place for itself: the smallest value at which the summed weight reaches it. Members that do not
+    arrive count as infinity in the arrival time. ``excavated`` (rows, columns) [m] is what releases with a volume factor of 1 take
+    away.
+    """
+    w, wanted, found = normalised(weights, len(files)), [ProfileLine.of(line, terrain, excavated) for line in lines], []
+    for line, members in zip(wanted, _values(files, wanted, terrain), strict=True):
+        values = {}
+        for name in members[0]:
+            stacked = np.stack([member[name] for member in members])
+            values[name] = percentiles_of(stacked, w, percentiles)
+        values["arrival_probability"] = ((np.stack([m[ARRIVAL] for m in members]) >= 0.0) * w[:, None]).sum(axis=0).clip(0.0, 1.0)
+        found.append(_dataset(line, terrain, values, percentiles).assign_attrs(members=len(files)))
+    return found
+
+
+def _values(files: Sequence[Path], lines: list[ProfileLine], terrain: Terrain) -> list[list[dict[str, np.ndarray]]]:
+    """Values along each line of each member."""
+    found: list[list[dict[str, np.ndarray]]] = [[] for _ in lines]
+    grid = _grid(terrain)
+    for path in files:
+        with MemberMaps(path) as member:
+            member.require_grid(grid, terrain.source)
+            for line, values in zip(lines, found, strict=True):
+                values.append(line.read(member, member.held()))
+    return found
+
+
+def _grid(terrain: Terrain) -> "xr.Dataset":
+    import xarray as xr
+
+    from runout.io.grid import grid_coordinates
+
+    return xr.Dataset(coords=grid_coordinates(terrain))
+
+
+def _dataset(
+    line: ProfileLine, terrain: Terrain, values: Mapping[str, np.ndarray], percentiles: Sequence[float] = ()
+) -> "xr.Dataset":
+    """Values along a line; unknown where the ground has no elevation."""
+    import xarray as xr
+
+    coordinates = {DISTANCE: (DISTANCE, line.distance), **place_coordinates(line.places, DISTANCE, terrain)}
+    if len(percentiles):
+        coordinates[PERCENTILE] = (PERCENTILE, np.array(percentiles, float))
+    dataset = xr.Dataset(coords=coordinates, attrs={"line": line.name})
+    known = np.isfinite(terrain.elevation[line.cells])
+    for name, found in {"ground_elevation": line.ground, "bed_elevation": line.bed, **values}.items():
+        variable = VARIABLES[name]
+        dims = (PERCENTILE, DISTANCE)[2 - found.ndim :]
+        dataset[name] = (dims, np.where(known, found, np.nan).astype(variable.dtype), variable.attributes())
+        dataset[name].encoding |= {"coordinates": "x y"} | ({"grid_mapping": "crs"} if "crs" in dataset.coords else {})
+        if PERCENTILE in dims:
+            dataset[name].attrs["long_name"] = f"percentile over the members of the {variable.long_name}"
+    return dataset
+
+
+def profile_table(dataset: "xr.Dataset") -> "pd.DataFrame":
+    """A row for each place: distance, coordinates, and a column for each quantity (and percentile) with its unit."""
+    import pandas as pd
+
+    columns = {f"{name} [m]": dataset[name].values for name in (DISTANCE, "x", "y")}
+    for name, variable in dataset.data_vars.items():
+        units = VARIABLES[str(name)].units
+        if PERCENTILE in variable.dims:
+            columns |= {f"{name} p{q:g} [{units}]": variable.sel(percentile=q).values for q in dataset[PERCENTILE].values}
+        else:
+            columns[f"{name} [{units}]"] = variable.values
+    return pd.DataFrame(columns)

@@ -1,0 +1,250 @@
+"""Observer of a run that records time series at points and cross-sections, from the same columns as the maps.
+
+A point has the values of the cell that holds it. The volume that passes a cross-section is the flux of volume through the line,
+summed over every observation of the run: the columns' momentum over their density, bilinear between the middles of the cells. Mass
+and momentum are spread over the same footprint, so that this flux and the change of the volume on either side agree. Particles
+arrive where they are with the velocity of their last step: the flux of that step is the one of half a step before, half a step
+downstream.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from runout.backends import footprints
+from runout.backends.compile import array_binding
+from runout.backends.protocol import RasterSums
+from runout.backends.state import State
+from runout.map_quantities import ARRIVAL, peak_quantities
+from runout.model.probe_series import ProbeSeries
+from runout.model.probes import CrossSection, Probe, Probes, cell_of
+from runout.model.scene import Scene
+from runout.model.terrain import Terrain
+
+PIECES = 4  # pieces of a line in the shorter side of a cell
+TINY = np.finfo(float).tiny
+DISCHARGE, PASSED, WIDTH, DEPTH = "discharge", "passed_volume", "flow_width", "largest_thickness"
+OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; flux, width, largest thickness
+
+
+class ProbeRecorder:
+    """Records what passes the probes at every observation of a run.
+
+    Parameters
+    ----------
+    scene : Scene
+    probes : Probes
+        In local coordinates, see :meth:`runout.model.probes.Probes.on`.
+    arrival_threshold : float
+        Thickness [m] from which a column has a speed, and a line is covered.
+    on_lattice : bool
+        Whether columns are those of the lattice of :mod:`runout.backends.footprints`, not those of the raster.
+    """
+
+    def __init__(self, scene: Scene, probes: Probes, arrival_threshold: float, on_lattice: bool):
+        self.probes, self.arrival_threshold = probes, arrival_threshold
+        raster = scene.raster
+        self.cell = footprints.lattice_cell(scene) if on_lattice else raster.cell_size
+        self.shape = footprints.lattice_shape(raster, self.cell) if on_lattice else (raster.rows, raster.columns)
+        self.from_south, self.area = on_lattice, self.cell[0] * self.cell[1]
+        self.point_cells = _joined([_cells_of_point(p, scene, self.cell) for p in probes.points])
+        self.point_area = raster.cell_size[0] * raster.cell_size[1]
+        self.pieces = _pieces(probes.cross_sections, min(self.cell) / PIECES)
+        self.line_cells = _joined([_lengths(line, self.cell, self.shape) for line in probes.cross_sections])
+        self.times: list[float] = []
+        self.steps: list[float] = []  # [s]
+        self.rows: list[np.ndarray] = []
+
+    def observe(self, time: float, columns: RasterSums, dt: float) -> None:
+        """Note the columns at one time [s], after a step of ``dt`` [s]."""
+        self.times.append(time)
+        self.steps.append(dt)
+        self.rows.append(np.concatenate([self._at_points(columns), self._at_lines(columns, dt)]))
+
+    def state(self) -> State:
+        """All observations as arrays by name, for :meth:`restore`."""
+        return {"time": np.array(self.times), "dt": np.array(self.steps), "rows": np.array(self.rows)}
+
+    def restore(self, state: State) -> None:
+        """Restore the observations from :meth:`state`."""
+        self.times, self.steps, self.rows = state["time"].tolist(), state["dt"].tolist(), list(state["rows"])
+
+    def _gathered(self, columns: RasterSums, place: np.ndarray) -> np.ndarray:
+        """Volume [m3], mass [kg] and momentum (3) [kg m/s] (5, n) of columns at cells (2, n), counted from the south."""
+        row = place[0] if self.from_south else self.shape[0] - 1 - place[0]
+        row, column = row - columns.row, place[1] - columns.column
+        found, (rows, count) = np.zeros((5, place.shape[1])), columns.mass.shape
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < count)
+        at = row[inside], column[inside]
+        found[0, inside], found[1, inside], found[2:, inside] = columns.volume[at], columns.mass[at], columns.momentum[at].T
+        return found
+
+    def _at_points(self, columns: RasterSums) -> np.ndarray:
+        """Depth [m], speed [m/s] and density [kg/m3] of the points, one after another."""
+        owner, place, share = self.point_cells
+        if not len(self.probes.points):
+            return np.zeros(0)
+        sums = self._gathered(columns, place) * share
+        volume, mass, *momentum = (np.bincount(owner, values, len(self.probes.points)) for values in sums)
+        speed = array_binding().flow_columns.column_speed(np.maximum(mass, TINY), *momentum)
+        return np.concatenate([volume / self.point_area, speed, mass / np.maximum(volume, TINY)])
+
+    def _at_lines(self, columns: RasterSums, dt: float) -> np.ndarray:
+        """Flux [m3/s], covered width [m] and largest thickness [m] of the lines, one after another."""
+        count = len(self.probes.cross_sections)
+        if not count or not self._reaches_lines(columns):
+            return np.zeros(OF_LINE * count)
+        owner, places, normals, lengths = self.pieces
+        _, mass, *momentum = self._gathered(columns, self._cell_at(places))
+        downstream = places + 0.5 * dt * (np.array(momentum[:2]) / np.maximum(mass, TINY)).T
+        flux = (self._flux_at(columns, downstream) * normals.T).sum(axis=0) * lengths
+        crossed, cell, length = self.line_cells
+        depth = self._gathered(columns, cell)[0] / self.area
+        width = np.bincount(crossed, length * (depth >= self.arrival_threshold), count)
+        largest = np.zeros(count)
+        np.maximum.at(largest, crossed, depth)
+        return np.concatenate([np.bincount(owner, flux, count), width, largest])
+
+    def _reaches_lines(self, columns: RasterSums) -> bool:
+        """Whether there is any mass in the rectangle around the lines, or in a cell beside it."""
+        (south, west), (north, east) = self.line_cells[1].min(axis=1) - 1, self.line_cells[1].max(axis=1) + 2
+        low, high = (south, north) if self.from_south else (self.shape[0] - north, self.shape[0] - south)
+        rows, across = (slice(max(a - first, 0), max(b - first, 0)) for a, b, first in (
+            (low, high, columns.row), (west, east, columns.column),
+        ))  # fmt: skip
+        return bool(columns.mass[rows, across].any())
+
+    def _cell_at(self, places: np.ndarray) -> np.ndarray:
+        """Row from the south and column (2, n) of the cells that hold places (n, 2) [m]."""
+        at = np.floor(places / np.array(self.cell)).astype(np.int64)
+        return np.stack([at[:, 1].clip(0, self.shape[0] - 1), at[:, 0].clip(0, self.shape[1] - 1)])
+
+    def _flux_at(self, columns: RasterSums, places: np.ndarray) -> np.ndarray:
+        """Flux of volume (2, n) [m2/s] east and north at places (n, 2) [m], bilinear between the middles of cells."""
+        shifts = np.array([(i, j) for i in (0.0, 1.0) for j in (0.0, 1.0)])
+        at = places / np.array(self.cell) - 0.5
+        first = np.floor(at)
+        share = np.abs(1.0 - shifts[:, None] - (at - first)).prod(axis=-1)
+        around = ((first + 0.5 + shifts[:, None]) * np.array(self.cell)).reshape(-1, 2)
+        volume, mass, px, py, _ = self._gathered(columns, self._cell_at(around)).reshape(5, 4, -1)
+        scale = share * volume / (np.maximum(mass, TINY) * self.area)
+        return np.stack([(scale * px).sum(axis=0), (scale * py).sum(axis=0)])
+
+    def series(self, end_time: float, terrain: Terrain, maps: Mapping[str, np.ndarray]) -> ProbeSeries:
+        """What has been recorded, on the times of :meth:`runout.model.probes.Probes.times`.
+
+        Parameters
+        ----------
+        end_time : float
+            Latest end of the run [s]; it may have ended earlier, at rest.
+        terrain : Terrain
+        maps : mapping of str to ndarray (rows, columns)
+            Maps of the run.
+        """
+        probes, time, known = self.probes.at(terrain), self.probes.times(end_time), np.array(self.times)
+        rows, points, lines = np.array(self.rows), len(self.probes.points), len(self.probes.cross_sections)
+        of_points, of_lines = rows[:, : OF_POINT * points], rows[:, OF_POINT * points :]
+        sections = self._section_series(of_lines.reshape(len(rows), OF_LINE, lines), known, time)
+        return ProbeSeries(
+            probes, terrain, time, self._point_series(of_points.reshape(len(rows), OF_POINT, points), known, time), sections,
+            _at_cells(probes.points, terrain, maps), _along(probes.cross_sections, terrain, maps, sections[DISCHARGE]),
+        )  # fmt: skip
+
+    def _point_series(self, rows: np.ndarray, known: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
+        depth, speed, density = np.moveaxis(rows, 1, 0)
+        formulas, moving, series = array_binding().flow_columns, depth >= self.arrival_threshold, {}
+        for quantity in peak_quantities():
+            formula: Any = quantity.formula
+            values = getattr(formulas, formula.__name__, formula)(depth, speed, density)
+            if quantity.stem == "flow_thickness":
+                series[quantity.stem] = _resampled(values, known, time)
+            else:
+                series[quantity.stem] = _resampled(np.where(moving, values, 0.0), known, time, at_rest=0.0)
+        return series
+
+    def _section_series(self, rows: np.ndarray, known: np.ndarray, time: np.ndarray) -> dict[str, np.ndarray]:
+        flux, width, largest = np.moveaxis(rows, 1, 0)
+        of_flux = np.append(known - 0.5 * np.array(self.steps), known[-1])
+        flux = np.concatenate([flux, flux[-1:]])
+        between = 0.5 * (flux[1:] + flux[:-1]) * np.diff(of_flux)[:, None]
+        passed = _resampled(np.concatenate([np.zeros_like(flux[:1]), np.cumsum(between, axis=0)]), of_flux, time)
+        discharge = np.zeros_like(passed)
+        discharge[:, 1:] = np.diff(passed, axis=1) / np.diff(time)
+        return {
+            DISCHARGE: discharge, PASSED: passed, WIDTH: _resampled(width, known, time), DEPTH: _resampled(largest, known, time),
+        }  # fmt: skip
+
+
+Cells = tuple[np.ndarray, np.ndarray, np.ndarray]  # numbers of their probes (n,), places (2, n), weights (n,)
+
+
+def _joined(several: list[tuple[np.ndarray, np.ndarray]]) -> Cells:
+    """Cells of all probes, one after another."""
+    if not several:
+        return np.zeros(0, np.int64), np.zeros((2, 0), np.int64), np.zeros(0)
+    owner = np.repeat(np.arange(len(several)), [place.shape[1] for place, _ in several])
+    return owner, np.concatenate([place for place, _ in several], axis=1), np.concatenate([weights for _, weights in several])
+
+
+def _cells_of_point(point: Probe, scene: Scene, cell: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Cells (row from the south, column) (2, n) under the raster cell that holds a point, and the parts of them in it."""
+    size = scene.raster.cell_size
+    along = [_parts(int(np.floor(x / s)) * s, s, c) for x, s, c in zip((point.easting, point.northing), size, cell, strict=True)]
+    (columns, across), (rows, up) = along
+    place = np.stack(np.meshgrid(rows, columns, indexing="ij")).reshape(2, -1)
+    return place, np.outer(up, across).ravel()
+
+
+def _parts(low: float, size: float, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cells of length ``cell`` [m] that an interval from ``low`` on meets, and the parts of them inside it."""
+    number = np.arange(int(np.floor(low / cell + 1e-9)), int(np.ceil((low + size) / cell - 1e-9)))
+    part = np.minimum((number + 1) * cell, low + size) - np.maximum(number * cell, low)
+    return number, np.clip(part / cell, 0.0, 1.0)
+
+
+def _pieces(lines: tuple[CrossSection, ...], spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers of the lines (n,) of all pieces, their middles (n, 2), normals (n, 2) and lengths (n,)."""
+    if not lines:
+        return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
+    places, normals, lengths = zip(*(line.samples(spacing) for line in lines), strict=True)
+    owner = np.repeat(np.arange(len(lines)), [len(part) for part in lengths])
+    return owner, np.concatenate(places), np.concatenate(normals), np.concatenate(lengths)
+
+
+def _lengths(line: CrossSection, cell: tuple[float, float], shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Cells (row from the south, column) (2, n) that a line crosses, and its length in each [m]."""
+    places, _, lengths = line.samples(min(cell) / PIECES)
+    column, row = (np.clip((places[:, d] / cell[d]).astype(np.int64), 0, shape[1 - d] - 1) for d in (0, 1))
+    found, owner = np.unique(row * shape[1] + column, return_inverse=True)
+    return np.stack(np.divmod(found, shape[1])), np.bincount(owner, lengths, len(found))
+
+
+def _resampled(values: np.ndarray, known: np.ndarray, time: np.ndarray, at_rest: float | None = None) -> np.ndarray:
+    """Values (n, times) at times from those (observations, n) at ``known`` times; after the last ``at_rest``, or the last value."""
+    if not values.shape[1]:
+        return np.zeros((0, len(time)))
+    found = np.stack([np.interp(time, known, series) for series in values.T])
+    if at_rest is not None:
+        found[:, time > known[-1] * (1 + 1e-9)] = at_rest
+    return found
+
+
+def _at_cells(points: tuple[Probe, ...], terrain: Terrain, maps: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Values (points,) of the maps in the cells that hold the points."""
+    row, column = cell_of(terrain, np.array([p.vertices[0] for p in points]).reshape(-1, 2))
+    return {name: values[row, column] for name, values in maps.items()}
+
+
+def _along(
+    lines: tuple[CrossSection, ...], terrain: Terrain, maps: Mapping[str, np.ndarray], discharge: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Largest discharge (lines,) [m3/s], and largest thickness [m] and first arrival [s] of the cells that each line crosses."""
+    cells = [cell_of(terrain, line.samples(min(terrain.cell_size) / PIECES)[0]) for line in lines]
+    arrivals = [maps[ARRIVAL][at] for at in cells]
+    thickness = peak_quantities()[0].member_map
+    return {
+        "max_discharge": discharge.max(axis=1, initial=0.0),
+        thickness: np.array([maps[thickness][at].max() for at in cells]),
+        ARRIVAL: np.array([np.nanmin(a) if np.isfinite(a).any() else np.nan for a in arrivals]),
+    }
