@@ -1,6 +1,20 @@
-"""Every test of this folder runs on each backend that is there."""
+"""Contact with structures on each backend that is there."""
 
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1] / "backends"))
+import pytest
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "backends")]
+
+from scenes import engine_of  # noqa: E402
+
+from runout.backends.protocol import BACKENDS  # noqa: E402
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request):
+    """A fresh backend on one thread of the CPU; hash where the environment says."""
+    if request.param == "hash":
+        pytest.importorskip("warp")
+    return engine_of(request.param)
