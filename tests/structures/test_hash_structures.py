@@ -26,8 +26,9 @@ GROUND, SPACING, DT = plane(0.05, 0.02), (1.0, 0.9, 0.8), 2e-3
 
 
 def wall(x=24.0, angle=0.3, friction=0.4):
-    """Field of a wall across the flow, whose faces are oblique to the grid."""
-    return field_of_boxes([Box((x, 20.0, 2.0), (1.5, 4.0, 4.0), angle, friction)], 0.37, 3.0)
+    """Field of a wall across the flow with one along it, which meet in a concave edge; faces are oblique to the grid."""
+    along = Box((x - 2.5, 16.1, 2.0), (3.0, 0.7, 4.0), angle - 0.25, friction)
+    return field_of_boxes([Box((x, 20.0, 2.0), (1.5, 4.0, 4.0), angle, friction), along], 0.37, 3.0)
 
 
 def flow(field, **choices):
@@ -121,8 +122,8 @@ def test_structures_take_no_launch_where_there_are_none_or_no_mass_is_near(monke
 def test_flow_that_comes_to_a_wall_from_afar_makes_room_and_gives_what_the_reference_gives(monkeypatch):
     """No block is beside a structure at first, so nothing of its contact is launched."""
     monkeypatch.setattr(pytest.importorskip("runout.backends.hash.layout"), "AMPLE", 0)
-    a_scene, p = flow(wall(31.0))
-    p.velocity[:, 0] = 15.0
+    a_scene, p = flow(wall(35.0))
+    p.velocity[:, 0] = 20.0
     reference, backend = (loaded(engine, a_scene, p) for engine in (get_backend("reference"), on_cpu(deterministic=IN_ORDER)))
     assert (backend.parts.structures.places, backend.parts.structures.slots) == (0, 0)
     for _ in range(9):

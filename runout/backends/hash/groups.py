@@ -151,9 +151,9 @@ class SurfaceGroup:
 class StructureGroup:
     """Fields of the structures of the scenes; owned by :class:`runout.backends.hash.structures.Structures`."""
 
-    fields: Table2  # (scenes, 6) blocks of the field east, north and upwards, its first block, first sum, patches; 0 without one
-    lattices: Doubles2  # (scenes, 4) local position of the first node of the field [m], and its spacing [m]
-    spacing: Doubles  # (3,) of the grid [m]
+    fields: Table2  # (scenes, 7) of each field: see runout.backends.hash.structure_distance; 0 without one
+    lattices: Doubles2  # (scenes, 7) local position of the first node of the field [m], its spacing [m], that of the grid (3) [m]
+    planes: Doubles2  # (patches, 6) centre of each patch of the fields [lattice cells], and its normal
     rows: Ints  # row of each block of the fields, -1 for none within reach, one field behind the other
     distance: Floats  # (729 rows,) float32, distance [m] at the nodes of a row
     patch: Ints  # (729 rows,) nearest patch of its field

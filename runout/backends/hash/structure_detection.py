@@ -55,7 +55,8 @@ from runout.backends.hash.layout import (
 )
 from runout.backends.hash.stencil import _cell_of, _scene_of, _set_bases, _set_near_bases
 from runout.backends.hash.structure_distance import _cell, _surface
-from runout.physics.contact import in_contact
+from runout.physics.contact import in_contact, reach
+from runout.physics.structures import contact_gap
 from runout.physics.tensors import dot, real, vec
 
 LEAST_MASS = 1e-37  # [kg] of a node whose inverse mass single precision can hold
@@ -96,9 +97,10 @@ def _touches(
 ):  # fmt: skip
     """Whether a particle touches a structure within the step."""
     rec = particles.rec
-    n, apart, patch = _surface(structures, s, cell, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]))
     v = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]) / rec[MASS, p]
-    return patch >= 0 and in_contact(apart - particles.radius[p], dot(v, n), dt, constants.band)
+    far = reach(particles.radius[p], wp.sqrt(dot(v, v)), dt, constants.band)
+    n, apart, patch = _surface(structures, s, cell, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), far)
+    return patch >= 0 and in_contact(contact_gap(apart, particles.radius[p]), dot(v, n), dt, constants.band)
 
 
 def _given_by_structures(structures: StructureGroup, n: int, stamp: Any, dt: Any):

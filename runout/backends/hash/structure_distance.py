@@ -1,6 +1,6 @@
 """Distance of particles from structures: fields of blocks of a lattice, and the blocks of the grid that lie beside a structure.
 
-    structures.fields     scene 0: | blocks east, north, up | first block | first sum | patches |    scene 1: ...
+    structures.fields     scene 0: | blocks east, north, up | first block | first patch | first sum | patches |   scene 1: ...
     structures.rows       row of each lattice block of a field, -1 where no particle can touch
     structures.distance   | row 0: 9 x 9 x 9 distances | row 1 | ...       structures.patch   likewise
 """
@@ -13,16 +13,24 @@ import warp as wp
 
 from runout.backends.hash.groups import BlockGroup, GroundGroup, SceneGroup, StatusGroup, StructureGroup
 from runout.backends.hash.layout import BESIDE, GROW, HALT, REACHED, Vector
-from runout.physics.structures import lattice_block, lattice_place, nearest_place, outward_normal, separation, separation_slopes
-from runout.physics.tensors import real, tens, vec
+from runout.physics.structures import (
+    is_closer,
+    lattice_block,
+    lattice_place,
+    nearest_place,
+    outward_normal,
+    separation,
+    separation_slopes,
+)
+from runout.physics.tensors import dot, real, tens, vec
 
 LATTICE = 729  # nodes of a block of a field
-EAST, NORTH, UP, FIRST_BLOCK, FIRST_SUM, PATCHES, OF_FIELD = range(7)  # of a row of structures.fields
+EAST, NORTH, UP, FIRST_BLOCK, FIRST_PATCH, FIRST_SUM, PATCHES, OF_FIELD = range(8)  # of a row of structures.fields
 
 
 def _lattice(structures: StructureGroup, s: int, d: int, cell: int, f: Any):
     """Coordinate [lattice cells] along an axis, from the offset in a cell of the grid."""
-    x = (wp.float64(cell) + wp.float64(f)) * structures.spacing[d]
+    x = (wp.float64(cell) + wp.float64(f)) * structures.lattices[s, 4 + d]
     return (x - structures.lattices[s, d]) / structures.lattices[s, 3]
 
 
@@ -42,18 +50,52 @@ def _cell(blocks: BlockGroup, scenes: SceneGroup, s: int, b: int, c: int):
     return wp.vec3i(x, y, 4 * blocks.coordinates[b, 2] + (c & 3))
 
 
-def _surface(structures: StructureGroup, s: int, cell: wp.vec3i, f: Vector):
-    """Outward normal, distance [m] and nearest patch of a particle at an offset in a cell; patch -1 where no structure is near."""
-    qx = _lattice(structures, s, 0, cell[0], f[0])
-    qy = _lattice(structures, s, 1, cell[1], f[1])
-    qz = _lattice(structures, s, 2, cell[2], f[2])
-    i, j, k = int(wp.floor(qx)), int(wp.floor(qy)), int(wp.floor(qz))
+def _plane(structures: StructureGroup, s: int, k: int, q: wp.vec3d):
+    """Distance [m] of a point at ``q`` [lattice cells] from the plane of patch ``k`` of a scene."""
+    at = structures.fields[s, FIRST_PATCH] + k
+    planes = structures.planes
+    away = vec(real(q[0] - planes[at, 0]), real(q[1] - planes[at, 1]), real(q[2] - planes[at, 2]))
+    return dot(away, vec(real(planes[at, 3]), real(planes[at, 4]), real(planes[at, 5]))) * real(structures.lattices[s, 3])
+
+
+def _take_plane(structures: StructureGroup, s: int, at: int, q: wp.vec3d, n: Vector, apart: Any, patch: int):
+    """Normal, distance [m] and patch: those of the closest plane where the trilinear distance ``apart`` is cut short.
+
+    The planes are those of the nearest patch and of the patches of the eight nodes of the lattice cell at ``at``.
+    """
+    spacing = real(structures.lattices[s, 3])
+    closest = int(patch)
+    least = _plane(structures, s, patch, q)
+    for corner in range(8):
+        k = structures.patch[at + 81 * (corner >> 2) + 9 * ((corner >> 1) & 1) + (corner & 1)]
+        if k != closest:
+            plane = _plane(structures, s, k, q)
+            if is_closer(plane, least, spacing):
+                least = plane
+                closest = k
+    if is_closer(apart, least, spacing):
+        row = structures.fields[s, FIRST_PATCH] + closest
+        n = vec(real(structures.planes[row, 3]), real(structures.planes[row, 4]), real(structures.planes[row, 5]))
+        apart = least
+        patch = closest
+    return n, apart, patch
+
+
+def _surface(structures: StructureGroup, s: int, cell: wp.vec3i, f: Vector, far: Any):
+    """Outward normal, distance [m] and nearest patch of a particle at an offset in a cell.
+
+    The patch is -1 beyond ``far`` [m], where the normal is not that of contact, and where no structure is near.
+    """
+    q = wp.vec3d()
+    for axis in range(3):
+        q[axis] = _lattice(structures, s, axis, cell[axis], f[axis])
+    i, j, k = int(wp.floor(q[0])), int(wp.floor(q[1])), int(wp.floor(q[2]))
     row = _row_of(structures, s, lattice_block(i), lattice_block(j), lattice_block(k))
     n = vec(real(0.0), real(0.0), real(1.0))
     apart = real(0.0)
     patch = int(-1)
     if row >= 0:
-        fx, fy, fz = real(qx - wp.float64(i)), real(qy - wp.float64(j)), real(qz - wp.float64(k))
+        fx, fy, fz = real(q[0] - wp.float64(i)), real(q[1] - wp.float64(j)), real(q[2] - wp.float64(k))
         place = lattice_place(i, j, k)
         at = LATTICE * row + place
         d = structures.distance
@@ -61,9 +103,11 @@ def _surface(structures: StructureGroup, s: int, cell: wp.vec3i, f: Vector):
             real(d[at]), real(d[at + 1]), real(d[at + 9]), real(d[at + 10]),
             real(d[at + 81]), real(d[at + 82]), real(d[at + 90]), real(d[at + 91]), real(0.0),
         )  # fmt: skip
-        n = outward_normal(separation_slopes(corners, fx, fy, fz))
         apart = separation(corners, fx, fy, fz)
-        patch = structures.patch[LATTICE * row + nearest_place(place, fx, fy, fz)]
+        if apart <= far:  # a plane that takes its place is farther away
+            n = outward_normal(separation_slopes(corners, fx, fy, fz))
+            patch = structures.patch[LATTICE * row + nearest_place(place, fx, fy, fz)]
+            n, apart, patch = _take_plane(structures, s, at, q, n, apart, patch)
     return n, apart, patch
 
 

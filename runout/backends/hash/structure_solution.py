@@ -59,7 +59,7 @@ from runout.backends.hash.structure_detection import _given_by_structures
 from runout.backends.hash.structure_distance import FIRST_SUM, _cell, _surface
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, work
-from runout.physics.structures import own_compliance, stopping_impulse
+from runout.physics.structures import contact_gap, own_compliance, stopping_impulse
 from runout.physics.tensors import dot, i64, real, vec
 
 CARRIED, PARTED = 40, 2.0**40  # so many bits, and units, of a lower sum make one unit of the upper
@@ -103,9 +103,9 @@ def _push_off(
 ):  # fmt: skip
     """Work [J] and impulse [N s] of a structure on a particle at offset ``f`` of a cell; the nodes hold the ``given`` part."""
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
-    n, apart, patch = _surface(structures, s, cell, f)
+    n, apart, patch = _surface(structures, s, cell, f, real(wp.inf))
     basal = friction[structures.first_friction[int(particles.release[p])] + patch]
-    push = impulse(u, n, apart - particles.radius[p], compliance, basal, dt, given, real(0.0))
+    push = impulse(u, n, contact_gap(apart, particles.radius[p]), compliance, basal, dt, given, real(0.0))
     _book_impulse(structures, s, patch, push)
     v = vec(particles.rec[MOMENTUM, p], particles.rec[MOMENTUM + 1, p], particles.rec[MOMENTUM + 2, p]) / particles.rec[MASS, p]
     return node4(work(push, given, v, u, compliance), push[0], push[1], push[2])
@@ -193,9 +193,8 @@ def _stop(
 ):  # fmt: skip
     """Work [J] and impulse [N s] that keep the centre of a particle outside; mostly none."""
     u, alone = _velocity_alone(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
-    n, apart, patch = _surface(structures, s, cell, f)
-    size = particles.radius[p]
-    held = stopping_impulse(dot(u, n), apart - size, size, dt, constants.band, alone)
+    n, apart, patch = _surface(structures, s, cell, f, real(wp.inf))
+    held = stopping_impulse(dot(u, n), apart, dt, constants.band, alone)
     done = node4()
     if held > real(0.0):
         push = vec(held * n[0], held * n[1], held * n[2])

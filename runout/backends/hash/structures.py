@@ -69,21 +69,23 @@ class Structures:
 
     def _take_fields(self, scenes: Sequence[Scene], reach: float) -> None:
         found, kept, first_block, first_row = np.zeros((len(scenes), OF_FIELD), np.int32), [], 0, 0
-        places: dict[int, int] = {}  # first block of each field
-        lattices = np.ones((len(scenes), 4))
+        places: dict[int, tuple[int, int]] = {}  # first block and first patch of each field
+        lattices = np.ones((len(scenes), 7))
+        first_patch = 0
         self.ends = np.cumsum([0, *(len(s.structures.patches.area) if s.structures else 0 for s in scenes)])
         for row, lattice, first_sum, scene in zip(found, lattices, self.ends, scenes, strict=False):
             if (field := scene.structures) is None:
                 continue
             if id(field) not in places:
-                places[id(field)] = first_block
-                kept.append(_within(field, reach, first_row))
+                places[id(field)] = first_block, first_patch
+                kept.append((*_within(field, reach, first_row), _planes(field)))
                 first_block, first_row = first_block + field.blocks.size, first_row + len(field.distance)
-            row[:] = *field.blocks.shape, places[id(field)], first_sum, len(field.patches.area)
-            lattice[:] = *field.origin, field.spacing
-        rows, distance, patch = (np.concatenate(arrays) for arrays in zip(*kept, strict=True))
+                first_patch += len(field.patches.area)
+            row[:] = *field.blocks.shape, *places[id(field)], first_sum, len(field.patches.area)
+            lattice[:] = *field.origin, field.spacing, *scene.spacing
+        rows, distance, patch, planes = (np.concatenate(arrays) for arrays in zip(*kept, strict=True))
         self.fields, self.lattices = wp.array(found, dtype=wp.int32), wp.array(lattices, dtype=wp.float64)
-        self.spacing = wp.array(np.array(scenes[0].spacing), dtype=wp.float64)
+        self.planes = wp.array(planes, dtype=wp.float64)
         self.rows, self.patch = wp.array(rows, dtype=wp.int32), wp.array(patch, dtype=wp.int32)
         self.distance = wp.array(distance, dtype=wp.float32)
 
@@ -176,6 +178,11 @@ def _within(field: StructureField, reach: float, first_row: int) -> tuple[np.nda
     return rows, field.distance.ravel(), field.patch.ravel()
 
 
+def _planes(field: StructureField) -> np.ndarray:
+    """Centre [lattice cells] and normal of each patch: (patches, 6)."""
+    return np.column_stack([(field.patches.centre - np.array(field.origin)) / field.spacing, field.patches.normal])
+
+
 def bytes_of_structures(field: StructureField, particles: int, blocks: int, number: int, beside: int = 0) -> int:
     """Forecast of the memory [byte] that structures add to a run with so many particles and blocks.
 
@@ -189,6 +196,6 @@ def bytes_of_structures(field: StructureField, particles: int, blocks: int, numb
         Blocks of nodes that particles beside structures reach; 0 while the flow is away from them.
     """
     nodes, patches = field.distance.size, len(field.patches.area)
-    of_field = 4 * field.blocks.size + 8 * nodes + (48 + number) * patches
+    of_field = 4 * field.blocks.size + 8 * nodes + (96 + number) * patches
     by_block = (12 + 4 * (CELL_LANES + 1)) * room_for(blocks)  # marks, and where the cells start in a second list
     return of_field + (4 + 4 * number) * particles + by_block + 64 * 4 * number * room_for(beside) + 36 * room_for(beside // 2)
