@@ -26,6 +26,7 @@ _HOME = {
     "BasalFriction": "runout.model.basal_friction",
     "register_friction": "runout.model.friction_laws",
     "FrictionZones": "runout.model.friction",
+    "Structures": "runout.model.structures",
     "Particles": "runout.model.particles",
     "Scene": "runout.model.scene",
     "simulate": "runout.simulation",
@@ -55,6 +56,7 @@ declare_readers(
         "Release.from_array": "runout.release.read:release_from_array",
         "Release.from_raster": "runout.release.read:read_raster",
         "Release.from_vector": "runout.release.read:read_vector",
+        "Structures.from_file": "runout.structures.read:structures_from_file",
         "FrictionZones.from_vector": "runout.terrain.zones:read_zones",
         "FrictionZones.from_rasters": "runout.terrain.friction_rasters:read_friction_rasters",
     }
