@@ -2,7 +2,7 @@
 
     python pipelines/dam_height.py sites/dam_demo study 4 6 8 10
 
-Heights [m] replace that of the first structure with `protects`. Members are those of the site, with the same samples at each height.
+Heights [m] replace that of the first structure with `protects`. The members have the same samples at each height.
 """
 
 import shutil

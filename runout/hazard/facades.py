@@ -64,7 +64,7 @@ def maxima_of(series: "xr.Dataset") -> dict[str, np.ndarray]:
     size = {what: np.sqrt(sum(series[f"facade_{what}_{axis}"].values ** 2 for axis in AXES)) for what in ("force", "moment")}
     force = size["force"]
     time = np.where(force.max(0) > 0, series["record_time"].values[force.argmax(0)], np.nan)
-    pressures = {f"max_{name}": series[name].values.max(0) for name in ("facade_pressure", "facade_high_pressure")}
+    pressures = {f"max_{name}": series[name].values.max(0) + 0.0 for name in ("facade_pressure", "facade_high_pressure")}
     sizes = {f"max_facade_{what}": values.max(0) for what, values in size.items()}
     return sizes | pressures | {"time_of_max_facade_force": time}
 

@@ -115,13 +115,15 @@ def force_figure(loads: Loads) -> Any:
     owners = loads.series["structure_name"].values.astype(str)
     forces = np.stack([loads.series[f"facade_force_{axis}"].values for axis in AXES], axis=-1)
     sums = {name: np.linalg.norm(forces[:, owners == name].sum(1), axis=1) for name in dict.fromkeys(owners)}
-    largest = sorted(sums, key=lambda name: -float(np.nanmax(sums[name])))[:MOST_LINES]
+    reached = [name for name in sums if sums[name].max(initial=0.0) > 0]
+    largest = sorted(reached, key=lambda name: -float(sums[name].max()))[:MOST_LINES]
     figure = Figure(figsize=(WIDE, 3.6), layout="constrained")
     axes = figure.subplots()
     for name in largest:
         axes.plot(loads.series["record_time"].values, sums[name] / KILO, linewidth=1.3, label=name)
     axes.set(xlim=(0, None), ylim=(0, None))
     axes.set_ylabel("force [kN]", fontsize=NORMAL)
-    axes.legend(fontsize=SMALL, frameon=False)
+    if largest:
+        axes.legend(fontsize=SMALL, frameon=False)
     tidy(axes)
     return figure

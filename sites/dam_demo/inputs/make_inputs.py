@@ -1,7 +1,7 @@
 """Makes the synthetic inputs of this site: `python sites/dam_demo/inputs/make_inputs.py [DAM_HEIGHT]` writes them beside it.
 
-A slope of 25, 16 and 6 degrees with a channel in it. A road crosses the channel on a level bench under a gallery, whose roof carries
-the flow on. A dam closes the way to two buildings; a third stands above the dam at the edge of the channel. Nothing of it exists.
+A slope of 25, 16 and 6 degrees with a channel in it. A road crosses the channel on a level bench under a gallery, whose roof
+carries the flow on. A dam closes the way to two buildings; a third stands above the dam at the edge of the channel. Nothing of it exists.
 """
 
 import sys
@@ -18,10 +18,11 @@ CELL, COLUMNS, ROWS = 2.0, 200, 80  # [m]
 BREAKS, SLOPES = (0.0, 180.0, 250.0), (25.0, 16.0, 6.0)  # distance from the west [m], slope from there on [deg]
 TOP, AXIS = 1100.0, 80.0  # elevation in the west, distance of the channel from the south [m]
 DEPTH, HALF_WIDTH, FADES = 4.0, 14.0, (240.0, 290.0)  # of the channel, and where it ends [m]
-ROAD = (150.0, 170.0)  # bench of the road [m]
+ROAD = (150.0, 168.0)  # bench of the road [m]
 ROOF = 4.0  # thickness of the gallery [m]
 DAM_HEIGHT = 6.0  # [m]
-RELEASE = (30.0, 80.0, 69.0, 91.0)  # west, east, south, north [m]
+SMOOTH, ROUGH = 8.0, 20.0  # friction angles of the roof of the gallery and of the others [deg]
+RELEASE = (20.0, 70.0, 69.0, 91.0)  # west, east, south, north [m]
 THICKNESS = 3.0  # [m]
 
 
@@ -62,14 +63,14 @@ def structures(dam_height: float) -> geopandas.GeoDataFrame:
     """Gallery, dam and buildings with their heights above ground or above a stated elevation."""
     over_road = float(bed(np.array(ROAD[0]), np.array(AXIS))) - bench()  # the roof begins level with the bed above the road
     rows = [
-        ("gallery", box(ROAD[0], 56, ROAD[1], 104), over_road, bench(), over_road - ROOF),
-        ("dam", box(286, 46, 292, 114), dam_height, None, None),
-        ("house above dam", box(262, 93, 274, 103), 7.0, None, None),
-        ("house south", box(310, 60, 322, 71), 7.0, None, None),
-        ("house north", Polygon([(316, 84), (327, 80), (331, 91), (320, 95)]), 9.0, None, None),
+        ("gallery", box(ROAD[0], 56, ROAD[1], 104), over_road, bench(), over_road - ROOF, SMOOTH),
+        ("dam", box(286, 46, 292, 114), dam_height, None, None, ROUGH),
+        ("house above dam", box(262, 93, 274, 103), 7.0, None, None, ROUGH),
+        ("house south", box(310, 60, 322, 71), 7.0, None, None, ROUGH),
+        ("house north", Polygon([(316, 84), (327, 80), (331, 91), (320, 95)]), 9.0, None, None, ROUGH),
     ]
-    names, shapes, heights, bases, clearances = zip(*rows, strict=True)
-    columns = {"name": names, "height": heights, "base": bases, "clearance": clearances}
+    names, shapes, heights, bases, clearances, frictions = zip(*rows, strict=True)
+    columns = {"name": names, "height": heights, "base": bases, "clearance": clearances, "friction_deg": frictions}
     return geopandas.GeoDataFrame(columns, geometry=list(shapes), crs=CRS)
 
 
