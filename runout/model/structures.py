@@ -15,7 +15,7 @@ CELLS = 8  # of the lattice along an edge of a block; a block has CELLS + 1 node
 
 @dataclass(frozen=True)
 class Patches:
-    """Plane parts of the surfaces, each of about the size of a grid cell.
+    """Plane parts of the surfaces, each of about the size of a grid cell. In concave edges contact uses their planes.
 
     Attributes
     ----------

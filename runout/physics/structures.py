@@ -1,8 +1,9 @@
 """Distance from structures: trilinear in the cells of a lattice, with its gradient as the normal.
 
 The lattice is that of :class:`runout.model.structures.StructureField`: blocks of 8 x 8 x 8 cells, and 9 x 9 x 9 nodes each. A plane
-surface is exact at any angle to the lattice; an edge is rounded over one of its cells. A contact with a structure is one with the
-ground (:mod:`runout.physics.contact`) besides, with Coulomb friction.
+surface is exact at any angle to the lattice. At a convex edge the distance is rounded over one of its cells. In a concave edge,
+where it would be too small, the planes of the patches nearest to the nodes count (:func:`is_closer`). A contact with a structure is
+one with the ground (:mod:`runout.physics.contact`) besides, with Coulomb friction.
 """
 
 import math
@@ -10,6 +11,7 @@ from typing import Any
 
 from runout.physics.tensors import real, vec
 
+SAME = 0.01  # of a lattice cell by which two distances may differ
 BETWEEN = 0.5  # part of a lattice cell from which the next node is the nearest
 
 
@@ -68,12 +70,31 @@ def outward_normal(slopes: Any):
     return vec(slopes[0] / length, slopes[1] / length, slopes[2] / length)
 
 
+def is_closer(a: Any, b: Any, spacing: Any):
+    """Whether a distance ``a`` [m] is less than ``b`` [m] by more than rounding, on a lattice of ``spacing`` [m].
+
+    It chooses the closest of the planes of the patches near a point, the nearest patch first, so that patches of one plane keep
+    their contacts. Where the trilinear distance is closer than all of these planes, it is cut short: so it is in a concave edge,
+    because the smaller of two distances lies above its interpolation. The closest plane then takes its place. At a convex edge a
+    plane is always closer.
+    """
+    return a < b - real(SAME) * spacing
+
+
+def contact_gap(distance: Any, radius: Any):
+    """Gap [m] of a particle with a touching ``radius`` [m]; 0 for one that is closer, which a structure does not push outward.
+
+    The ground raises such particles (:func:`runout.physics.contact.normal_target`). Mass between two walls cannot rise from both.
+    """
+    return max(real(0.0), distance - radius)
+
+
 def own_compliance(total: Any, weight: Any, inverse_mass: Any):
     """``total`` and a node's part of the compliance [1/kg] of a contact alone, A = sum_n w_n^2 / m_n."""
     return total + weight * weight * inverse_mass
 
 
-def stopping_impulse(un: Any, gap: Any, radius: Any, dt: Any, band: Any, compliance: Any):
+def stopping_impulse(un: Any, distance: Any, dt: Any, band: Any, compliance: Any):
     """Normal impulse [N s] that keeps the centre of a particle ``band`` [m] outside within the step; mostly 0.
 
     The lumped compliance of :func:`runout.physics.contact.impulse` leaves an approach to particles that are pushed harder than
@@ -81,7 +102,7 @@ def stopping_impulse(un: Any, gap: Any, radius: Any, dt: Any, band: Any, complia
     after all other impulses, ``compliance`` that of the contact alone: the impulses of its neighbours along a like normal only add.
     A centre that lies inside already is not moved outward.
     """
-    target = (band - gap - radius) / dt
+    target = (band - distance) / dt
     if target > real(0.0):
         target = real(0.0)
     return max(real(0.0), (target - un) / compliance)

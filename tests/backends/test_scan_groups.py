@@ -7,9 +7,10 @@ import pytest
 
 from runout.backends.compile import functions_of
 from runout.backends.scan import groups
-from runout.backends.scan.kernels import BY_GRADIENTS, COMMON, CONTACT, domain, grid_to_particles, tile
+from runout.backends.scan.kernels import BY_GRADIENTS, BY_STRUCTURES, COMMON, CONTACT, domain, grid_to_particles, tile
 
-MODULES = sorted({*COMMON, *CONTACT, *BY_GRADIENTS, domain, tile, grid_to_particles}, key=lambda module: module.__name__)
+OTHERS = {domain, tile, grid_to_particles}
+MODULES = sorted({*COMMON, *CONTACT, *BY_GRADIENTS, *BY_STRUCTURES, *OTHERS}, key=lambda module: module.__name__)
 MOST_ARGUMENTS = 12
 
 

@@ -9,7 +9,14 @@ from runout.physics.contact import impulse, in_contact, work
 from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
 from runout.physics.heightfield import distance, upward_normal
 from runout.physics.plastic import step as law_step
-from runout.physics.structures import nearest_place, outward_normal, separation, separation_slopes, stopping_impulse
+from runout.physics.structures import (
+    contact_gap,
+    nearest_place,
+    outward_normal,
+    separation,
+    separation_slopes,
+    stopping_impulse,
+)
 from runout.physics.tensors import dot, sym, tens, vec
 
 
@@ -68,28 +75,33 @@ def take_impulses(v: Any, u: Any, normal: Any, gap: Any, compliance: Any, basal:
             impulses[p, k] = push[k]
 
 
-def find_structure_contacts(
-    velocity: Any, radius: Any, dt: Any, band: Any, corners: Any, inside: Any, place: Any, gap: Any, normal: Any, touches: Any
-):
-    """Write the ``gap`` (n,) [m] from structures and the ``normal`` (n, 3) of particles in a cell of their lattice.
+def measure_structures(corners: Any, inside: Any, place: Any, distance: Any, normal: Any):
+    """Write the ``distance`` (n,) [m] from structures and the ``normal`` (n, 3) of particles in a cell of their lattice.
 
     ``corners`` (n, 9) hold the distances [m] at its nodes, ``inside`` (n, 3) the part of it below the particle; ``place`` (n,)
-    comes in as the place of its first node and becomes that of the nearest one. Says whether each particle ``touches`` (n,).
+    comes in as the place of its first node and becomes that of the nearest one.
     """
-    for p in range(len(gap)):
+    for p in range(len(distance)):
         c = corners[p]
         eight = tens(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
         fx, fy, fz = inside[p, 0], inside[p, 1], inside[p, 2]
         n = outward_normal(separation_slopes(eight, fx, fy, fz))
-        gap[p] = separation(eight, fx, fy, fz) - radius[p]
+        distance[p] = separation(eight, fx, fy, fz)
         place[p] = nearest_place(place[p], fx, fy, fz)
-        touches[p] = in_contact(gap[p], dot(vec(velocity[p, 0], velocity[p, 1], velocity[p, 2]), n), dt, band)
         for k in range(3):
             normal[p, k] = n[k]
 
 
+def touch_structures(velocity: Any, radius: Any, dt: Any, band: Any, distance: Any, normal: Any, gap: Any, touches: Any):
+    """Write the ``gap`` (n,) [m], and whether each particle ``touches`` (n,) a structure within the step."""
+    for p in range(len(gap)):
+        v, n = vec(velocity[p, 0], velocity[p, 1], velocity[p, 2]), vec(normal[p, 0], normal[p, 1], normal[p, 2])
+        gap[p] = contact_gap(distance[p], radius[p])
+        touches[p] = in_contact(gap[p], dot(v, n), dt, band)
+
+
 def stop_before_structures(
-    v: Any, u: Any, normal: Any, gap: Any, radius: Any, dt: Any, band: Any, compliance: Any, impulses: Any, done: Any
+    v: Any, u: Any, normal: Any, distance: Any, dt: Any, band: Any, compliance: Any, impulses: Any, done: Any
 ):
     """``impulses`` (n, 3) [N s] that keep centres outside, from the own ``compliance`` (n,) [1/kg], and the work ``done`` (n,) [J].
 
@@ -98,7 +110,7 @@ def stop_before_structures(
     none = vec(0.0, 0.0, 0.0)
     for p in range(len(u)):
         n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
-        push = stopping_impulse(dot(felt, n), gap[p], radius[p], dt, band, compliance[p])
+        push = stopping_impulse(dot(felt, n), distance[p], dt, band, compliance[p])
         for k in range(3):
             impulses[p, k] = push * n[k]
         stop = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])

@@ -4,6 +4,7 @@ A second one stops the few particles that would still enter a structure within t
 """
 
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,16 @@ from runout.physics import structures as physics
 
 NODE = ((CELLS + 1) ** 2, CELLS + 1, 1)  # step of the place in a block along each axis
 CORNERS = np.array([i * NODE[0] + j * NODE[1] + k for i in (0, 1) for j in (0, 1) for k in (0, 1)] + [0])  # and none
+
+
+class _Contacts(NamedTuple):
+    """Particles (m,) by number, their distance and gap [m], the normal (m, 3) and the patch (m,)."""
+
+    chosen: np.ndarray
+    distance: np.ndarray
+    gap: np.ndarray
+    normal: np.ndarray
+    patch: np.ndarray
 
 
 class StructureContacts:
@@ -44,7 +55,8 @@ class StructureContacts:
     def touch(self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
         """Change nodal velocities (nodes, 3) [m/s] by the impulses of the structures in a step of ``dt`` [s]."""
         rows = np.searchsorted(self.identity, p.identity)
-        chosen, gap, normal, patch = self._found(p, dt)
+        contacts = self._found(p, dt)
+        chosen, _, gap, normal, patch = contacts
         given = dt * self.force[rows[chosen]]
         self.force[:] = 0.0
         if not len(chosen):
@@ -59,18 +71,18 @@ class StructureContacts:
         velocity += quotient(stencils.scatter(impulses - given, chosen), mass)
         self.force[rows[chosen]] = impulses / dt
         self._book(patch, impulses, work)
-        self._stop(p, stencils, mass, velocity, dt, (chosen, gap, normal, patch))
+        self._stop(p, stencils, mass, velocity, dt, contacts)
 
     def _stop(
-        self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, contacts: tuple[np.ndarray, ...]
+        self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, contacts: _Contacts
     ) -> None:
         """Keep the centres of all particles outside."""
-        chosen, gap, normal, patch = contacts
+        chosen, distance, _, normal, patch = contacts
         inverse = quotient(np.ones(mass.shape), mass)[stencils.node[chosen], 0]
         compliance = physics.own_compliance(0.0, stencils.weight[chosen], inverse).sum(axis=1)
         impulses, work, u = np.zeros((len(chosen), 3)), np.zeros(len(chosen)), stencils.gather(velocity, chosen)
-        stops = self.loops.stop_before_structures
-        stops(p.velocity[chosen], u, normal, gap, p.radius[chosen], dt, self.band, compliance, impulses, work)
+        v = p.velocity[chosen]
+        self.loops.stop_before_structures(v, u, normal, distance, dt, self.band, compliance, impulses, work)
         if impulses.any():
             velocity += quotient(stencils.scatter(impulses, chosen), mass)
             self._book(patch, impulses, work)
@@ -79,18 +91,35 @@ class StructureContacts:
         self.dissipation -= float(work.sum())
         np.subtract.at(self.impulses, patch, impulses)
 
-    def _found(self, p: Particles, dt: float) -> tuple[np.ndarray, ...]:
-        """Particles that touch, with their gap [m], normal and patch."""
-        field, spacing = self.field, np.array(self.scene.spacing)
-        near, cell, inside = self._cells(p.position(spacing))
-        block = tuple(physics.lattice_block(cell).T)
-        row, place = field.blocks[block], physics.lattice_place(*cell.T)
-        corners = field.distance.reshape(len(field.distance), -1)[row[:, None], place[:, None] + CORNERS].astype(np.float64)
-        gap, normal, touches = np.zeros(len(near)), np.zeros((len(near), 3)), np.zeros(len(near), np.bool_)
-        finds = self.loops.find_structure_contacts
-        finds(p.velocity[near], p.radius[near], dt, self.band, corners, inside, place, gap, normal, touches)
-        patch = field.patch.reshape(len(field.patch), -1)[row, place]
-        return near[touches], gap[touches], normal[touches], patch[touches]
+    def _found(self, p: Particles, dt: float) -> "_Contacts":
+        """Particles that touch."""
+        field, position = self.field, p.position(np.array(self.scene.spacing))
+        near, cell, inside = self._cells(position)
+        row = field.blocks[tuple(physics.lattice_block(cell).T)]
+        place = physics.lattice_place(*cell.T)
+        of_nodes = row[:, None], place[:, None] + CORNERS
+        corners = field.distance.reshape(len(field.distance), -1)[of_nodes].astype(np.float64)
+        patches = field.patch.reshape(len(field.patch), -1)
+        distance, gap, normal = np.zeros(len(near)), np.zeros(len(near)), np.zeros((len(near), 3))
+        self.loops.measure_structures(corners, inside, place, distance, normal)
+        patch, touches = patches[row, place], np.zeros(len(near), np.bool_)
+        self._take_planes(position[near], patches[of_nodes], distance, normal, patch)
+        self.loops.touch_structures(p.velocity[near], p.radius[near], dt, self.band, distance, normal, gap, touches)
+        return _Contacts(*(a[touches] for a in (near, distance, gap, normal, patch)))
+
+    def _take_planes(self, x: np.ndarray, nearest: np.ndarray, distance: np.ndarray, normal: np.ndarray, patch: np.ndarray) -> None:
+        """Put distance and normal of the closest plane where the trilinear distance is cut short.
+
+        ``nearest`` (n, 9) are the patches of the nodes.
+        """
+        patches, spacing = self.field.patches, self.field.spacing
+        closest, least = patch.copy(), np.full(len(patch), np.inf)
+        for candidate in (patch, *nearest[:, :8].T):
+            plane = ((x - patches.centre[candidate]) * patches.normal[candidate]).sum(axis=1)
+            closer = physics.is_closer(plane, least, spacing)
+            closest[closer], least[closer] = candidate[closer], plane[closer]
+        short = physics.is_closer(distance, least, spacing)
+        distance[short], patch[short], normal[short] = least[short], closest[short], patches.normal[closest[short]]
 
     def _cells(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Particles in a block of the lattice, their cell there and their place in it, 0 to 1 along each axis."""

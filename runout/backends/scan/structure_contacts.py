@@ -20,6 +20,8 @@ from runout.physics.bspline import weights
 from runout.physics.contact import impulse, in_contact, work
 from runout.physics.moments import momentum_at
 from runout.physics.structures import (
+    contact_gap,
+    is_closer,
     lattice_block,
     lattice_place,
     nearest_place,
@@ -33,7 +35,7 @@ from runout.physics.tensors import dot, real, vec
 
 LEAST_MASS = 1e-37  # [kg] of a node that moves, as in particles_to_grid
 record = None  # makes a record of the numbers of the law of friction; the binding decides
-NORMAL, GAP, BEFORE, RADIUS = 0, 3, 4, 7  # columns of what is measured
+NORMAL, GAP, BEFORE, DISTANCE = 0, 3, 4, 7  # columns of what is measured
 
 
 def place_structure_rows(near, held, place):
@@ -84,6 +86,34 @@ def _weights_of(rec, p):
     return weights(rec[p, 4]), weights(rec[p, 8]), weights(rec[p, 12])
 
 
+def _plane(field, k, x, y, z):
+    """Distance [m] of a point from the plane of a patch."""
+    centre, normal = field.centre, field.normal
+    away = vec(real(x - centre[k, 0]), real(y - centre[k, 1]), real(z - centre[k, 2]))
+    return dot(away, vec(normal[k, 0], normal[k, 1], normal[k, 2])) * real(field.spacing[0])
+
+
+def _take_plane(field, row, place, x, y, z, distance, n, patch):
+    """Distance [m], normal and patch: those of the closest plane where the trilinear ``distance`` is cut short.
+
+    ``x``, ``y``, ``z`` are in cells of the lattice.
+    """
+    normal, spacing = field.normal, real(field.spacing[0])
+    closest = patch
+    least = _plane(field, patch, x, y, z)
+    for q in range(8):
+        k = np.int64(field.patch[row, place + 81 * (q >> 2) + 9 * ((q >> 1) & 1) + (q & 1)])
+        if k == closest:
+            continue
+        plane = _plane(field, k, x, y, z)
+        if is_closer(plane, least, spacing):
+            least = plane
+            closest = k
+    if is_closer(distance, least, spacing):
+        return least, vec(normal[closest, 0], normal[closest, 1], normal[closest, 2]), closest
+    return distance, n, patch
+
+
 def _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
     """Fill row ``r`` for a particle; returns whether it touches a structure within the step."""
     rec, c, w = particles.rec, particles.cell[p], particles.particle_index[p]
@@ -101,21 +131,24 @@ def _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
     fz = real(z - k)
     place = lattice_place(i, j, k)
     eight = _corners(field.distance[row], place)
-    radius = particles.radius[w] if len(particles.radius) > 1 else particles.radius[0]
-    gap = separation(eight, fx, fy, fz) - radius
+    distance = separation(eight, fx, fy, fz)
     n = outward_normal(separation_slopes(eight, fx, fy, fz))
+    radius = particles.radius[w] if len(particles.radius) > 1 else particles.radius[0]
     v = _velocity(rec, p)
-    if not in_contact(gap, dot(v, n), dt, band):
+    if not in_contact(contact_gap(distance, radius), dot(v, n), dt, band):
         return False
+    patch = np.int64(field.patch[row, nearest_place(place, fx, fy, fz)])
+    distance, n, patch = _take_plane(field, row, place, x, y, z, distance, n, patch)
+    gap = contact_gap(distance, radius)
     touching.slots[r] = p
-    touching.patch[r] = field.patch[row, nearest_place(place, fx, fy, fz)]
+    touching.patch[r] = patch
     measured = touching.measured
     for a in range(3):
         measured[r, NORMAL + a] = n[a]
         measured[r, BEFORE + a] = v[a]
     measured[r, GAP] = gap
-    measured[r, RADIUS] = radius
-    return True
+    measured[r, DISTANCE] = distance
+    return in_contact(gap, dot(v, n), dt, band)
 
 
 def _clear_share(share):
@@ -304,7 +337,7 @@ def _stop_block(particles, near, touching, grid, m, dt, band):
         c, weight = particles.cell[p], _weights_of(particles.rec, p)
         _, own, u = _meet(near, touching, grid, m, c, weight)
         n, before = _normal_and_before(measured, r)
-        j = stopping_impulse(dot(u, n), measured[r, GAP], measured[r, RADIUS], dt, band, own)
+        j = stopping_impulse(dot(u, n), measured[r, DISTANCE], dt, band, own)
         x, y, z = j * n[0], j * n[1], j * n[2]
         push[r, 0] = work(vec(x, y, z), none, before, u, own)
         push[r, 1] = x

@@ -19,6 +19,8 @@ class Field(NamedTuple):
         Distance [m] at the nodes of a block, and the nearest patch.
     origin, spacing : (3,), (1,) float64
         First node [m]; edge of a cell [m].
+    centre, normal : (patches, 3) float64, real
+        Centre of each patch in cells of the lattice; outward normal.
     friction : (releases, patches) real
         Friction coefficient [1].
     """
@@ -28,6 +30,8 @@ class Field(NamedTuple):
     patch: np.ndarray
     origin: np.ndarray
     spacing: np.ndarray
+    centre: np.ndarray
+    normal: np.ndarray
     friction: np.ndarray
 
 
@@ -61,7 +65,7 @@ class Touching(NamedTuple):
     slots, patch : (rows,) int32
         Slot of the particle; patch that it touches.
     measured : (rows, 8) real
-        Normal, gap [m], velocity before the step [m/s], touching radius [m].
+        Normal, gap [m], velocity before the step [m/s], distance [m].
     given, push : (rows, 4) real
         0 and the impulse [N s] that the nodes hold already; work [J] and impulse [N s].
     shares : (near, 216, 4) real

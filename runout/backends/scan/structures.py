@@ -35,10 +35,7 @@ class Structures:
     def __init__(self, scene: Scene, field: StructureField, particles: int):
         real = scene.dtype
         self.band, self.scene_field = real(scene.contact_band * min(scene.spacing)), field
-        self.field = Field(
-            np.ascontiguousarray(field.blocks, np.int32), _by_node(field.distance, np.float32), _by_node(field.patch, np.int32),
-            np.array(field.origin, np.float64), np.array([field.spacing]), scene.structure_friction().astype(real),
-        )  # fmt: skip
+        self.field = _group(field, scene)
         self.force = np.zeros((particles, 4), real)
         self.impulses, self.dissipation = np.zeros((len(field.patches.area), 3)), 0.0
         self.contacts = self.stopped = 0
@@ -89,6 +86,15 @@ class Structures:
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
         return bytes_of(self.near, self.touching, structure_force=self.force)
+
+
+def _group(field: StructureField, scene: Scene) -> Field:
+    origin, patches = np.array(field.origin, np.float64), field.patches
+    return Field(
+        np.ascontiguousarray(field.blocks, np.int32), _by_node(field.distance, np.float32), _by_node(field.patch, np.int32),
+        origin, np.array([field.spacing], np.float64), np.ascontiguousarray((patches.centre - origin) / field.spacing),
+        patches.normal.astype(scene.dtype), scene.structure_friction().astype(scene.dtype),
+    )  # fmt: skip
 
 
 def _by_node(values: np.ndarray, dtype: Any) -> np.ndarray:
