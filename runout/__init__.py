@@ -26,6 +26,7 @@ _HOME = {
     "BasalFriction": "runout.model.basal_friction",
     "register_friction": "runout.model.friction_laws",
     "FrictionZones": "runout.model.friction",
+    "Structures": "runout.model.structures",
     "Particles": "runout.model.particles",
     "Probes": "runout.model.probes",
     "ProbeSeries": "runout.model.probe_series",
@@ -64,6 +65,7 @@ declare_readers(
         "Release.from_raster": "runout.release.read:read_raster",
         "Release.from_vector": "runout.release.read:read_vector",
         "Probes.from_vector": "runout.io.probe_layers:read_probes",
+        "Structures.from_file": "runout.structures.read:structures_from_file",
         "FrictionZones.from_vector": "runout.terrain.zones:read_zones",
         "FrictionZones.from_rasters": "runout.terrain.friction_rasters:read_friction_rasters",
     }

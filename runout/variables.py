@@ -278,11 +278,11 @@ _STRUCTURES = {
     "max_facade_pressure": Variable("Pa", "maximum over time of the mean pressure on the facade"),
     "max_facade_high_pressure": Variable("Pa", "maximum over time of the pressure that 95 % of the facade does not exceed"),
     "time_of_max_facade_force": _positive("s", "time of the maximum force on the facade", "missing where no flow reaches it"),
-    "facade_force_percentile": _positive("N", "percentile over the members of the maximum force on the facade"),
-    "facade_moment_percentile": _positive("N m", "percentile over the members of the maximum moment on the facade"),
-    "facade_pressure_percentile": Variable("Pa", "percentile over the members of the maximum mean pressure on the facade"),
-    "facade_high_pressure_percentile": Variable("Pa", "percentile over the members of the maximum 95 % pressure on the facade"),
-    "facade_pressure_exceedance_probability": Variable(
+    "facade_force_at_percentile": _positive("N", "percentile over the members of the maximum force on the facade"),
+    "facade_moment_at_percentile": _positive("N m", "percentile over the members of the maximum moment on the facade"),
+    "facade_pressure_at_percentile": Variable("Pa", "percentile over the members of the maximum mean pressure on the facade"),
+    "facade_high_pressure_at_percentile": Variable("Pa", "percentile over the members of the maximum 95 % pressure on the facade"),
+    "facade_pressure_probability": Variable(
         "1",
         "conditional probability that the maximum mean pressure on the facade reaches or exceeds the threshold",
         valid_min=0.0,
@@ -291,7 +291,7 @@ _STRUCTURES = {
     ),
     "protected_area": Variable("", "area behind a dam", dtype="str"),
     "overtopping_volume": _positive("m3", "volume that lies in the protected area at the end"),
-    "overtopping_volume_percentile": _positive("m3", "percentile over the members of the volume in the protected area at the end"),
+    "overtopping_volume_at_percentile": _positive("m3", "percentile over the members of the overtopping volume"),
     "overtopping_probability": Variable(
         "1",
         "conditional probability that mass reaches the protected area and stays there",

@@ -54,8 +54,8 @@ class SiteStructures:
         from runout.terrain.overlay import on_cells
 
         found: dict[str, np.ndarray] = {}
-        for stated in (one for one in self.stated if one.protects):
-            parts = read_polygons(Path(locate(stated.protects, self.folder)), terrain, None, "protected area").polygons
+        for stated, path in zip((one for one in self.stated if one.protects), self.protected(), strict=True):
+            parts = read_polygons(path, terrain, None, "protected area").polygons
             covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)
             name = f"{stated.name} {len(found) + 1}" if stated.name in found else stated.name
             found[name] = covered.T[::-1] * terrain.cell_area

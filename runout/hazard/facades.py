@@ -64,7 +64,7 @@ def maxima_of(series: "xr.Dataset") -> dict[str, np.ndarray]:
     size = {what: np.sqrt(sum(series[f"facade_{what}_{axis}"].values ** 2 for axis in AXES)) for what in ("force", "moment")}
     force = size["force"]
     time = np.where(force.max(0) > 0, series["record_time"].values[force.argmax(0)], np.nan)
-    pressures = {f"max_{name}": series[name].values.max(0) for name in ("facade_pressure", "facade_high_pressure")}
+    pressures = {f"max_{name}": series[name].values.max(0) + 0.0 for name in ("facade_pressure", "facade_high_pressure")}
     sizes = {f"max_facade_{what}": values.max(0) for what, values in size.items()}
     return sizes | pressures | {"time_of_max_facade_force": time}
 
@@ -91,10 +91,10 @@ def facade_dataset(records: FacadeRecords, ensemble: Ensemble, percentiles: Sequ
         found[name] = (("realization", "facade"), every)
         if name in MAXIMA:
             over = weighted_percentiles(np.array(rows), ensemble.weights, percentiles)
-            found[f"{name.removeprefix('max_')}_percentile"] = (("percentile", "facade"), over)
+            found[f"{name[len('max_') :]}_at_percentile"] = (("percentile", "facade"), over)
     pressure = np.array(records.maxima["max_facade_pressure"])
     reached = [ensemble.weights @ (pressure >= threshold) for threshold in thresholds]
-    found["facade_pressure_exceedance_probability"] = (("pressure_threshold", "facade"), np.array(reached))
+    found["facade_pressure_probability"] = (("pressure_threshold", "facade"), np.array(reached))
     return found
 
 
@@ -147,7 +147,7 @@ def overtopping(areas: Mapping[str, np.ndarray], ensemble: Ensemble, percentiles
         {
             "protected_area": ("area", np.array(list(areas), dtype=object)),
             "overtopping_volume": (("realization", "area"), volumes),
-            "overtopping_volume_percentile": (
+            "overtopping_volume_at_percentile": (
                 ("percentile", "area"),
                 weighted_percentiles(valid, ensemble.weights, percentiles),
             ),

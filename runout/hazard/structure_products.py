@@ -98,10 +98,10 @@ def _columns(facade: "xr.Dataset") -> dict[str, float]:
     columns = {"area_m2": float(facade["facade_area"])}
     for name, unit in quantities:
         columns[f"max_{name}_{unit}"] = float(facade[f"max_facade_{name}"].max())
-        over = facade[f"facade_{name}_percentile"]
+        over = facade[f"facade_{name}_at_percentile"]
         columns |= {f"{name}_{unit}_p{p:g}": float(v) for p, v in zip(over["percentile"].values, over.values, strict=True)}
     force = facade["max_facade_force"].fillna(-1.0)
     columns["time_of_max_force_s"] = float(facade["time_of_max_facade_force"].values[int(np.argmax(force.values))])
-    chance = facade["facade_pressure_exceedance_probability"]
+    chance = facade["facade_pressure_probability"]
     reached = zip(chance["pressure_threshold"].values, chance.values, strict=True)
     return columns | {f"probability_of_{threshold:g}_pa": float(p) for threshold, p in reached}

@@ -1,10 +1,13 @@
 """Structures of a scene: the signed distance to their surfaces near them, and the patches that forces are booked on."""
 
 from dataclasses import dataclass
+from os import PathLike
 
 import numpy as np
 
 from runout.errors import ConfigError
+from runout.model.readers import reader
+from runout.model.terrain import Terrain
 
 FINEST, WIDEST = 0.5, 2.0  # largest spacing of the lattice and least band, in the smallest and the largest spacing of the grid
 CELLS = 8  # of the lattice along an edge of a block; a block has CELLS + 1 nodes along it, shared with its neighbours
@@ -113,3 +116,52 @@ class Structures:
     facades: tuple[str, ...]
     structure: np.ndarray
     field: StructureField
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | PathLike[str],
+        terrain: Terrain,
+        cell_size: float | tuple[float, float, float],
+        *,
+        layer: str | None = None,
+        name: str = "structure",
+        height: float | str | None = None,
+        base: float | str | None = None,
+        clearance: float | str | None = None,
+        top: str = "flat",
+        friction_angle_deg: float = 20.0,
+        units: str | None = None,
+        crs: str | None = None,
+        offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> "Structures":
+        """Structures of footprints or a closed mesh on a terrain, for runs with cells of ``cell_size`` [m].
+
+        Parameters
+        ----------
+        path : path
+            GeoPackage, Shapefile, GeoJSON or FlatGeobuf of polygons, or OBJ, PLY, STL or GLB.
+        layer : str, optional
+            Of a vector file with several.
+        name : str
+            Of structures without an attribute ``name``.
+        height, base, clearance : float or str, optional
+            Of footprints [m], numbers or names of attributes: top above the mean ground, elevation that replaces the mean ground,
+            underside above it. A mesh that states a clearance may hang above the ground.
+        top : str
+            "flat", or "along_ground": the top of footprints follows the ground.
+        friction_angle_deg : float
+            Of the surfaces [deg]; an attribute ``friction_deg`` replaces it.
+        units, crs, offset : str, str, tuple of float
+            Of a mesh: m, cm, mm or ft; coordinate system, by default that of the terrain; what is added to its coordinates [m].
+
+        Raises
+        ------
+        StructureError
+            With all problems: holes, placement, walls thinner than two cells.
+        """
+        made: Structures = reader("Structures.from_file")(
+            path, terrain, cell_size, layer=layer, name=name, height=height, base=base, clearance=clearance, top=top,
+            friction_angle_deg=friction_angle_deg, units=units, crs=crs, offset=offset,
+        )  # fmt: skip
+        return made

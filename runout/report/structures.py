@@ -83,11 +83,11 @@ def _row(facade: "xr.Dataset") -> list[str]:
         str(facade["structure_name"].values),
         str(facade["facade_name"].values),
         number(float(facade["facade_area"])),
-        *(number(float(v) / KILO) for v in facade["facade_force_percentile"].values),
+        *(number(float(v) / KILO) for v in facade["facade_force_at_percentile"].values),
         number(float(force.max()) / KILO),
         number(when),
         *map(number, largest),
-        *(percent(float(p)) for p in facade["facade_pressure_exceedance_probability"].values),
+        *(percent(float(p)) for p in facade["facade_pressure_probability"].values),
     ]
 
 
@@ -97,11 +97,12 @@ def _dams(over: "xr.Dataset") -> list[tuple[str, str]]:
         return []
     found = []
     for k, name in enumerate(over["protected_area"].values):
-        volumes = over["overtopping_volume_percentile"].values[:, k]
+        volumes = over["overtopping_volume_at_percentile"].values[:, k]
         parts = [f"{p:g} %: {volume(float(v))}" for p, v in zip(over["percentile"].values, volumes, strict=True)]
         largest = volume(float(over["overtopping_volume"].values[:, k].max()))
         chance = percent(float(over["overtopping_probability"].values[k]))
-        found.append((str(name), f"probability {chance}; volume behind it at the end by percentile, {', '.join(parts)}; most {largest}"))
+        by_percentile = f"volume behind it at the end by percentile, {', '.join(parts)}"
+        found.append((str(name), f"probability {chance}; {by_percentile}; most {largest}"))
     return found
 
 
@@ -114,13 +115,15 @@ def force_figure(loads: Loads) -> Any:
     owners = loads.series["structure_name"].values.astype(str)
     forces = np.stack([loads.series[f"facade_force_{axis}"].values for axis in AXES], axis=-1)
     sums = {name: np.linalg.norm(forces[:, owners == name].sum(1), axis=1) for name in dict.fromkeys(owners)}
-    largest = sorted(sums, key=lambda name: -float(np.nanmax(sums[name])))[:MOST_LINES]
+    reached = [name for name in sums if sums[name].max(initial=0.0) > 0]
+    largest = sorted(reached, key=lambda name: -float(sums[name].max()))[:MOST_LINES]
     figure = Figure(figsize=(WIDE, 3.6), layout="constrained")
     axes = figure.subplots()
     for name in largest:
         axes.plot(loads.series["record_time"].values, sums[name] / KILO, linewidth=1.3, label=name)
     axes.set(xlim=(0, None), ylim=(0, None))
     axes.set_ylabel("force [kN]", fontsize=NORMAL)
-    axes.legend(fontsize=SMALL, frameon=False)
+    if largest:
+        axes.legend(fontsize=SMALL, frameon=False)
     tidy(axes)
     return figure

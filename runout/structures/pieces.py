@@ -114,14 +114,17 @@ def _covered(pieces: Pieces, row: int, solids: Sequence[Solid], cell: float) -> 
 
 
 def joined_patches(pieces: Pieces, spacing: Sequence[float], frictions: np.ndarray) -> Patches:
-    """Patches of the visible pieces, those of one facade in one grid cell together.
+    """Patches of the visible pieces, those of one facade in one grid cell that face the same way along the axes together.
 
     ``frictions`` (solids,) are the Coulomb coefficients of the bodies; areas of patches are those of their pieces.
     """
     seen = pieces[pieces.visible]
     cells = np.floor(seen.centre / np.asarray(spacing)).astype(np.int64)
-    _, first, patch = np.unique(np.column_stack([seen.facade, cells]), axis=0, return_index=True, return_inverse=True)
-    patch, (normals, areas) = patch.ravel(), normals_and_areas(seen.corners)
+    normals, areas = normals_and_areas(seen.corners)
+    axis = np.abs(normals).argmax(1)
+    facing = 2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)
+    _, first, patch = np.unique(np.column_stack([seen.facade, facing, cells]), axis=0, return_index=True, return_inverse=True)
+    patch = patch.ravel()
     area = np.bincount(patch, areas, len(first))
     centre, normal = (_sums(patch, areas[:, None] * values, len(first)) for values in (seen.centre, normals))
     length = np.linalg.norm(normal, axis=1, keepdims=True)

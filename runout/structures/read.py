@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
-from runout.errors import StructureError
+from runout.errors import StructureError, member_of
 from runout.model.limits import spacing_of
 from runout.model.release import Release
 from runout.model.structures import Structures
@@ -17,7 +16,7 @@ from runout.structures.footprints import read_footprints
 from runout.structures.inspection import placement_problems, release_overlaps, thin_walls
 from runout.structures.meshes import read_meshes
 from runout.structures.solid import Solid
-from runout.structures.source import StructureSource, Top
+from runout.structures.source import CONCRETE, StructureSource, Top
 
 
 @dataclass(frozen=True)
@@ -56,12 +55,27 @@ def require_sound(
 
 
 def structures_from_file(
-    path: str | PathLike[str], terrain: Terrain, cell_size: float | tuple[float, float, float], **stated: Any
+    path: str | PathLike[str],
+    terrain: Terrain,
+    cell_size: float | tuple[float, float, float],
+    *,
+    layer: str | None = None,
+    name: str = "structure",
+    height: float | str | None = None,
+    base: float | str | None = None,
+    clearance: float | str | None = None,
+    top: str = "flat",
+    friction_angle_deg: float = CONCRETE,
+    units: str | None = None,
+    crs: str | None = None,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Structures:
     """Structures of one file for a grid; see :meth:`runout.Structures.from_file`."""
-    source = StructureSource(Path(path), **{**stated, "top": Top(stated.get("top", Top.FLAT))})
-    spacing = spacing_of(cell_size)
-    bodies = read_bodies([source], terrain)
+    follows = member_of(Top, top, "top", StructureError)
+    source = StructureSource(
+        Path(path), layer, name, height, base, clearance, follows, friction_angle_deg, units, crs, offset
+    )  # fmt: skip
+    spacing, bodies = spacing_of(cell_size), read_bodies([source], terrain)
     require_sound(bodies.solids, terrain, spacing)
     made = build_structures(bodies.solids, terrain, spacing)
     if made is None:
