@@ -68,7 +68,8 @@ def flow_path(drained: "Drainage", release: np.ndarray, peak: np.ndarray, least:
     """The path on the cells where the flow is thicker than ``least`` [m]; maps are (rows, columns) [m]."""
     columns = drained.terrain.shape[1]
     receiver, flow = drained.receiver.ravel(), (np.nan_to_num(peak) > least).ravel()
-    cell, path, dry = int(np.argmax(np.nan_to_num(release))), [], 0
+    inner = receiver.reshape(release.shape) != np.arange(receiver.size).reshape(release.shape)  # the rim drains outwards
+    cell, path, dry = int(np.argmax(np.nan_to_num(release) * (1.0 + inner))), [], 0
     while dry < FEWEST_CONFINED:
         path.append(cell)
         following = int(receiver[cell])

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 POINTS = 8  # along each side of a cell, at which the thickness is averaged
-_DIP, _AZIMUTH, _AXIS = Range(0, 89, "deg"), Range(-360, 360, "deg"), Range(1e-3, 1e5, "m")
+POINTS_OF_AN_AXIS = 24  # along a semi-axis of an ellipsoid, at least
+_DIP, _AZIMUTH = Range(0, 89, "deg"), Range(-360, 360, "deg")
 Points = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # thickness [m] at easting, northing, ground [m]
 
 
@@ -68,9 +69,9 @@ def scarp_ellipsoid(
 ) -> "Release":
     """Release above the lower half of an ellipsoid.
 
-    With the plane p fitted to the ground inside the ellipse, s = sqrt(1 - (u / a)^2 - (v / b)^2) and the ground z, the thickness
-    is s (depth + z - p), not below 0. On a plane slope this is half an ellipsoid with vertical depth: volume 2/3 pi a b depth.
-    Elsewhere the sliding surface is smooth in the middle, and the thickness still ends at 0 at the rim.
+    With the plane p fitted to the ground in a circle of the same area, s = sqrt(1 - (u / a)^2 - (v / b)^2) and the ground z, the
+    thickness is s (depth + z - p), not below 0. On a plane slope this is half an ellipsoid with vertical depth: volume 2/3 pi a b
+    depth. Elsewhere the sliding surface is smooth in the middle, and the thickness still ends at 0 at the rim.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ def scarp_ellipsoid(
     centre : tuple of float
         Easting and northing [m].
     semi_axes : tuple of float
-        Semi-axes a along the azimuth and b across [m], in plan.
+        Semi-axes a along the azimuth and b across [m], in plan; a cell or more.
     depth : float
         Vertical depth in the middle [m].
     azimuth_deg : float, optional
@@ -96,7 +97,8 @@ def scarp_ellipsoid(
         If a value is out of range, or the ellipse leaves the terrain or its known cells.
     """
     east, north = _point(terrain, centre)
-    a, b = (checked_within(_AXIS, "semi-axis", value, error=ReleaseError) for value in semi_axes)
+    axis = Range(max(terrain.cell_size), 1e5, "m", "the raster has no finer cells")
+    a, b = (checked_within(axis, "semi-axis", value, error=ReleaseError) for value in semi_axes)
     checked("thickness", depth, key="depth", error=ReleaseError)
     slope, level = _fitted_plane(terrain, (east, north), math.sqrt(a * b))
     azimuth = math.atan2(-slope[0], -slope[1]) if azimuth_deg is None else _azimuth(azimuth_deg)
@@ -114,7 +116,8 @@ def scarp_ellipsoid(
 
     near = np.hypot(*(axis - value for axis, value in zip(_centres(terrain), (east, north), strict=True)))
     cells = near <= max(a, b) + max(terrain.cell_size)
-    return _release(terrain, _averaged(terrain, thickness, cells), volume, name)
+    points = max(POINTS, math.ceil(POINTS_OF_AN_AXIS * max(terrain.cell_size) / min(a, b)))
+    return _release(terrain, _averaged(terrain, thickness, cells, points), volume, name)
 
 
 def scarp_planes(
@@ -228,10 +231,10 @@ def _require_ellipse(
     require_inside(Polygon(points), terrain, f"ellipsoid {name}")
 
 
-def _averaged(terrain: "Terrain", thickness: Points, cells: np.ndarray) -> np.ndarray:
-    """Mean thickness (rows, columns) [m] over the cells of a mask, from points within each."""
+def _averaged(terrain: "Terrain", thickness: Points, cells: np.ndarray, points: int = POINTS) -> np.ndarray:
+    """Mean thickness (rows, columns) [m] over the cells of a mask, from ``points`` x ``points`` within each."""
     rows, columns = np.nonzero(cells)
-    offsets = (np.arange(POINTS) + 0.5) / POINTS - 0.5
+    offsets = (np.arange(points) + 0.5) / points - 0.5
     total = np.zeros(len(rows))
     z, (dx, dy) = _Ground(terrain), terrain.cell_size
     for v in offsets:
@@ -239,7 +242,7 @@ def _averaged(terrain: "Terrain", thickness: Points, cells: np.ndarray) -> np.nd
             x, y = terrain.easting[columns] + u * dx, terrain.northing[rows] + v * dy
             total += thickness(x, y, z.at(rows - v, columns + u))
     values = np.zeros(terrain.shape)
-    values[rows, columns] = total / POINTS**2
+    values[rows, columns] = total / points**2
     return values
 
 

@@ -14,6 +14,7 @@ from runout import __version__, log
 from runout.errors import ExitCode
 from runout.io.atomic import whole_file, write_json
 from runout.io.vector import outline, write_layers
+from runout.report.picture import DPI, png
 from runout.slopes.choices import MassWasting
 from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components
@@ -135,13 +136,12 @@ def _write(
         temporary.write_bytes(picture(found, drained, way, places))
 
 
-def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[Feature]) -> bytes:
+def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[Feature], dpi: int = DPI) -> bytes:
     """PNG of the largest thickness over hillshade, with the release, the flow path and the places on it."""
     from shapely import LineString, Point
 
     from runout.report.maps import STYLES, Basemap, draw_map
     from runout.report.marks import Mark
-    from runout.report.picture import png
 
     terrain = found.terrain
     marks = [Mark(LineString(way.points(drained)), "")] if len(way.cells) > 1 else []
@@ -149,4 +149,4 @@ def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[
     released = [outline(np.nan_to_num(found.release) > 0, terrain)]
     base = Basemap(terrain.easting, terrain.northing, terrain.elevation, released, observed=marks)
     window = base.window(np.nan_to_num(found.peak) >= LEAST)
-    return png(draw_map(base, found.peak, STYLES["thickness"], window, "Baseline: largest thickness"))
+    return png(draw_map(base, found.peak, STYLES["thickness"], window, "Baseline: largest thickness"), dpi)

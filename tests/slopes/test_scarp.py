@@ -32,6 +32,10 @@ def test_half_ellipsoid_on_a_plane_has_its_volume_and_thins_out(slopes):
     assert rim.max() < 0.4 * 12.0
 
 
+def test_an_ellipsoid_of_two_cells_has_its_volume():
+    assert scarp_ellipsoid(ground(), MIDDLE, (12.0, 10.0), 3.0).volume == pytest.approx(2.0 / 3.0 * math.pi * 360.0, rel=5e-3)
+
+
 def test_axes_follow_the_azimuth_and_the_slope():
     def spread(made):
         rows, columns = np.nonzero(made.thickness > 0)
@@ -86,7 +90,7 @@ def test_a_stated_volume_is_met():
     [
         (lambda t: scarp_ellipsoid(t, (60, 602), (150, 100), 12), "90 m beyond the west edge"),
         (lambda t: scarp_ellipsoid(t, (-60, 602), (150, 100), 12), "lies outside the terrain"),
-        (lambda t: scarp_ellipsoid(t, MIDDLE, (150, 0), 12), "semi-axis is 0"),
+        (lambda t: scarp_ellipsoid(t, MIDDLE, (150, 5), 12), "semi-axis is 5 m; it must be at least 10"),
         (lambda t: scarp_ellipsoid(t, MIDDLE, (150, 100), -3), "depth is -3"),
         (lambda t: scarp_planes(t, [(*MIDDLE, 20.0, 45.0, 0.0)]), "do not close the mass"),
         (lambda t: scarp_planes(t, [(*MIDDLE, 20.0, 95.0, 0.0)]), "plane: dip is 95"),
