@@ -31,6 +31,7 @@ from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.terrain import Terrain
+from runout.observers import ParticleSample
 from runout.result import Result
 from runout.run import BATCH, Run, RunControl
 from runout.scenario import build_scene
@@ -230,6 +231,8 @@ class _Together:
         self.rows: list[LedgerRow] = []  # of the present state, filled on first use
         views = [cast(Backend, _View(self.batch, k, self._rows)) for k in range(len(jobs))]
         self.runs = [Run(view, job.scene, job.control, job.progress, None) for view, job in zip(views, jobs, strict=True)]
+        for run, job in zip(self.runs, jobs, strict=True):
+            run.sample = ParticleSample.of(len(job.particles), job.control.snapshot_particles)
         self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()
