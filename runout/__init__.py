@@ -49,6 +49,7 @@ _HOME = {
     "CapacityError": "runout.errors",
     "StabilityError": "runout.errors",
     "DeviceError": "runout.errors",
+    "RenderError": "runout.errors",
 }
 
 _PACKAGES = ("scores",)  # public as a whole

@@ -15,4 +15,4 @@ class ReportSettings(Settings):
     )
 
 
-REPORT = quantity("what the report shows besides maps and tables", None, examples=[{"stills": "worst"}])
+REPORT = quantity("what the report shows besides maps and tables: stills none, worst or all", None, examples=[{"stills": "worst"}])

@@ -351,12 +351,17 @@ def draw_location(basemap: Basemap, window: Window) -> Any:
 
     axes, below = _sheet(basemap.extent(basemap.whole))
     draw_ground(axes, basemap, basemap.whole, contours=False)
-    z = np.ma.masked_invalid(basemap.elevation)
-    tint = axes.imshow(z, cmap="cividis", extent=basemap.extent(basemap.whole), alpha=0.45, zorder=1)
+    tint_by_elevation(axes, below, basemap)
     draw_frame(axes, basemap, basemap.whole, labels=False)
     west, east, south, north = basemap.extent(window)
     axes.add_patch(Rectangle((west, south), east - west, north - south, fill=False, color=INK, linewidth=1.4, zorder=5))
+    return axes.figure
+
+
+def tint_by_elevation(axes: Any, below: Any, basemap: Basemap) -> None:
+    """Colour the whole terrain by its elevation, with a colour bar in the axes ``below``."""
+    z = np.ma.masked_invalid(basemap.elevation)
+    tint = axes.imshow(z, cmap="cividis", extent=basemap.extent(basemap.whole), alpha=0.45, zorder=1)
     bar = axes.figure.colorbar(tint, cax=below, orientation="horizontal")
     bar.set_label("elevation [m]", fontsize=NORMAL, color=INK)
     bar.ax.tick_params(labelsize=NORMAL, colors=INK, length=3)
-    return axes.figure

@@ -6,7 +6,7 @@ import numpy as np
 
 from runout.errors import ConfigError
 from runout.map_quantities import ARRIVAL, QUANTITIES
-from runout.report.maps import STYLES, Basemap, MapStyle, Window, blank_map, draw_values
+from runout.report.maps import STYLES, Basemap, MapStyle, Window, blank_map, draw_values, tint_by_elevation
 from runout.report.wording import unit
 from runout.variables import VARIABLES
 
@@ -15,14 +15,18 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
     from runout.result import Result
 
-ELEVATION = MapStyle("elevation [m]", "cividis", classes=9, faintest=-np.inf)
 TIME = "arrival"  # name of the map of arrival
 
 
 def plot_terrain(terrain: "Terrain", *, title: str = "") -> Any:
     """Axes with a map of the elevation."""
+    from matplotlib import pyplot
+
     basemap = _basemap(terrain)
-    return _drawn(basemap, basemap.whole, terrain.elevation, ELEVATION, title)
+    axes, bar = blank_map(basemap, basemap.whole, title, pyplot.figure)
+    tint_by_elevation(axes, bar, basemap)
+    pyplot.sca(axes)
+    return axes
 
 
 def plot_release(release: "Release", *, title: str | None = None) -> Any:

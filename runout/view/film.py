@@ -101,12 +101,12 @@ def _write_gif(frames: Sequence[Path], path: Path, fps: float) -> None:
     from PIL import Image
 
     pictures = [Image.fromarray(colours) for colours in _pictures(frames)]
-    palette = _palette([pictures[k] for k in sorted({0, len(pictures) // 2, len(pictures) - 1})])
+    palette = palette_of([pictures[k] for k in sorted({0, len(pictures) // 2, len(pictures) - 1})])
     paletted = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     paletted[0].save(path, save_all=True, append_images=paletted[1:], duration=round(1000 / fps), loop=0, optimize=False)
 
 
-def _palette(pictures: Sequence[Any]) -> Any:
+def palette_of(pictures: Sequence[Any]) -> Any:
     """Picture with a palette of 256 colours: half of them by area, half for the colours of small areas such as the colour bar."""
     from PIL import Image
 

@@ -9,7 +9,7 @@ from runout.view.scene import FlowScene
 
 COLOURED = {"thickness": QUANTITIES["thickness"], "speed": QUANTITIES["speed"]}  # what the flow may be coloured by
 PLAIN_UNITS = {"m": "m", "m s-1": "m/s"}  # the font of VTK has no superscript minus
-TOP_PERCENTILE = 99.5
+TOP_PERCENTILE = 97.0
 FAINTEST = 0.12  # part of the colours that is not used, as too light on the ground
 
 
@@ -24,16 +24,19 @@ class Scale:
 
 
 def scale_of(scene: FlowScene, colour: str, top: float = 0.0) -> Scale:
-    """One scale for all frames; its top is a round number above all but the largest half percent of the values, or ``top``."""
+    """One scale for all frames; its top is a round number above nearly all values, or ``top``. The label has larger values."""
     from matplotlib.ticker import MaxNLocator
 
     quantity = COLOURED[colour]
     covered = np.nan_to_num(scene.thickness) >= scene.least_thickness
     values = np.nan_to_num(getattr(scene, colour))[covered]
+    largest = float(values.max(initial=0.0))
     if not top:
         top = float(np.percentile(values, TOP_PERCENTILE)) if values.size else 0.0
     ticks = MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, top if top > 0 else 1.0)
-    return Scale(f"{quantity.symbol} [{PLAIN_UNITS[quantity.units]}]", quantity.colours, float(ticks[-1]), len(ticks))
+    label = f"{quantity.symbol} [{PLAIN_UNITS[quantity.units]}]"
+    beyond = f"\nlargest {largest:.3g}" if largest > ticks[-1] else ""
+    return Scale(label + beyond, quantity.colours, float(ticks[-1]), len(ticks))
 
 
 def quads(cells: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ ARGUMENTS = {
     "cell_size": 2.0,  # 25600 particles: enough for two threads
     "end_time": 2.5,
     "snapshot_times": (0.0, 0.4, 2.0),
+    "snapshot_particles": 100,
 }
 
 if __name__ == "__main__":

@@ -93,6 +93,9 @@ def assert_same_run(one, other):
     assert [t for t, _, _ in one.snapshots] == [t for t, _, _ in other.snapshots]
     for (_, h, v), (_, g, w) in zip(one.snapshots, other.snapshots, strict=True):
         assert (h.tobytes(), v.tobytes()) == (g.tobytes(), w.tobytes())
+    assert len(one.particle_frames) == len(one.snapshots)
+    for frame, same in zip(one.particle_frames, other.particle_frames, strict=True):
+        assert frame.tobytes() == same.tobytes()
 
 
 class Broken(Exception):

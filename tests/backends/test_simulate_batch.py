@@ -30,7 +30,7 @@ def scenario(friction=15.0, end_time=1.0, **choices):
 
 SCENARIOS = (
     scenario(),
-    scenario(25.0, 0.6, snapshot_times=(0.2, 0.4)),
+    scenario(25.0, 0.6, snapshot_times=(0.2, 0.4), snapshot_particles=20),
     scenario(5.0, 1.2, seed=3, factor=0.7, cfl=0.3, material=DruckerPrager(density=2000.0, friction_angle=30.0)),
 )  # the stiffness of the last is chosen: each scene of a launch has its own
 
@@ -47,6 +47,7 @@ def assert_alike(found, alone):
         if name not in OF_THE_LAUNCH:
             np.testing.assert_allclose(found.series[name], values, rtol=1e-9, atol=1e-3, err_msg=name)
     assert [t for t, _, _ in found.snapshots] == [t for t, _, _ in alone.snapshots]
+    assert [f.tobytes() for f in found.particle_frames] == [f.tobytes() for f in alone.particle_frames]
 
 
 @pytest.mark.parametrize("way", [{}, {"transfer": "aflip", "f_bar": True}], ids=["packed", "aflip with F-bar"])
