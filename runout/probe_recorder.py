@@ -3,8 +3,7 @@
 A point has the values of the cell that holds it. The volume that passes a cross-section is the flux of volume through the line,
 summed over every observation of the run: the columns' momentum over their density, bilinear between the middles of the cells. Mass
 and momentum are spread over the same footprint, so that this flux and the change of the volume on either side agree. Particles
-arrive where they are with the velocity of their last step: the flux of that step is the one of half a step before, half a step
-downstream.
+arrive where they are with the velocity of their last step: the flux of that step is that of the columns half a step upstream.
 """
 
 from collections.abc import Mapping
@@ -24,6 +23,7 @@ from runout.model.terrain import Terrain
 
 PIECES = 4  # pieces of a line in the shorter side of a cell
 TINY = np.finfo(float).tiny
+AROUND = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)]).T  # a cell and its neighbours, (2, 9)
 DISCHARGE, PASSED, WIDTH, DEPTH = "discharge", "passed_volume", "flow_width", "largest_thickness"
 OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; flux, width, largest thickness
 
@@ -96,9 +96,7 @@ class ProbeRecorder:
         if not count or not self._reaches_lines(columns):
             return np.zeros(OF_LINE * count)
         owner, places, normals, lengths = self.pieces
-        _, mass, *momentum = self._gathered(columns, self._cell_at(places))
-        downstream = places + 0.5 * dt * (np.array(momentum[:2]) / np.maximum(mass, TINY)).T
-        flux = (self._flux_at(columns, downstream) * normals.T).sum(axis=0) * lengths
+        flux = (self._flux_at(columns, places, dt) * normals.T).sum(axis=0) * lengths
         crossed, cell, length = self.line_cells
         depth = self._gathered(columns, cell)[0] / self.area
         width = np.bincount(crossed, length * (depth >= self.arrival_threshold), count)
@@ -115,21 +113,19 @@ class ProbeRecorder:
         ))  # fmt: skip
         return bool(columns.mass[rows, across].any())
 
-    def _cell_at(self, places: np.ndarray) -> np.ndarray:
-        """Row from the south and column (2, n) of the cells that hold places (n, 2) [m]."""
-        at = np.floor(places / np.array(self.cell)).astype(np.int64)
-        return np.stack([at[:, 1].clip(0, self.shape[0] - 1), at[:, 0].clip(0, self.shape[1] - 1)])
+    def _flux_at(self, columns: RasterSums, places: np.ndarray, dt: float) -> np.ndarray:
+        """Flux of volume (2, n) [m2/s] east and north at places (n, 2) [m], during the step of ``dt`` [s] before.
 
-    def _flux_at(self, columns: RasterSums, places: np.ndarray) -> np.ndarray:
-        """Flux of volume (2, n) [m2/s] east and north at places (n, 2) [m], bilinear between the middles of cells."""
-        shifts = np.array([(i, j) for i in (0.0, 1.0) for j in (0.0, 1.0)])
-        at = places / np.array(self.cell) - 0.5
-        first = np.floor(at)
-        share = np.abs(1.0 - shifts[:, None] - (at - first)).prod(axis=-1)
-        around = ((first + 0.5 + shifts[:, None]) * np.array(self.cell)).reshape(-1, 2)
-        volume, mass, px, py, _ = self._gathered(columns, self._cell_at(around)).reshape(5, 4, -1)
-        scale = share * volume / (np.maximum(mass, TINY) * self.area)
-        return np.stack([(scale * px).sum(axis=0), (scale * py).sum(axis=0)])
+        Bilinear between the columns of the nine cells around, each half a step upstream of where it is now.
+        """
+        at, size = (places / np.array(self.cell)).T[:, None], np.array(self.cell)[:, None, None]
+        cells = np.floor(at) + AROUND[..., None]  # column and row, (2, 9, n)
+        found = self._gathered(columns, cells[::-1].reshape(2, -1).astype(np.int64))
+        volume, mass, *momentum, _ = found.reshape(5, *cells.shape[1:])
+        velocity = np.array(momentum) / np.maximum(mass, TINY)
+        apart = at - (cells + 0.5) + 0.5 * dt * velocity / size
+        share = np.maximum(1.0 - np.abs(apart), 0.0).prod(axis=0) / self.area
+        return (share * volume * velocity).sum(axis=1)  # type: ignore[no-any-return]
 
     def series(self, end_time: float, terrain: Terrain, maps: Mapping[str, np.ndarray]) -> ProbeSeries:
         """What has been recorded, on the times of :meth:`runout.model.probes.Probes.times`.
