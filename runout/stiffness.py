@@ -9,7 +9,9 @@ import numpy as np
 
 from runout.model.basal_friction import BasalFriction
 from runout.model.basal_strength import least_angle
+from runout.model.column_resistance import ground_below
 from runout.model.friction import FrictionZones
+from runout.model.ground_friction import GroundFriction
 from runout.model.materials import Material
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY
@@ -27,14 +29,18 @@ class Stiffness:
     materials : tuple of Material
         One per release, each with a number as Young's modulus.
     flow_speed : float
-        Largest speed that the flow may reach [m/s], by the energy line; 0 where every modulus was stated.
+        Largest speed that the flow may reach [m/s], by the energy line and the drag of the ground; 0 where every modulus was
+        stated.
     thickness : float
         Largest thickness of the releases [m].
+    drag : bool
+        Whether drag of the ground counts in the speed.
     """
 
     materials: tuple[Material, ...]
     flow_speed: float
     thickness: float
+    drag: bool = False
 
     @property
     def wave_speed(self) -> float:
@@ -53,7 +59,8 @@ class Stiffness:
 
     def statement(self) -> str:
         """Waves, flow and strain in a sentence without a beginning and an end."""
-        flow = f"{self.wave_ratio:.2g} times the flow of {self.flow_speed:.3g} m/s (energy line)"
+        source = "energy line, less drag" if self.drag else "energy line"
+        flow = f"{self.wave_ratio:.2g} times the flow of {self.flow_speed:.3g} m/s ({source})"
         return f"pressure waves of {self.wave_speed:.3g} m/s, {flow}, strain by weight {100 * self.weight_strain:.2g} %"
 
 
@@ -67,8 +74,8 @@ def stiffness(
     """Stiffness of a run, with the moduli that are auto chosen (:meth:`runout.model.materials.Material.chosen`).
 
     The speed of the flow is that of :func:`runout.terrain.energy_line.largest_speed`: by the energy line from the centre of each
-    mass against the least friction that acts on it anywhere; the fastest of the releases counts for all of them, and so does the
-    thickest.
+    mass against the least friction that acts on it anywhere, less what drag takes. The fastest of the releases counts for all of
+    them, and so does the thickest.
 
     Parameters
     ----------
@@ -84,9 +91,21 @@ def stiffness(
     from runout.terrain.energy_line import largest_speed
 
     acting = [least_angle([friction], [s], zones) for friction, s in zip(frictions, strength, strict=True)]
-    speed = largest_speed(releases, acting)
+    line = largest_speed(releases, acting)
+    ground = ground_below(materials, frictions, strength, zones)
+    (speed,) = slowed_by_drag(releases, [ground], np.array([line])).tolist()
     thickness = max(float(r.thickness.max()) for r in releases)
-    return Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in materials), speed, thickness)
+    return Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in materials), speed, thickness, ground.law.drags)
+
+
+def slowed_by_drag(releases: Sequence[Release], grounds: Sequence[GroundFriction], speeds: np.ndarray) -> np.ndarray:
+    """Largest ``speeds`` (members,) [m/s] by the energy line, less what drag takes (:mod:`runout.terrain.drag_speed`).
+
+    Laws without drag leave them as they are.
+    """
+    from runout.terrain.drag_speed import speeds_with_drag
+
+    return speeds_with_drag(releases, grounds, speeds) if grounds[0].law.drags and speeds.any() else speeds
 
 
 def chosen_moduli(

@@ -78,9 +78,16 @@ class GroundFriction:
             In which numbers of zones are formed before they are rounded to ``real``; that type itself by default. A wider one
             stands for fused operations.
         """
-        numbers, factor, own = (a.astype(real).astype(arithmetic or real) for a in (self.numbers, self._factor, self._own))
-        changed = zone_friction(numbers[:, None, :], factor, own).astype(real).reshape(-1, len(self.law.numbers))
-        mass = MassAbove(*np.repeat(self.masses, self.kinds, axis=0).astype(real).T)
+        return self.records(np.arange(len(self.numbers) * self.kinds), real, arithmetic)
+
+    def records(self, rows: np.ndarray, real: Any = np.float64, arithmetic: Any = None) -> np.ndarray:
+        """Records of some ``rows`` (n,) of the :meth:`table`, structured array (n,)."""
+        release, kind = np.divmod(rows, self.kinds)
+        numbers, factor, own = (
+            a.astype(real).astype(arithmetic or real) for a in (self.numbers[release], self._factor[kind], self._own[kind])
+        )
+        changed = zone_friction(numbers, factor, own).astype(real)
+        mass = MassAbove(*self.masses[release].astype(real).T)
         record = self.law.friction.acting(dict(zip(self.law.numbers, changed.T, strict=True)), mass)
         table = np.zeros(len(changed), [(name, real) for name in self.law.fields])
         for name in self.law.fields:

@@ -1,18 +1,26 @@
 """Points that slide over the ground in place of a mass: how long, how fast and how far it flows, without a run."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from runout.model.column_resistance import Columns, Resistance
+from runout.model.registered_law import calling
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY
+from runout.model.surface import Surface
+from runout.physics import contact
+from runout.terrain.sdf import raster_surface
 
-POINTS = 200  # of all releases together
-STEPS = 800  # least number until the end time
-CROSSING = 0.5  # cells of the terrain that a point crosses in a step
+POINTS = 1500  # of all releases together: late stragglers of a flow are a part in a thousand of its mass
+STEPS = 400  # least number until the end time
+MOST_STEPS = 8 * STEPS
+CROSSING = 0.5  # cells of the ground that the fastest point crosses in a step
+SEQUENCE = 0.8191725133961645, 0.6710436067037893, 0.5497004779019703  # of points that fill a cube evenly (R3, Roberts 2018)
 
-Friction = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+_slip_after: Callable[..., np.ndarray] = calling(contact.slip_after, math=np)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -22,7 +30,7 @@ class Slide:
     Attributes
     ----------
     time : ndarray (steps,)
-        [s]
+        End of each step [s].
     speed, fastest : ndarray (steps, members)
         Root mean square and largest speed [m/s].
     share : ndarray (steps, members)
@@ -37,90 +45,143 @@ class Slide:
 
 @dataclass(frozen=True)
 class _Ground:
-    """Slopes (2, nx ny) [1] east and north below the masses, at the cells from the south-west corner; NaN at the rim."""
+    """The sliding surface below the masses, and which cells of the terrain (nx, ny) have an elevation, from the south-west."""
 
-    slopes: np.ndarray
-    shape: tuple[int, int]
+    surface: Surface
+    known: np.ndarray
     size: tuple[float, float]
 
     @classmethod
     def under(cls, releases: Sequence[Release], spacing: tuple[float, float]) -> "_Ground":
-        """The ground of releases, with slopes over a grid cell of ``spacing`` [m] or a cell of the terrain to either side."""
-        terrain = releases[0].terrain
-        z = (terrain.elevation - np.sum([r.excavation for r in releases], axis=0))[::-1].T
-        slopes = np.full((2, *z.shape), np.nan, np.float32)
-        for axis, (size, h) in enumerate(zip(terrain.cell_size, spacing, strict=True)):
-            cells = min(max(1, round(h / size)), (z.shape[axis] - 1) // 2)
-            line, inner = np.moveaxis(z, axis, 0), np.moveaxis(slopes[axis], axis, 0)
-            if cells:
-                inner[cells:-cells] = (line[2 * cells :] - line[: -2 * cells]) / (2 * cells * size)
-        return cls(slopes.reshape(2, -1), z.shape, terrain.cell_size)
+        """The ground of releases on a grid of ``spacing`` [m]."""
+        terrain, dug = releases[0].terrain, np.sum([r.excavation for r in releases], axis=0)
+        surface = raster_surface(terrain, dug if dug.any() else None, spacing)
+        return cls(surface, np.isfinite(terrain.elevation)[::-1].T, terrain.cell_size)
 
-    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Slopes (2, ...) at local positions [m], bilinear; NaN where the points have left the terrain or what is known of it."""
-        (nx, ny), (dx, dy) = self.shape, self.size
-        p, q = x / dx - 0.5, y / dy - 0.5
-        i, j = (np.clip(r, 0, max(n - 2, 0)).astype(np.int64) for r, n in ((p, nx), (q, ny)))
-        a, b, k, last = p - i, q - j, i * ny + j, nx * ny - 1
-        west, east = (
-            self.slopes[:, np.minimum(start, last)] * (1 - b) + self.slopes[:, np.minimum(start + 1, last)] * b
-            for start in (k, k + ny)
-        )
-        return west * (1 - a) + east * a  # type: ignore[no-any-return]
+    def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether local positions (n,) [m] lie on cells with an elevation."""
+        (nx, ny), (dx, dy) = self.known.shape, self.size
+        i, j = (np.floor(place / size).astype(np.int64) for place, size in ((x, dx), (y, dy)))
+        inside = (i >= 0) & (i < nx) & (j >= 0) & (j < ny)
+        return inside & self.known[np.clip(i, 0, nx - 1), np.clip(j, 0, ny - 1)]
+
+
+@dataclass
+class _Points:
+    """Points that move.
+
+    Attributes
+    ----------
+    member, release : ndarray (n,)
+        That they belong to.
+    place, velocity : ndarray (2, n)
+        Local position [m] and velocity in plan [m/s].
+    path : ndarray (n,)
+        That they have come [m].
+    stretch : ndarray (n,)
+        Path [m] from which on they become thinner.
+    """
+
+    member: np.ndarray
+    release: np.ndarray
+    place: np.ndarray
+    velocity: np.ndarray
+    path: np.ndarray
+    stretch: np.ndarray
+
+    @classmethod
+    def of(cls, releases: Sequence[Release], members: int, points: int, thins: bool) -> "_Points":
+        """Points that stand for equal volumes of the releases, the same for every member; see :func:`slide`."""
+        *within, rank = np.outer(SEQUENCE, np.arange(1.0, points + 1.0)) % 1.0
+        number, place = _starts(releases, np.array(within))
+        release, place = np.tile(number, members), np.tile(place, (1, members))
+        length = 3.0 * math.sqrt(sum(r.area for r in releases)) if thins else math.inf
+        stretch = np.tile(length * rank ** (2 / 3), members)
+        return cls(np.repeat(np.arange(members), points), release, place, np.zeros_like(place), np.zeros(len(release)), stretch)
+
+    def advance(self, ground: _Ground, resistance: Resistance, dt: float) -> np.ndarray:
+        """Speed (n,) [m/s] after a step of ``dt`` [s]."""
+        _, *slopes = ground.surface.evaluate(*self.place)
+        slope = np.array(slopes)
+        cosine2 = 1.0 / (1.0 + (slope**2).sum(0))
+        self.velocity -= dt * STANDARD_GRAVITY * cosine2 * slope
+        speed = np.sqrt((self.velocity**2).sum(0) + (self.velocity * slope).sum(0) ** 2)
+        thinness = np.minimum(1.0, self.stretch / np.maximum(self.path, 1e-9))
+        (x, y), cosine = self.place, np.sqrt(cosine2)
+        steady, drag = resistance(Columns(self.member, self.release, x, y, cosine, speed, thinness))
+        left = _slip_after(np.maximum(0.0, speed - dt * steady), dt * drag)
+        self.velocity *= left / np.maximum(speed, 1e-12)
+        self.place += dt * self.velocity
+        self.path += dt * left
+        return left
+
+    def keep(self, those: np.ndarray) -> None:
+        """Drop the others."""
+        self.member, self.release = self.member[those], self.release[those]
+        self.place, self.velocity = self.place[:, those], self.velocity[:, those]
+        self.path, self.stretch = self.path[those], self.stretch[those]
 
 
 def slide(
-    releases: Sequence[Release], friction: Friction, members: int, spacing: tuple[float, float], times: tuple[float, float]
+    releases: Sequence[Release],
+    resistance: Resistance,
+    members: int,
+    spacing: tuple[float, float],
+    end_time: float = math.inf,
+    points: int = POINTS,
+    thins: bool = False,
 ) -> Slide:
-    """Points of equal mass that slide from where the releases lie, each alone, against Coulomb friction.
+    """Points of equal mass that slide from where the releases lie, each alone, against the friction of the ground.
 
-    Along the slope they gain g sin(slope) and lose mu g cos(slope), as in the energy line (Heim 1932). They keep their velocity in
-    plan where the slope changes: at a kink this loses what a plastic impact takes. Points that leave the terrain or reach cells
-    without elevation are gone.
+    Along the slope they gain g sin(slope), as in the energy line (Heim 1932), and lose what the ground resists. They keep their
+    velocity in plan where the slope changes: at a kink this loses what a plastic impact takes. A point that rests stays at rest.
+    Points that leave the terrain or reach cells without elevation are gone.
 
     Parameters
     ----------
     releases : sequence of Release
         On one terrain.
-    friction : callable
-        Coefficients (members, n) [1] of masses of releases (n,) at local positions (members, n), (members, n) [m].
+    resistance : callable
+        Of :mod:`runout.model.column_resistance`.
     members : int
     spacing : tuple of float
-        Length over which slopes count [m], east and north; a cell of the terrain if that is longer.
-    times : tuple of float
-        End time, and that in which the fastest point crosses a cell of the terrain [s].
+        Of the grid [m], east and north: the surface follows the terrain as that of a run on this grid.
+    end_time : float
+        [s]; by default points slide until they rest or have gone, for :data:`MOST_STEPS` steps at most.
+    points : int
+        Of each member.
+    thins : bool
+        Whether the columns above the points become thinner. A layer whose speed grows with the square root of its thickness
+        stretches behind its front as a fan with thickness over the square of the distance (kinematic wave). By its volume the
+        thickness of the front is 3 l / s of that at the start after a path s, l the length of the releases; below a part m of the
+        mass it is less than m^(2/3) of that.
     """
-    ground, (number, start) = _Ground.under(releases, spacing), _starts(releases)
-    place = np.repeat(start[:, None], members, axis=1)
-    velocity, there = np.zeros_like(place), np.ones(place.shape[1:], bool)
-    count = int(max(STEPS, min(4 * STEPS, times[0] / (CROSSING * times[1]))))
-    dt, rows = times[0] / count, []
-    for _ in range(count):
-        slope = ground.at(*place)
-        there &= ~np.isnan(slope.sum(0))
-        slope = np.where(there, slope, 0.0)
-        cosine2 = 1.0 / (1.0 + (slope**2).sum(0))
-        velocity -= dt * STANDARD_GRAVITY * cosine2 * slope
-        lost = dt * STANDARD_GRAVITY * friction(number, *place) * np.sqrt(cosine2)
-        velocity *= np.maximum(0.0, 1.0 - lost / np.maximum(_speed(velocity, slope), 1e-12)) * there
-        place += dt * velocity
-        speed, left = _speed(velocity, slope), there.sum(1)
-        rows.append((np.sqrt((speed**2).sum(1) / np.maximum(left, 1)), speed.max(1), left / POINTS))
-        if not speed.any():
-            break
-    return Slide(dt * np.arange(1, len(rows) + 1), *map(np.array, zip(*rows, strict=True)))
+    ground, moving = _Ground.under(releases, spacing), _Points.of(releases, members, points, thins)
+    rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
+    cell, time, fastest = min(ground.surface.spacing), 0.0, np.zeros(1)
+    longest = math.sqrt(cell / STANDARD_GRAVITY) if math.isinf(end_time) else end_time / STEPS
+    shortest = 0.0 if math.isinf(end_time) else end_time / MOST_STEPS
+    staying = np.full(members, points)
+    while len(moving.member) and time < end_time * (1 - 1e-9) and len(rows) < MOST_STEPS:
+        dt = min(max(min(CROSSING * cell / max(float(fastest.max()), 1e-9), longest), shortest), end_time - time)
+        time += dt
+        speed = moving.advance(ground, resistance, dt)
+        there = ground.holds(*moving.place)
+        staying = staying - np.bincount(moving.member[~there], minlength=members)
+        goes_on = there & (speed > 0.0)
+        speed = speed[goes_on]
+        moving.keep(goes_on)
+        energy, fastest = np.bincount(moving.member, speed**2, members), np.zeros(members)
+        np.maximum.at(fastest, moving.member, speed)
+        rows.append((time, np.sqrt(energy / np.maximum(staying, 1)), fastest, staying / points))
+    return Slide(*map(np.array, zip(*rows, strict=True)))
 
 
-def _speed(velocity: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Speed [m/s] along the ground of velocities in plan (2, ...)."""
-    return np.sqrt((velocity**2).sum(0) + (velocity * slope).sum(0) ** 2)  # type: ignore[no-any-return]
-
-
-def _starts(releases: Sequence[Release]) -> tuple[np.ndarray, np.ndarray]:
-    """Releases (n,) and local positions (2, n) [m] of points that stand for equal volumes."""
-    cells = [r.thickness[::-1].T.ravel() for r in releases]
+def _starts(releases: Sequence[Release], within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Releases (n,) and local positions (2, n) [m] of points for equal volumes, at places ``within`` (2, n) their cells."""
+    points, cells = within.shape[1], [r.thickness[::-1].T.ravel() for r in releases]
     volume = np.cumsum(np.concatenate(cells))
-    found = np.searchsorted(volume, (np.arange(POINTS) + 0.5) / POINTS * volume[-1])
+    found = np.searchsorted(volume, (np.arange(points) + 0.5) / points * volume[-1])
     number, cell = np.divmod(found, len(cells[0]))
-    place = np.stack(np.divmod(cell, releases[0].terrain.shape[0])) + 0.5
+    place = np.stack(np.divmod(cell, releases[0].terrain.shape[0])) + within
     return number, place * np.array(releases[0].terrain.cell_size)[:, None]

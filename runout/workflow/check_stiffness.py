@@ -7,21 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.model.column_resistance import ground_below
 from runout.model.parameters import AUTO
 from runout.model.scene import STANDARD_GRAVITY
-from runout.stiffness import Stiffness
+from runout.stiffness import Stiffness, slowed_by_drag
+from runout.terrain.drag_speed import speeds_with_drag
 from runout.terrain.energy_line import largest_speed
-from runout.workflow.check_physics import Sample, bases_of, materials_of, samples_of
+from runout.workflow.check_physics import Bases, Sample, bases_of, materials_of, samples_of
 
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.model.friction import FrictionZones
+    from runout.model.ground_friction import GroundFriction
     from runout.model.materials import Material
     from runout.model.release import Release
 
 LEAST_RATIO = 3.0  # speed of pressure waves over that of the flow below which compression shows in run-out and overtopping
 LARGEST_STRAIN = 0.03  # by the own weight, above which the stiffness shows in every flow
 EXACT = 5  # friction angles at which the energy line is drawn; between them v^2 is nearly linear in the friction
+SLID, FEW_POINTS = 9, 4  # members whose points slide against drag; points of each in a rough estimate
 VOLUME = "release_volume_factor"
 
 
@@ -37,15 +41,32 @@ def member_stiffness(
     MaterialError
         If the parameters of a member make no material.
     """
-    speeds = np.max(
-        [_speeds(r, base.acting(zones)) for r, base in zip(releases, bases_of(site, releases, samples), strict=True)], 0
-    )
+    bases, drags = bases_of(site, releases, samples), site.friction.law.drags
+    speeds = np.max([_speeds(r, base.acting(zones)) for r, base in zip(releases, bases, strict=True)], 0)
+    own = [[r.material or material for r in releases] for material in materials_of(site, samples)]
+    if drags:
+        speeds = _less_drag(releases, [_ground(bases, k, of, zones) for k, of in enumerate(own)], speeds)
     thickest, found = max(float(r.thickness.max()) for r in releases), []
-    for sample, material, speed in zip(samples, materials_of(site, samples), speeds.tolist(), strict=True):
+    for sample, materials, speed in zip(samples, own, speeds.tolist(), strict=True):
         thickness = thickest * float(sample.get(VOLUME, 1.0))
-        own = [r.material or material for r in releases]
-        found.append(Stiffness(tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in own), speed, thickness))
+        chosen = tuple(m.chosen(speed, thickness, STANDARD_GRAVITY) for m in materials)
+        found.append(Stiffness(chosen, speed, thickness, drags))
     return found
+
+
+def _ground(bases: "Sequence[Bases]", k: int, materials: "Sequence[Material]", zones: "FrictionZones | None") -> "GroundFriction":
+    """Friction of the ground below the releases of member ``k``."""
+    return ground_below(materials, [b.frictions[k] for b in bases], [float(b.strength[k]) for b in bases], zones)
+
+
+def _less_drag(releases: "Sequence[Release]", grounds: "Sequence[GroundFriction]", speeds: np.ndarray) -> np.ndarray:
+    """Largest speeds (members,) [m/s] with drag; of many members those of some, and the others by a rough estimate of all."""
+    if len(speeds) <= SLID:
+        return slowed_by_drag(releases, grounds, speeds)
+    rough = speeds_with_drag(releases, grounds, speeds, FEW_POINTS)
+    chosen = np.argsort(rough)[np.linspace(0, len(rough) - 1, SLID).round().astype(int)]
+    exact = slowed_by_drag(releases, [grounds[k] for k in chosen], speeds[chosen])
+    return np.minimum(speeds, np.interp(rough, rough[chosen], exact))
 
 
 def _speeds(release: "Release", angles: np.ndarray) -> np.ndarray:
@@ -69,7 +90,7 @@ def warnings(found: "Sequence[Stiffness]") -> Iterator[str]:
     if soft.wave_ratio < 0.99 * LEAST_RATIO:
         yield (
             f"pressure waves of {soft.wave_speed:.3g} m/s are only {soft.wave_ratio:.2g} times as fast as the flow may become, "
-            f"{soft.flow_speed:.3g} m/s (energy line from the centre of the release, least friction); below {LEAST_RATIO:g} times "
+            f"{soft.flow_speed:.3g} m/s ({_source(soft)}); below {LEAST_RATIO:g} times "
             f"the stiffness affects the run-out; {auto}"
         )
     strained = max(found, key=lambda s: s.weight_strain)
@@ -78,6 +99,11 @@ def warnings(found: "Sequence[Stiffness]") -> Iterator[str]:
             f"the weight of {strained.thickness:.3g} m strains the release by {100 * strained.weight_strain:.1f} %; above "
             f"{100 * LARGEST_STRAIN:g} % the stiffness affects the run-out; {auto}"
         )
+
+
+def _source(found: Stiffness) -> str:
+    """Where the speed of a flow comes from."""
+    return "energy line from the centre of the release, least friction" + (", less drag" if found.drag else "")
 
 
 def lines(material: "Material", found: "Sequence[Stiffness]") -> list[str]:

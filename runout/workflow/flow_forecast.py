@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.model import basal_strength
-from runout.model.basal_friction import MassAbove
-from runout.model.ground_friction import GroundFriction
+from runout.model.column_resistance import ColumnResistance, Resistance, ground_below, resting_resistance
+from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
-from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
+from runout.model.scene import Raster, Scene
 from runout.observers import AtRest
-from runout.terrain.sliding_points import Friction, Slide, slide
+from runout.terrain.sliding_points import Slide, slide
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.stiffness import Stiffness
 
-EXACT = 9  # members whose points slide; the others follow from the speed of their flow
-SETTLING = 1.05  # duration of a flow over that of points: it comes to rest grain by grain
-LONG_WAY = 7.0  # path over the length of a release from which a flow thins out, and its tail comes late
-TAIL = 0.08  # further duration for each length beyond
+EXACT = 5  # members whose points slide; the others follow from the speed of their flow
+SETTLING = 1.15  # duration of a flow over that of points: it comes to rest grain by grain
 STEP_RATIO = 1.02  # limit of the time step over the mean step, which is chosen from a ladder
 
 
@@ -58,8 +56,7 @@ class MemberSteps:
 def flows_of(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> list[Flow]:
     """Flows of members with these arguments of :func:`runout.simulate`, by points that slide in place of the mass.
 
-    A mass that travels many times its own length thins out, and its tail comes late: the duration grows with the path. The
-    fastest flow reaches about ``largest_speed`` [m/s]. Members of one volume slide together.
+    The fastest flow reaches about ``largest_speed`` [m/s]. Members of one volume slide together.
     """
     flows: dict[int, Flow] = {}
     volumes = [tuple(r.volume for r in given["release"]) for given in arguments]
@@ -72,37 +69,37 @@ def flows_of(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> li
 def _flows_from_one_scar(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> list[Flow]:
     first, releases = arguments[0], arguments[0]["release"]
     spacing, end_time = spacing_of(first["cell_size"]), float(first["end_time"])
-    crossing = min(releases[0].terrain.cell_size) / max(largest_speed, 1e-6)
-    friction = _friction(arguments, releases, spacing[2])
-    found = slide(releases, friction, len(arguments), spacing[:2], (end_time, crossing))
-    length = math.sqrt(sum(r.area for r in releases))
-    return [_flow(found, k, end_time, length, stops=bool(first["stop"])) for k in range(len(arguments))]
+    resistance = _resistance(arguments, releases, spacing[2], largest_speed)
+    found = slide(releases, resistance, len(arguments), spacing[:2], end_time, thins=True)
+    return [_flow(found, k, end_time, stops=bool(first["stop"])) for k in range(len(arguments))]
 
 
-def _flow(found: Slide, k: int, end_time: float, length: float, *, stops: bool) -> Flow:
-    """Flow of member k, of a mass of some ``length`` [m]."""
-    time, speed, fastest = found.time, found.speed[:, k], found.fastest[:, k]
+def _flow(found: Slide, k: int, end_time: float, *, stops: bool) -> Flow:
+    """Flow of member k."""
+    time, speed = found.time, found.speed[:, k]
     over = (_rests(speed) if stops else np.zeros(len(time), bool)) | (found.share[:, k] == 0)
     last = int(np.argmax(over)) if over.any() else len(time) - 1
-    way, duration = float(np.sum(speed[: last + 1]) * time[0]) / length, float(time[last])
+    lasting, duration = np.diff(time[: last + 1], prepend=0.0), float(time[last])
     if stops and (over.any() or time[-1] < end_time * (1 - 1e-6)):
-        duration *= SETTLING * (1.0 + TAIL * max(0.0, way - LONG_WAY))
+        duration *= SETTLING
     duration = min(duration, end_time) if stops else end_time
-    return Flow(duration, float(np.mean(fastest[: last + 1])) * duration, float(np.mean(found.share[: last + 1, k])))
+    fastest, share = (np.average(one[: last + 1, k], weights=lasting) for one in (found.fastest, found.share))
+    return Flow(duration, float(fastest) * duration, float(share))
 
 
-def _friction(arguments: Sequence[Mapping[str, Any]], releases: "Sequence[Release]", height: float) -> Friction:
-    """Coefficients at rest that act, by release and local position, in each member."""
+def _resistance(
+    arguments: Sequence[Mapping[str, Any]], releases: "Sequence[Release]", height: float, fastest: float
+) -> Resistance:
+    """Resistance of the ground in each member, with columns as thick as the mean of each release."""
     grounds = []
     for given in arguments:
         basal = given.get("basal_friction") or math.radians(given["basal_friction_angle"])
-        frictions = [math.tan(f) if isinstance(f, float) else f for f in basal_strength.frictions_under(releases, basal)]
         materials = [r.material or given["material"] for r in releases]
-        strengths = basal_strength.strengths(materials, height)
-        masses = [MassAbove(s, m.density, STANDARD_GRAVITY) for s, m in zip(strengths, materials, strict=True)]
-        grounds.append(GroundFriction(frictions, masses, given["friction_zones"]))
-    resting, member = np.array([ground.at_rest() for ground in grounds]), np.arange(len(grounds))[:, None]
-    return lambda number, x, y: resting[member, grounds[0].rows(number, x, y)]
+        frictions, strengths = basal_strength.frictions_under(releases, basal), basal_strength.strengths(materials, height)
+        grounds.append(ground_below(materials, frictions, strengths, given["friction_zones"]))
+    if grounds[0].law.name == DEFAULT_FRICTION:
+        return resting_resistance(grounds)
+    return ColumnResistance(grounds, [float(r.thickness[r.thickness > 0].mean()) for r in releases], fastest)
 
 
 def _rests(speed: np.ndarray) -> np.ndarray:

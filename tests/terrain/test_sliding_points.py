@@ -1,4 +1,4 @@
-"""Points that slide in place of a mass: closed forms on planes, and the energy line."""
+"""Points that slide in place of a mass: closed forms on planes, drag, stragglers, and the energy line."""
 
 import numpy as np
 import pytest
@@ -21,9 +21,14 @@ def plane(tangent, columns=200):
     return release_on(np.broadcast_to(-tangent * np.arange(columns) * CELL, (40, columns)) + 1000.0)
 
 
-def slid(release, frictions, end_time=10.0):
-    coefficient = np.array(frictions)[:, None]
-    return slide([release], lambda number, x, y: coefficient + 0 * x, len(frictions), (CELL, CELL), (end_time, CELL / 30.0))
+def slid(release, frictions, end_time=10.0, drag=0.0, **choices):
+    """Slide against coefficients of members [1], and a drag [1/m]."""
+    coefficient = np.array(frictions)
+
+    def resistance(columns):
+        return G * coefficient[columns.member] * columns.cosine, drag / columns.thinness
+
+    return slide([release], resistance, len(frictions), (CELL, CELL), end_time, **choices)
 
 
 def test_points_on_a_plane_gain_the_speed_of_a_sliding_block():
@@ -34,7 +39,26 @@ def test_points_on_a_plane_gain_the_speed_of_a_sliding_block():
         wanted = G * cosine * (tangent - friction) * found.time[-1]
         assert found.speed[-1, k] == pytest.approx(wanted, rel=2e-3)
         assert found.fastest[-1, k] == pytest.approx(wanted, rel=2e-3)
+    assert found.time[-1] == pytest.approx(end)
     assert (found.share == 1).all()
+
+
+def test_drag_ends_the_acceleration_at_the_terminal_speed():
+    """v = v_t tanh(t a / v_t) with a = g (sin - mu cos), v_t^2 = a / drag."""
+    tangent, friction, drag = 0.6, 0.2, 0.01
+    found = slid(plane(tangent), [friction], 25.0, drag)
+    a = G * (tangent - friction) / np.sqrt(1 + tangent**2)
+    terminal = np.sqrt(a / drag)
+    np.testing.assert_allclose(found.speed[:, 0], terminal * np.tanh(found.time * a / terminal), rtol=0.02)
+    assert found.fastest.max() == pytest.approx(terminal, rel=1e-3)
+
+
+def test_columns_that_thin_out_on_their_way_come_late_if_drag_grows_as_they_thin():
+    whole, thinned = (slid(plane(0.6), [0.2], drag=0.01, thins=thins) for thins in (False, True))
+    np.testing.assert_allclose(whole.speed[:20], thinned.speed[:20])  # not thinner before it has come as far as it is long
+    assert thinned.speed[-1, 0] < 0.9 * whole.speed[-1, 0]
+    free, thin = (slid(plane(0.6), [0.2], thins=thins) for thins in (False, True))
+    np.testing.assert_array_equal(free.speed, thin.speed)
 
 
 def test_points_that_friction_holds_stay_at_rest_and_end_the_slide():
@@ -48,8 +72,20 @@ def test_points_run_out_as_far_as_the_energy_line_says_less_a_plastic_impact_at_
     found = slid(release_on(np.broadcast_to(np.maximum(0.0, 0.5 * (400.0 - x)), (40, 300)).copy()), [0.25], 90.0)
     on_slope = 400.0 - 6 * CELL  # in plan, from the middle of the release
     head = on_slope * (0.5 - 0.25) * 0.8  # of the velocity along the plain: cosine squared of the slope
+    way = float(found.speed[:, 0] @ np.diff(found.time, prepend=0.0))
     assert found.speed[-1, 0] == 0
-    assert float(found.speed[:, 0].sum() * found.time[0]) == pytest.approx(on_slope * np.sqrt(1.25) + head / 0.25, rel=0.02)
+    assert way == pytest.approx(on_slope * np.sqrt(1.25) + head / 0.25, rel=0.02)
+
+
+def test_a_hollow_of_two_cells_holds_the_points_that_start_in_it_back():
+    """The ground is the sliding surface of a run, and points start all over their cells: a few stay, or come late."""
+    tangent = 0.3
+    z = np.broadcast_to(1000.0 - tangent * np.arange(200) * CELL, (40, 200)).copy()
+    z[18:20, 5:7] -= 3.0
+    even, hollow = (slid(release_on(one), [0.1], 6.0) for one in (plane(tangent).terrain.elevation, z))
+    assert (even.share[-1], hollow.share[-1]) == (1.0, 1.0)
+    assert hollow.speed[-1, 0] < 0.97 * even.speed[-1, 0]
+    assert hollow.fastest[-1, 0] > 0.97 * even.fastest[-1, 0]
 
 
 def test_points_that_leave_the_terrain_or_what_is_known_of_it_are_gone():

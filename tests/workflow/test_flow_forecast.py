@@ -35,6 +35,24 @@ def test_steps_and_particle_steps_are_forecast_within_a_factor_of_one_and_a_half
         assert 1 / 1.5 < expected.per_particle / done < 1.5
 
 
+def test_a_slab_that_goes_twelve_times_its_length_down_a_smooth_slope_comes_to_rest_at_once(tmp_path):
+    """A long way alone makes no tail: all of the mass moves alike, thin as it is."""
+    easting = 10.0 * np.arange(150) + 5.0
+    elevation = np.broadcast_to(np.maximum(0.0, (500.0 - easting) * np.tan(np.radians(25.0))), (24, 150)).copy()
+    thickness = np.zeros(elevation.shape)
+    thickness[9:15, 3:9] = 3.0
+    text = AUTO.replace("low: 12, high: 22", "low: 12, high: 12.1").replace("members: 4", "members: 1")
+    text = text.replace("end_time: 20", "end_time: 150")
+    site = runout.read_site(write_site(tmp_path / "slope", text, elevation, thickness))
+    (member,), cell = plan_members(site), 10.0
+    (expected,) = flow_forecast.member_steps(site, [member])
+    result = runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1})
+    rms = np.sqrt(2.0 * result.series["kinetic_energy"] / result.series["mass"])
+    assert result.stop_reason == "at rest"
+    assert rms @ np.diff(result.series["time"], prepend=0.0) > 12 * 6 * cell
+    assert 0.95 < expected.steps / result.steps < 1.35
+
+
 def test_forecast_counts_particles_exactly_and_adds_up_its_members(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "step_cost", lambda arguments: StepCost(1e-3, 1e-6))
     site = site_of(tmp_path, SITE, 12, 22, 12, members=4)
@@ -53,7 +71,7 @@ def test_forecast_counts_particles_exactly_and_adds_up_its_members(tmp_path, mon
 def test_softer_members_take_fewer_steps_and_many_members_slide_few_times(tmp_path, monkeypatch):
     site, slid = site_of(tmp_path, AUTO, 12, 22, 60, members=64), []
     slide = flow_forecast.slide
-    monkeypatch.setattr(flow_forecast, "slide", lambda *given: slid.append(given[2]) or slide(*given))
+    monkeypatch.setattr(flow_forecast, "slide", lambda *given, **more: slid.append(given[2]) or slide(*given, **more))
     members = plan_members(site)
     found = flow_forecast.member_steps(site, members)
     assert sum(slid) == flow_forecast.EXACT
