@@ -80,10 +80,15 @@ class Structures:
         entering = k.find_entering(store.particles, near, t, grid, dt, self.band, self.entering)
         if entering:
             self.stopped += entering
-            k.share_structure_contacts(near, t, grid)
-            k.stop_entering(store.particles, near, t, grid, dt, self.band)
-            k.push_from_structures(near, t, grid)
-            self.dissipation += k.book_structures(t, self.impulses)
+            self.stop(k, store, grid, tables)
+
+    def stop(self, k: SimpleNamespace, store: Store, grid: Grid, tables: Tables) -> None:
+        """Stop the particles that would enter a structure in the step."""
+        near, t = self.near, self.touching
+        k.share_structure_contacts(near, t, grid)
+        k.stop_entering(store.particles, near, t, grid, tables.step.dt, self.band)
+        k.push_from_structures(near, t, grid)
+        self.dissipation += k.book_structures(t, self.impulses)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""
