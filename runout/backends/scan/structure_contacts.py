@@ -38,6 +38,7 @@ from runout.physics.tensors import dot, real, vec
 
 LEAST_MASS = 1e-37  # [kg] of a node that moves, as in particles_to_grid
 record = None  # makes a record of the numbers of the law of friction; the binding decides
+DIAGONAL = 1.75  # of a lattice cell, a little more than its length in cells; distances differ at most by it
 NORMAL, GAP, BEFORE, DISTANCE = 0, 3, 4, 7  # columns of what is measured
 
 
@@ -117,8 +118,9 @@ def _take_plane(field, row, place, x, y, z, distance, n, patch):
     return distance, n, patch
 
 
-def _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
-    """Fill row ``r`` for a particle; returns whether it touches a structure within the step."""
+def _measure(particles, b, p, blocks, field, touching, r, constants, search):
+    """Fill row ``r`` for a particle; returns whether it touches a structure within the step; ``search`` is dt, band and reach."""
+    dt, band, reach = search
     rec, c, w = particles.rec, particles.cell[p], particles.particle_index[p]
     x = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 0)
     y = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 1)
@@ -129,12 +131,16 @@ def _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
     row = _row_of_block(field.blocks, i, j, k)
     if row < 0:
         return False
+    place = lattice_place(i, j, k)
+    if field.distance[row, place] > reach + real(DIAGONAL * field.spacing[0]):
+        return False
     fx = real(x - i)
     fy = real(y - j)
     fz = real(z - k)
-    place = lattice_place(i, j, k)
     eight = _corners(field.distance[row], place)
     distance = separation(eight, fx, fy, fz)
+    if distance > reach:
+        return False
     n = outward_normal(separation_slopes(eight, fx, fy, fz))
     radius = particles.radius[w] if len(particles.radius) > 1 else particles.radius[0]
     v = _velocity(rec, p)
@@ -175,18 +181,18 @@ def _spread(share, c, w, weight, x, y, z):
                 share[n, 3] += s * z
 
 
-def _find_in_block(particles, blocks, b, field, touching, m, constants, dt, band, force, last):
+def _find_in_block(particles, blocks, b, field, touching, m, constants, search, force, last):
     """List the particles of a block that touch structures, and start its share with the forces of the step before."""
     order, first, share, given = particles.order, blocks.first[b], touching.shares[m], touching.given
     r = touching.place[m]
     for t in range(first, first + blocks.held[b]):
         p = np.int64(order[t])
-        if not _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
+        if not _measure(particles, b, p, blocks, field, touching, r, constants, search):
             continue
         if r == touching.place[m]:
             _clear_share(share)
         w = particles.particle_index[p]
-        lasting = dt if force[w, 0] == last else real(0.0)
+        lasting = search[0] if force[w, 0] == last else real(0.0)
         for k in range(1, 4):
             given[r, k] = lasting * force[w, k]
         _spread(share, particles.cell[p], _weights_of(particles.rec, p), real(1.0), given[r, 1], given[r, 2], given[r, 3])
@@ -194,11 +200,15 @@ def _find_in_block(particles, blocks, b, field, touching, m, constants, dt, band
     return r - touching.place[m]
 
 
-def find_structure_contacts(particles, blocks, near, field, touching, constants, dt, band, force, last):
-    """List the particles of near blocks that touch structures; returns how many. ``last`` is the stamp of the step before."""
+def find_structure_contacts(particles, blocks, near, field, touching, constants, search, force, last):
+    """List the particles of near blocks that touch structures; returns how many.
+
+    ``search`` are the length of the step [s], the width of the band of contact and the distance [m] beyond which no particle can
+    touch. ``last`` is the stamp of the step before, whose forces still hold.
+    """
     number = touching.number
     for m in prange(len(near.owners)):
-        number[m] = _find_in_block(particles, blocks, near.owners[m], field, touching, m, constants, dt, band, force, last)
+        number[m] = _find_in_block(particles, blocks, near.owners[m], field, touching, m, constants, search, force, last)
     total = 0
     for m in range(len(near.owners)):
         total += number[m]

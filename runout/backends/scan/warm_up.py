@@ -65,6 +65,8 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
         engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
         if k % 8 == 0:
             engine.ledger(), engine.columns(), engine.flow_columns(), engine.lattice_columns()
+    if engine.structures:
+        engine.structures.stop(engine.k, engine.store, engine.workspace.grid, engine.tables)
     engine.particles()
     ScanBackend(threads=1).restore(scene, engine.checkpoint())
     dense = ScanBackend(threads=1, index="dense")
@@ -74,13 +76,13 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
 
 
 def side_wall() -> StructureField:
-    """A wall at the northern side of the particles of :func:`small_slope`, along which they slide; some lie in it and are stopped."""
+    """A wall north of the particles of :func:`small_slope`, along which they slide."""
     shape, nodes = (6, 4, 4), (9, 9, 9)
     y = 4.0 * np.indices(shape)[1].reshape(-1, 1, 1, 1) + 0.5 * np.indices(nodes)[1]
     blocks, patch = np.arange(y.shape[0], dtype=np.int32).reshape(shape), np.zeros(y.shape, np.int32)
     one = np.zeros((1, 3))
     return StructureField(
-        0.5, (0.0, 0.0, -8.0), blocks, np.clip(9.4 - y, -4.0, 4.0).astype(np.float32), patch, 4.0,
+        0.5, (0.0, 0.0, -8.0), blocks, np.clip(9.9 - y, -4.0, 4.0).astype(np.float32), patch, 4.0,
         Patches(one, one, np.ones(1), np.zeros(1, np.int64), np.full(1, 0.1)),
     )  # fmt: skip
 
