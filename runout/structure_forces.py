@@ -60,14 +60,23 @@ class StructureForces:
         return np.divide(force, whole, out=np.zeros(force.shape), where=whole > 0)
 
     @cached_property
+    def loaded_area(self) -> np.ndarray:
+        """Area (n, facades) [m2] of the patches of each facade that the flow presses on in each interval."""
+        return self._by_facade(self._loaded[:, :, None])[:, :, 0]
+
+    @cached_property
     def high_pressure(self) -> np.ndarray:
-        """Pressure (n, facades) [Pa] that 95 % of the area of a facade does not exceed in each interval."""
-        patches = self.structures.field.patches
-        found = np.zeros((len(self.impulses), len(self.structures.facades)))
-        for k in np.unique(patches.facade):
-            of_it = patches.facade == k
-            found[:, k] = percentile_by_area(self.patch_pressure[:, of_it], patches.area[of_it], PERCENTILE)
+        """Pressure (n, facades) [Pa] that 95 % of the loaded area of a facade does not exceed in each interval; 0 without load."""
+        facade, found = self.structures.field.patches.facade, np.zeros(self.pressure.shape)
+        for k in np.unique(facade):
+            of_it = facade == k
+            found[:, k] = percentile_by_area(self.patch_pressure[:, of_it], self._loaded[:, of_it], PERCENTILE)
         return found
+
+    @cached_property
+    def _loaded(self) -> np.ndarray:
+        """Area (n, patches) [m2] of the patches that are pressed."""
+        return np.where(self.patch_pressure > 0.0, self.structures.field.patches.area, 0.0)
 
     @cached_property
     def foot(self) -> np.ndarray:
@@ -88,11 +97,13 @@ class StructureForces:
 
 
 def percentile_by_area(values: np.ndarray, area: np.ndarray, percent: float) -> np.ndarray:
-    """Least of the ``values`` (n, patches) that ``percent`` of the ``area`` (patches,) does not exceed, for each row: (n,)."""
+    """Least of the ``values`` (n, patches) that ``percent`` of the ``area`` (n, patches) do not exceed, by row; 0 without area."""
     order = np.argsort(values, axis=1, kind="stable")
-    covered = np.cumsum(area[order], axis=1)
-    enough = covered >= (percent / 100.0) * covered[:, -1:] * (1.0 - 1e-12)
-    return np.take_along_axis(np.take_along_axis(values, order, 1), enough.argmax(axis=1)[:, None], 1)[:, 0]  # type: ignore[no-any-return]
+    covered = np.cumsum(np.take_along_axis(area, order, 1), axis=1)
+    whole = covered[:, -1:]
+    enough = covered >= (percent / 100.0) * whole * (1.0 - 1e-12)
+    found = np.take_along_axis(np.take_along_axis(values, order, 1), enough.argmax(axis=1)[:, None], 1)
+    return np.where(whole > 0.0, found, 0.0)[:, 0]  # type: ignore[no-any-return]
 
 
 def named_structures(structures: Structures | StructureField | None) -> Structures | None:

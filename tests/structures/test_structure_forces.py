@@ -36,6 +36,7 @@ def test_hydrostatic_pressure_on_a_wall_has_its_force_and_moment():
     np.testing.assert_allclose(found.moment[0, 0], [0.0, weight * 18 * height, 0.0], rtol=1e-12, atol=1e-6)
     np.testing.assert_allclose(found.pressure[0, 0], weight * 1.5, rtol=1e-12)
     np.testing.assert_allclose(found.high_pressure[0, 0], weight * 2.5, rtol=1e-12)
+    np.testing.assert_allclose(found.loaded_area[:, :2], [[12.0, 0.0]] * 2)
     assert not found.force[:, 1:].any()
 
 
@@ -48,11 +49,12 @@ def test_forces_along_a_surface_make_no_pressure():
 
 
 def test_percentiles_count_area():
-    values, area = np.array([[5.0, 1.0, 3.0], [0.0, 9.0, 0.0]]), np.array([0.04, 0.5, 0.46])
+    values, area = np.array([[5.0, 1.0, 3.0], [0.0, 9.0, 0.0]]), np.array([[0.04, 0.5, 0.46]] * 2)
     np.testing.assert_array_equal(percentile_by_area(values, area, 95.0), [3.0, 9.0])
     np.testing.assert_array_equal(percentile_by_area(values, area, 97.0), [5.0, 9.0])
     np.testing.assert_array_equal(percentile_by_area(values, area, 51.0), [3.0, 9.0])
     np.testing.assert_array_equal(percentile_by_area(values, area, 49.0), [1.0, 0.0])
+    np.testing.assert_array_equal(percentile_by_area(values, 0.0 * area, 95.0), [0.0, 0.0])
 
 
 def test_a_field_alone_is_one_structure_with_numbered_facades():
@@ -71,13 +73,13 @@ def inputs():
     thickness[7:13, 5:9] = 4.0
     release = runout.Release.from_array(thickness, terrain, placement="on_surface")
     sand = runout.DruckerPrager(density=1800.0, youngs_modulus=1e7, poisson_ratio=0.3, friction_angle=34.0, cohesion=0.0)
-    wall = field_of_boxes([between((28, 12, 36), (33, 28, 56))], 1.0, 5.0)
+    wall = field_of_boxes([between((20, 12, 38), (25, 28, 60))], 1.0, 5.0)
     return terrain, release, sand, wall
 
 
 def run(inputs, **choices):
     terrain, release, sand, wall = inputs
-    given = {"structures": wall, "basal_friction_angle": 12.0, "cell_size": 2.0, "particles_per_cell": 8, "end_time": 2.0}
+    given = {"structures": wall, "basal_friction_angle": 5.0, "cell_size": 2.0, "particles_per_cell": 8, "end_time": 1.5}
     return runout.simulate(terrain, release, sand, **{**given, "precision": "float64", "stop": False, **choices})
 
 
@@ -85,17 +87,19 @@ def test_a_run_records_the_forces_of_its_flow(inputs):
     result = run(inputs)
     found = result.structure_forces
     assert found.times[0] == 0.0
-    assert found.times[-1] == pytest.approx(2.0)
+    assert found.times[-1] == pytest.approx(1.5)
     assert len(found.times) > 20
     west = found.force[:, 0, 0]
     assert not west[0]
     assert west.max() > 1e5
-    assert (found.high_pressure[:, 0] >= found.pressure[:, 0] - 1e-9).all()
+    pushed = west > 0.0
+    assert (found.loaded_area[pushed, 0] > 0.0).all()
+    assert (found.high_pressure[pushed, 0] > found.pressure[pushed, 0]).all()
     assert float(result.ledger.structure_dissipation[-1]) > 0.0
     budget = ("basal_dissipation", "structure_dissipation", "plastic_dissipation")
     np.testing.assert_allclose(result.ledger.dissipation, sum(result.ledger[name] for name in budget))
     coarse = run(inputs, force_interval=0.5).structure_forces
-    assert 3 <= len(coarse.impulses) <= 4
+    assert 2 <= len(coarse.impulses) <= 3
     np.testing.assert_allclose(coarse.impulses.sum(axis=0), found.impulses.sum(axis=0), rtol=1e-12)
 
 
