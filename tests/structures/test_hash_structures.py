@@ -111,7 +111,7 @@ def launches_of_a_step(monkeypatch, a_scene, p, **choices):
     return names
 
 
-@pytest.mark.parametrize(("choices", "more"), [({}, 6), ({"deterministic": True}, 9)])
+@pytest.mark.parametrize(("choices", "more"), [({}, 7), ({"deterministic": True}, 11)])
 def test_structures_take_no_launch_where_there_are_none_or_no_mass_is_near(monkeypatch, choices, more):
     beside, afar, none = (launches_of_a_step(monkeypatch, *flow(field), **choices) for field in (wall(), wall(60.0), None))
     assert afar == none

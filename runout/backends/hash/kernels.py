@@ -24,6 +24,7 @@ from runout.backends.hash import (
     stencil,
     structure_detection,
     structure_distance,
+    structure_entry,
     structure_solution,
     unknown,
     zones,
@@ -38,7 +39,7 @@ CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
 WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
 # kernels of gradient transfers: those that differ from the packed form's, and further ones
 GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
-STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "stop_at_structures")
+STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
 STRUCTURE_KERNELS = ("note_beside", "require_beside", "carry_sums", "settle_impulses")
 GRADIENT_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
 
@@ -155,7 +156,7 @@ def _structure_kernels(precision: str, ordered: bool) -> SimpleNamespace:
     warps.options["fast_math"] = True  # as for contact with the ground
     kernels = warp_kernels(
         _physics(_number(precision)), (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance,
-        structure_detection, structure_solution),
+        structure_detection, structure_solution, structure_entry),
         lambda kernel: warps if kernel in STRUCTURE_WARP_KERNELS else others if kernel in STRUCTURE_KERNELS else unused,
         ORDERED=ordered, **_common_names(FRICTION, precision),
     )  # fmt: skip

@@ -60,13 +60,15 @@ def touch_structures(parts: Parts) -> None:
     arguments = status, parts.store.group, blocks, n.grid_group, *settled, parts.scenes.group, parts.scenes.constants, s.group
     settle = k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group
     if parts.ground is not None:
-        run(*settle, *ground, s.grounded, 0.0)
-    for round_, kernel in enumerate((k.find_structure_contacts, k.solve_structure_contacts, k.stop_at_structures)):
-        run_each(kernel, s.places, WARP, *arguments, *((s.friction,) if round_ == 1 else ()))
-        if parts.ordered:
-            run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, min(round_, 1))
-        if round_ > 0:
-            run(*settle, *settled, s.grounded, float(round_ == 1))
+        run(*settle, *ground, s.grounded, 1)
+    for ended, (find, solve, more) in enumerate(
+        ((k.find_structure_contacts, k.solve_structure_contacts, (s.friction,)), (k.find_entering, k.stop_entering, ()))
+    ):
+        for part, (kernel, inputs) in enumerate(((find, arguments), (solve, (*arguments, *more)))):
+            run_each(kernel, s.places, WARP, *inputs)
+            if parts.ordered:
+                run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, part)
+        run(*settle, *settled, s.grounded, ended)
 
 
 def grid_to_particles(parts: Parts) -> None:

@@ -1,7 +1,8 @@
 """Contact detection beside structures: which particles touch one, and the sums of their weights at the nodes.
 
     ground impulses --settle--> momentum of the nodes --find--> list and weights
-                    --solve--> impulses --settle--> momentum --stop--> more impulses --settle--> momentum
+                    --solve--> impulses --settle--> momentum --find entering--> marks in the list, their weights
+                    --stop entering--> more impulses --settle--> momentum
 
     ground.standing[place]   block beside a structure       structures.forces[p]   as particles.forces, of the structures
     contacts                 list and sums as in contact_detection; arrays of their own
@@ -44,7 +45,6 @@ from runout.backends.hash.layout import (
     STARTS,
     TILE,
     Ints,
-    Real,
     Tile,
     lane_count,
     node4,
@@ -59,17 +59,16 @@ from runout.physics.contact import in_contact, reach
 from runout.physics.structures import contact_gap
 from runout.physics.tensors import dot, real, vec
 
-LEAST_MASS = 1e-37  # [kg] of a node whose inverse mass single precision can hold
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all; the binding puts it in its place
 
 
 def settle_impulses(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, reached: Ints,
-    share: Real,
+    ended: int,
 ):  # fmt: skip
-    """Add the impulses of contacts to the nodes that structures reach (``reached`` >= 0), and clear them.
+    """Add the impulses of contacts to the nodes that structures reach (``reached`` >= 0), and clear the sums there.
 
-    Sums of weights become ``share``: 1, so that the compliance of a node is that of its mass, or 0 at the end of all contact.
+    If contact has ``ended``, no block touches any more.
     """
     t = wp.tid()
     b = t >> 6
@@ -82,13 +81,12 @@ def settle_impulses(
     east = slot * SLOT + PUSHES + 2 * n
     up = slot * SLOT + PUSHES_UP + n
     push = node4(real(0.0), contacts.shares[east], contacts.shares[east + 1], contacts.shares[up])
-    g = node_at(grid.nodes, t)
-    put_node(grid.nodes, t, g + push)
-    contacts.shares[slot * SLOT + n] = wp.where(g[0] > real(LEAST_MASS), share, real(0.0))
+    put_node(grid.nodes, t, node_at(grid.nodes, t) + push)
+    contacts.shares[slot * SLOT + n] = real(0.0)
     contacts.shares[east] = real(0.0)
     contacts.shares[east + 1] = real(0.0)
     contacts.shares[up] = real(0.0)
-    if n == 0 and share == real(0.0):
+    if n == 0 and ended != 0:
         contacts.touching[b] = 0
 
 

@@ -1,4 +1,4 @@
-"""Contact solution beside structures: one impulse per particle that touches, and a second one for those that would still enter.
+"""Contact solution beside structures: one impulse per particle that touches, and the sums of impulses and energy.
 
     tile (shared memory)   6 x 6 x 6 nodes: velocity x, y, z and compliance; later the impulses
     upper, lower           impulses on patch 0 x, y, z | patch 1 | ... | energy taken of scene 0 | scene 1 | ...
@@ -59,12 +59,11 @@ from runout.backends.hash.structure_detection import _given_by_structures
 from runout.backends.hash.structure_distance import FIRST_SUM, _cell, _surface
 from runout.physics.bspline import weights
 from runout.physics.contact import impulse, work
-from runout.physics.structures import contact_gap, own_compliance, stopping_impulse
-from runout.physics.tensors import dot, i64, real, vec
+from runout.physics.structures import contact_gap
+from runout.physics.tensors import i64, real, vec
 
 CARRIED, PARTED = 40, 2.0**40  # so many bits, and units, of a lower sum make one unit of the upper
-hits_before: Any = None  # how many of the lanes before a lane hit, and of all; the binding puts it in its place
-sum_lanes: Any = None  # sum over the lanes of a warp, likewise
+sum_lanes: Any = None  # sum over the lanes of a warp; the binding puts it in its place
 
 
 def carry_sums(structures: StructureGroup):
@@ -171,91 +170,3 @@ def solve_structure_contacts(
         else:
             for q in range(lane, PIECE, lane_count()):
                 _give_all(tile, contacts.shares, near_bases, q)
-
-
-def _velocity_alone(tile: Tile, first: int, wx: Any, wy: Any, wz: Any):
-    """Velocity that a particle would receive, and its compliance [1/kg] alone, from velocities and inverse masses of the nodes."""
-    u = node4()
-    alone = real(0.0)
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                w = wx[i] * wy[j] * wz[k]
-                g = tile[first + (i * 6 + j) * 6 + k]
-                u += w * g
-                alone = own_compliance(alone, w, g[3])
-    return vec(u[0], u[1], u[2]), alone
-
-
-def _stop(
-    particles: ParticleGroup, constants: Constants, structures: StructureGroup, tile: Tile, s: int, cell: wp.vec3i, c: int, p: int,
-    f: Vector, dt: Any,
-):  # fmt: skip
-    """Work [J] and impulse [N s] that keep the centre of a particle outside; mostly none."""
-    u, alone = _velocity_alone(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
-    n, apart, patch = _surface(structures, s, cell, f, real(wp.inf))
-    held = stopping_impulse(dot(u, n), apart, dt, constants.band, alone)
-    done = node4()
-    if held > real(0.0):
-        push = vec(held * n[0], held * n[1], held * n[2])
-        _book_impulse(structures, s, patch, push)
-        v = vec(particles.rec[MOMENTUM, p], particles.rec[MOMENTUM + 1, p], particles.rec[MOMENTUM + 2, p]) / particles.rec[MASS, p]
-        done = node4(work(push, vec(real(0.0), real(0.0), real(0.0)), v, u, alone), push[0], push[1], push[2])
-    return done
-
-
-def stop_at_structures(
-    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup,
-    contacts: ContactGroup, scenes: SceneGroup, constants: Constants, structures: StructureGroup,
-):  # fmt: skip
-    """A second impulse for particles that touch a structure and would still enter it, with the velocities after the first."""
-    place, lane = wp.tid()
-    place, lane = own_block(place), own_lane(lane)
-    b = int(ground.standing[place])
-    if status.flags[HALT] != 0 or b < 0 or contacts.touching[wp.max(b, 0)] == 0:
-        return
-    s = _scene_of(blocks, scenes, b)
-    dt = scenes.clock[s, 0]
-    starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
-    tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
-    bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-    near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-    _set_bases(bases, blocks.up, b, lane)
-    _set_near_bases(near_bases, ground.near_up, place, lane)
-    dv = vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3])
-    first = int(contacts.pressed_start[b, 0])
-    filled = wp.tile_empty(shape=CELL_LANES, dtype=wp.uint8, storage="shared")
-    many = _number_pressed(contacts, starts, filled, b, lane)
-    total = int(starts[CELL_LANES])
-    pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-    offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
-    for base in range(0, total, HELD):
-        wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
-        _load(grid, contacts, tile, bases, near_bases, lane, dv)
-        taken = real(0.0)
-        stopped = int(0)
-        for q in range((wp.min(total - base, HELD) + lane_count() - 1) // lane_count()):
-            n = base + q * lane_count() + lane
-            f = vec(real(0.0), real(0.0), real(0.0))
-            done = node4()
-            if n < total:
-                c = _cell_of(starts, n)
-                p = contacts.pressed[first + n] & NOT_NEGATIVE
-                f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-                done = _stop(particles, constants, structures, tile, s, _cell(blocks, scenes, s, b, c), c, p, f, dt)
-                taken += done[0]
-            hits = hits_before(done[1] != real(0.0) or done[2] != real(0.0) or done[3] != real(0.0))
-            stopped += hits[1]
-            _hold(pushes, offsets, n - base, vec(done[1], done[2], done[3]), f, n < total)
-        if ORDERED or stopped > 0:
-            _book_work(structures, s, taken, lane)
-            _clear(tile, node4(), lane)
-            for turn in range((many + lane_count() - 1) // lane_count()):
-                mine = turn * lane_count() + lane
-                _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, False)
-            if ORDERED:
-                for t in range(lane, TILE, lane_count()):
-                    _put(grid.arenas, b * TILE + t, tile[t], base)
-            else:
-                for q in range(lane, PIECE, lane_count()):
-                    _give_all(tile, contacts.shares, near_bases, q)
