@@ -1,7 +1,8 @@
 """Makes the synthetic inputs of this site: `python sites/dam_demo/inputs/make_inputs.py [DAM_HEIGHT]` writes them beside it.
 
 A slope of 25, 16 and 6 degrees with a channel in it. A road crosses the channel on a level bench under a gallery, whose roof
-carries the flow on. A dam closes the way to two buildings; a third stands above the dam at the edge of the channel. Nothing of it exists.
+carries the flow on. A dam closes the way to two buildings; a third stands above the dam at the edge of the channel. Nothing of
+it exists.
 """
 
 import sys
@@ -64,10 +65,10 @@ def structures(dam_height: float) -> geopandas.GeoDataFrame:
     over_road = float(bed(np.array(ROAD[0]), np.array(AXIS))) - bench()  # the roof begins level with the bed above the road
     rows = [
         ("gallery", box(ROAD[0], 56, ROAD[1], 104), over_road, bench(), over_road - ROOF, SMOOTH),
-        ("dam", box(286, 46, 292, 114), dam_height, None, None, ROUGH),
+        ("dam", box(286, 36, 292, 124), dam_height, None, None, ROUGH),
         ("house above dam", box(262, 93, 274, 103), 7.0, None, None, ROUGH),
-        ("house south", box(310, 60, 322, 71), 7.0, None, None, ROUGH),
-        ("house north", Polygon([(316, 84), (327, 80), (331, 91), (320, 95)]), 9.0, None, None, ROUGH),
+        ("house south", box(298, 64, 310, 75), 7.0, None, None, ROUGH),
+        ("house north", Polygon([(300, 86), (311, 82), (315, 93), (304, 97)]), 9.0, None, None, ROUGH),
     ]
     names, shapes, heights, bases, clearances, frictions = zip(*rows, strict=True)
     columns = {"name": names, "height": heights, "base": bases, "clearance": clearances, "friction_deg": frictions}
@@ -91,7 +92,7 @@ def main(folder: Path, dam_height: float = DAM_HEIGHT) -> None:
     every = structures(dam_height)
     write_layer(every[every.name == "dam"].drop(columns=["base", "clearance"]), folder / "dam.geojson")
     write_layer(every[every.name != "dam"], folder / "structures.geojson")
-    behind = geopandas.GeoDataFrame({"remark": remark}, geometry=[box(292, 30, 400, 130)], crs=CRS)
+    behind = geopandas.GeoDataFrame({"remark": remark}, geometry=[box(292, 20, 400, 140)], crs=CRS)
     write_layer(behind, folder / "behind_dam.geojson")
 
 
