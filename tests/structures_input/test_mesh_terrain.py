@@ -83,7 +83,8 @@ def test_a_mesh_without_resolution_is_refused(tmp_path):
 
 def test_a_site_on_a_mesh_gets_its_overhang_as_a_structure(tmp_path):
     text = SITE.replace("inputs/dem.tif", "inputs/cave.obj\n  resolution: 5\n  crs: EPSG:32632")
-    text = text.replace("cell_size: 10", "cell_size: 5").replace("    raster: inputs/thickness.tif\n", "    polygons: inputs/release.geojson\n    thickness: 3\n")
+    text = text.replace("cell_size: 10", "cell_size: 5")
+    text = text.replace("    raster: inputs/thickness.tif\n", "    polygons: inputs/release.geojson\n    thickness: 3\n")
     site = write_site(tmp_path / "cave", text)
     sheet(CAVE).export(site / "inputs" / "cave.obj")
     corners = [[WEST + x, SOUTH + y] for x, y in ((10, 40), (30, 40), (30, 80), (10, 80), (10, 40))]
