@@ -95,7 +95,7 @@ def facade_dataset(records: FacadeRecords, ensemble: Ensemble, percentiles: Sequ
     pressure = np.array(records.maxima["max_facade_pressure"])
     reached = [ensemble.weights @ (pressure >= threshold) for threshold in thresholds]
     chance = np.array(reached).reshape(len(thresholds), pressure.shape[1])  # there may be no threshold
-    found["facade_pressure_probability"] = (("pressure_threshold", "facade"), chance)
+    found["facade_pressure_probability"] = (("facade", "pressure_threshold"), chance.T)
     return found
 
 
