@@ -215,11 +215,13 @@ class Compilation(Protocol):
 
 
 def start_compilation(
-    materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any]
-) -> Compilation:
+    materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any],
+    structures: bool = False,
+) -> Compilation:  # fmt: skip
     """Compilation for the backend scan, with the parameters of :class:`runout.backends.scan.ahead.CompilingAhead`."""
     ahead = import_module("runout.backends.scan.ahead")
-    return ahead.CompilingAhead(materials, friction, precision, zones=zones, choices=choices)  # type: ignore[no-any-return]
+    how = {"zones": zones, "choices": choices, "structures": structures}
+    return ahead.CompilingAhead(materials, friction, precision, **how)  # type: ignore[no-any-return]
 
 
 def free_memory(device: str) -> float:

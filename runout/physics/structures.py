@@ -89,20 +89,19 @@ def contact_gap(distance: Any, radius: Any):
     return max(real(0.0), distance - radius)
 
 
-def own_compliance(total: Any, weight: Any, inverse_mass: Any):
-    """``total`` and a node's part of the compliance [1/kg] of a contact alone, A = sum_n w_n^2 / m_n."""
-    return total + weight * weight * inverse_mass
-
-
-def stopping_impulse(un: Any, distance: Any, dt: Any, band: Any, compliance: Any):
-    """Normal impulse [N s] that keeps the centre of a particle ``band`` [m] outside within the step; mostly 0.
+def entry_velocity(distance: Any, dt: Any, band: Any):
+    """Normal velocity [m/s], at most 0, below which a particle's centre comes closer than ``band`` [m] within the step.
 
     The lumped compliance of :func:`runout.physics.contact.impulse` leaves an approach to particles that are pushed harder than
-    their neighbours. Above the ground they sink a little; a thin wall would let them through. ``un`` [m/s] is the normal velocity
-    after all other impulses, ``compliance`` that of the contact alone: the impulses of its neighbours along a like normal only add.
-    A centre that lies inside already is not moved outward.
+    their neighbours. Above the ground they sink a little; a thin wall would let them through. A centre that lies inside already is
+    not moved outward.
     """
-    target = (band - distance) / dt
-    if target > real(0.0):
-        target = real(0.0)
-    return max(real(0.0), (target - un) / compliance)
+    return min(real(0.0), (band - distance) / dt)
+
+
+def stopping_impulse(un: Any, entry: Any, compliance: Any):
+    """Normal impulse [N s] that brings a normal velocity ``un`` [m/s] to :func:`entry_velocity`.
+
+    The lumped ``compliance`` [1/kg] is that of the few particles that would enter, not of all contacts.
+    """
+    return (entry - un) / compliance

@@ -16,6 +16,7 @@ from runout.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, exp
 from runout.model.basal_friction import USUAL_ANGLE
 from runout.model.limits import spacing_of
 from runout.scenario import build_scene
+from runout.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME
 from runout.workflow.flow_forecast import member_steps
 from runout.workflow.step_cost import engine_for, step_cost
@@ -184,7 +185,9 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
 
     def accept(extent: Extent) -> None:
         cells, ways = arguments["terrain"].elevation.size, (arguments["transfer"], arguments["f_bar"])
-        found.append(expected_memory(extent, cells, arguments["precision"], engine_for(arguments), *ways))
+        structures = named_structures(arguments.get("structures"))
+        engine = engine_for(arguments)
+        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, structures=structures))
         raise _Fits
 
     arguments = site.member_arguments(member.parameters)

@@ -101,7 +101,7 @@ def angular_momentum(p, spacing):
 def total_energy(row):
     """Energy and what has been booked as dissipated or gone [J]."""
     stored = row.kinetic_energy + row.potential_energy + row.elastic_energy
-    return stored + row.basal_dissipation + row.plastic_dissipation + row.escaped_energy
+    return stored + row.basal_dissipation + row.structure_dissipation + row.plastic_dissipation + row.escaped_energy
 
 
 def assert_same_numbers(expected, found, of=""):

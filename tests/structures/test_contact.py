@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 from boxes import FACES, Box, between, field_of_boxes
-from scenes import ROCK, SAND, at, box, engine_of, loaded, plane, scene
+from scenes import SAND, at, box, engine_of, loaded, plane, scene
+
+from runout import Elastic
 
 CUBES = (1.0, 1.0, 1.0)
 LATTICE, BAND = 0.5, 2.5  # [m]
 WEST, NORTH, BOTTOM, TOP = 0, 3, 4, 5  # faces
 WALL = between((40, 24, -4), (42, 36, 8))
+ROUNDED = 0.1  # [m] at a convex edge: a fifth of a cell of the lattice
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -78,7 +81,7 @@ def test_a_wall_of_two_cells_does_not_leak(precision, angle, backend):
         advance(backend, 0.1)
         place, beyond = wall.beyond(backend.particles().position(np.ones(3)))
         assert not ((place[:, 0] > 0) & (beyond[:, 1:] < 0).all(axis=1)).any()
-        assert (beyond.max(axis=1) > -0.02).all()
+        assert (beyond.max(axis=1) > -ROUNDED).all()
     assert on_facades(backend, field(wall))[WEST] @ wall.axes[0] > 10.0 * particles.mass.sum()
 
 
@@ -110,27 +113,25 @@ def test_a_flow_below_an_overhang_meets_it_from_below(backend):
     assert x[:, 1].mean() > 29.0  # and goes on below it
 
 
-def test_a_confined_column_presses_with_the_pressure_of_its_rest(backend):
-    """An elastic column between four walls without friction presses with nu / (1 - nu) of its weight; all of it for a fluid."""
+def test_a_column_of_a_fluid_presses_on_its_walls_with_rho_g_h_squared_by_two(backend):
+    """Nearly incompressible, between walls without friction; the pressure of an elastic material is nu / (1 - nu) of its weight."""
     height, width, low, high = 6.0, 4.0, 20.0, 24.0
     walls = (
         between((low - 2, low - 2, -2), (low, high + 2, 9)), between((high, low - 2, -2), (high + 2, high + 2, 9)),
         between((low, low - 2, -2), (high, low, 9)), between((low, high, -2), (high, high + 2, 9)),
     )  # fmt: skip
-    structures = field(*walls)
-    particles = box((low, low, 0), (width, width, height), CUBES)
+    structures, fluid = field(*walls), Elastic(density=1000.0, youngs_modulus=1e7, poisson_ratio=0.49)
+    particles = box((low, low, 0), (width, width, height), CUBES, fluid.density)
     depth = height - particles.position(np.ones(3))[:, 2]
-    modulus = ROCK.lame_lambda + 2.0 * ROCK.shear_modulus
-    particles.strain[:, 2] = np.expm1(-2.0 * ROCK.density * 9.81 * depth / modulus)
-    loaded(backend, scene(plane(), structures=structures, friction=(0.0,)), particles)
-    advance(backend, 0.4)
+    particles.strain[:, 2] = np.expm1(-2.0 * fluid.density * 9.81 * depth / (fluid.lame_lambda + 2.0 * fluid.shear_modulus))
+    loaded(backend, scene(plane(), structures=structures, friction=(0.0,), materials=(fluid,)), particles)
+    advance(backend, 0.3)
     before = on_facades(backend, structures)
-    time = advance(backend, 0.4)
+    time = advance(backend, 0.3)
     force = (on_facades(backend, structures) - before) / time
-    share = ROCK.poisson_ratio / (1.0 - ROCK.poisson_ratio)
-    expected = share * ROCK.density * 9.81 * height**2 / 2.0 * width
+    expected = 0.49 / 0.51 * fluid.density * 9.81 * height**2 / 2.0 * width
     found = [-force[1, 0], force[FACES, 0], -force[2 * FACES + NORTH, 1], force[3 * FACES + 2, 1]]
-    np.testing.assert_allclose(found, expected, rtol=0.04)
+    np.testing.assert_allclose(found, expected, rtol=0.02)
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 30.0])
@@ -143,11 +144,11 @@ def test_a_steady_stream_pushes_a_plate_with_its_flux_of_momentum(angle_deg):
     particles.velocity[:, 0] = speed
     structures = field(plate)
     engine = engine_of("scan")
-    loaded(engine, scene(None, structures=structures, materials=(SAND,), gravity=(0.0, 0.0, 0.0)), particles)
+    loaded(engine, scene(plane(), structures=structures, materials=(SAND,), gravity=(0.0, 0.0, 0.0)), particles)
     advance(engine, 0.25)
     before = engine.structure_impulses().sum(axis=0)
     time = advance(engine, 0.45)
     force = (engine.structure_impulses().sum(axis=0) - before) / time
     flux = SAND.density * 16.0 * speed**2
     assert force @ plate.axes[0] == pytest.approx(flux * np.cos(np.radians(angle_deg)), rel=0.05)
-    np.testing.assert_allclose(force @ plate.axes[1:].T, 0.0, atol=1e-9 * flux)
+    np.testing.assert_allclose(force @ plate.axes[1:].T, 0.0, atol=1e-6 * flux)

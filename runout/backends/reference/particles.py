@@ -11,6 +11,7 @@ from runout.physics.heightfield import distance, upward_normal
 from runout.physics.plastic import step as law_step
 from runout.physics.structures import (
     contact_gap,
+    entry_velocity,
     nearest_place,
     outward_normal,
     separation,
@@ -100,17 +101,19 @@ def touch_structures(velocity: Any, radius: Any, dt: Any, band: Any, distance: A
         touches[p] = in_contact(gap[p], dot(v, n), dt, band)
 
 
-def stop_before_structures(
-    v: Any, u: Any, normal: Any, distance: Any, dt: Any, band: Any, compliance: Any, impulses: Any, done: Any
-):
-    """``impulses`` (n, 3) [N s] that keep centres outside, from the own ``compliance`` (n,) [1/kg], and the work ``done`` (n,) [J].
+def find_entering(u: Any, normal: Any, distance: Any, dt: Any, band: Any, enters: Any):
+    """Say whether each centre ``enters`` (n,) a structure within the step with the velocity ``u`` (n, 3) [m/s]."""
+    for p in range(len(u)):
+        un = dot(vec(u[p, 0], u[p, 1], u[p, 2]), vec(normal[p, 0], normal[p, 1], normal[p, 2]))
+        enters[p] = un < entry_velocity(distance[p], dt, band)
 
-    ``v`` and ``u`` as in :func:`take_impulses`.
-    """
+
+def stop_entering(v: Any, u: Any, normal: Any, distance: Any, dt: Any, band: Any, compliance: Any, impulses: Any, done: Any):
+    """``impulses`` (n, 3) [N s] on particles that would enter, and the work ``done`` (n,) [J]; ``v``, ``u`` as for all contacts."""
     none = vec(0.0, 0.0, 0.0)
     for p in range(len(u)):
         n, felt = vec(normal[p, 0], normal[p, 1], normal[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
-        push = stopping_impulse(dot(felt, n), distance[p], dt, band, compliance[p])
+        push = stopping_impulse(dot(felt, n), entry_velocity(distance[p], dt, band), compliance[p])
         for k in range(3):
             impulses[p, k] = push * n[k]
         stop = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2])

@@ -61,7 +61,7 @@ class StructureContacts:
         self.force[:] = 0.0
         if not len(chosen):
             return
-        compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
+        compliance = _compliance(stencils, chosen, mass)
         velocity += quotient(stencils.scatter(given, chosen), mass)
         u, impulses, work = stencils.gather(velocity, chosen), given.copy(), np.zeros(len(chosen))
         basal = np.zeros(len(chosen), [("friction", np.float64)])
@@ -76,16 +76,18 @@ class StructureContacts:
     def _stop(
         self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, contacts: _Contacts
     ) -> None:
-        """Keep the centres of all particles outside."""
-        chosen, distance, _, normal, patch = contacts
-        inverse = quotient(np.ones(mass.shape), mass)[stencils.node[chosen], 0]
-        compliance = physics.own_compliance(0.0, stencils.weight[chosen], inverse).sum(axis=1)
-        impulses, work, u = np.zeros((len(chosen), 3)), np.zeros(len(chosen)), stencils.gather(velocity, chosen)
-        v = p.velocity[chosen]
-        self.loops.stop_before_structures(v, u, normal, distance, dt, self.band, compliance, impulses, work)
-        if impulses.any():
-            velocity += quotient(stencils.scatter(impulses, chosen), mass)
-            self._book(patch, impulses, work)
+        """Stop the particles whose centres would enter."""
+        enters = np.zeros(len(contacts.chosen), np.bool_)
+        u = stencils.gather(velocity, contacts.chosen)
+        self.loops.find_entering(u, contacts.normal, contacts.distance, dt, self.band, enters)
+        if not enters.any():
+            return
+        chosen, distance, _, normal, patch = (a[enters] for a in contacts)
+        compliance = _compliance(stencils, chosen, mass)
+        impulses, work, v = np.zeros((len(chosen), 3)), np.zeros(len(chosen)), p.velocity[chosen]
+        self.loops.stop_entering(v, u[enters], normal, distance, dt, self.band, compliance, impulses, work)
+        velocity += quotient(stencils.scatter(impulses, chosen), mass)
+        self._book(patch, impulses, work)
 
     def _book(self, patch: np.ndarray, impulses: np.ndarray, work: np.ndarray) -> None:
         self.dissipation -= float(work.sum())
@@ -129,3 +131,8 @@ class StructureContacts:
         near = np.flatnonzero(within)
         near = near[self.field.blocks[tuple(physics.lattice_block(cell[near]).T)] >= 0]
         return near, cell[near], q[near] - cell[near]
+
+
+def _compliance(stencils: Stencils, chosen: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Lumped compliance (m,) [1/kg] of the ``chosen`` (m,) particles."""
+    return stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]

@@ -8,7 +8,7 @@ from typing import Any
 from runout.backends.compile import cache_root
 from runout.backends.scan.kernels import sources_of
 from runout.backends.scan.precompile import ensure_compiled
-from runout.backends.scan.warm_up import small_slope
+from runout.backends.scan.warm_up import side_wall, small_slope
 from runout.model.basal_friction import BasalFriction
 from runout.model.materials import Material
 
@@ -29,15 +29,19 @@ class CompilingAhead:
         "float32" or "float64".
     zones : bool
         Whether the run has friction zones.
+    structures : bool
+        Whether the run has structures.
     choices : dict
         ``transfer``, ``f_bar`` and ``sleep_speed`` of :class:`runout.model.scene.Scene`.
     """
 
     def __init__(
-        self, materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any]
-    ):
+        self, materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any],
+        structures: bool = False,
+    ):  # fmt: skip
         slope = small_slope(materials, friction, precision)[0]
-        scene = replace(slope, friction_zones=slope.friction_zones if zones else None, **choices)
+        more = {"friction_zones": slope.friction_zones if zones else None, "structures": side_wall() if structures else None}
+        scene = replace(slope, **more, **choices)  # type: ignore[arg-type]
         self.before = _stored()
         self.thread = threading.Thread(target=ensure_compiled, args=(scene, sources_of(scene)), daemon=True)
         self.thread.start()

@@ -7,7 +7,10 @@ fixed order, so that the bits do not depend on the number of threads. The loops 
     share_structure_contacts   shares    --sum, times inverse mass-->  compliance, inverse, grid.nodes
     solve_structure_contacts   grid.nodes, compliance  --gather, impulse-->  push[r]    push - given  --scatter-->  shares
     push_from_structures       shares    --sum, times inverse mass-->  grid.nodes
-    stop_before_structures     grid.nodes, inverse  --gather-->  push[r] of the particles that would still enter  --> shares
+    find_entering              grid.nodes  --gather-->  the rows that would still enter: 1 | -  --scatter-->  shares
+    share_structure_contacts   as above, for their compliance
+    stop_entering              grid.nodes, compliance  --gather-->  push[r]  --scatter-->  shares
+    push_from_structures       as above
     book_structures            push      --sum by patch-->  impulses (patches, 3)
 """
 
@@ -21,12 +24,12 @@ from runout.physics.contact import impulse, in_contact, work
 from runout.physics.moments import momentum_at
 from runout.physics.structures import (
     contact_gap,
+    entry_velocity,
     is_closer,
     lattice_block,
     lattice_place,
     nearest_place,
     outward_normal,
-    own_compliance,
     separation,
     separation_slopes,
     stopping_impulse,
@@ -268,10 +271,9 @@ def push_from_structures(near, touching, grid):
 
 
 def _meet(near, touching, grid, m, c, w):
-    """Shared and own compliance [1/kg], and the velocity [m/s] that the grid gives, of a contact in cell ``c`` of a near block."""
+    """Compliance [1/kg], and the velocity [m/s] that the grid gives, of a contact in cell ``c`` of a near block."""
     wx, wy, wz = w
     shared = real(0.0)
-    own = real(0.0)
     ux = real(0.0)
     uy = real(0.0)
     uz = real(0.0)
@@ -286,11 +288,10 @@ def _meet(near, touching, grid, m, c, w):
                 o = near.nodes[q]
                 s = wx[i] * wy[j] * wz[k]
                 shared += s * touching.compliance[q, a]
-                own = own_compliance(own, s, touching.inverse[q, a])
                 ux += s * grid.nodes[o, 4 * a + 1]
                 uy += s * grid.nodes[o, 4 * a + 2]
                 uz += s * grid.nodes[o, 4 * a + 3]
-    return shared, own, vec(ux, uy, uz)
+    return shared, vec(ux, uy, uz)
 
 
 def _normal_and_before(measured, r):
@@ -304,7 +305,7 @@ def _solve_block(particles, near, touching, grid, field, m, dt, force, stamp):
     for r in range(touching.place[m], touching.place[m] + touching.number[m]):
         p = np.int64(touching.slots[r])
         w, c, weight = particles.particle_index[p], particles.cell[p], _weights_of(particles.rec, p)
-        shared, _, u = _meet(near, touching, grid, m, c, weight)
+        shared, u = _meet(near, touching, grid, m, c, weight)
         n, before = _normal_and_before(measured, r)
         begun = vec(given[r, 1], given[r, 2], given[r, 3])
         basal = record(field.friction[particles.label[w, 0], touching.patch[r]])
@@ -326,37 +327,62 @@ def solve_structure_contacts(particles, near, touching, grid, field, dt, force, 
             _solve_block(particles, near, touching, grid, field, m, dt, force, stamp)
 
 
-def _stop_block(particles, near, touching, grid, m, dt, band):
-    """Impulses on the contacts of a near block that would still enter a structure, in its share too; returns how many."""
-    push, measured, share = touching.push, touching.measured, touching.shares[m]
-    none = vec(real(0.0), real(0.0), real(0.0))
-    stopped = 0
+def _find_entering_block(particles, near, touching, grid, m, dt, band):
+    """Mark the contacts of a near block whose centres would enter a structure, with weights in its share; returns how many."""
+    given, measured, share = touching.given, touching.measured, touching.shares[m]
+    none = real(0.0)
+    entering = 0
     _clear_share(share)
     for r in range(touching.place[m], touching.place[m] + touching.number[m]):
         p = np.int64(touching.slots[r])
         c, weight = particles.cell[p], _weights_of(particles.rec, p)
-        _, own, u = _meet(near, touching, grid, m, c, weight)
-        n, before = _normal_and_before(measured, r)
-        j = stopping_impulse(dot(u, n), measured[r, DISTANCE], dt, band, own)
-        x, y, z = j * n[0], j * n[1], j * n[2]
-        push[r, 0] = work(vec(x, y, z), none, before, u, own)
-        push[r, 1] = x
-        push[r, 2] = y
-        push[r, 3] = z
-        if j > real(0.0):
-            stopped += 1
-            _spread(share, c, weight, real(0.0), x, y, z)
-    return stopped
+        _, u = _meet(near, touching, grid, m, c, weight)
+        n, _ = _normal_and_before(measured, r)
+        given[r, 0] = none
+        if dot(u, n) < entry_velocity(measured[r, DISTANCE], dt, band):
+            given[r, 0] = real(1.0)
+            entering += 1
+            _spread(share, c, weight, real(1.0), none, none, none)
+    return entering
 
 
-def stop_before_structures(particles, near, touching, grid, dt, band, stopped):
-    """Impulses on the contacts that would still enter a structure within the step; returns how many."""
+def find_entering(particles, near, touching, grid, dt, band, entering):
+    """Mark the contacts whose centres would still enter a structure within the step; returns how many."""
     for m in prange(len(near.owners)):
-        stopped[m] = _stop_block(particles, near, touching, grid, m, dt, band) if touching.number[m] > 0 else 0
+        entering[m] = _find_entering_block(particles, near, touching, grid, m, dt, band) if touching.number[m] > 0 else 0
     total = 0
     for m in range(len(near.owners)):
-        total += stopped[m]
+        total += entering[m]
     return total
+
+
+def _stop_block(particles, near, touching, grid, m, dt, band):
+    """Impulses on the marked contacts of a near block, in its share too; none on the others."""
+    given, push, measured, share = touching.given, touching.push, touching.measured, touching.shares[m]
+    none = vec(real(0.0), real(0.0), real(0.0))
+    _clear_share(share)
+    for r in range(touching.place[m], touching.place[m] + touching.number[m]):
+        for k in range(4):
+            push[r, k] = real(0.0)
+        if given[r, 0] == real(0.0):
+            continue
+        p = np.int64(touching.slots[r])
+        c, weight = particles.cell[p], _weights_of(particles.rec, p)
+        shared, u = _meet(near, touching, grid, m, c, weight)
+        n, before = _normal_and_before(measured, r)
+        j = stopping_impulse(dot(u, n), entry_velocity(measured[r, DISTANCE], dt, band), shared)
+        stop = vec(j * n[0], j * n[1], j * n[2])
+        push[r, 0] = work(stop, none, before, u, shared)
+        for k in range(3):
+            push[r, 1 + k] = stop[k]
+        _spread(share, c, weight, real(0.0), stop[0], stop[1], stop[2])
+
+
+def stop_entering(particles, near, touching, grid, dt, band):
+    """Impulses on the contacts that are marked."""
+    for m in prange(len(near.owners)):
+        if touching.number[m] > 0:
+            _stop_block(particles, near, touching, grid, m, dt, band)
 
 
 def book_structures(touching, impulses):

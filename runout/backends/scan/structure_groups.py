@@ -67,7 +67,7 @@ class Touching(NamedTuple):
     measured : (rows, 8) real
         Normal, gap [m], velocity before the step [m/s], distance [m].
     given, push : (rows, 4) real
-        0 and the impulse [N s] that the nodes hold already; work [J] and impulse [N s].
+        1 where the centre would enter, else 0, and the impulse [N s] that the nodes hold already; work [J] and impulse [N s].
     shares : (near, 216, 4) real
         What the contacts of a block give to its 6 x 6 x 6 nodes: weight and impulse.
     compliance, inverse : (nodes, 64) real

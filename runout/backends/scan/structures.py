@@ -42,7 +42,7 @@ class Structures:
 
     def checkpoint(self, prefix: str) -> State:
         """What the next step needs, by name."""
-        return arrays_of(self, ("band", "stopping"), prefix)
+        return arrays_of(self, ("band", "entering"), prefix)
 
     def find_near(self, blocks: Blocks, constants: Constants) -> None:
         """Find the blocks near structures, of a new index."""
@@ -58,7 +58,7 @@ class Structures:
             np.zeros(len(owners) + 1, np.int64), np.zeros(len(owners), np.int64), *_rows(0, real),
             np.zeros((len(owners), SHARE, 4), real), np.zeros((len(nodes), 64), real), np.zeros((len(nodes), 64), real),
         )  # fmt: skip
-        self.stopping = np.zeros(len(owners), np.int64)
+        self.entering = np.zeros(len(owners), np.int64)
 
     def solve(self, k: SimpleNamespace, store: Store, blocks: Blocks, grid: Grid, tables: Tables, steps: int) -> None:
         """Add the impulses of the structures to the velocities of the nodes, in step number ``steps``, and book them."""
@@ -77,11 +77,18 @@ class Structures:
         k.solve_structure_contacts(store.particles, near, t, grid, self.field, dt, self.force, real(stamp_of(steps)))
         k.push_from_structures(near, t, grid)
         self.dissipation += k.book_structures(t, self.impulses)
-        stopped = k.stop_before_structures(store.particles, near, t, grid, dt, self.band, self.stopping)
-        if stopped:
-            self.stopped += stopped
-            k.push_from_structures(near, t, grid)
-            self.dissipation += k.book_structures(t, self.impulses)
+        entering = k.find_entering(store.particles, near, t, grid, dt, self.band, self.entering)
+        if entering:
+            self.stopped += entering
+            self.stop(k, store, grid, tables)
+
+    def stop(self, k: SimpleNamespace, store: Store, grid: Grid, tables: Tables) -> None:
+        """Stop the particles that would enter a structure in the step."""
+        near, t = self.near, self.touching
+        k.share_structure_contacts(near, t, grid)
+        k.stop_entering(store.particles, near, t, grid, tables.step.dt, self.band)
+        k.push_from_structures(near, t, grid)
+        self.dissipation += k.book_structures(t, self.impulses)
 
     def memory(self) -> dict[str, int]:
         """Bytes by array."""

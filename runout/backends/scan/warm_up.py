@@ -65,6 +65,8 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
         engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
         if k % 8 == 0:
             engine.ledger(), engine.columns(), engine.flow_columns(), engine.lattice_columns()
+    if engine.structures:
+        engine.structures.stop(engine.k, engine.store, engine.workspace.grid, engine.tables)
     engine.particles()
     ScanBackend(threads=1).restore(scene, engine.checkpoint())
     dense = ScanBackend(threads=1, index="dense")
