@@ -111,7 +111,8 @@ class TerrainSettings(Settings):
     """The terrain."""
 
     dem: InputFile = quantity(
-        "elevation raster (GeoTIFF, ESRI ASCII, NetCDF), relative to this folder; or {url, sha256, size, path} of a public file"
+        "elevation raster (GeoTIFF, ESRI ASCII, NetCDF) or surface mesh (OBJ, PLY, STL; with resolution), relative to this folder; "
+        "or {url, sha256, size, path} of a public file"
     )
     crs: str | None = quantity(
         "coordinate reference system of a raster that states none", None, hint="for example EPSG:32632", examples=["EPSG:32632"]
@@ -123,7 +124,7 @@ class TerrainSettings(Settings):
         examples=[[500000, 5000000, 510000, 5008000]],
     )
     resolution: float | None = limited(
-        "resolution", "average the raster over whole blocks of cells to about this size", None, examples=[10.0]
+        "resolution", "average the raster over whole blocks of cells to about this size; cells of a mesh", None, examples=[10.0]
     )
     obstacles: list[ObstacleSettings] | None = quantity(
         "list of dams, walls and basins that the raster does not contain: polygons of a vector file, with the height by which they "

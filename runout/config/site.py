@@ -22,6 +22,7 @@ from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
 from runout.model.laws import LAWS
 from runout.model.limits import spacing_of
+from runout.terrain.mesh import is_mesh
 
 if TYPE_CHECKING:
     from runout.config.extent import DerivedExtent
@@ -117,7 +118,8 @@ class Site:
         """Extent that is read of a huge elevation raster if site.yaml states none; None for other rasters."""
         from runout.config.extent import known_extent
 
-        return known_extent(self) if self.settings.terrain.extent is None else None
+        whole = self.settings.terrain.extent is not None or is_mesh(self.settings.terrain.dem)
+        return None if whole else known_extent(self)
 
     def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
         """The friction zones on the terrain; None if site.yaml states none.
@@ -176,7 +178,7 @@ class Site:
 
     def _structures(self, terrain: "Terrain", releases: "Sequence[Release]") -> "Structures | None":
         """The structures for the grid of the site."""
-        if not self.settings.structures:
+        if not self.structures.possible:
             return None
         return self.structures.on_grid(terrain, releases, spacing_of(self.grid(releases)["cell_size"]))
 

@@ -1,5 +1,6 @@
 """The input files of a site, read as site.yaml states: elevations, obstacles, friction zones and releases."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -11,11 +12,13 @@ from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.config.site_friction import SiteFriction
 from runout.config.site_structures import SiteStructures
 from runout.io.side_files import files_of
+from runout.terrain.mesh import Overhangs, is_mesh, read_mesh_terrain
 
 if TYPE_CHECKING:
     from runout.model.friction import FrictionZones
     from runout.model.release import Release
     from runout.model.terrain import Terrain
+    from runout.structures.solid import Solid
 
 
 @dataclass(frozen=True)
@@ -45,9 +48,24 @@ class SiteFiles:
         from runout.terrain.read import read_terrain
 
         stated = self.settings.terrain
+        if is_mesh(stated.dem):
+            return self._mesh(extent)[0]
         edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
         terrain = read_terrain(self._located(stated.dem), stated.crs, edges)
         return averaged(terrain, stated.resolution, self.file.name) if stated.resolution else terrain
+
+    def _mesh(self, extent: "Sequence[float] | None") -> "tuple[Terrain, Overhangs]":
+        """Terrain of a mesh, and what overhangs it."""
+        stated = self.settings.terrain
+        edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
+        return read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)
+
+    def _overhangs(self, terrain: "Terrain") -> "list[Solid]":
+        """Bodies of the overhangs of a mesh; their friction angle is that of structures."""
+        from runout.structures.overhangs import overhang_bodies
+        from runout.structures.source import CONCRETE
+
+        return overhang_bodies(self._mesh(self.settings.terrain.extent)[1], terrain, math.tan(math.radians(CONCRETE)))
 
     def with_obstacles(self, terrain: "Terrain") -> "Terrain":
         """The terrain with the obstacles on it.
@@ -148,7 +166,8 @@ class SiteFiles:
     @property
     def structures(self) -> SiteStructures:
         """What site.yaml says of structures."""
-        return SiteStructures(self.settings.structures or (), self.file.parent)
+        overhangs = self._overhangs if is_mesh(self.settings.terrain.dem) else None
+        return SiteStructures(self.settings.structures or (), self.file.parent, overhangs)
 
     def _paths(self, sources: Iterable[Any]) -> list[Path]:
         return [path for source in sources for path in _files(self._located(source))]

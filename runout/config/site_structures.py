@@ -1,6 +1,6 @@
 """The structures of a site: read as site.yaml states, and made for its grid."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from runout.model.structures import Structures
     from runout.model.terrain import Terrain
     from runout.structures.read import Bodies
+    from runout.structures.solid import Solid
     from runout.structures.source import StructureSource
 
 
@@ -27,10 +28,18 @@ class SiteStructures:
     stated : sequence of StructureSettings
     folder : Path
         Of the site; paths are relative to it.
+    overhangs : callable, optional
+        Gives bodies of the overhangs of the terrain, if that is a mesh.
     """
 
     stated: Sequence[StructureSettings]
     folder: Path
+    overhangs: "Callable[[Terrain], list[Solid]] | None" = None
+
+    @property
+    def possible(self) -> bool:
+        """Whether the site may have bodies: structures, or overhangs of a mesh."""
+        return bool(self.stated) or self.overhangs is not None
 
     def paths(self) -> list[Any]:
         """Files of the structures, as site.yaml names them."""
@@ -82,7 +91,8 @@ class SiteStructures:
         """
         from runout.structures.read import Bodies, read_bodies
 
-        return read_bodies(self.sources(), terrain) if self.stated else Bodies(())
+        read = read_bodies(self.sources(), terrain) if self.stated else Bodies(())
+        return read.and_more(self.overhangs(terrain)) if self.overhangs else read
 
     def on_grid(
         self, terrain: "Terrain", releases: "Sequence[Release]", spacing: tuple[float, float, float]
@@ -94,7 +104,7 @@ class SiteStructures:
         StructureError
             With all problems: of files, placement, thickness of walls, and overlaps with releases.
         """
-        if not self.stated:
+        if not self.possible:
             return None
         from runout.structures.build import build_structures
         from runout.structures.read import require_sound

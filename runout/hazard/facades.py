@@ -94,7 +94,8 @@ def facade_dataset(records: FacadeRecords, ensemble: Ensemble, percentiles: Sequ
             found[f"{name[len('max_') :]}_at_percentile"] = (("percentile", "facade"), over)
     pressure = np.array(records.maxima["max_facade_pressure"])
     reached = [ensemble.weights @ (pressure >= threshold) for threshold in thresholds]
-    found["facade_pressure_probability"] = (("pressure_threshold", "facade"), np.array(reached))
+    chance = np.array(reached).reshape(len(thresholds), pressure.shape[1])  # there may be no threshold
+    found["facade_pressure_probability"] = (("facade", "pressure_threshold"), chance.T)
     return found
 
 

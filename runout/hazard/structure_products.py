@@ -54,10 +54,12 @@ def write_structures(
         If structures or protected areas cannot be used.
     """
     path = results / FILE
-    if not getattr(site.settings, "structures", None):
+    stated = getattr(site, "structures", None)
+    bodies = stated.bodies(terrain) if stated and stated.possible else None
+    if bodies is None or not bodies.solids:
         path.unlink(missing_ok=True)
         return StructureProducts()
-    bodies, settings = site.structures.bodies(terrain), site.settings.hazard
+    settings = site.settings.hazard
     records = FacadeRecords()
     for member in ensemble.files.values():
         records.add(member)

@@ -16,7 +16,9 @@ from runout.structures.ground import GroundUnder, elevation_at, ground_under
 from runout.structures.solid import Solid
 from runout.structures.source import Read, StructureSource, Top
 
-BELOW = 2.0  # how far a body reaches below the lowest ground under it, in cells of the raster
+BELOW = 2.0  # how far a body reaches below the lowest ground under it, in cells of the raster,
+DEEP = 0.5  # and at least so much of its height
+REPEATED = 1e-3  # distance of points of an outline that are one [m]
 FRICTION = "friction_deg"
 
 
@@ -59,7 +61,7 @@ def read_footprints(source: StructureSource, terrain: Terrain) -> Read:
 def _local(polygon: Any, terrain: Terrain) -> Any:
     import shapely
 
-    return shapely.transform(polygon, terrain.frame.to_local)
+    return shapely.remove_repeated_points(shapely.transform(polygon, terrain.frame.to_local), REPEATED)
 
 
 def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, problems: list[str]) -> _Stated | None:
@@ -82,13 +84,20 @@ def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, 
             problems.append(str(error))
     if problems:
         return None
-    name = str(layer.attributes["name"].iloc[row]) if "name" in columns and layer.attributes["name"].iloc[row] else source.name
     height, friction = values["height"], values["friction"]
-    if height is None or friction is None:
-        what = "height" if height is None else "friction angle"
-        problems.append(f"{place}: its {what} is empty; every structure needs one")
+    if height is None:
+        problems.append(f"{place}: its height is empty; every structure needs one")
         return None
-    return _Stated(name, height, values["base"], values["clearance"], math.tan(math.radians(friction)), place)
+    angle = source.friction_angle_deg if friction is None else friction
+    return _Stated(_name(source, layer, row), height, values["base"], values["clearance"], math.tan(math.radians(angle)), place)
+
+
+def _name(source: StructureSource, layer: PolygonLayer, row: int) -> str:
+    """Name of a feature: its attribute, or that of the source where it is empty."""
+    import pandas
+
+    stated = layer.attributes["name"].iloc[row] if "name" in layer.attributes else None
+    return source.name if stated is None or pandas.isna(stated) or not str(stated).strip() else str(stated)
 
 
 def _value(layer: PolygonLayer, row: int, given: float | str | None, quantity: str, place: str) -> float | None:
@@ -142,7 +151,7 @@ def _extruded(shape: Any, stated: _Stated, top: Top, ground: GroundUnder, terrai
     if hangs or (stated.base is not None and stated.base > ground.highest):  # the latter floats, unless a clearance is stated
         bottom = base + (stated.clearance or 0.0)
     else:
-        bottom = np.full(len(points), min(ground.lowest, level) - BELOW * step)
+        bottom = np.full(len(points), min(ground.lowest, level) - max(BELOW * step, DEEP * stated.height))
     n = len(points)
     vertices = np.concatenate([np.column_stack([points, bottom]), np.column_stack([points, base + stated.height])])
     a, b, wall = walls.T

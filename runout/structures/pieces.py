@@ -106,10 +106,11 @@ def _covered(pieces: Pieces, row: int, solids: Sequence[Solid], cell: float) -> 
     normals, _ = normals_and_areas(pieces.corners)
     centre = pieces.corners.mean(1, keepdims=True)
     inner = np.concatenate([centre, centre + 0.98 * (pieces.corners - centre)], axis=1) + BESIDE * cell * normals[:, None, :]
-    for other, solid in enumerate(solids):
-        if other == row or not solid.meets(solids[row], BESIDE * cell):
-            continue
-        covered |= points_inside(inner.reshape(-1, 3), as_arrays(solid)).reshape(-1, 4).all(1)
+    boxes, gap = np.stack([solid.box for solid in solids]), BESIDE * cell
+    meets = (boxes[:, 0] <= boxes[row, 1] + gap).all(1) & (boxes[row, 0] <= boxes[:, 1] + gap).all(1)
+    for other in np.flatnonzero(meets).tolist():
+        if other != row:
+            covered |= points_inside(inner.reshape(-1, 3), as_arrays(solids[other])).reshape(-1, 4).all(1)
     return covered
 
 

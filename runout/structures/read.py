@@ -26,6 +26,12 @@ class Bodies:
     solids: tuple[Solid, ...]
     changes: tuple[str, ...] = ()
 
+    def and_more(self, solids: Sequence[Solid]) -> "Bodies":
+        """These and other bodies, each with a name of its own."""
+        every = (*self.solids, *solids)
+        names = numbered([solid.name for solid in every])
+        return Bodies(tuple(replace(s, name=name) for s, name in zip(every, names, strict=True)), self.changes)
+
 
 def read_bodies(sources: Sequence[StructureSource], terrain: Terrain) -> Bodies:
     """The bodies of files, each on the ground or above it.
@@ -40,9 +46,8 @@ def read_bodies(sources: Sequence[StructureSource], terrain: Terrain) -> Bodies:
     problems = [problem for one in read for problem in one.problems] + placement_problems(solids, terrain)
     if problems:
         raise StructureError(problems)
-    names = numbered([solid.name for solid in solids])
     changes = [change for one in read for change in one.changes]
-    return Bodies(tuple(replace(s, name=name) for s, name in zip(solids, names, strict=True)), tuple(dict.fromkeys(changes)))
+    return Bodies((), tuple(dict.fromkeys(changes))).and_more(solids)
 
 
 def require_sound(

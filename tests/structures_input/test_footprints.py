@@ -137,3 +137,14 @@ def test_a_missing_attribute_names_those_that_are_there(level, tmp_path):
     path = write_footprints(tmp_path / "a.gpkg", [HOUSE], hoehe=[8.0])
     with pytest.raises(StructureError, match=r"no attribute 'height'.*numeric attributes: hoehe"):
         read_bodies([StructureSource(path)], level)
+
+
+def test_empty_names_and_frictions_are_those_of_the_source_and_several_parts_are_one_structure(level, tmp_path):
+    two = shapely.MultiPolygon([HOUSE, shapely.box(20, 20, 40, 40)])
+    values = {"height": [8.0, 9.0], "name": [None, "hall"], "friction_deg": [np.nan, 5.0]}
+    path = write_footprints(tmp_path / "m.gpkg", [two, HOUSE.buffer(20)], **values)
+    first, second = read_bodies([StructureSource(path, name="shed", friction_angle_deg=30.0)], level).solids
+    assert (first.name, second.name) == ("shed", "hall")
+    assert first.friction == pytest.approx(math.tan(math.radians(30)))
+    assert {"south 1", "south 2"} <= set(first.facades)
+    assert _volume(first.vertices, first.faces) == pytest.approx((240 + 400) * 18)

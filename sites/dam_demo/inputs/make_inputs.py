@@ -1,7 +1,7 @@
 """Makes the synthetic inputs of this site: `python sites/dam_demo/inputs/make_inputs.py [DAM_HEIGHT]` writes them beside it.
 
 A slope of 25, 16 and 6 degrees with a channel in it. A road crosses the channel on a level bench under a gallery, whose roof
-carries the flow on. A dam closes the way to two buildings; a third stands above the dam at the edge of the channel. Nothing of it exists.
+carries the flow on. Two houses stand above a dam at the edges of the flow, one behind it. Nothing of it exists.
 """
 
 import sys
@@ -20,7 +20,7 @@ TOP, AXIS = 1100.0, 80.0  # elevation in the west, distance of the channel from 
 DEPTH, HALF_WIDTH, FADES = 4.0, 14.0, (240.0, 290.0)  # of the channel, and where it ends [m]
 ROAD = (150.0, 168.0)  # bench of the road [m]
 ROOF = 4.0  # thickness of the gallery [m]
-DAM_HEIGHT = 6.0  # [m]
+DAM_HEIGHT = 4.0  # [m]
 SMOOTH, ROUGH = 8.0, 20.0  # friction angles of the roof of the gallery and of the others [deg]
 RELEASE = (20.0, 70.0, 69.0, 91.0)  # west, east, south, north [m]
 THICKNESS = 3.0  # [m]
@@ -64,10 +64,10 @@ def structures(dam_height: float) -> geopandas.GeoDataFrame:
     over_road = float(bed(np.array(ROAD[0]), np.array(AXIS))) - bench()  # the roof begins level with the bed above the road
     rows = [
         ("gallery", box(ROAD[0], 56, ROAD[1], 104), over_road, bench(), over_road - ROOF, SMOOTH),
-        ("dam", box(286, 46, 292, 114), dam_height, None, None, ROUGH),
-        ("house above dam", box(262, 93, 274, 103), 7.0, None, None, ROUGH),
-        ("house south", box(310, 60, 322, 71), 7.0, None, None, ROUGH),
-        ("house north", Polygon([(316, 84), (327, 80), (331, 91), (320, 95)]), 9.0, None, None, ROUGH),
+        ("dam", box(286, 36, 292, 124), dam_height, None, None, ROUGH),
+        ("house north", box(262, 93, 274, 103), 7.0, None, None, ROUGH),
+        ("house behind dam", box(295, 74, 306, 86), 7.0, None, None, ROUGH),
+        ("house south", Polygon([(262, 60), (273, 56), (277, 67), (266, 71)]), 9.0, None, None, ROUGH),
     ]
     names, shapes, heights, bases, clearances, frictions = zip(*rows, strict=True)
     columns = {"name": names, "height": heights, "base": bases, "clearance": clearances, "friction_deg": frictions}
@@ -91,7 +91,7 @@ def main(folder: Path, dam_height: float = DAM_HEIGHT) -> None:
     every = structures(dam_height)
     write_layer(every[every.name == "dam"].drop(columns=["base", "clearance"]), folder / "dam.geojson")
     write_layer(every[every.name != "dam"], folder / "structures.geojson")
-    behind = geopandas.GeoDataFrame({"remark": remark}, geometry=[box(292, 30, 400, 130)], crs=CRS)
+    behind = geopandas.GeoDataFrame({"remark": remark}, geometry=[box(292, 44, 400, 116)], crs=CRS)
     write_layer(behind, folder / "behind_dam.geojson")
 
 

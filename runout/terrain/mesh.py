@@ -1,0 +1,173 @@
+"""Terrain from a triangulated surface: OBJ, PLY or STL, in metres and map coordinates, with z up.
+
+Where the surface overhangs, the ground below is the terrain, and the rock above it a body of columns.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from runout.errors import DemError
+from runout.io import crs as coordinate_systems
+from runout.io.boundary import exists
+from runout.io.elevation_raster import ElevationRaster
+from runout.model.limits import checked
+from runout.model.terrain import Terrain
+from runout.terrain import prepare
+
+MESHES = (".obj", ".ply", ".stl")
+ASIDE = 1e-6  # of a cell, by which columns pass beside the edges of the mesh
+SAME = 1e-9  # of the relief, between crossings of one sheet
+AT_ONCE = 4_000_000  # pairs of triangle and column
+UNREADABLE = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, OSError)  # what readers of meshes raise
+
+
+@dataclass(frozen=True)
+class Overhangs:
+    """Rock above open space: columns of cells.
+
+    Attributes
+    ----------
+    row, column : ndarray (n,) of int
+        Cells of the terrain.
+    bottom, top : ndarray (n,)
+        Elevation of underside and top [m].
+    """
+
+    row: np.ndarray
+    column: np.ndarray
+    bottom: np.ndarray
+    top: np.ndarray
+
+
+def is_mesh(path: Any) -> bool:
+    """Whether a file of elevations is a mesh, by its name."""
+    return isinstance(path, str | Path) and str(path).lower().endswith(MESHES)
+
+
+def read_mesh_terrain(
+    path: Path, resolution: float | None, crs: Any = None, extent: tuple[float, float, float, float] | None = None
+) -> tuple[Terrain, Overhangs]:
+    """Terrain of an open surface mesh on cells of ``resolution`` [m], and what overhangs it.
+
+    Parameters
+    ----------
+    path : Path
+        OBJ, PLY or STL.
+    resolution : float
+        Cells of the terrain [m].
+    crs : anything that pyproj understands, optional
+        Projected system of the coordinates.
+    extent : tuple of float, optional
+        West, south, east and north of what is read [m].
+
+    Raises
+    ------
+    DemError
+        If the file cannot be used, no resolution is stated, or sheets lie one over another that are no overhang; with the place.
+    """
+    if resolution is None:
+        raise DemError(f"{path}: a mesh has no cells; state terrain.resolution, the size of the cells that are made of it [m]")
+    step = checked("resolution", resolution, place=str(path), error=DemError)
+    corners, turned = _surface(path)
+    west, south, east, north = extent or (*corners[:, :, :2].min((0, 1)), *corners[:, :, :2].max((0, 1)))
+    first = np.ceil(np.array([west, south]) / step - ASIDE)
+    columns, rows = (np.floor(np.array([east, north]) / step + ASIDE) - first).astype(int)
+    if min(rows, columns) < 3:
+        raise DemError(f"{path}: {rows} x {columns} cells of {step:g} m lie on the mesh; set terrain.resolution to a smaller value")
+    column, z, up = _crossings(corners, first * step, step, (rows, columns))
+    ground, above = _sorted_crossings(column, z, up, path, first * step, (rows, columns), step)
+    transform = (step, 0.0, first[0] * step, 0.0, -step, (first[1] + rows) * step)
+    raster = ElevationRaster(ground, transform, None, "m", str(path))
+    made = prepare.terrain(coordinate_systems.with_stated(raster, crs))
+    if made.cell_size != (step, step):
+        raise DemError(f"{path}: a mesh needs coordinates in metres; transform it to a projected system, state that in terrain.crs")
+    moved = round((made.extent[0] - first[0] * step) / step), round(((first[1] + rows) * step - made.extent[3]) / step)
+    said = [f"{path}: its faces are turned upwards"] if turned else []
+    said.append(f"{len(corners)} triangles became {rows} x {columns} cells of {step:g} m, {len(above.row)} of them overhung")
+    placed = replace(above, row=above.row - moved[1], column=above.column - moved[0])
+    return replace(made, changes=(*said, *made.changes)), placed
+
+
+def _surface(path: Path) -> tuple[np.ndarray, bool]:
+    """Corners (n, 3, 3) of the triangles, turned upwards on the whole, and whether they were turned."""
+    import trimesh
+
+    if not exists(path):
+        raise DemError(f"{path}: no such file; check the path")
+    try:
+        mesh = trimesh.load_scene(path).to_mesh()
+        corners = np.asarray(mesh.triangles, np.float64)
+    except UNREADABLE as cause:
+        raise DemError(f"{path}: cannot be read as a mesh ({cause}); export it again as OBJ, PLY or STL") from cause
+    if not len(corners) or not np.isfinite(corners).all():
+        raise DemError(f"{path}: holds no faces, or corners that are no numbers; export the surface as triangles")
+    turned = float(_plan_area(corners).sum()) < 0
+    return (corners[:, ::-1] if turned else corners), turned
+
+
+def _plan_area(corners: np.ndarray) -> np.ndarray:
+    """Twice the area in plan (n,) of triangles, negative where they face down."""
+    a, b = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # type: ignore[no-any-return]
+
+
+def _crossings(
+    corners: np.ndarray, origin: np.ndarray, step: float, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Column (its number from the south-west, north first), elevation [m] and side (True: facing up) of every crossing."""
+    rows, columns = shape
+    local = corners.copy()
+    local[:, :, :2] = (local[:, :, :2] - origin) / step - 0.5 - ASIDE * np.array([1.0, np.sqrt(2.0)])
+    twice = _plan_area(local)
+    low = np.clip(np.ceil(local[:, :, :2].min(1)).astype(int), 0, [columns, rows])
+    high = np.clip(np.floor(local[:, :, :2].max(1)).astype(int) + 1, 0, [columns, rows])
+    size = np.maximum(high - low, 0)
+    count = np.where(twice != 0, size.prod(1), 0)
+    found = []
+    for part in np.array_split(np.arange(len(local)), max(1, int(count.sum()) // AT_ONCE + 1)):
+        f = np.repeat(part, count[part])
+        k = np.arange(len(f)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
+        x, y = low[f, 0] + k // np.maximum(size[f, 1], 1), low[f, 1] + k % np.maximum(size[f, 1], 1)
+        found.append(_hits(local, twice, f, x, y, rows))
+    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))  # type: ignore[return-value]
+
+
+def _hits(local: np.ndarray, twice: np.ndarray, f: np.ndarray, x: np.ndarray, y: np.ndarray, rows: int) -> tuple[np.ndarray, ...]:
+    """Crossings of columns x, y with triangles f."""
+    weights = []
+    for k in range(3):
+        a, b = local[f, (k + 1) % 3], local[f, (k + 2) % 3]
+        weights.append(((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / twice[f])
+    hit = np.min(weights, axis=0) >= 0
+    z = sum(w * local[f, k, 2] for k, w in enumerate(weights))
+    return (x * rows + y)[hit], np.asarray(z)[hit], twice[f][hit] > 0
+
+
+def _sorted_crossings(
+    column: np.ndarray, z: np.ndarray, up: np.ndarray, path: Path, origin: np.ndarray, shape: tuple[int, int], step: float
+) -> tuple[np.ndarray, Overhangs]:
+    """Lowest ground (rows, columns) [m], NaN where there is none, and the rock above it."""
+    order = np.lexsort([z, column])
+    column, z, up = column[order], z[order], up[order]
+    same = (np.diff(column) == 0) & (np.diff(z) <= SAME * max(np.ptp(z), 1.0)) & (up[1:] == up[:-1])
+    kept = np.concatenate([[True], ~same])
+    column, z, up = column[kept], z[kept], up[kept]
+    first = np.concatenate([[True], np.diff(column) != 0])
+    place = np.arange(len(column)) - np.maximum.accumulate(np.where(first, np.arange(len(column)), 0))
+    last = np.concatenate([first[1:], [True]])
+    wrong = (up != (place % 2 == 0)) | (last & ~up)
+    if wrong.any():
+        x, y = origin + step * (np.array(divmod(int(column[wrong.argmax()]), shape[0])) + 0.5)
+        at = f"at easting {x:.1f}, northing {y:.1f}, elevation {z[wrong.argmax()]:.1f}"
+        raise DemError(
+            f"{path}: {at} sheets of the mesh lie one over another "
+            "that are not ground, underside and top in turn; remove the sheet, or close the hole beside it"
+        )
+    ground = np.full(shape, np.nan)
+    row = shape[0] - 1 - column % shape[0]
+    ground[row[first], column[first] // shape[0]] = z[first]
+    under = np.flatnonzero(~up)
+    return ground, Overhangs(row[under], column[under] // shape[0], z[under], z[under + 1])

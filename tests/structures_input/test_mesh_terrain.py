@@ -1,0 +1,97 @@
+"""A surface mesh as terrain: heights at the cells; what overhangs becomes a body, other sheets are refused with their place."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from conftest import SOUTH, WEST
+
+sys.path.append(str(Path(__file__).parents[1] / "workflow"))
+from ramp_site import SITE, write_site
+
+from runout.config.site import read_site
+from runout.errors import DemError
+from runout.structures.overhangs import overhang_bodies
+from runout.terrain.mesh import read_mesh_terrain
+
+
+def sheet(points, width=120.0, parts=24):
+    """A surface whose section is a line of points (x, z), in map coordinates."""
+    x, z = np.asarray(points, float).T
+    y = np.linspace(0, width, parts + 1)
+    grid = np.stack(np.broadcast_arrays(WEST + x[:, None], SOUTH + y, z[:, None]), axis=-1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(len(x) - 1), np.arange(parts), indexing="ij")
+    a = (i * (parts + 1) + j).ravel()
+    b = a + parts + 1
+    return trimesh.Trimesh(grid, np.concatenate([np.stack([a, b, b + 1], 1), np.stack([a, b + 1, a + 1], 1)]), process=False)
+
+
+SLOPE = [(0, 100), (200, 60)]
+# a roof 12 to 16 m thick over 50 m of ground
+CAVE = [(0, 130), (80, 130), (110, 128), (110, 116), (60, 114), (60, 100), (200, 100)]
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "stl"])
+def test_a_slope_has_its_heights(tmp_path, kind):
+    mesh = sheet(SLOPE)
+    if kind == "stl":  # single precision: near the origin
+        mesh.apply_translation([-WEST, -SOUTH, 0])
+    mesh.export(tmp_path / f"slope.{kind}")
+    terrain, above = read_mesh_terrain(tmp_path / f"slope.{kind}", 4.0, "EPSG:32632")
+    assert terrain.shape == (30, 50)
+    assert terrain.elevation == pytest.approx(np.tile(100 - 0.2 * (np.arange(50) + 0.5) * 4, (30, 1)), abs=1e-4)
+    assert terrain.extent[0] == pytest.approx(0.0 if kind == "stl" else WEST)
+    assert len(above.row) == 0
+
+
+def test_a_surface_that_faces_down_is_turned(tmp_path):
+    mesh = sheet(SLOPE)
+    mesh.invert()
+    mesh.export(tmp_path / "slope.ply")
+    terrain, _ = read_mesh_terrain(tmp_path / "slope.ply", 4.0)
+    assert any("turned upwards" in change for change in terrain.changes)
+
+
+def test_rock_over_a_cave_becomes_a_body_over_the_ground(tmp_path):
+    sheet(CAVE).export(tmp_path / "cave.obj")
+    terrain, above = read_mesh_terrain(tmp_path / "cave.obj", 5.0, "EPSG:32632")
+    under = terrain.elevation[:, 12:22]
+    assert under == pytest.approx(100)
+    assert terrain.elevation[:, :12] == pytest.approx(130)
+    assert len(above.row) == 24 * 10
+    (rock,) = overhang_bodies(above, terrain, 0.4)
+    assert rock.box[:, :2] == pytest.approx(np.array([[60, 0], [110, 120]]))
+    assert rock.box[1, 2] == pytest.approx(130, abs=0.2)
+    assert 113.9 < rock.box[0, 2] < 114.5
+    assert set(rock.facades) == {"top", "underside", "east", "west", "north", "south"}
+
+
+def test_a_second_sheet_is_refused_with_its_place(tmp_path):
+    both = trimesh.util.concatenate([sheet(SLOPE), sheet([(60, 130), (90, 130)])])
+    both.export(tmp_path / "two.ply")
+    with pytest.raises(DemError, match=r"at easting 50006\d.\d, northing 5000002.5, elevation 130.0 sheets of the mesh lie"):
+        read_mesh_terrain(tmp_path / "two.ply", 5.0)
+
+
+def test_a_mesh_without_resolution_is_refused(tmp_path):
+    sheet(SLOPE).export(tmp_path / "slope.ply")
+    with pytest.raises(DemError, match=r"state terrain.resolution"):
+        read_mesh_terrain(tmp_path / "slope.ply", None)
+
+
+def test_a_site_on_a_mesh_gets_its_overhang_as_a_structure(tmp_path):
+    text = SITE.replace("inputs/dem.tif", "inputs/cave.obj\n  resolution: 5\n  crs: EPSG:32632")
+    text = text.replace("cell_size: 10", "cell_size: 5")
+    text = text.replace("    raster: inputs/thickness.tif\n", "    polygons: inputs/release.geojson\n    thickness: 3\n")
+    site = write_site(tmp_path / "cave", text)
+    sheet(CAVE).export(site / "inputs" / "cave.obj")
+    corners = [[WEST + x, SOUTH + y] for x, y in ((10, 40), (30, 40), (30, 80), (10, 80), (10, 40))]
+    (site / "inputs" / "release.geojson").write_text(
+        '{"type": "FeatureCollection", "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32632"}}, "features": '
+        f'[{{"type": "Feature", "properties": {{}}, "geometry": {{"type": "Polygon", "coordinates": [{corners}]}}}}]}}'
+    )
+    made = read_site(site).member_arguments({})["structures"]
+    assert made.names == ("overhang",)
+    assert "underside" in made.facades
