@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 LOGGER = logging.getLogger("runout.slopes")
 FOLDER, MAPS, RECORD, LAYERS, PICTURE = "screen", "screen.nc", "screen.json", "screen.gpkg", "screen.png"
 LEAST = 0.1  # [m] of flow that counts as reached
+CROWDED = 2.0  # largest flow thickness over that of the release; the automaton adds all mass that enters a cell in an iteration
 LISTED = 10  # places that are printed
 ATTRIBUTES = {
     "summary": "Runout of a gravitational mass movement by landlab's MassWastingRunout, a cellular automaton without time",
@@ -97,6 +98,12 @@ def _lines(found: Baseline, figures: dict[str, Any], way: FlowPath, places: Sequ
         f"extent: {figures['reached_area_m2']:.4g} m2 of {LEAST:g} m or more; {figures['length_m']:.0f} m long, "
         f"{figures['fall_m']:.0f} m of fall, travel angle {figures['travel_angle_deg']:.1f} deg"
     )
+    crowded = figures["largest_thickness_m"] / float(np.nanmax(found.release))
+    if crowded > CROWDED:
+        yield (
+            f"flow thickness: up to {figures['largest_thickness_m']:.3g} m, {crowded:.2g} times the release: the automaton crowds "
+            "mass in few cells; use its extent and deposit"
+        )
     yield f"flow path: {figures['path_length_m']:.0f} m, {figures['confined_share']:.0%} of it confined on both sides"
     for place in places[:LISTED]:
         yield f"look in 3D: {place.words()}"
@@ -137,7 +144,7 @@ def _write(
 
 
 def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[Feature], dpi: int = DPI) -> bytes:
-    """PNG of the largest thickness over hillshade, with the release, the flow path and the places on it."""
+    """PNG of the deposit over hillshade, with the extent (dashed), the release, the flow path and the places on it."""
     from shapely import LineString, Point
 
     from runout.report.maps import STYLES, Basemap, draw_map
@@ -147,6 +154,9 @@ def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[
     marks = [Mark(LineString(way.points(drained)), "")] if len(way.cells) > 1 else []
     marks += [Mark(Point(one.easting, one.northing), one.kind) for one in places]
     released = [outline(np.nan_to_num(found.release) > 0, terrain)]
-    base = Basemap(terrain.easting, terrain.northing, terrain.elevation, released, observed=marks)
-    window = base.window(np.nan_to_num(found.peak) >= LEAST)
-    return png(draw_map(base, found.peak, STYLES["thickness"], window, "Baseline: largest thickness"), dpi)
+    reached = np.nan_to_num(found.peak) >= LEAST
+    base = Basemap(
+        terrain.easting, terrain.northing, terrain.elevation, released, zones=[Mark(outline(reached, terrain), "")], observed=marks
+    )
+    shown = np.where(found.deposit >= LEAST, found.deposit, np.nan)
+    return png(draw_map(base, shown, STYLES["deposit"], base.window(reached), "Baseline: deposit and extent"), dpi)
