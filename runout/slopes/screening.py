@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__, log
-from runout.errors import ExitCode
+from runout.errors import ConfigError, ExitCode
 from runout.io.atomic import whole_file, write_json
 from runout.io.vector import outline, write_layers
 from runout.report.picture import DPI, png
@@ -20,6 +20,7 @@ from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components
 from runout.slopes.mass_wasting import Baseline, mass_wasting
 from runout.slopes.path_features import Feature, FlowPath, features, flow_path
+from runout.slopes.place import is_raster
 from runout.slopes.suggestion import write_maps
 
 if TYPE_CHECKING:
@@ -42,6 +43,9 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     from runout.config.site import read_site
 
     landlab_components()
+    if is_raster(path):
+        remedy = f"`runout new FOLDER --dem {path} --release RELEASE` makes one"
+        raise ConfigError(f"{path}: is a raster; the baseline needs a site with a release: {remedy}")
     site = read_site(path)
     terrain, releases = site.data().terrain, site.data().releases
     start = time.perf_counter()
