@@ -4,7 +4,6 @@ import logging
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from runout.io.atomic import whole_file, write_json
 from runout.io.vector import outline, write_layers
 from runout.report.picture import DPI, png
 from runout.slopes.choices import MassWasting
+from runout.slopes.choices import record as record_of
 from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components
 from runout.slopes.mass_wasting import Baseline, mass_wasting
@@ -59,7 +59,7 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     for line in lines:
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
     folder = (out or site.folder / "results") / FOLDER
-    record = {"runout": __version__, "parameters": asdict(parameters), **figures, "places": [asdict(p) for p in places]}
+    record = {"runout": __version__, "parameters": record_of(parameters), **figures, "places": [one.attributes() for one in places]}
     _write(folder, site, found, drained, way, places, record)
     LOGGER.info("wrote %s; next: runout compare %s %s", folder, folder, site.folder)
     return ExitCode.OK
@@ -138,7 +138,7 @@ def _write(
     write_maps(folder, MAPS, f"{site.name}: baseline of the runout", found.terrain, maps, ATTRIBUTES)
     extent = outline(np.nan_to_num(found.peak) >= LEAST, found.terrain)
     path = [{"length_m": float(way.distance[-1]), "geometry": LineString(way.points(drained))}] if len(way.cells) > 1 else []
-    rows = [{**asdict(one), "geometry": Point(one.easting, one.northing)} for one in places]
+    rows = [{**one.attributes(), "geometry": Point(one.easting, one.northing)} for one in places]
     reached = [] if extent.is_empty else [{"thickness_m": LEAST, "geometry": extent}]
     layers = {"extent": ("MultiPolygon", reached), "flow_path": ("LineString", path), "places": ("Point", rows)}
     write_layers(folder / LAYERS, found.terrain, layers)
