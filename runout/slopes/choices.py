@@ -1,13 +1,19 @@
 """Choices of the commands on slopes; each refuses values out of range."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from runout.errors import ConfigError
 from runout.model.limits import Range, checked_within, looks_like_radians, radians_remedy
 
 MOST_SAMPLES = 4096
+_IN_DEGREES = ("friction_angle", "azimuth", "tilt")
+_PARTS = {
+    "ellipsoid": ("easting", "northing", "along_azimuth", "across_azimuth", "depth"),
+    "plane": ("easting", "northing", "depth", "dip_deg", "azimuth_deg"),
+}
 
 _RANGES = {
     "cohesion": Range(0, 1e6, "Pa"),
@@ -24,6 +30,18 @@ _WASTING = {
     "erodible_thickness": Range(0, 100, "m"),
     "grain_diameter": Range(1e-4, 10, "m"),
 }
+
+
+def record(choices: Any) -> dict[str, Any]:
+    """Choices by name for a JSON record: angles in degrees say so, and numbers of an ellipsoid or a plane have names."""
+    found: dict[str, Any] = {}
+    for name, value in asdict(choices).items():
+        if name == "ellipsoid" and value is not None:
+            value = dict(zip(_PARTS[name], value, strict=True))
+        elif name == "plane":
+            value = [dict(zip(_PARTS[name], one, strict=True)) for one in value]
+        found[f"{name}_deg" if name in _IN_DEGREES else name] = value
+    return found
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.io.polygon_coverage import covered_window
 from runout.io.vector import outline
 from runout.slopes.choices import PatchChoices
+from runout.terrain.overlay import covered_part
 
 if TYPE_CHECKING:
     from runout.model.terrain import Terrain
@@ -114,7 +114,7 @@ def _patches(label: np.ndarray, numbers: list[int], drained: "Drainage", stable:
 
 def _patch(shape: Any, drainage_area: float, drained: "Drainage", stable: "Stability") -> Patch:
     """The patch of an outline with means over the area of the cells that it covers."""
-    place, area = _covered(shape, drained.terrain)
+    place, area = covered_part(shape, drained.terrain)
     mean = _Mean(area)
     thickness = mean.of(np.where(stable.thickness[place] > 0, stable.thickness[place], np.nan))
     attributes = {
@@ -152,13 +152,3 @@ def _smooth(shape: Any, terrain: "Terrain", taken: list[Any]) -> Any:
         smooth = smooth.difference(shapely.union_all(near))
     parts = [part for part in shapely.get_parts(smooth) if part.geom_type == "Polygon" and part.is_valid]
     return max(parts or shape.geoms, key=lambda part: part.area)
-
-
-def _covered(shape: Any, terrain: "Terrain") -> tuple[tuple[slice, slice], np.ndarray]:
-    """Rows and columns around a polygon, and the area (rows, columns) [m2] of each cell that it covers."""
-    import shapely
-
-    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
-    local = shapely.transform(shape, terrain.frame.to_local)
-    (east, north), area = covered_window(local, (np.arange(columns + 1) * dx, np.arange(rows + 1) * dy))
-    return (slice(rows - north.stop, rows - north.start), east), area.T[::-1]

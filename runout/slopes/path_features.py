@@ -35,6 +35,11 @@ class Feature:
     distance: float
     size: float
 
+    def attributes(self) -> dict[str, str | float]:
+        """Values by name and unit."""
+        place = {"easting": self.easting, "northing": self.northing}
+        return {"kind": self.kind, **place, "distance_m": self.distance, "size_m": self.size}
+
     def words(self) -> str:
         """The feature in words."""
         size = f"{self.size:.3g} m {'high' if self.kind == 'steep step' else 'of flow'}"

@@ -31,6 +31,11 @@ class Place:
     site: "Site | None" = None
 
 
+def is_raster(path: Path) -> bool:
+    """Whether a path names an elevation raster, by its suffix."""
+    return str(path).startswith("matplotlib:") or (path.suffix.lower() in RASTER_SUFFIXES and not path.is_dir())
+
+
 def read_place(path: Path, out: Path | None) -> Place:
     """The place of a site folder, a site.yaml or an elevation raster.
 
@@ -39,7 +44,7 @@ def read_place(path: Path, out: Path | None) -> Place:
     ConfigError, DemError
         If the site or the raster cannot be used.
     """
-    if str(path).startswith("matplotlib:") or (path.suffix.lower() in RASTER_SUFFIXES and not path.is_dir()):
+    if is_raster(path):
         name = path.stem.removeprefix("matplotlib:")
         return Place(name, Terrain.from_raster(str(path)), out or Path(f"{name}_results"))
     from runout.config.site import read_site

@@ -1,11 +1,11 @@
 """Scarps: thickness of a mass above an ellipsoid or a set of planes, which thins out to the rim."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,16 +13,16 @@ from runout.errors import ReleaseError
 from runout.model.limits import Range, checked, checked_within
 from runout.release.ground import require_elevation, require_inside
 from runout.release.read import release_from_array
+from runout.slopes.scarp_ground import POINTS, fitted_plane, ground_at, mean_thickness
 from runout.terrain.fill import filled
+from runout.terrain.overlay import covered_part
 
 if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.model.terrain import Terrain
 
-POINTS = 8  # along each side of a cell, at which the thickness is averaged
 POINTS_OF_AN_AXIS = 24  # along a semi-axis of an ellipsoid, at least
 _DIP, _AZIMUTH = Range(0, 89, "deg"), Range(-360, 360, "deg")
-Points = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # thickness [m] at easting, northing, ground [m]
 
 
 @dataclass(frozen=True)
@@ -100,12 +100,12 @@ def scarp_ellipsoid(
     axis = Range(max(terrain.cell_size), 1e5, "m", "the raster has no finer cells")
     a, b = (checked_within(axis, "semi-axis", value, error=ReleaseError) for value in semi_axes)
     checked("thickness", depth, key="depth", error=ReleaseError)
-    slope, level = _fitted_plane(terrain, (east, north), math.sqrt(a * b))
+    slope, level = fitted_plane(terrain, (east, north), math.sqrt(a * b))
     azimuth = math.atan2(-slope[0], -slope[1]) if azimuth_deg is None else _azimuth(azimuth_deg)
     along = np.array([math.sin(azimuth), math.cos(azimuth)])
     if tilt_deg is not None:
         slope = -math.tan(math.radians(checked_within(_DIP, "tilt", tilt_deg, error=ReleaseError))) * along
-        level = float(_ground(terrain, np.array([east]), np.array([north]))[0])
+        level = float(ground_at(terrain, np.array([east]), np.array([north]))[0])
     _require_ellipse(terrain, (east, north), (a, b), along, name)
 
     def thickness(x: np.ndarray, y: np.ndarray, ground: np.ndarray) -> np.ndarray:
@@ -117,7 +117,7 @@ def scarp_ellipsoid(
     near = np.hypot(*(axis - value for axis, value in zip(_centres(terrain), (east, north), strict=True)))
     cells = near <= max(a, b) + max(terrain.cell_size)
     points = max(POINTS, math.ceil(POINTS_OF_AN_AXIS * max(terrain.cell_size) / min(a, b)))
-    return _release(terrain, _averaged(terrain, thickness, cells, points), volume, name)
+    return _release(terrain, mean_thickness(terrain, thickness, cells, points), volume, name)
 
 
 def scarp_planes(
@@ -166,7 +166,7 @@ def scarp_planes(
     cells = above if share is None else above & (share > 0)
     if share is None:
         cells = _around(terrain, cells, bases)
-    values = _averaged(terrain, thickness, _wider(cells))
+    values = mean_thickness(terrain, thickness, _wider(cells))
     return _release(terrain, values if share is None else values * share, volume, name)
 
 
@@ -190,7 +190,7 @@ def _azimuth(azimuth_deg: float) -> float:
 def _base(terrain: "Terrain", plane: ScarpPlane) -> tuple[float, float, float, float, float]:
     """Point, elevation [m] and gradient to the east and north of a plane."""
     east, north = _point(terrain, (plane.easting, plane.northing))
-    ground = float(_ground(terrain, np.array([east]), np.array([north]))[0])
+    ground = float(ground_at(terrain, np.array([east]), np.array([north]))[0])
     fall, azimuth = math.tan(math.radians(plane.dip_deg)), math.radians(plane.azimuth_deg)
     return east, north, ground - plane.depth, -fall * math.sin(azimuth), -fall * math.cos(azimuth)
 
@@ -198,26 +198,6 @@ def _base(terrain: "Terrain", plane: ScarpPlane) -> tuple[float, float, float, f
 def _centres(terrain: "Terrain") -> tuple[np.ndarray, np.ndarray]:
     """Easting (1, columns) and northing (rows, 1) of the cell centres [m]."""
     return terrain.easting[None, :], terrain.northing[:, None]
-
-
-def _ground(terrain: "Terrain", x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Elevation [m] at points by bilinear interpolation between cell centres; constant beyond the outermost ones."""
-    from scipy import ndimage
-
-    column, row = (x - terrain.easting[0]) / terrain.cell_size[0], (terrain.northing[0] - y) / terrain.cell_size[1]
-    z = filled(terrain.elevation, terrain.cell_size)
-    return ndimage.map_coordinates(z, [row, column], order=1, mode="nearest")  # type: ignore[no-any-return]
-
-
-def _fitted_plane(terrain: "Terrain", centre: tuple[float, float], radius: float) -> tuple[np.ndarray, float]:
-    """Gradient to the east and north, and elevation at the centre [m], of the least-squares plane of the ground in a circle."""
-    around = np.linspace(-radius, radius, 41)
-    dx, dy = (axis.ravel() for axis in np.meshgrid(around, around))
-    inside = np.hypot(dx, dy) <= radius
-    dx, dy = dx[inside], dy[inside]
-    ground = _ground(terrain, centre[0] + dx, centre[1] + dy)
-    fitted, *_ = np.linalg.lstsq(np.column_stack([dx, dy, np.ones_like(dx)]), ground, rcond=None)
-    return fitted[:2], float(fitted[2])
 
 
 def _require_ellipse(
@@ -229,34 +209,6 @@ def _require_ellipse(
     u, v = axes[0] * np.cos(turn), axes[1] * np.sin(turn)
     points = np.column_stack([centre[0] + u * along[0] + v * along[1], centre[1] + u * along[1] - v * along[0]])
     require_inside(Polygon(points), terrain, f"ellipsoid {name}")
-
-
-def _averaged(terrain: "Terrain", thickness: Points, cells: np.ndarray, points: int = POINTS) -> np.ndarray:
-    """Mean thickness (rows, columns) [m] over the cells of a mask, from ``points`` x ``points`` within each."""
-    rows, columns = np.nonzero(cells)
-    offsets = (np.arange(points) + 0.5) / points - 0.5
-    total = np.zeros(len(rows))
-    z, (dx, dy) = _Ground(terrain), terrain.cell_size
-    for v in offsets:
-        for u in offsets:
-            x, y = terrain.easting[columns] + u * dx, terrain.northing[rows] + v * dy
-            total += thickness(x, y, z.at(rows - v, columns + u))
-    values = np.zeros(terrain.shape)
-    values[rows, columns] = total / points**2
-    return values
-
-
-class _Ground:
-    """Ground of a terrain, filled once."""
-
-    def __init__(self, terrain: "Terrain"):
-        self.elevation = filled(terrain.elevation, terrain.cell_size)
-
-    def at(self, row: np.ndarray, column: np.ndarray) -> Any:
-        """Elevation (n,) [m] at fractional rows and columns."""
-        from scipy import ndimage
-
-        return ndimage.map_coordinates(self.elevation, [row, column], order=1, mode="nearest")
 
 
 def _wider(cells: np.ndarray) -> np.ndarray:
@@ -288,18 +240,15 @@ def _covered_share(terrain: "Terrain", path: Path) -> np.ndarray:
     """Share (rows, columns) of each cell that the polygons of a file cover [1]."""
     import shapely
 
-    from runout.io.polygon_coverage import covered_window
     from runout.io.polygons import read_polygons
 
     layer = read_polygons(path, terrain, what="outline")
     shape = shapely.union_all(layer.polygons)
     require_inside(shape, terrain, f"outline {path}")
-    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
-    local = shapely.transform(shape, terrain.frame.to_local)
-    share = np.zeros((columns, rows))
-    window, area = covered_window(local, (np.arange(columns + 1) * dx, np.arange(rows + 1) * dy))
-    share[window] = area / terrain.cell_area
-    return np.ascontiguousarray(share.T[::-1])
+    share = np.zeros(terrain.shape)
+    place, area = covered_part(shape, terrain)
+    share[place] = area / terrain.cell_area
+    return share
 
 
 def _release(terrain: "Terrain", thickness: np.ndarray, volume: float | None, name: str) -> "Release":

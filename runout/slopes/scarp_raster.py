@@ -2,7 +2,6 @@
 
 import logging
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from runout.errors import ConfigError, ExitCode
 from runout.io.atomic import write_json
 from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
-from runout.slopes.choices import ScarpChoices
+from runout.slopes.choices import ScarpChoices, record
 from runout.slopes.place import read_place
 from runout.slopes.scarp import scarp_ellipsoid, scarp_planes
 
@@ -37,10 +36,10 @@ def command(path: Path, out: Path | None, choices: ScarpChoices) -> int:
     maps = map_dataset(terrain, {"release_thickness": release.thickness}, title=f"{place.name}: scarp {choices.name}")
     stored = maps["release_thickness"].values.astype(np.float64)
     volume = float(stored.sum() * terrain.cell_area)
-    record = {"runout": __version__, "elevation": terrain.source, **asdict(choices), "volume_m3": volume}
-    record |= {"area_m2": release.area, "largest_thickness_m": float(release.thickness.max())}
+    made = {"runout": __version__, "elevation": terrain.source, **record(choices), "volume_m3": volume}
+    made |= {"area_m2": release.area, "largest_thickness_m": float(release.thickness.max())}
     write_cog(maps, "release_thickness", file)
-    write_json(record, file.with_suffix(".json"))
+    write_json(made, file.with_suffix(".json"))
     console = log.output()
     console.print(f"volume: {volume:.9g} m3", markup=False)
     console.print(f"area: {release.area:.6g} m2; largest thickness {release.thickness.max():.4g} m", markup=False)

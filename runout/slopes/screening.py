@@ -4,22 +4,23 @@ import logging
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runout import __version__, log
-from runout.errors import ExitCode
+from runout.errors import ConfigError, ExitCode
 from runout.io.atomic import whole_file, write_json
 from runout.io.vector import outline, write_layers
 from runout.report.picture import DPI, png
 from runout.slopes.choices import MassWasting
+from runout.slopes.choices import record as record_of
 from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components
 from runout.slopes.mass_wasting import Baseline, mass_wasting
 from runout.slopes.path_features import Feature, FlowPath, features, flow_path
+from runout.slopes.place import is_raster
 from runout.slopes.suggestion import write_maps
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 LOGGER = logging.getLogger("runout.slopes")
 FOLDER, MAPS, RECORD, LAYERS, PICTURE = "screen", "screen.nc", "screen.json", "screen.gpkg", "screen.png"
 LEAST = 0.1  # [m] of flow that counts as reached
+CROWDED = 2.0  # largest flow thickness over that of the release; the automaton adds all mass that enters a cell in an iteration
 LISTED = 10  # places that are printed
 ATTRIBUTES = {
     "summary": "Runout of a gravitational mass movement by landlab's MassWastingRunout, a cellular automaton without time",
@@ -41,6 +43,9 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     from runout.config.site import read_site
 
     landlab_components()
+    if is_raster(path):
+        remedy = f"`runout new FOLDER --dem {path} --release RELEASE` makes one"
+        raise ConfigError(f"{path}: is a raster; the baseline needs a site with a release: {remedy}")
     site = read_site(path)
     terrain, releases = site.data().terrain, site.data().releases
     start = time.perf_counter()
@@ -54,7 +59,7 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     for line in lines:
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
     folder = (out or site.folder / "results") / FOLDER
-    record = {"runout": __version__, "parameters": asdict(parameters), **figures, "places": [asdict(p) for p in places]}
+    record = {"runout": __version__, "parameters": record_of(parameters), **figures, "places": [one.attributes() for one in places]}
     _write(folder, site, found, drained, way, places, record)
     LOGGER.info("wrote %s; next: runout compare %s %s", folder, folder, site.folder)
     return ExitCode.OK
@@ -97,6 +102,12 @@ def _lines(found: Baseline, figures: dict[str, Any], way: FlowPath, places: Sequ
         f"extent: {figures['reached_area_m2']:.4g} m2 of {LEAST:g} m or more; {figures['length_m']:.0f} m long, "
         f"{figures['fall_m']:.0f} m of fall, travel angle {figures['travel_angle_deg']:.1f} deg"
     )
+    crowded = figures["largest_thickness_m"] / float(np.nanmax(found.release))
+    if crowded > CROWDED:
+        yield (
+            f"flow thickness: up to {figures['largest_thickness_m']:.3g} m, {crowded:.2g} times the release: the automaton crowds "
+            "mass in few cells; use its extent and deposit"
+        )
     yield f"flow path: {figures['path_length_m']:.0f} m, {figures['confined_share']:.0%} of it confined on both sides"
     for place in places[:LISTED]:
         yield f"look in 3D: {place.words()}"
@@ -127,7 +138,7 @@ def _write(
     write_maps(folder, MAPS, f"{site.name}: baseline of the runout", found.terrain, maps, ATTRIBUTES)
     extent = outline(np.nan_to_num(found.peak) >= LEAST, found.terrain)
     path = [{"length_m": float(way.distance[-1]), "geometry": LineString(way.points(drained))}] if len(way.cells) > 1 else []
-    rows = [{**asdict(one), "geometry": Point(one.easting, one.northing)} for one in places]
+    rows = [{**one.attributes(), "geometry": Point(one.easting, one.northing)} for one in places]
     reached = [] if extent.is_empty else [{"thickness_m": LEAST, "geometry": extent}]
     layers = {"extent": ("MultiPolygon", reached), "flow_path": ("LineString", path), "places": ("Point", rows)}
     write_layers(folder / LAYERS, found.terrain, layers)
@@ -137,7 +148,7 @@ def _write(
 
 
 def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[Feature], dpi: int = DPI) -> bytes:
-    """PNG of the largest thickness over hillshade, with the release, the flow path and the places on it."""
+    """PNG of the deposit over hillshade, with the extent (dashed), the release, the flow path and the places on it."""
     from shapely import LineString, Point
 
     from runout.report.maps import STYLES, Basemap, draw_map
@@ -147,6 +158,9 @@ def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[
     marks = [Mark(LineString(way.points(drained)), "")] if len(way.cells) > 1 else []
     marks += [Mark(Point(one.easting, one.northing), one.kind) for one in places]
     released = [outline(np.nan_to_num(found.release) > 0, terrain)]
-    base = Basemap(terrain.easting, terrain.northing, terrain.elevation, released, observed=marks)
-    window = base.window(np.nan_to_num(found.peak) >= LEAST)
-    return png(draw_map(base, found.peak, STYLES["thickness"], window, "Baseline: largest thickness"), dpi)
+    reached = np.nan_to_num(found.peak) >= LEAST
+    base = Basemap(
+        terrain.easting, terrain.northing, terrain.elevation, released, zones=[Mark(outline(reached, terrain), "")], observed=marks
+    )
+    shown = np.where(found.deposit >= LEAST, found.deposit, np.nan)
+    return png(draw_map(base, shown, STYLES["deposit"], base.window(reached), "Baseline: deposit and extent"), dpi)

@@ -3,7 +3,6 @@
 import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from runout.io.netcdf import write as write_netcdf
 from runout.io.vector import write_layers
 from runout.scores.slope_normal import terrain_slope
 from runout.slopes.choices import PatchChoices, Strength
+from runout.slopes.choices import record as record_of
 from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components, manageable
 from runout.slopes.infinite_slope import Stability, stability
@@ -130,7 +130,7 @@ def _record(
         return record
     released = [patch.attributes for patch in found.patches]
     left = {words: cells for words, (cells, _) in found.left.items()}
-    return record | {"strength": asdict(strength), "choices": asdict(choices), "cells_left": left, "releases": released}
+    return record | {"strength": record_of(strength), "choices": record_of(choices), "cells_left": left, "releases": released}
 
 
 def write(

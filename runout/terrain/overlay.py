@@ -36,3 +36,13 @@ def on_cells(parts: np.ndarray, values: np.ndarray, terrain: Terrain) -> tuple[n
         covered[window] += area / terrain.cell_area
         weighted[window] += value * area / terrain.cell_area
     return covered, weighted, kept
+
+
+def covered_part(shape: Any, terrain: Terrain) -> tuple[tuple[slice, slice], np.ndarray]:
+    """Rows and columns around a polygon inside a terrain, and the area [m2] of each of these cells that it covers."""
+    import shapely
+
+    (rows, columns), (dx, dy) = terrain.shape, terrain.cell_size
+    local = shapely.transform(shape, terrain.frame.to_local)
+    (east, north), area = covered_window(local, (np.arange(columns + 1) * dx, np.arange(rows + 1) * dy))
+    return (slice(rows - north.stop, rows - north.start), east), area.T[::-1]

@@ -12,7 +12,7 @@ from rasterio.transform import from_origin
 
 from runout import Release, Terrain, cli
 from runout.errors import ExitCode
-from runout.slopes.patches import _covered
+from runout.terrain.overlay import covered_part
 from runout.workflow.check import inspect
 
 CELL, WEST, NORTH = 5.0, 500_000.0, 5_000_000.0
@@ -65,7 +65,7 @@ def test_volume_weighs_cells_by_covered_area(proposed):
     first = geopandas.read_file(folder / "release.gpkg").iloc[0]
     with rasterio.open(folder / "failure_thickness.tif") as file:
         thickness = file.read(1).astype(float)
-    place, area = _covered(first.geometry, Terrain.from_array(facets(), CELL, origin=(WEST, NORTH - 300.0)))
+    place, area = covered_part(first.geometry, Terrain.from_array(facets(), CELL, origin=(WEST, NORTH - 300.0)))
     fails = thickness[place] > 0
     mean = (thickness[place] * area)[fails].sum() / area[fails].sum()
     assert first.volume_m3 == pytest.approx(mean * first.geometry.area, rel=1e-5)
@@ -75,7 +75,7 @@ def test_volume_weighs_cells_by_covered_area(proposed):
 def test_a_triangle_loses_no_area_on_coarse_cells():
     terrain = Terrain.from_array(np.zeros((40, 50)), CELL, origin=(WEST, NORTH))
     triangle = shapely.Polygon([(WEST + 31, NORTH + 22), (WEST + 131, NORTH + 22), (WEST + 77, NORTH + 122)])
-    _, area = _covered(triangle, terrain)
+    _, area = covered_part(triangle, terrain)
     assert triangle.area == 5000.0
     assert area.sum() == pytest.approx(5000.0, rel=1e-12)
 

@@ -94,6 +94,13 @@ def test_bad_parameters_are_one_line(stated, message, finished_site, tmp_path, c
     assert not (tmp_path / "screen").exists()
 
 
+def test_a_raster_has_no_release_to_run(tmp_path, capsys):
+    assert cli.main(["-q", "screen", str(tmp_path / "dem.tif")]) == ExitCode.CONFIGURATION
+    told = capsys.readouterr().err
+    assert "is a raster; the baseline needs a site with a release" in told
+    assert told.count("\n") == 1
+
+
 def test_landslide_of_the_tutorial_of_landlab_scores_against_the_observation(tmp_path, capsys):
     observed = Path(os.environ.get("RUNOUT_DATA", "")) / "cascades_2021_landlab" / "DEM_of_Difference.asc"
     if not observed.is_file():
