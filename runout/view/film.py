@@ -100,10 +100,11 @@ def _write_gif(frames: Sequence[Path], path: Path, fps: float) -> None:
     """One palette for all frames, so that colours do not flicker."""
     from PIL import Image
 
-    pictures = [Image.fromarray(colours) for colours in _pictures(frames)]
-    palette = palette_of([pictures[k] for k in sorted({0, len(pictures) // 2, len(pictures) - 1})])
-    paletted = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    paletted[0].save(path, save_all=True, append_images=paletted[1:], duration=round(1000 / fps), loop=0, optimize=False)
+    some = [frames[k] for k in sorted({0, len(frames) // 2, len(frames) - 1})]
+    palette = palette_of([Image.fromarray(colours) for colours in _pictures(some)])
+    paletted = (Image.fromarray(c).quantize(palette=palette, dither=Image.Dither.NONE) for c in _pictures(frames))
+    first = next(paletted)
+    first.save(path, save_all=True, append_images=paletted, duration=round(1000 / fps), loop=0, optimize=False)
 
 
 def palette_of(pictures: Sequence[Any]) -> Any:

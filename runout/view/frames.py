@@ -1,5 +1,6 @@
 """Makes the scene of a member from the site and the file of its simulation."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.report.maps import Basemap
-from runout.view.scene import LEAST_SHOWN, FlowScene, Mesh
+from runout.view.scene import LEAST_SHOWN, FlowScene, Mesh, block_means, block_of, chosen_frames
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from runout.model.release import Release
     from runout.model.terrain import Terrain
 
+LOGGER = logging.getLogger("runout.view")
 MARGIN = 0.5  # of the size of the flow, around it
 SNAPSHOTS, PARTICLES = "snapshots", "snapshot_particles"  # groups of a file
 Window = tuple[slice, slice]
@@ -58,10 +60,10 @@ def held(path: Path) -> Held:
 
 
 def flow_scene(
-    path: Path, terrain: "Terrain", releases: "Sequence[Release]", *, title: str = "", least_thickness: float = LEAST_SHOWN,
-    meshes: Mapping[str, Mesh] | None = None,
+    path: Path, terrain: "Terrain", releases: "Sequence[Release]", *, count: int | None = None, title: str = "",
+    least_thickness: float = LEAST_SHOWN, meshes: Mapping[str, Mesh] | None = None,
 ) -> FlowScene:  # fmt: skip
-    """Scene of the frames in a file of :meth:`runout.Result.to_netcdf`.
+    """Scene of ``count`` frames, by default all, in a file of :meth:`runout.Result.to_netcdf`; large windows are coarsened.
 
     Raises
     ------
@@ -79,12 +81,18 @@ def flow_scene(
         for frame in range(shown.sizes["time"]):  # one at a time: maps may be large
             reached[place] |= np.nan_to_num(shown["flow_thickness"][frame].values) >= least_thickness
         window = window_around(terrain, releases, reached)
-        inside, target = _overlap(place, window)
-        maps = {name: _put(shown[name][:, *inside].values, window, target) for name in ("flow_thickness", "speed")}
-        times = np.asarray(shown["time"].values, float)
-    scene = ground_scene(terrain, releases, window, title=title, least_thickness=least_thickness, meshes=meshes)
-    thickness, speed = maps["flow_thickness"], maps["speed"]
-    return replace(scene, times=times, thickness=thickness, speed=speed, particles=_particles(path))
+        scene = ground_scene(terrain, releases, window, title=title, least_thickness=least_thickness, meshes=meshes)
+        chosen, block = chosen_frames(shown.sizes["time"], count), block_of(scene.ground.size)
+        thickness, speed = (
+            np.stack([block_means(_frame(shown[name][frame], place, window), block) for frame in chosen])
+            for name in ("flow_thickness", "speed")
+        )
+        times = np.asarray(shown["time"].values, float)[chosen]
+    if block > 1:
+        LOGGER.info("the window has %d cells; means over blocks of %d x %d cells are drawn", scene.ground.size, block, block)
+    particles = _particles(path)
+    kept = None if particles is None else particles[chosen]
+    return replace(scene.coarsened(), times=times, thickness=thickness, speed=speed, particles=kept)
 
 
 def maximum_scene(
@@ -150,10 +158,11 @@ def _overlap(place: Window, window: Window) -> tuple[Window, Window]:
     return inside, target  # type: ignore[return-value]
 
 
-def _put(values: np.ndarray, window: Window, target: Window) -> np.ndarray:
-    """Values (frames, rows, columns) at their place in a window; 0 elsewhere."""
-    whole = np.zeros((len(values), *(span.stop - span.start for span in window)), np.float32)
-    whole[:, *target] = values
+def _frame(shown: "xr.DataArray", place: Window, window: Window) -> np.ndarray:
+    """A map that lies at ``place`` in the raster, on a window of the raster; 0 elsewhere."""
+    inside, target = _overlap(place, window)
+    whole = np.zeros([span.stop - span.start for span in window], np.float32)
+    whole[target] = shown[inside].values
     return whole
 
 

@@ -1,6 +1,7 @@
 """Reads a picture such as an orthophoto onto the window of a scene."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ MOST_PIXELS = 2048  # along a side
 STRETCH = (2.0, 98.0)  # percentiles that become black and white, of bands that are not bytes
 
 
-def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str | None) -> np.ndarray:
+def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str | None, most: int = MOST_PIXELS) -> np.ndarray:
     """Colours (height, width, 3) of uint8 of a GeoTIFF in a window, north up; grey where the file has no pixels.
 
     Parameters
@@ -21,6 +22,8 @@ def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str
         West, south, east and north of the window [m].
     crs : str or None
         Coordinate system of the window; None: that of the file.
+    most : int
+        Pixels along the longer side.
 
     Raises
     ------
@@ -33,7 +36,7 @@ def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str
         with rasterio.open(path) as file:
             if file.crs is None and crs is not None:
                 raise InputError(f"{path}: the image states no coordinate system; add one, for example with gdal_edit.py -a_srs")
-            bands, known = _warped(file, extent, crs)
+            bands, known = _warped(file, extent, crs, most)
     except rasterio.errors.RasterioError as cause:
         raise InputError(f"{path}: cannot be read as an image ({cause}); give a GeoTIFF") from cause
     if not known.any():
@@ -42,18 +45,20 @@ def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str
     return np.where(known[..., None], colours, np.uint8(200))
 
 
-def _warped(file: "object", extent: tuple[float, float, float, float], crs: str | None) -> tuple[np.ndarray, np.ndarray]:
+def _warped(
+    file: Any, extent: tuple[float, float, float, float], crs: str | None, most: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Three bands (3, height, width) on the window, and the pixels that the file covers."""
     from rasterio.enums import Resampling
     from rasterio.transform import from_bounds
     from rasterio.vrt import WarpedVRT
 
     west, south, east, north = extent
-    scale = MOST_PIXELS / max(east - west, north - south)
+    scale = most / max(east - west, north - south)
     width, height = max(1, round((east - west) * scale)), max(1, round((north - south) * scale))
-    place = {"crs": crs or file.crs, "transform": from_bounds(*extent, width, height), "width": width, "height": height}  # type: ignore[attr-defined]
-    with WarpedVRT(file, resampling=Resampling.bilinear, add_alpha=file.nodata is None, **place) as window:  # type: ignore[attr-defined]
-        bands = [1, 2, 3] if file.count >= 3 else [1, 1, 1]  # type: ignore[attr-defined]
+    place = {"crs": crs or file.crs, "transform": from_bounds(*extent, width, height), "width": width, "height": height}
+    with WarpedVRT(file, resampling=Resampling.bilinear, add_alpha=file.nodata is None, **place) as window:
+        bands = [1, 2, 3] if file.count >= 3 else [1, 1, 1]
         return window.read(bands), window.dataset_mask() > 0
 
 

@@ -3,11 +3,14 @@
 import json
 import logging
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -112,6 +115,8 @@ def _reason(folder: Path, code: int, task: str) -> str:
     return NO_OPENGL
 
 
-def folder_for_job() -> tempfile.TemporaryDirectory[str]:
-    """Temporary folder of a job."""
-    return tempfile.TemporaryDirectory(prefix="runout_view_")
+@contextmanager
+def folder_for_job() -> Iterator[Path]:
+    """Temporary folder of a job, which an interrupt removes as well."""
+    with tempfile.TemporaryDirectory(prefix="runout_view_") as folder, at_end(partial(shutil.rmtree, folder, ignore_errors=True)):
+        yield Path(folder)

@@ -1,5 +1,6 @@
 """What a picture in three dimensions shows: the ground, the frames of a flow, outlines and structures."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -102,17 +103,17 @@ class FlowScene:
         """The scene with ``count`` of its frames, evenly chosen, first and last included; all if it has no more."""
         if count is None or count >= len(self.times):
             return self
-        chosen = np.unique(np.linspace(0, len(self.times) - 1, count).round().astype(int))
+        chosen = chosen_frames(len(self.times), count)
         some: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("times", "thickness", "speed")}
         return replace(self, **some, particles=None if self.particles is None else self.particles[chosen])
 
     def coarsened(self, most: int = MOST_CELLS) -> "FlowScene":
         """The scene with means over square blocks, so that it has at most ``most`` cells."""
-        block = int(np.ceil(np.sqrt(self.ground.size / most)))
+        block = block_of(self.ground.size, most)
         if block < 2:
             return self
         names = ("easting", "northing", "ground", "thickness", "speed")
-        maps: dict[str, Any] = {name: _block_means(getattr(self, name), block) for name in names}
+        maps: dict[str, Any] = {name: block_means(getattr(self, name), block) for name in names}
         return replace(self, **maps)
 
     def refined(self, least: int = LEAST_CELLS) -> "FlowScene":
@@ -181,7 +182,19 @@ def _resampled(values: np.ndarray, shape: tuple[int, int], order: int = 1, prefi
     return finer
 
 
-def _block_means(values: np.ndarray, block: int) -> np.ndarray:
+def chosen_frames(frames: int, count: int | None) -> np.ndarray:
+    """Numbers of ``count`` of some frames, evenly chosen, first and last included; of all if there are no more."""
+    if count is None or count >= frames:
+        return np.arange(frames)
+    return np.unique(np.linspace(0, frames - 1, count).round().astype(int))
+
+
+def block_of(cells: int, most: int = MOST_CELLS) -> int:
+    """Side of the blocks, in cells, over which maps of so many cells are averaged for a picture."""
+    return max(1, math.ceil(math.sqrt(cells / most)))
+
+
+def block_means(values: np.ndarray, block: int) -> np.ndarray:
     """Means over blocks along the last axis, or the last two of maps; incomplete blocks at the end are left out."""
     for axis in range(max(0, values.ndim - 2), values.ndim):
         whole = values.shape[axis] // block

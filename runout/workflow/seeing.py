@@ -5,16 +5,18 @@ import os
 import shutil
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runout import log
+from runout.config.schema import MOST_SNAPSHOTS
 from runout.errors import ConfigError, RenderError
 from runout.view import film, process
 from runout.view.camera import stated_direction
 from runout.view.frames import flow_scene, held
-from runout.view.scene import MOST_CELLS, FlowScene, Mesh
+from runout.view.image import draped_image
+from runout.view.scene import FlowScene, Mesh
 from runout.view.surfaces import COLOURED
 from runout.workflow.single_member import chosen_member, simulation_file
 from runout.workflow.study import Study
@@ -60,8 +62,8 @@ class Choices:
     device: str | None = None
 
     def __post_init__(self) -> None:
-        if self.frames is not None and self.frames < 1:
-            raise ConfigError(f"frames is {self.frames}; it must be 1 or more")
+        if self.frames is not None and not 1 <= self.frames <= MOST_SNAPSHOTS:
+            raise ConfigError(f"frames is {self.frames}; it must be 1 to {MOST_SNAPSHOTS}")
         for name, known in (("colour", COLOURED), ("show", SHOWN)):
             if getattr(self, name) not in known:
                 raise ConfigError(f"{name} is {getattr(self, name)!r}; choose one of {', '.join(known)}")
@@ -88,7 +90,7 @@ def view(site_path: Path, out: Path | None, choices: Choices) -> None:
     process.require_packages()
     scene = scene_of(site_path, out, choices)
     with process.folder_for_job() as folder:
-        process.make("window", scene, choices.look, Path(folder))
+        process.make("window", scene, choices.look, folder)
 
 
 def animate(site_path: Path, out: Path | None, choices: Choices, output: Path | None, vtk: Path | None, fps: float) -> list[Path]:
@@ -109,9 +111,9 @@ def animate(site_path: Path, out: Path | None, choices: Choices, output: Path | 
     scene, made = scene_of(site_path, out, choices), []
     with process.folder_for_job() as folder:
         if vtk is not None:
-            made.append(_write_files(scene, choices, Path(folder) / "files", vtk))
+            made.append(_write_files(scene, choices, folder / "files", vtk))
         if output is not None:
-            made.append(_write_film(scene, choices, Path(folder) / "film", output, fps))
+            made.append(_write_film(scene, choices, folder / "film", output, fps))
     for path in made:
         LOGGER.info("wrote %s: %d frames, %.4g to %.4g s", path, len(scene.times), scene.times[0], scene.times[-1])
     return made
@@ -121,20 +123,16 @@ def scene_of(site_path: Path, out: Path | None, choices: Choices) -> FlowScene:
     """Scene of a member; its simulation is made if there is none with enough frames."""
     study = Study.open(site_path, out, device=choices.device)
     site, member = study.site, chosen_member(study.site, choices.member)
-    file = simulation(study, member, choices)
     terrain = site.terrain()
+    if choices.image is not None:
+        draped_image(choices.image, terrain.extent, terrain.crs, most=64)  # refused before a simulation
+    file = simulation(study, member, choices)
     releases = site.releases(terrain, member.parameters)
     title = f"{site.settings.title or site.name}, member {member.number}"
     least = site.settings.simulation.arrival_threshold
-    scene = flow_scene(file, terrain, releases, title=title, least_thickness=least, meshes=structure_meshes(site))
-    scene = scene.frames(choices.frames).coarsened()
-    if scene.ground.size < (cells := _cells_of_window(scene, terrain.cell_size)):
-        LOGGER.info("the window has %d cells; means over blocks are drawn, %d at most", cells, MOST_CELLS)
+    shown: dict[str, Any] = {"count": choices.frames, "title": title, "least_thickness": least, "meshes": structure_meshes(site)}
+    scene = flow_scene(file, terrain, releases, **shown)
     if choices.image is not None:
-        from dataclasses import replace
-
-        from runout.view.image import draped_image
-
         scene = replace(scene, image=draped_image(choices.image, scene.extent, scene.crs))
     return scene
 
@@ -148,7 +146,7 @@ def simulation(study: Study, member: "Member", choices: Choices) -> Path:
     own = simulation_file(study.results, member.number)
     for file in (own, member.file(study.results)):
         found = held(file)
-        planned = max(found.planned, study.site.settings.simulation.snapshots or 0)
+        planned = found.planned if file == own else study.site.settings.simulation.snapshots or 0
         if found.frames and planned >= wanted and found.particles >= particles and stored_key(file) == member.key:
             return file
     why = "there is no simulation with snapshots" if not held(own).frames else "its simulation is of other settings or has too few"
@@ -163,12 +161,6 @@ def simulation(study: Study, member: "Member", choices: Choices) -> Path:
 def structure_meshes(site: "Site") -> Mapping[str, Mesh]:
     """Structures of a site by name, in map coordinates; none yet."""
     return {}
-
-
-def _cells_of_window(scene: FlowScene, cell_size: tuple[float, float]) -> int:
-    """Cells of the raster in the window of a scene."""
-    per_cell = scene.cell_size[0] * scene.cell_size[1] / (cell_size[0] * cell_size[1])
-    return round(scene.ground.size * per_cell)
 
 
 def _has_display() -> bool:

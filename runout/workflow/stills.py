@@ -1,7 +1,6 @@
 """Draws members in three dimensions for the report; a failure leaves a sentence and nothing else."""
 
 import logging
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runout.errors import RenderError
@@ -62,7 +61,7 @@ def draw(scene: "FlowScene", top: float = 0.0) -> tuple[bytes, str]:
         If it cannot be drawn.
     """
     with process.folder_for_job() as folder:
-        made = process.make("frames", scene, {"caption": CAPTION, "size": SIZE, "top": top}, Path(folder))
+        made = process.make("frames", scene, {"caption": CAPTION, "size": SIZE, "top": top}, folder)
         pictures = {path.suffix: path for path in made}
         return pictures[".png"].read_bytes(), pictures[".txt"].read_text(encoding="utf-8")
 
