@@ -7,6 +7,7 @@ arrive where they are with the velocity of their last step: the flux of that ste
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,42 @@ TINY = np.finfo(float).tiny
 AROUND = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)]).T  # a cell and its neighbours, (2, 9)
 DISCHARGE, PASSED, WIDTH, DEPTH = "discharge", "passed_volume", "flow_width", "largest_thickness"
 OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; flux, width, largest thickness
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces of all cross-sections, shorter than a cell, and the cells around each.
+
+    Attributes
+    ----------
+    owner : ndarray (n,)
+        Number of the cross-section.
+    normals : ndarray (2, n)
+        Normals to the left times the lengths [m].
+    cells : ndarray (2, m)
+        Row from the south and column of all cells around pieces, each once.
+    around : ndarray (9, n)
+        Places among these of the cells around a piece.
+    apart : ndarray (2, 9, n)
+        Distance east and north from the middles of these to the piece [cells].
+    """
+
+    owner: np.ndarray
+    normals: np.ndarray
+    cells: np.ndarray
+    around: np.ndarray
+    apart: np.ndarray
+
+    @classmethod
+    def of(cls, lines: tuple[CrossSection, ...], cell: tuple[float, float]) -> "Pieces":
+        """Pieces of lines on cells of a size [m]."""
+        places, normals, lengths = zip(*(line.samples(min(cell) / PIECES) for line in lines), strict=True)
+        owner = np.repeat(np.arange(len(lines)), [len(part) for part in lengths])
+        at = (np.concatenate(places) / np.array(cell)).T[:, None]
+        place = np.floor(at) + AROUND[..., None]
+        cells, around = np.unique(place[::-1].reshape(2, -1).astype(np.int64), axis=1, return_inverse=True)
+        scaled = (np.concatenate(normals) * np.concatenate(lengths)[:, None]).T
+        return cls(owner, scaled, cells, around.reshape(place.shape[1:]), at - (place + 0.5))
 
 
 class ProbeRecorder:
@@ -50,7 +87,7 @@ class ProbeRecorder:
         self.from_south, self.area = on_lattice, self.cell[0] * self.cell[1]
         self.point_cells = _joined([_cells_of_point(p, scene, self.cell) for p in probes.points])
         self.point_area = raster.cell_size[0] * raster.cell_size[1]
-        self.pieces = _pieces(probes.cross_sections, min(self.cell) / PIECES)
+        self.pieces = Pieces.of(probes.cross_sections, self.cell) if probes.cross_sections else None
         self.line_cells = _joined([_lengths(line, self.cell, self.shape) for line in probes.cross_sections])
         self.times: list[float] = []
         self.steps: list[float] = []  # [s]
@@ -93,16 +130,15 @@ class ProbeRecorder:
     def _at_lines(self, columns: RasterSums, dt: float) -> np.ndarray:
         """Flux [m3/s], covered width [m] and largest thickness [m] of the lines, one after another."""
         count = len(self.probes.cross_sections)
-        if not count or not self._reaches_lines(columns):
+        if self.pieces is None or not self._reaches_lines(columns):
             return np.zeros(OF_LINE * count)
-        owner, places, normals, lengths = self.pieces
-        flux = (self._flux_at(columns, places, dt) * normals.T).sum(axis=0) * lengths
+        flux = np.bincount(self.pieces.owner, self._flux(self.pieces, columns, dt), count)
         crossed, cell, length = self.line_cells
         depth = self._gathered(columns, cell)[0] / self.area
         width = np.bincount(crossed, length * (depth >= self.arrival_threshold), count)
         largest = np.zeros(count)
         np.maximum.at(largest, crossed, depth)
-        return np.concatenate([np.bincount(owner, flux, count), width, largest])
+        return np.concatenate([flux, width, largest])
 
     def _reaches_lines(self, columns: RasterSums) -> bool:
         """Whether there is any mass in the rectangle around the lines, or in a cell beside it."""
@@ -113,19 +149,18 @@ class ProbeRecorder:
         ))  # fmt: skip
         return bool(columns.mass[rows, across].any())
 
-    def _flux_at(self, columns: RasterSums, places: np.ndarray, dt: float) -> np.ndarray:
-        """Flux of volume (2, n) [m2/s] east and north at places (n, 2) [m], during the step of ``dt`` [s] before.
+    def _flux(self, pieces: Pieces, columns: RasterSums, dt: float) -> np.ndarray:
+        """Flux of volume [m3/s] through every piece of the lines, during the step of ``dt`` [s] before.
 
         Bilinear between the columns of the nine cells around, each half a step upstream of where it is now.
         """
-        at, size = (places / np.array(self.cell)).T[:, None], np.array(self.cell)[:, None, None]
-        cells = np.floor(at) + AROUND[..., None]  # column and row, (2, 9, n)
-        found = self._gathered(columns, cells[::-1].reshape(2, -1).astype(np.int64))
-        volume, mass, *momentum, _ = found.reshape(5, *cells.shape[1:])
+        volume, mass, *momentum, _ = self._gathered(columns, pieces.cells)
         velocity = np.array(momentum) / np.maximum(mass, TINY)
-        apart = at - (cells + 0.5) + 0.5 * dt * velocity / size
-        share = np.maximum(1.0 - np.abs(apart), 0.0).prod(axis=0) / self.area
-        return (share * volume * velocity).sum(axis=1)  # type: ignore[no-any-return]
+        moved = 0.5 * dt * velocity / np.array(self.cell)[:, None]
+        share_x, share_y = np.maximum(1.0 - np.abs(pieces.apart + np.take(moved, pieces.around, axis=1)), 0.0)
+        east, north = np.take(volume * velocity / self.area, pieces.around, axis=1)
+        crossing = east * pieces.normals[0] + north * pieces.normals[1]
+        return (share_x * share_y * crossing).sum(axis=0)  # type: ignore[no-any-return]
 
     def series(self, end_time: float, terrain: Terrain, maps: Mapping[str, np.ndarray]) -> ProbeSeries:
         """What has been recorded, on the times of :meth:`runout.model.probes.Probes.times`.
@@ -197,15 +232,6 @@ def _parts(low: float, size: float, cell: float) -> tuple[np.ndarray, np.ndarray
     number = np.arange(int(np.floor(low / cell + 1e-9)), int(np.ceil((low + size) / cell - 1e-9)))
     part = np.minimum((number + 1) * cell, low + size) - np.maximum(number * cell, low)
     return number, np.clip(part / cell, 0.0, 1.0)
-
-
-def _pieces(lines: tuple[CrossSection, ...], spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers of the lines (n,) of all pieces, their middles (n, 2), normals (n, 2) and lengths (n,)."""
-    if not lines:
-        return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-    places, normals, lengths = zip(*(line.samples(spacing) for line in lines), strict=True)
-    owner = np.repeat(np.arange(len(lines)), [len(part) for part in lengths])
-    return owner, np.concatenate(places), np.concatenate(normals), np.concatenate(lengths)
 
 
 def _lengths(line: CrossSection, cell: tuple[float, float], shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
