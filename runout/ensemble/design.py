@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.ensemble.sobol import sobol_points
 from runout.errors import ConfigError
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
 
 if TYPE_CHECKING:
     import pandas as pd
-
-SOBOL_BITS = 30  # points are multiples of 2**-30
 
 
 @dataclass(frozen=True)
@@ -92,17 +91,6 @@ def member_table(ensemble: Any, members: int | None = None) -> "pd.DataFrame":
     if design.values:
         table.attrs["design"] = "sobol"
     return table
-
-
-def sobol_points(count: int, dimensions: int, seed: int) -> np.ndarray:
-    """Scrambled Sobol points (count, dimensions), strictly between 0 and 1; more points keep the first ones."""
-    from scipy.stats import qmc
-
-    if dimensions == 0:
-        return np.empty((count, 0))
-    whole = (count - 1).bit_length()  # scipy warns unless the number is a power of two; the first points are the same
-    points = qmc.Sobol(dimensions, scramble=True, bits=SOBOL_BITS, seed=seed).random_base2(whole)[:count]
-    return points + 0.5**SOBOL_BITS / 2  # 0 would give an infinite quantile of a normal distribution
 
 
 def member_seed(seed: int, member: int) -> int:

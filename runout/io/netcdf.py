@@ -114,7 +114,7 @@ def write(
         try:
             _write_maps(_write_without_maps(_encoded(dataset), temporary), temporary)
             for group, content in (groups or {}).items():
-                _encoded(content).to_netcdf(temporary, mode="a", group=group, engine="netcdf4")
+                _store(_encoded(content), temporary, mode="a", group=group)
         except RuntimeError as cause:  # error of the netCDF library on a full disk
             raise storage_error(path, cause) from cause
     return Path(path)
@@ -123,8 +123,19 @@ def write(
 def _write_without_maps(encoded: "xr.Dataset", path: Path) -> "dict[str, xr.DataArray]":
     """Write all that has other dimensions than maps; returns the maps."""
     maps = {str(name): array for name, array in encoded.data_vars.items() if _is_layered(array)}
-    encoded.drop_vars(list(maps)).to_netcdf(path, engine="netcdf4", format="NETCDF4")
+    _store(encoded.drop_vars(list(maps)), path, mode="w")
     return maps
+
+
+def _store(encoded: "xr.Dataset", path: Path, **choices: str) -> None:
+    """Write a dataset, as its ``to_netcdf`` does; that asks for a cluster, which imports all of ``distributed`` if it is there."""
+    from xarray.backends import NetCDF4DataStore
+
+    file = NetCDF4DataStore.open(path, format="NETCDF4", lock=LOCK, **choices)
+    try:
+        encoded.dump_to_store(file)
+    finally:
+        file.close()
 
 
 def _is_layered(array: "xr.DataArray") -> bool:

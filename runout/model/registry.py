@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import isclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Entry = TypeVar("Entry")
 
@@ -58,7 +58,7 @@ class Registry(Generic[Entry]):
 
     def names(self) -> tuple[str, ...]:
         """Names that :meth:`find` accepts, those of runout first; imports nothing."""
-        outside = [entry.name for entry in entry_points(group=self.group)]
+        outside = [entry.name for entry in _declared(tuple(sys.path)).select(group=self.group)]
         return tuple(dict.fromkeys([*modules_of(self.package), *self._entries, *outside]))
 
     def find(self, name: str) -> Entry:
@@ -90,7 +90,7 @@ class Registry(Generic[Entry]):
         return (*self.of_runout(), *(entry for name, (_, entry) in self._entries.items() if name not in modules_of(self.package)))
 
     def _import_from_outside(self, name: str) -> None:
-        found = list(dict.fromkeys(entry_points(group=self.group, name=name)))
+        found = list(dict.fromkeys(_declared(tuple(sys.path)).select(group=self.group, name=name)))
         if not found:
             raise self.error(f"{name!r} is no {self.kind}; choose one of {', '.join(self.names())}")
         if len(found) > 1:
@@ -106,6 +106,12 @@ class Registry(Generic[Entry]):
 def modules_of(package: str) -> tuple[str, ...]:
     """Names of the modules of a package, sorted."""
     return tuple(sorted(module.name for module in pkgutil.iter_modules(importlib.import_module(package).__path__)))
+
+
+@cache
+def _declared(path: tuple[str, ...]) -> Any:
+    """Entry points of all packages on the search ``path`` of this process; to read them opens a file of every package."""
+    return entry_points()
 
 
 def classes_in(homes: Iterable[str]) -> dict[str, str]:

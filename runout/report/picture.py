@@ -34,7 +34,9 @@ class MapPictures:
         self.bar_place = bar.get_position()
         bar.remove()
         self.canvas = _canvas(self.axes.figure, DPI)
-        shown = [artist for artist in self.axes.get_children() if artist.get_visible() and artist.zorder >= VALUES]
+        outside = (self.axes.xaxis, self.axes.yaxis)  # ticks and numbers, which no value covers
+        drawn = [artist for artist in self.axes.get_children() if artist.get_visible() and artist not in outside]
+        shown = [artist for artist in drawn if artist.zorder >= VALUES]
         self.above = sorted(shown, key=lambda artist: artist.zorder)
         for artist in self.above:
             artist.set_visible(False)

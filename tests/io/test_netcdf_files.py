@@ -72,6 +72,21 @@ def test_groups_are_described_from_the_same_table(terrain: Terrain, maps: dict, 
         assert file["snapshots/flow_thickness"].chunking() == [1, 256, 30]
 
 
+def test_writing_asks_no_cluster_for_its_scheduler(
+    terrain: Terrain, maps: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The question imports all of ``distributed``."""
+    pytest.importorskip("dask")
+
+    def asked(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("dask.base.get_scheduler", asked)
+    ledger = xr.Dataset({"kinetic_energy": ("time", [0.0, 5.5])}, coords={"time": [0.0, 0.25]})
+    path = netcdf.write(netcdf.map_dataset(terrain, maps, title="t"), tmp_path / "m.nc", groups={"ledger": ledger})
+    assert netcdf.read(path, "ledger")["kinetic_energy"].values[1] == 5.5
+
+
 def test_wkt_is_kept_for_what_cf_cannot_hold() -> None:
     attributes = grid_mapping("EPSG:2056")
     assert attributes["azimuth"] == 90.0

@@ -24,6 +24,7 @@ import runout
 from runout.backends.compile import numba_binding
 from runout.checkpoint import run_key
 from runout.errors import ConfigError, MaterialError
+from runout.model import registry
 from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS
 from runout.model.parameters import parameter
@@ -243,3 +244,13 @@ def loaded(name, path, monkeypatch):
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
     return module
+
+
+def test_entry_points_of_all_packages_are_read_once_a_search_path(monkeypatch):
+    read, wanted = [], registry.entry_points
+    monkeypatch.setattr(registry, "entry_points", lambda: read.append(1) or wanted())
+    monkeypatch.setattr(sys, "path", [*sys.path, "/nowhere"])
+    for _ in range(2):
+        LAWS.names()
+        FRICTIONS.names()
+    assert len(read) == 1
