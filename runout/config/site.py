@@ -173,14 +173,12 @@ class Site:
     def _read_data(self) -> SiteData:
         terrain = self.terrain()
         releases = self.releases(terrain)
-        structures, probes = self._structures(terrain, releases), self.probes(terrain)
-        return SiteData(terrain, tuple(releases), self.friction_zones(terrain), structures, probes)
+        return SiteData(terrain, tuple(releases), self.friction_zones(terrain), self._built(terrain, releases), self.probes(terrain))
 
-    def _structures(self, terrain: "Terrain", releases: "Sequence[Release]") -> "Structures | None":
+    def _built(self, terrain: "Terrain", releases: "Sequence[Release]") -> "Structures | None":
         """The structures for the grid of the site."""
-        if not self.structures.possible:
-            return None
-        return self.structures.on_grid(terrain, releases, spacing_of(self.grid(releases)["cell_size"]))
+        spacing = spacing_of(self.grid(releases)["cell_size"]) if self.structures.possible else None
+        return self.structures.on_grid(terrain, releases, spacing) if spacing else None
 
     @property
     def structures(self) -> SiteStructures:
