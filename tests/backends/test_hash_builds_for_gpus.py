@@ -26,7 +26,7 @@ GRADIENT_TRANSFER = {  # of scenes with transfer apic or aflip, or F-bar; bounde
 }
 GRADIENT_SPILLED = {"float32": {}, "float64": {"grid_to_particles": 48, "add_forces": 56, "spread_dilatation": 488}}
 STRUCTURES: dict[str, dict[str, int]] = {  # of contact with structures; bounded for single precision, not measured
-    "float32": {},
+    "float32": {"find_entering": 128},
     "float64": dict.fromkeys(("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering"), 168),
 }
 SPILLED: dict[str, dict[str, int]] = {"float32": {}, "float64": {"particles_to_grid": 272}}  # bytes a thread
@@ -101,7 +101,7 @@ def test_kernels_of_the_other_transfers_and_of_f_bar_build_beside_those_of_the_p
     assert require_within(gradient_transfer, more, tmp_path, GRADIENT_TRANSFER[precision], GRADIENT_SPILLED[precision]) == 9
 
 
-@pytest.mark.parametrize(("precision", "ordered"), [("float32", False), ("float64", True)])
+@pytest.mark.parametrize(("precision", "ordered"), [("float32", True), ("float64", False)])
 def test_kernels_of_structures_build_beside_the_others_which_stay_as_they_are(precision, ordered, tmp_path):
     """They are the same for all laws of material and friction."""
     plain, structured, other = (
