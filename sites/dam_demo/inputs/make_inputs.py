@@ -1,7 +1,7 @@
 """Makes the synthetic inputs of this site: `python sites/dam_demo/inputs/make_inputs.py [DAM_HEIGHT]` writes them beside it.
 
 A slope of 25, 16 and 6 degrees with a channel in it. A road crosses the channel on a level bench under a gallery, whose roof
-carries the flow on. Two houses stand above a dam at the edges of the flow, one behind it. Nothing of it exists.
+carries the flow on. Three houses stand in its way to a dam. Nothing of it exists.
 """
 
 import sys
@@ -66,7 +66,7 @@ def structures(dam_height: float) -> geopandas.GeoDataFrame:
         ("gallery", box(ROAD[0], 56, ROAD[1], 104), over_road, bench(), over_road - ROOF, SMOOTH),
         ("dam", box(286, 36, 292, 124), dam_height, None, None, ROUGH),
         ("house north", box(262, 93, 274, 103), 7.0, None, None, ROUGH),
-        ("house behind dam", box(295, 74, 306, 86), 7.0, None, None, ROUGH),
+        ("house west", box(236, 85, 247, 96), 7.0, None, None, ROUGH),
         ("house south", Polygon([(262, 60), (273, 56), (277, 67), (266, 71)]), 9.0, None, None, ROUGH),
     ]
     names, shapes, heights, bases, clearances, frictions = zip(*rows, strict=True)
