@@ -155,7 +155,8 @@ def test_stills_show_the_longest_runout_or_every_member_alike(finished_site, mon
     study, valid = Study.open(folder), read_study(folder / "results").valid
     longest = valid["runout_distance"].idxmax()
     worst, every = (member_stills(study, valid, chosen) for chosen in ("worst", "all"))
-    assert [title for title, _ in worst.pictures] == [f"Member {longest}, runout {valid['runout_distance'].max():.0f} m, the longest"]
+    distance = valid["runout_distance"].max()
+    assert [title for title, _ in worst.pictures] == [f"Member {longest}, runout {distance:.0f} m, the longest"]
     assert (len(every.pictures), every.drawn_by, every.failure) == (4, "a pencil", "")
     assert every.pictures[0][1].startswith(b"\x89PNG")
     assert len({str(look) for _, look in looks[1:]}) == 1  # same colours and direction
