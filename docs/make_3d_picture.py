@@ -3,9 +3,7 @@
 import tempfile
 from pathlib import Path
 
-from PIL import Image
-
-from runout.view.film import palette_of
+from runout.view.film import paletted
 from runout.workflow.seeing import Choices, animate
 
 HERE = Path(__file__).parent
@@ -18,9 +16,7 @@ def main() -> None:
     """Write the picture."""
     with tempfile.TemporaryDirectory() as folder:
         (frames,) = animate(SITE, Path(folder), CHOICES, Path(folder) / "frames", None, fps=10.0)
-        with Image.open(frames / f"frame_{FRAME:04d}.png") as picture:
-            colours = picture.convert("RGB")
-            colours.quantize(palette=palette_of([colours]), dither=Image.Dither.FLOYDSTEINBERG).save(PICTURE, optimize=True)
+        PICTURE.write_bytes(paletted(frames / f"frame_{FRAME:04d}.png"))
     print(f"wrote {PICTURE}")
 
 

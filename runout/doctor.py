@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from runout import __version__, caches, log
-from runout.errors import ExitCode
+from runout.errors import ExitCode, RenderError
 
 LIBRARIES = ("numpy", "numba", "warp-lang", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")
 IMPORTED = ("numpy", "numba", "rasterio", "pyproj", "pyogrio", "netCDF4", "xarray", "matplotlib")
@@ -79,6 +79,7 @@ def _devices() -> Iterator[Finding]:
     yield Finding("devices", f"cpu: {usable} cores" + (f", {threads} threads asked for by the environment" if threads else ""))
     yield Finding("devices", _memory())
     yield from _graphics()
+    yield Finding("devices", f"3D pictures: {_pictures()}")
 
 
 def _memory() -> str:
@@ -97,6 +98,16 @@ def _graphics() -> Iterator[Finding]:
         return
     devices = [line.removeprefix("device: ") for line in asked.stdout.splitlines() if line.startswith("device: ")]
     yield Finding("devices", "gpu: " + (", ".join(devices) or "none; the CPU backend does not need one"))
+
+
+def _pictures() -> str:
+    """What draws pictures in three dimensions, or why nothing does; only view, animate and stills need it."""
+    from runout.view.process import drawn_by
+
+    try:
+        return drawn_by()
+    except RenderError as error:
+        return f"none; {error}"
 
 
 def _caches() -> Iterator[Finding]:

@@ -15,6 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from runout.errors import RenderError
 from runout.interrupt import at_end
 from runout.view.renderer import PACKAGE_MISSING
@@ -36,6 +38,21 @@ def require_packages() -> None:
     """Raise RenderError unless pyvista is installed."""
     if find_spec("pyvista") is None:
         raise RenderError(NO_PACKAGE)
+
+
+def drawn_by() -> str:
+    """Versions and driver that draw here, found by drawing a small picture.
+
+    Raises
+    ------
+    RenderError
+        If nothing can be drawn.
+    """
+    axis, ground = np.arange(4.0), np.zeros((4, 4))
+    scene = FlowScene(axis, axis[::-1], ground, np.zeros(1), ground[None], ground[None])
+    with folder_for_job() as folder:
+        made = make("frames", scene, {"size": (64, 64)}, folder)
+        return next(path for path in made if path.suffix == ".txt").read_text(encoding="utf-8")
 
 
 def make(

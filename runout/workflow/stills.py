@@ -1,11 +1,14 @@
 """Draws members in three dimensions for the report; a failure leaves a sentence and nothing else."""
 
 import logging
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from runout.errors import RenderError
 from runout.report.stills import Stills
 from runout.view import process
+from runout.view.camera import best_direction
+from runout.view.film import paletted
 from runout.view.frames import maximum_scene
 from runout.view.surfaces import scale_of
 from runout.workflow.seeing import structure_meshes
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
     from runout.view.scene import FlowScene
 
 LOGGER = logging.getLogger("runout.stills")
-SIZE = (1120, 630)
+SIZE = (960, 540)  # [pixel]
 CAPTION = "maximum over the whole run"
 REPEAT = "`runout report --force` tries again"
 
@@ -41,9 +44,9 @@ def member_stills(study: Study, valid: "pd.DataFrame", chosen: str) -> Stills:
     try:
         process.require_packages()
         scenes = {number: _scene(study, number, str(valid["file"][number])) for number in numbers}
-        top = max(scale_of(scene, "thickness").top for scene in scenes.values())
+        look = common_look(scenes[int(valid["runout_distance"][numbers].idxmax())], list(scenes.values()))
         for number, scene in scenes.items():
-            picture, drawn_by = draw(scene, top)
+            picture, drawn_by = draw(scene, look)
             distance = f"runout {valid['runout_distance'][number]:.0f} m"
             pictures.append((f"Member {number}, {distance}" + (", the longest" if chosen == "worst" else ""), picture))
     except RenderError as error:
@@ -52,8 +55,14 @@ def member_stills(study: Study, valid: "pd.DataFrame", chosen: str) -> Stills:
     return Stills(tuple(pictures), drawn_by)
 
 
-def draw(scene: "FlowScene", top: float = 0.0) -> tuple[bytes, str]:
-    """PNG of the first frame of a scene with the colour scale up to ``top`` [m], and what it was drawn by.
+def common_look(longest: "FlowScene", scenes: "Sequence[FlowScene]") -> dict[str, Any]:
+    """Look with the colour scale of all scenes and the direction that is the best for the longest runout."""
+    top = max(scale_of(scene, "thickness").top for scene in scenes)
+    return {"caption": CAPTION, "size": SIZE, "top": top, "direction": best_direction(longest, SIZE[0] / SIZE[1])}
+
+
+def draw(scene: "FlowScene", look: Mapping[str, Any]) -> tuple[bytes, str]:
+    """PNG of the first frame of a scene, of 256 colours, and what it was drawn by.
 
     Raises
     ------
@@ -61,9 +70,8 @@ def draw(scene: "FlowScene", top: float = 0.0) -> tuple[bytes, str]:
         If it cannot be drawn.
     """
     with process.folder_for_job() as folder:
-        made = process.make("frames", scene, {"caption": CAPTION, "size": SIZE, "top": top}, folder)
-        pictures = {path.suffix: path for path in made}
-        return pictures[".png"].read_bytes(), pictures[".txt"].read_text(encoding="utf-8")
+        made = {path.suffix: path for path in process.make("frames", scene, look, folder)}
+        return paletted(made[".png"]), made[".txt"].read_text(encoding="utf-8")
 
 
 def _scene(study: Study, number: int, file: str) -> "FlowScene":

@@ -9,6 +9,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from PIL import Image
 from ramp_site import CELL, SITE, member_file, write_site
 
 import runout
@@ -19,6 +20,7 @@ from runout.errors import ConfigError, ExitCode, RenderError
 from runout.run import Run
 from runout.view import process
 from runout.workflow import hazard_map, seeing, single_member
+from runout.workflow.study import Study
 
 KEEPING = SITE.replace("end_time: 20", "end_time: 20, snapshots: 5").replace("members: 4", "members: 1")
 
@@ -133,3 +135,30 @@ def test_choices_that_cannot_be_are_refused_before_anything_is_simulated(finishe
     monkeypatch.setattr(single_member, "run", lambda *_, **__: pytest.fail("simulated"))
     with pytest.raises(ConfigError, match=re.escape(words)):
         seeing.scene_of(finished_site[0], None, seeing.Choices(**choices))
+
+
+@pytest.mark.usefixtures("drawable")
+def test_stills_show_the_longest_runout_or_every_member_alike(finished_site, monkeypatch):
+    from runout.report.study import read_study
+    from runout.workflow.stills import member_stills
+
+    looks = []
+
+    def make(task, scene, look, folder):
+        looks.append((scene, look))
+        (folder / "renderer.txt").write_text("a pencil")
+        Image.new("RGB", (8, 8), "red").save(folder / "frame_0000.png")
+        return [folder / "frame_0000.png", folder / "renderer.txt"]
+
+    monkeypatch.setattr(process, "make", make)
+    folder, _ = finished_site
+    study, valid = Study.open(folder), read_study(folder / "results").valid
+    longest = valid["runout_distance"].idxmax()
+    worst, every = (member_stills(study, valid, chosen) for chosen in ("worst", "all"))
+    distance = valid["runout_distance"].max()
+    assert [title for title, _ in worst.pictures] == [f"Member {longest}, runout {distance:.0f} m, the longest"]
+    assert (len(every.pictures), every.drawn_by, every.failure) == (4, "a pencil", "")
+    assert every.pictures[0][1].startswith(b"\x89PNG")
+    assert len({str(look) for _, look in looks[1:]}) == 1  # same colours and direction
+    assert looks[0][0].thickness.max() > 5
+    assert looks[0][0].thickness.shape[0] == 1
