@@ -65,7 +65,9 @@ def draw_probes(axes: Any, probes: Sequence[Mark], labels: bool = True) -> None:
             axes.plot(*mark.geometry.xy, color="white", linewidth=2.6, alpha=0.8, zorder=3)
             axes.plot(*mark.geometry.xy, color=PROBE, linewidth=1.3, zorder=4)
     for mark in probes[:MOST_LABELS] if labels else ():
-        _label(axes, mark, PROBE, (0, 9))
+        is_point = mark.geometry.geom_type == "Point"
+        place = mark.geometry if is_point else mark.geometry.interpolate(0.12, normalized=True)  # inside the map
+        _label(axes, Mark(place, mark.label), PROBE, (0, 9) if is_point else (0, 0))
 
 
 def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, float, float]) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import SAND, at, engine_of, scene
+from scenes import HASH_DEVICE, SAND, at, engine_of, scene
 
 from runout import ConfigError, Probes, Release, Terrain, simulate
 from runout.map_quantities import peak_quantities
@@ -125,6 +125,22 @@ def test_an_interrupted_run_continues_its_series(tmp_path, caplog):
     for kind in ("points", "cross_sections", "peaks", "section_peaks"):
         for name, values in getattr(whole, kind).items():
             np.testing.assert_array_equal(getattr(found, kind)[name], values, err_msg=name)
+
+
+def test_a_scenario_of_a_batch_has_the_series_of_its_own_run():
+    pytest.importorskip("runout.backends.hash.batch")
+    from runout.batch import simulate_batch
+
+    arguments = {
+        "terrain": TERRAIN, "release": RELEASE, "material": SAND, "basal_friction_angle": FRICTION, "cell_size": CELL,
+        "particles_per_cell": (2, 2, 3), "end_time": 3.0, "precision": "float64", "probes": PROBES,
+    }  # fmt: skip
+    ((_, found),) = simulate_batch([arguments], device=HASH_DEVICE)
+    alone = simulate(**arguments, backend="hash", device=HASH_DEVICE).probes
+    assert alone.cross_sections["passed_volume"].max() > 0.0
+    for kind in ("points", "cross_sections", "peaks", "section_peaks"):
+        for name, values in getattr(alone, kind).items():
+            np.testing.assert_array_equal(getattr(found.probes, kind)[name], values, err_msg=name)
 
 
 def test_all_problems_of_probes_are_named_at_once():
