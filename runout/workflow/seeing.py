@@ -159,8 +159,11 @@ def simulation(study: Study, member: "Member", choices: Choices) -> Path:
 
 
 def structure_meshes(site: "Site") -> Mapping[str, Mesh]:
-    """Structures of a site by name, in map coordinates; none yet."""
-    return {}
+    """Structures of a site by name, in map coordinates."""
+    if not site.structures.possible:
+        return {}
+    terrain = site.terrain()
+    return {solid.name: (terrain.frame.to_map(solid.vertices), solid.faces) for solid in site.structures.bodies(terrain).solids}
 
 
 def _has_display() -> bool:
