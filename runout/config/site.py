@@ -173,12 +173,13 @@ class Site:
     def _read_data(self) -> SiteData:
         terrain = self.terrain()
         releases = self.releases(terrain)
-        return SiteData(terrain, tuple(releases), self.friction_zones(terrain), self._built(terrain, releases), self.probes(terrain))
+        zones, probes = self.friction_zones(terrain), self.probes(terrain)
+        return SiteData(terrain, tuple(releases), zones, self._built(terrain, releases), probes)
 
     def _built(self, terrain: "Terrain", releases: "Sequence[Release]") -> "Structures | None":
         """The structures for the grid of the site."""
-        spacing = spacing_of(self.grid(releases)["cell_size"]) if self.structures.possible else None
-        return self.structures.on_grid(terrain, releases, spacing) if spacing else None
+        stated = self.structures
+        return stated.on_grid(terrain, releases, spacing_of(self.grid(releases)["cell_size"])) if stated.possible else None
 
     @property
     def structures(self) -> SiteStructures:
@@ -186,13 +187,7 @@ class Site:
         return self._sources.structures
 
     def probes(self, terrain: "Terrain") -> "Probes | None":
-        """The points and cross-sections at which members record time series; None if site.yaml states none.
-
-        Raises
-        ------
-        ConfigError
-            With all problems of points and lines.
-        """
+        """Points and cross-sections at which members record time series; None without any. Raises ConfigError with all problems."""
         return SiteProbes(self.settings.probes, self.file).read(terrain)
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
