@@ -78,6 +78,15 @@ def test_a_scene_without_structures_has_nothing_of_them():
     assert engine.ledger().structure_dissipation == 0.0
 
 
+def test_no_kernel_of_structures_is_compiled_in_the_process_that_runs_it():
+    engine = slide(engine_of("scan"), SCENE, 5)
+    engine.structures.stop(engine.k, engine.store, engine.workspace.grid, engine.tables)
+    kernels = vars(kernels_for(SCENE))
+    loaded_here = {name for name, kernel in kernels.items() if sum(kernel.stats.cache_hits.values())}
+    assert {"find_structure_contacts", "find_entering", "stop_entering", "book_structures"} <= loaded_here
+    assert not [name for name, kernel in kernels.items() if sum(kernel.stats.cache_misses.values())]
+
+
 def test_structures_out_of_reach_change_no_bit(scanned):
     far = field_of_boxes([between((70, 5, 0), (74, 9, 8))], 0.5, 2.5)
     alone, beside = (slide(engine_of("scan"), replace(SCENE, structures=s), 20) for s in (None, far))

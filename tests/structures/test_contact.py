@@ -115,12 +115,12 @@ def test_a_flow_below_an_overhang_meets_it_from_below(backend):
 
 def test_a_column_of_a_fluid_presses_on_its_walls_with_rho_g_h_squared_by_two(backend):
     """Nearly incompressible, between walls without friction; the pressure of an elastic material is nu / (1 - nu) of its weight."""
-    height, width, low, high = 6.0, 4.0, 20.0, 24.0
+    height, width, low, high = 4.0, 3.0, 20.0, 23.0
     walls = (
         between((low - 2, low - 2, -2), (low, high + 2, 9)), between((high, low - 2, -2), (high + 2, high + 2, 9)),
         between((low, low - 2, -2), (high, low, 9)), between((low, high, -2), (high, high + 2, 9)),
     )  # fmt: skip
-    structures, fluid = field(*walls), Elastic(density=1000.0, youngs_modulus=1e7, poisson_ratio=0.49)
+    structures, fluid = field(*walls), Elastic(density=1000.0, youngs_modulus=3e6, poisson_ratio=0.49)
     particles = box((low, low, 0), (width, width, height), CUBES, fluid.density)
     depth = height - particles.position(np.ones(3))[:, 2]
     particles.strain[:, 2] = np.expm1(-2.0 * fluid.density * 9.81 * depth / (fluid.lame_lambda + 2.0 * fluid.shear_modulus))
@@ -131,7 +131,7 @@ def test_a_column_of_a_fluid_presses_on_its_walls_with_rho_g_h_squared_by_two(ba
     force = (on_facades(backend, structures) - before) / time
     expected = 0.49 / 0.51 * fluid.density * 9.81 * height**2 / 2.0 * width
     found = [-force[1, 0], force[FACES, 0], -force[2 * FACES + NORTH, 1], force[3 * FACES + 2, 1]]
-    np.testing.assert_allclose(found, expected, rtol=0.02)
+    np.testing.assert_allclose(found, expected, rtol=0.04)
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 30.0])

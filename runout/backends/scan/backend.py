@@ -185,7 +185,8 @@ class ScanBackend:
         clock("p2g")
         self._solve_contacts()
         if self.structures:
-            self.structures.solve(self.k, s, self.index.blocks, self.workspace.grid, self.tables, steps)
+            nodes, speed = self.workspace.grid, self.totals.max_speed
+            self.structures.solve(self.k, s, self.index.blocks, nodes, self.tables, steps, speed)
         clock("contact")
         self._to_particles(dt)
         clock("g2p")

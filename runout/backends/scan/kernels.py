@@ -26,8 +26,9 @@ from runout.backends.scan import (
     slots,
     sort,
     stencil,
-    structure_contacts,
+    structure_detection,
     structure_groups,
+    structure_solution,
     tile,
     workspace,
     zones,
@@ -65,7 +66,7 @@ BY_GRADIENTS = (
     forces,
     gradients,
 )  # of transfers other than the packed one, and of F-bar
-BY_STRUCTURES = (structure_groups, structure_contacts)
+BY_STRUCTURES = (structure_groups, structure_detection, structure_solution)
 SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, tile, grid_to_particles, *LANES, precompile)
 BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
 _MADE: dict[tuple[str, Law, FrictionLaw, bool, str], SimpleNamespace] = {}

@@ -1,4 +1,4 @@
-"""Groups of arrays of the contact with structures (:mod:`runout.backends.scan.structure_contacts`); rules as in ``groups``.
+"""Groups of arrays of the contact with structures (:mod:`runout.backends.scan.structure_detection`); rules as in ``groups``.
 
 Sizes: ``near`` owner blocks near structures, ``nodes`` node blocks that they reach, ``rows`` particles of near blocks.
 """

@@ -12,6 +12,7 @@ from runout.backends.scan.structure_groups import Field, Near, Touching
 from runout.backends.state import State, arrays_of
 from runout.model.scene import Scene
 from runout.model.structures import CELLS, StructureField
+from runout.physics import contact as contact_law
 
 LOWEST, HIGHEST = 0.5, 4.5  # [cells] of the particles of a block from its first node
 SHARE = 216  # nodes that the particles of a block reach
@@ -60,16 +61,19 @@ class Structures:
         )  # fmt: skip
         self.entering = np.zeros(len(owners), np.int64)
 
-    def solve(self, k: SimpleNamespace, store: Store, blocks: Blocks, grid: Grid, tables: Tables, steps: int) -> None:
+    def solve(
+        self, k: SimpleNamespace, store: Store, blocks: Blocks, grid: Grid, tables: Tables, steps: int, max_speed: float
+    ) -> None:
         """Add the impulses of the structures to the velocities of the nodes, in step number ``steps``, and book them."""
         near, dt, real = self.near, tables.step.dt, self.force.dtype.type
         rows = k.place_structure_rows(near, blocks.held, self.touching.place)
         if rows > len(self.touching.slots):
             made = _rows(rows + rows // 4, self.force.dtype)
             self.touching = self.touching._replace(**dict(zip(("slots", "patch", "measured", "given", "push"), made, strict=True)))
-        t = self.touching
+        t, reach = self.touching, contact_law.reach(store.largest_radius, max_speed, dt, self.band)
         self.contacts = k.find_structure_contacts(
-            store.particles, blocks, near, self.field, t, tables.constants, dt, self.band, self.force, real(stamp_of(steps - 1))
+            store.particles, blocks, near, self.field, t, tables.constants, (dt, self.band, real(reach)), self.force,
+            real(stamp_of(steps - 1))
         )  # fmt: skip
         if self.contacts == 0:
             return

@@ -1,208 +1,25 @@
-"""Phase "contact with structures": impulses on the particles that touch structures, after those of the ground.
+"""Phase "contact with structures", second half: impulses on the particles that touch structures, after those of the ground.
 
-Only blocks near structures take part. Each fills a share of its own, and each node sums the up to eight shares that reach it in a
-fixed order, so that the bits do not depend on the number of threads. The loops are plain: few particles touch structures.
-
-    find_structure_contacts    rows[r]   weight | impulse of the step before  --scatter-->  shares[near block]
     share_structure_contacts   shares    --sum, times inverse mass-->  compliance, inverse, grid.nodes
     solve_structure_contacts   grid.nodes, compliance  --gather, impulse-->  push[r]    push - given  --scatter-->  shares
     push_from_structures       shares    --sum, times inverse mass-->  grid.nodes
+    book_structures            push      --sum by patch-->  impulses (patches, 3)
     find_entering              grid.nodes  --gather-->  the rows that would still enter: 1 | -  --scatter-->  shares
     share_structure_contacts   as above, for their compliance
     stop_entering              grid.nodes, compliance  --gather-->  push[r]  --scatter-->  shares
-    push_from_structures       as above
-    book_structures            push      --sum by patch-->  impulses (patches, 3)
+    push_from_structures, book_structures   as above
 """
-
-import math
 
 import numpy as np
 from numba import prange
 
-from runout.physics.bspline import weights
-from runout.physics.contact import impulse, in_contact, work
-from runout.physics.moments import momentum_at
-from runout.physics.structures import (
-    contact_gap,
-    entry_velocity,
-    is_closer,
-    lattice_block,
-    lattice_place,
-    nearest_place,
-    outward_normal,
-    separation,
-    separation_slopes,
-    stopping_impulse,
-)
+from runout.backends.scan.structure_detection import BEFORE, DISTANCE, GAP, NORMAL, _clear_share, _spread, _weights_of
+from runout.physics.contact import impulse, work
+from runout.physics.structures import entry_velocity, stopping_impulse
 from runout.physics.tensors import dot, real, vec
 
 LEAST_MASS = 1e-37  # [kg] of a node that moves, as in particles_to_grid
 record = None  # makes a record of the numbers of the law of friction; the binding decides
-NORMAL, GAP, BEFORE, DISTANCE = 0, 3, 4, 7  # columns of what is measured
-
-
-def place_structure_rows(near, held, place):
-    """Set the first row of each near block, with room for all its particles; returns the number of rows."""
-    place[0] = 0
-    for m in range(len(near.owners)):
-        place[m + 1] = place[m] + held[near.owners[m]]
-    return place[len(near.owners)]
-
-
-def _lattice_position(constants, bxyz, b, c, rec, p, field, axis):
-    """Place of a particle in cells of the lattice along one axis."""
-    node = constants.corner[axis] + 4 * np.int64(bxyz[b, axis]) + ((np.int64(c) >> (4 - 2 * axis)) & 3)
-    x = (node + np.float64(rec[p, 4 + 4 * axis])) * constants.spacing[axis]
-    return (x - field.origin[axis]) / field.spacing[0]
-
-
-def _row_of_block(blocks, i, j, k):
-    """Row of the block of the lattice that a cell lies in; -1 where there is none."""
-    a = lattice_block(i)
-    b = lattice_block(j)
-    c = lattice_block(k)
-    if a < 0 or b < 0 or c < 0 or a >= blocks.shape[0] or b >= blocks.shape[1] or c >= blocks.shape[2]:
-        return np.int64(-1)
-    return np.int64(blocks[a, b, c])
-
-
-def _corners(d, a):
-    """Distances at the nodes of the cell whose first one is at place ``a``."""
-    return (
-        real(d[a]), real(d[a + 1]), real(d[a + 9]), real(d[a + 10]),
-        real(d[a + 81]), real(d[a + 82]), real(d[a + 90]), real(d[a + 91]),
-    )  # fmt: skip
-
-
-def _velocity(rec, p):
-    """Velocity [m/s] of a particle from its record."""
-    r = rec[p]
-    to_particle = vec(r[4] - real(1.0), r[8] - real(1.0), r[12] - real(1.0))
-    here, ax, ay, az = vec(r[1], r[2], r[3]), vec(r[5], r[6], r[7]), vec(r[9], r[10], r[11]), vec(r[13], r[14], r[15])
-    x, y, z = momentum_at(here, ax, ay, az, to_particle)
-    m = real(1.0) / r[0]
-    return vec(m * x, m * y, m * z)
-
-
-def _weights_of(rec, p):
-    """Weights of a particle along each axis."""
-    return weights(rec[p, 4]), weights(rec[p, 8]), weights(rec[p, 12])
-
-
-def _plane(field, k, x, y, z):
-    """Distance [m] of a point from the plane of a patch."""
-    centre, normal = field.centre, field.normal
-    away = vec(real(x - centre[k, 0]), real(y - centre[k, 1]), real(z - centre[k, 2]))
-    return dot(away, vec(normal[k, 0], normal[k, 1], normal[k, 2])) * real(field.spacing[0])
-
-
-def _take_plane(field, row, place, x, y, z, distance, n, patch):
-    """Distance [m], normal and patch: those of the closest plane where the trilinear ``distance`` is cut short.
-
-    ``x``, ``y``, ``z`` are in cells of the lattice.
-    """
-    normal, spacing = field.normal, real(field.spacing[0])
-    closest = patch
-    least = _plane(field, patch, x, y, z)
-    for q in range(8):
-        k = np.int64(field.patch[row, place + 81 * (q >> 2) + 9 * ((q >> 1) & 1) + (q & 1)])
-        if k == closest:
-            continue
-        plane = _plane(field, k, x, y, z)
-        if is_closer(plane, least, spacing):
-            least = plane
-            closest = k
-    if is_closer(distance, least, spacing):
-        return least, vec(normal[closest, 0], normal[closest, 1], normal[closest, 2]), closest
-    return distance, n, patch
-
-
-def _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
-    """Fill row ``r`` for a particle; returns whether it touches a structure within the step."""
-    rec, c, w = particles.rec, particles.cell[p], particles.particle_index[p]
-    x = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 0)
-    y = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 1)
-    z = _lattice_position(constants, blocks.bxyz, b, c, rec, p, field, 2)
-    i = np.int64(math.floor(x))
-    j = np.int64(math.floor(y))
-    k = np.int64(math.floor(z))
-    row = _row_of_block(field.blocks, i, j, k)
-    if row < 0:
-        return False
-    fx = real(x - i)
-    fy = real(y - j)
-    fz = real(z - k)
-    place = lattice_place(i, j, k)
-    eight = _corners(field.distance[row], place)
-    distance = separation(eight, fx, fy, fz)
-    n = outward_normal(separation_slopes(eight, fx, fy, fz))
-    radius = particles.radius[w] if len(particles.radius) > 1 else particles.radius[0]
-    v = _velocity(rec, p)
-    if not in_contact(contact_gap(distance, radius), dot(v, n), dt, band):
-        return False
-    patch = np.int64(field.patch[row, nearest_place(place, fx, fy, fz)])
-    distance, n, patch = _take_plane(field, row, place, x, y, z, distance, n, patch)
-    gap = contact_gap(distance, radius)
-    touching.slots[r] = p
-    touching.patch[r] = patch
-    measured = touching.measured
-    for a in range(3):
-        measured[r, NORMAL + a] = n[a]
-        measured[r, BEFORE + a] = v[a]
-    measured[r, GAP] = gap
-    measured[r, DISTANCE] = distance
-    return in_contact(gap, dot(v, n), dt, band)
-
-
-def _clear_share(share):
-    for n in range(216):
-        for k in range(4):
-            share[n, k] = real(0.0)
-
-
-def _spread(share, c, w, weight, x, y, z):
-    """Add a contact in cell ``c`` to the share of its block: ``weight`` and impulse, by its weights ``w``."""
-    wx, wy, wz = w
-    o = (np.int64(c) >> 4) * 36 + ((np.int64(c) >> 2) & 3) * 6 + (np.int64(c) & 3)
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                s = wx[i] * wy[j] * wz[k]
-                n = o + 36 * i + 6 * j + k
-                share[n, 0] += s * weight
-                share[n, 1] += s * x
-                share[n, 2] += s * y
-                share[n, 3] += s * z
-
-
-def _find_in_block(particles, blocks, b, field, touching, m, constants, dt, band, force, last):
-    """List the particles of a block that touch structures, and start its share with the forces of the step before."""
-    order, first, share, given = particles.order, blocks.first[b], touching.shares[m], touching.given
-    r = touching.place[m]
-    for t in range(first, first + blocks.held[b]):
-        p = np.int64(order[t])
-        if not _measure(particles, b, p, blocks, field, touching, r, constants, dt, band):
-            continue
-        if r == touching.place[m]:
-            _clear_share(share)
-        w = particles.particle_index[p]
-        lasting = dt if force[w, 0] == last else real(0.0)
-        for k in range(1, 4):
-            given[r, k] = lasting * force[w, k]
-        _spread(share, particles.cell[p], _weights_of(particles.rec, p), real(1.0), given[r, 1], given[r, 2], given[r, 3])
-        r += 1
-    return r - touching.place[m]
-
-
-def find_structure_contacts(particles, blocks, near, field, touching, constants, dt, band, force, last):
-    """List the particles of near blocks that touch structures; returns how many. ``last`` is the stamp of the step before."""
-    number = touching.number
-    for m in prange(len(near.owners)):
-        number[m] = _find_in_block(particles, blocks, near.owners[m], field, touching, m, constants, dt, band, force, last)
-    total = 0
-    for m in range(len(near.owners)):
-        total += number[m]
-    return total
 
 
 def _has_contacts(down, count, q):
