@@ -88,6 +88,7 @@ class FakeSite:
         return [sha256(path) for path in self.inputs()]
 
     observed = SimpleNamespace(paths=list)
+    structures = SimpleNamespace(protected=list)
 
     def observation_checksums(self):
         return []

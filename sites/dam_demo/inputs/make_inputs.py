@@ -66,7 +66,7 @@ def structures(dam_height: float) -> geopandas.GeoDataFrame:
         ("gallery", box(ROAD[0], 56, ROAD[1], 104), over_road, bench(), over_road - ROOF, SMOOTH),
         ("dam", box(286, 36, 292, 124), dam_height, None, None, ROUGH),
         ("house north", box(262, 93, 274, 103), 7.0, None, None, ROUGH),
-        ("house west", box(236, 85, 247, 96), 7.0, None, None, ROUGH),
+        ("house west", box(236, 97, 247, 108), 7.0, None, None, ROUGH),
         ("house south", Polygon([(262, 60), (273, 56), (277, 67), (266, 71)]), 9.0, None, None, ROUGH),
     ]
     names, shapes, heights, bases, clearances, frictions = zip(*rows, strict=True)
