@@ -1,8 +1,8 @@
 """Series at the probes of one member, or their percentiles over the members of an ensemble."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -102,8 +102,3 @@ def percentiles_of(values: np.ndarray, weights: np.ndarray, percentiles: Sequenc
     filled = np.where(np.isnan(values), np.inf, values).reshape(len(values), -1)
     found = weighted_percentiles(filled, weights, percentiles)
     return np.where(np.isinf(found), np.nan, found).reshape(len(percentiles), *values.shape[1:])  # type: ignore[no-any-return]
-
-
-def described(datasets: "Mapping[str, xr.Dataset]", attributes: Mapping[str, Any]) -> "dict[str, xr.Dataset]":
-    """The datasets with further global attributes."""
-    return {group: dataset.assign_attrs(dict(attributes)) for group, dataset in datasets.items()}
