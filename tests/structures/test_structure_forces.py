@@ -103,6 +103,25 @@ def test_a_run_records_the_forces_of_its_flow(inputs):
     np.testing.assert_allclose(coarse.impulses.sum(axis=0), found.impulses.sum(axis=0), rtol=1e-12)
 
 
+def test_an_interrupted_run_continues_with_the_forces_before(inputs, tmp_path):
+    class Interrupted(Exception):
+        pass
+
+    def interrupt(fraction):
+        if fraction > 0.7:
+            raise Interrupted
+
+    whole = run(inputs, end_time=1.2)
+    saved = {"end_time": 1.2, "checkpoint": tmp_path / "run.npz", "checkpoint_every": 0.0}
+    with pytest.raises(Interrupted):
+        run(inputs, progress=interrupt, **saved)
+    assert (tmp_path / "run.npz").is_file()
+    resumed = run(inputs, **saved)
+    np.testing.assert_array_equal(resumed.structure_forces.times, whole.structure_forces.times)
+    np.testing.assert_array_equal(resumed.structure_forces.impulses, whole.structure_forces.impulses)
+    assert whole.structure_forces.impulses.any()
+
+
 def test_runs_without_structures_record_none(inputs):
     assert run(inputs, structures=None, end_time=0.1).structure_forces is None
 
