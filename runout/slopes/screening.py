@@ -53,7 +53,7 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     took = time.perf_counter() - start
     drained = drainage(found.terrain)
     way = flow_path(drained, found.release, found.peak, LEAST)
-    places = features(drained, way, found.peak, site.obstacles(terrain))
+    places = features(drained, way, found.peak, [*site.obstacles(terrain), *_structures(site, terrain)])
     figures = _figures(found, drained, way, took)
     lines = list(_lines(found, figures, way, places))
     for line in lines:
@@ -63,6 +63,16 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     _write(folder, site, found, drained, way, places, record)
     LOGGER.info("wrote %s; next: runout compare %s %s", folder, folder, site.folder)
     return ExitCode.OK
+
+
+def _structures(site: "Site", terrain: "Terrain") -> list[tuple[Any, float]]:
+    """Outlines in map coordinates of the structures of a site, with their heights [m]."""
+    if not site.structures.possible:
+        return []
+    from runout.structures.outlines import footprint
+
+    solids = site.structures.bodies(terrain).solids
+    return [(footprint(solid, terrain), float(np.ptp(solid.box[:, 2]))) for solid in solids]
 
 
 def _figures(found: Baseline, drained: Drainage, way: FlowPath, took: float) -> dict[str, Any]:

@@ -25,4 +25,5 @@ def compile_ahead(site: "Site") -> "Compilation | None":
     count = SEVERAL if len(site.settings.release) > 1 else 1
     choices = {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed}
     zones = bool(site.settings.terrain.friction_zones or site.settings.terrain.friction_rasters)
-    return start_compilation((material,) * count, site.friction.law.example, stated.precision, zones=zones, choices=choices)
+    built, friction = site.structures.possible, site.friction.law.example
+    return start_compilation((material,) * count, friction, stated.precision, zones=zones, choices=choices, structures=built)
