@@ -25,6 +25,7 @@ from runout.slopes.suggestion import write_maps
 
 if TYPE_CHECKING:
     from runout.config.site import Site
+    from runout.model.terrain import Terrain
 
 LOGGER = logging.getLogger("runout.slopes")
 FOLDER, MAPS, RECORD, LAYERS, PICTURE = "screen", "screen.nc", "screen.json", "screen.gpkg", "screen.png"
