@@ -73,8 +73,7 @@ def flow_path(drained: "Drainage", release: np.ndarray, peak: np.ndarray, least:
     """The path on the cells where the flow is thicker than ``least`` [m]; maps are (rows, columns) [m]."""
     columns = drained.terrain.shape[1]
     receiver, flow = drained.receiver.ravel(), (np.nan_to_num(peak) > least).ravel()
-    inner = receiver.reshape(release.shape) != np.arange(receiver.size).reshape(release.shape)  # the rim drains outwards
-    cell, path, dry = int(np.argmax(np.nan_to_num(release) * (1.0 + inner))), [], 0
+    cell, path, dry = _start(receiver.reshape(release.shape), np.nan_to_num(release)), list[int](), 0
     while dry < FEWEST_CONFINED:
         path.append(cell)
         following = int(receiver[cell])
@@ -86,6 +85,16 @@ def flow_path(drained: "Drainage", release: np.ndarray, peak: np.ndarray, least:
     cells = np.column_stack(np.divmod(np.array(path[: last + 1]), columns))
     steps = np.hypot(*(np.diff(cells, axis=0) * drained.terrain.cell_size[::-1]).T)
     return FlowPath(cells, np.concatenate([[0.0], np.cumsum(steps)]), _confined(drained, cells, peak))
+
+
+def _start(receiver: np.ndarray, release: np.ndarray) -> int:
+    """Thickest cell of a release; the one nearest to its centre of mass among equals. Cells that drain over the rim come last."""
+    inner = receiver != np.arange(receiver.size).reshape(receiver.shape)
+    worth = release * (1.0 + inner)
+    cells = np.argwhere(worth >= (1.0 - 1e-3) * worth.max())
+    centre = np.argwhere(release > 0).T @ release[release > 0] / release.sum()
+    row, column = cells[np.argmin(((cells - centre) ** 2).sum(axis=1))]
+    return int(row * receiver.shape[1] + column)
 
 
 def _confined(drained: "Drainage", cells: np.ndarray, peak: np.ndarray) -> np.ndarray:
