@@ -13,6 +13,7 @@ OBSERVED = "#0b4fae"
 PROBE = "#6a1b9a"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
+WIDE = 0.33  # half the mean width of a letter over its size, with a reserve: the axes may still shrink
 UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # hatched unlike obstacles
 
 
@@ -35,8 +36,9 @@ def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zo
         axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
         axes.plot(x, y, color=RELEASE, linewidth=1.3, zorder=4)
     marks = [*((obstacle, OBSTACLE) for obstacle in obstacles), *((zone, INK) for zone in zones)]
+    taken: list[np.ndarray] = []
     for mark, colour in _largest(marks) if labels else ():
-        _label(axes, mark, colour)
+        _label(axes, mark, colour, taken=taken)
 
 
 def draw_observed(axes: Any, observed: Sequence[Mark], labels: bool = True) -> None:
@@ -104,8 +106,10 @@ def _hatched(geometry: Any) -> Any:
     return PathPatch(path, facecolor=(1.0, 1.0, 1.0, 0.35), edgecolor=OBSTACLE, linewidth=1.2, hatch="////", zorder=3)
 
 
-def _label(axes: Any, mark: Mark, colour: str, offset: tuple[float, float] = (0, 0)) -> None:
-    """Write a label inside the visible part of a mark, or ``offset`` [pt] from there."""
+def _label(
+    axes: Any, mark: Mark, colour: str, offset: tuple[float, float] = (0, 0), taken: list[np.ndarray] | None = None
+) -> None:
+    """Write a label inside the visible part of a mark, or ``offset`` [pt] from there; not over one of ``taken``."""
     from matplotlib.patheffects import withStroke
     from shapely import box
 
@@ -114,11 +118,24 @@ def _label(axes: Any, mark: Mark, colour: str, offset: tuple[float, float] = (0,
     if shown.is_empty:
         return
     place = shown.representative_point()
+    if taken is not None and not _has_room(axes, mark.label, (place.x, place.y), taken):
+        return
     halo = [withStroke(linewidth=2.5, foreground="white")]
     axes.annotate(
         mark.label, (place.x, place.y), offset, textcoords="offset points", ha="center", va="center", fontsize=LABEL_SIZE,
         color=colour, path_effects=halo, zorder=6,
     )  # fmt: skip
+
+
+def _has_room(axes: Any, label: str, place: tuple[float, float], taken: list[np.ndarray]) -> bool:
+    """Whether a label at a place overlaps none of those before, whose boxes (left, bottom, right, top) [pixel] are ``taken``."""
+    half = LABEL_SIZE * axes.figure.dpi / 72.0 * np.array([WIDE * max(len(line) for line in label.splitlines() or [""]), 0.6])
+    middle = axes.transData.transform(place)
+    box = np.concatenate([middle - half, middle + half])
+    if any((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all() for other in taken):
+        return False
+    taken.append(box)
+    return True
 
 
 def _rings(polygons: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
