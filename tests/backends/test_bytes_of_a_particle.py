@@ -47,7 +47,7 @@ def test_a_run_takes_few_bytes_of_the_host_for_each_particle(backend):
 
 def test_forecast_of_the_memory_is_that_of_the_peak(monkeypatch):
     said, expected = [], simulation.expected_memory
-    monkeypatch.setattr(simulation, "expected_memory", lambda *given: said.append(expected(*given)) or said[-1])
+    monkeypatch.setattr(simulation, "expected_memory", lambda *given, **more: said.append(expected(*given, **more)) or said[-1])
     simulate(**slope(2_000), end_time=1e-4)
     del said[:]
     (small, _), (large, _) = (peak_bytes(n, "scan") for n in (SMALL, LARGE))
