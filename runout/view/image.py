@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import InputError
+from runout.io.opening import open_raster
 
 MOST_PIXELS = 2048  # along a side
 STRETCH = (2.0, 98.0)  # percentiles that become black and white, of bands that are not bytes
@@ -33,7 +34,7 @@ def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str
     import rasterio
 
     try:
-        with rasterio.open(path) as file:
+        with open_raster(path, InputError) as file:
             if file.crs is None and crs is not None:
                 raise InputError(f"{path}: the image states no coordinate system; add one, for example with gdal_edit.py -a_srs")
             bands, known = _warped(file, extent, crs, most)

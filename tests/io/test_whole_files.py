@@ -122,7 +122,7 @@ def test_a_full_disk_that_a_library_calls_otherwise_is_called_full(error: Except
         monkeypatch.setattr(atomic.tempfile, "TemporaryFile", full)
         raise error
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    monkeypatch.setattr(xr.Dataset, "dump_to_store", fail)
     with pytest.raises(
         DiskFullError, match=r"a\.nc: cannot be written \(No space left on device\); the disk is full; free some space"
     ):
@@ -133,7 +133,7 @@ def test_an_error_of_the_library_that_is_no_os_error_is_reported(tmp_path: Path,
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("NetCDF: HDF error")
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    monkeypatch.setattr(xr.Dataset, "dump_to_store", fail)
     with pytest.raises(StorageError, match=r"NetCDF: HDF error\); the disk may be full"):
         make_netcdf(tmp_path / "a.nc")
     assert os.listdir(tmp_path) == []

@@ -23,7 +23,11 @@ OWN_PRODUCTS = {  # modules that open what runout itself wrote
     "runout/io/member_maps.py",
     "runout/io/geotiff.py",
     "runout/report/study.py",
+    "runout/report/structures.py",
     "runout/hazard/members.py",
+    "runout/hazard/facades.py",
+    "runout/hazard/probe_series.py",
+    "runout/view/frames.py",
     "runout/ensemble/member.py",
 }
 LIBRARY_CALLS = ("rasterio.open", "geopandas.read_file", "gpd.read_file")

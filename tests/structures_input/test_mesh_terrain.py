@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from conftest import SOUTH, WEST
+from structure_bodies import SOUTH, WEST
 
 sys.path.append(str(Path(__file__).parents[1] / "workflow"))
 from ramp_site import SITE, write_site

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from conftest import SOUTH, WEST, box
+from structure_bodies import SOUTH, WEST, box
 
 from runout.errors import StructureError
 from runout.structures.meshes import _volume

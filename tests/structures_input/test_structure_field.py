@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from conftest import body, box, distance_to_box, nodes
+from structure_bodies import body, box, distance_to_box, nodes
 
 from runout.errors import CapacityError
 from runout.model.terrain import Terrain

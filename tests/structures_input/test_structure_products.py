@@ -95,7 +95,7 @@ def test_another_protected_area_makes_the_products_again_and_no_member(walled):
 
 
 def test_maxima_are_those_of_the_series(level):
-    from conftest import body, box
+    from structure_bodies import body, box
 
     made = build_structures([body(box((100, 100, 105), (20, 10, 18)))], level, (2.0, 2.0, 2.0))
     impulses = np.zeros((3, len(made.field.patches.area), 3))

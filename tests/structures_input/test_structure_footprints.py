@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from conftest import write_footprints
+from structure_bodies import write_footprints
 
 from runout.errors import StructureError
 from runout.model.terrain import Terrain
