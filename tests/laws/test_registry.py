@@ -239,6 +239,7 @@ def test_a_changed_law_is_compiled_anew(tmp_path, monkeypatch):
 
 
 def loaded(name, path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # bytecode of a file of the same size and second would be taken for new
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, name, module)
