@@ -48,9 +48,8 @@ def record(choices: Any) -> dict[str, Any]:
 class Strength:
     """Ranges of the soil, each sampled uniformly and independently.
 
-    Cohesion, friction angle, density and wetness default to the ranges of SINMAP (Pack, Tarboton and Goodwin 1998): friction angle
-    30 to 45 degrees, dimensionless cohesion 0 to 0.25 (here for 1 m of soil), 2000 kg m-3, transmissivity over recharge 2000 to
-    3000 m. The soil thickness is an assumption for shallow landslides.
+    Uniform ranges are the approach of SINMAP (Pack, Tarboton and Goodwin 1998, Terrain Stability Mapping with SINMAP). The default
+    ranges are assumptions for shallow soil in mountains, not values of a site.
     """
 
     cohesion: tuple[float, float] = (0.0, 4900.0)

@@ -61,8 +61,8 @@ def factor_of_safety(slope, cohesion, friction, thickness, wetness, density: flo
     """Factor of safety of an infinite slope [1].
 
     F = c / (rho g D sin(theta) cos(theta)) + (1 - w rho_w / rho) tan(phi) / tan(theta), with the vertical thickness D, that is
-    h = D cos(theta) normal to the slope in Pack, Tarboton and Goodwin (1998, SINMAP, eq. 2) and in Strauch et al. (2018, Earth
-    Surf. Dynam. 6:49, eq. 1), which landlab's LandslideProbability computes.
+    h = D cos(theta) normal to the slope in Pack, Tarboton and Goodwin (1998, SINMAP) and in Strauch et al. (2018, Earth Surf.
+    Dynam. 6:49), which landlab's LandslideProbability computes.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def factor_of_safety(slope, cohesion, friction, thickness, wetness, density: flo
 def stability(drained: "Drainage", strength: Strength) -> Stability:
     """Stability of every cell under all samples; each sample holds for the whole terrain.
 
-    The wetness is w = min(1, R a / (T sin(theta))) with the specific drainage area a (Pack et al. 1998, eq. 8), or the saturation.
+    The wetness is w = min(1, R a / (T sin(theta))) with the specific drainage area a (Pack et al. 1998), or the saturation.
     """
     terrain = drained.terrain
     slope = terrain_slope(terrain.elevation, terrain.cell_size)
