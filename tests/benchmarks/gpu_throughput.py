@@ -34,6 +34,7 @@ from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.model.surface import Surface
 from runout.release import stagger
+from tests.benchmarks.gpu_additions import ADDITIONS
 from tests.benchmarks.gpu_naive import measure_naive
 
 CELL = 2.0  # [m]
@@ -207,6 +208,7 @@ def measure(device: str, name: str, cells: tuple[int, int, int], steps: int, **o
     """One record: throughput with everything on, memory, stages."""
     graph, deterministic, precision = options["graph"], options["deterministic"], options["precision"]
     scene, p = layer(*cells, precision)
+    scene = ADDITIONS[options.get("addition", "none")](scene, p.position(np.full(3, CELL))[:, 0].max())
     before = allocated(device)
     backend = loaded(device, scene, p, deterministic)
     taken_up = allocated(device) - before
@@ -280,6 +282,7 @@ def configurations(device: str, quick: bool) -> list[tuple[str, tuple[int, int, 
     if not quick:
         wanted += [("0.3M", LAYERS["0.3M"], plain | {"graph": False})]
         wanted += [("1M", LAYERS["1M"], plain | {"steps_per_sort": n}) for n in (2, 4, 8, 16)]
+        wanted += [("1M", LAYERS["1M"], plain | {"addition": name}) for name in ADDITIONS]
     return wanted
 
 
@@ -305,6 +308,7 @@ def table_row(r: dict[str, Any]) -> str:
     """One line of the table."""
     sorts = f" sort every {r['steps_per_sort']}" if "steps_per_sort" in r else ""
     options = f"{r['precision']}{' graph' if r['graph'] else ''}{' deterministic' if r['deterministic'] else ''}{sorts}"
+    options += f" {r['addition']}" if "addition" in r else ""
     split = ", ".join(f"{k} {1e3 * v:.3f}" for k, v in r["stage_seconds"].items())
     rate = r["particle_steps_per_second"] / 1e9
     return f"{r['name']:>10} {r['particles']:>9} {rate:8.3f} G/s {r['bytes_per_particle'] or 0:6.1f} B  {options:<28} [ms] {split}"
