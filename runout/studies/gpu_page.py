@@ -10,6 +10,7 @@ RECORDS = ("gpu", "gpu_whole_runs", "gpu_error", "gpu_site_runs")  # file names 
 STAGES = ("p2g", "nodes and contact", "g2p", "cells")
 LARGE = 2e6  # particles; the stages of smaller layers wait for the host
 SIZE = ("particles", "10⁹ particle-steps/s", "bytes a particle")
+ADDITION = ("with", "10⁹ particle-steps/s", "time of a step over that without", "bytes a particle")
 WHOLE = ("device", "cell [m]", "particles", "steps", "wall [s]", "without setup [s]")
 ERROR = ("problem", "cells [m]", "particles of a cell", "particles", "steps", "error", "seconds")
 SITE = ("site, cells", "card", "commit", "members", "particles", "wall [s]", "of which members", "largest change of a map")
@@ -38,6 +39,10 @@ The device agrees with the CPU to {float64:.1e} of the velocity in float64 and t
 Several scenes of 100,352 particles in one launch, each with its own ground, friction and time step:
 
 {scenes}
+
+The layer of 1M with another law of friction, or with a wall across:
+
+{additions}
 
     python tests/benchmarks/gpu_throughput.py --device cuda:0 \\
         --skip 64M 100M --out DIR/gpu.json
@@ -110,6 +115,7 @@ def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
         maps=", ".join(f"{100 * v:.2g} % ({name.replace('_', ' ')})" for name, v in differences),
         sizes=markdown(("layer", *SIZE), map(_size, filter(_plain, layers))),
         scenes=markdown(("scenes", *SIZE), _scenes(gpu["records"])),
+        additions=markdown(ADDITION, _additions(layers)),
         runs=markdown(WHOLE, map(_whole, whole["records"])),
         errors=markdown(ERROR, map(_error, error["records"])),
         sites=markdown(SITE, _sites(sites["runs"])),
@@ -120,7 +126,8 @@ def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
 
 def _plain(r: Mapping[str, Any]) -> bool:
     """Whether a record is of a layer as runs have it: float32, a graph, sums in any order, sorted as needed."""
-    return bool(r["graph"]) and not r["deterministic"] and r["precision"] == "float32" and "steps_per_sort" not in r
+    usual = bool(r["graph"]) and not r["deterministic"] and r["precision"] == "float32"
+    return usual and not {"steps_per_sort", "addition"} & set(r)
 
 
 def _size(r: Mapping[str, Any]) -> tuple[str, ...]:
@@ -131,6 +138,14 @@ def _scenes(found: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
     for r in found:
         if "members" in r:
             yield (str(r["members"]), *_size(r)[1:])
+
+
+def _additions(layers: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """What a layer has besides; the first such record has nothing besides."""
+    found = [r for r in layers if "addition" in r]
+    for r in found[1:]:
+        slower = found[0]["particle_steps_per_second"] / r["particle_steps_per_second"]
+        yield r["addition"], f"{r['particle_steps_per_second'] / 1e9:.2f}", f"{slower:.2f}", f"{r['bytes_per_particle']:.0f}"
 
 
 def _whole(r: Mapping[str, Any]) -> tuple[str, ...]:
@@ -179,7 +194,7 @@ def _named(folder: str) -> str:
 def _table(layers: Sequence[Mapping[str, Any]]) -> str:
     """Every layer with its options and stages, as CSV."""
     stages = list(dict.fromkeys(name for r in layers for name in r["stage_seconds"]))
-    keys = ("name", "particles", "precision", "graph", "deterministic", "steps_per_sort", "steps")
+    keys = ("name", "particles", "precision", "graph", "deterministic", "steps_per_sort", "addition", "steps")
     heads = (*keys, "particle-steps per second", "bytes a particle", *(f"{name} [ms]" for name in stages))
     rows = [
         (

@@ -2,7 +2,21 @@
 
 import numpy as np
 import pytest
-from scenes import IN_ORDER, ROCK, SAND, assert_same_numbers, at, box, cloud, loaded, on_cpu, plane, scene
+from scenes import (
+    HASH_DEVICE,
+    IN_ORDER,
+    ROCK,
+    SAND,
+    assert_close_states,
+    assert_same_numbers,
+    at,
+    box,
+    cloud,
+    loaded,
+    on_cpu,
+    plane,
+    scene,
+)
 
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError, ConfigError, DeviceError
@@ -112,7 +126,10 @@ def test_dense_index_holds_the_whole_box_around_two_bodies_and_gives_what_the_sp
         backend.steps(2e-3, 300)
         assert backend.counters.rebuilds > 1
     assert dense.parts.index.nall == np.prod(high - low + 4)
-    assert_same_numbers(sparse.particles(), dense.particles())
+    if HASH_DEVICE == "cpu":
+        assert_same_numbers(sparse.particles(), dense.particles())
+    else:  # atomic sums have no fixed order there
+        assert_close_states(sparse.particles(), dense.particles(), 1e-12)
 
 
 def test_unknown_index_is_refused_with_the_names():
