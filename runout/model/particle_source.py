@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -71,8 +72,13 @@ class CompactParticles:
         """The particles of a source at rest, of releases with a ``density`` (releases,) [kg/m3]."""
         return cls([_compact(chunk, dtype) for chunk in source.chunks()], source.sums(density))
 
-    def __len__(self) -> int:
+    @cached_property
+    def number(self) -> int:
+        """Number of particles: the runs of a launch ask for it between all steps."""
         return sum(len(arrays["mass"]) for arrays, _ in self.parts)
+
+    def __len__(self) -> int:
+        return self.number
 
     def chunks(self, stressed: bool = True) -> Iterator[Particles]:
         """The particles in their order."""
