@@ -2,10 +2,10 @@
 
     python tests/benchmarks/gpu_site_runs.py --out gpu_site_runs.json --folder work [--cpu-maps FOLDER]
 
-``--cpu-maps`` holds ``hazard.nc`` of the same sites under their names here (``frank_slide_members4.nc`` and so on), which this
-script made elsewhere with ``--write-cpu-maps`` by ``runout run`` on a CPU; maps are compared by the mean difference over the mean
-of the CPU's (relative L1). Sites with downloaded rasters take them from ``RUNOUT_DATA``. With two GPUs or more, an ensemble runs on
-one and on two of them, with one worker a GPU and with several.
+``--cpu-maps`` holds ``hazard.nc`` of the same sites under their names here (``frank_slide_members4.nc`` and so on), and
+``structures.nc`` where there is one, which this script made with ``--write-cpu-maps`` by ``runout run`` on a CPU. Maps and
+largest forces are compared by the mean difference over the mean of the CPU's (relative L1). Sites with downloaded rasters take them
+from ``RUNOUT_DATA``. With two GPUs or more, an ensemble runs on one and on two of them, with one worker a GPU and with several.
 """
 
 import argparse
@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ started = time.perf_counter()
 report = run_ensemble(site, Path(sys.argv[3]), workers=int(sys.argv[4]))
 print("seconds", time.perf_counter() - started, "failed", len(report.failed))
 """
+PRODUCTS = ("hazard", "structures")
 SCALING = (("cuda:0", "1"), ("cuda", "2"), ("cuda:0", "4"), ("cuda", "8"))  # devices, and workers that share them
 COMMAND = [sys.executable, "-c", "import sys; from runout.cli import main; sys.exit(main())", "run"]
 
@@ -84,12 +86,27 @@ def of_members(out: Path) -> dict[str, Any]:
     return {"members": len(steps), "particles": [n for n, _ in steps], "particle_steps": sum(n * s for n, s in steps)}
 
 
-def differences(site: Path, device: str, expected: Path) -> dict[str, float]:
-    """Relative L1 differences of the hazard maps from those of a CPU."""
+def differences(site: Path, device: str, maps: Path) -> dict[str, float]:
+    """Relative L1 differences of the hazard maps, and of the largest forces on facades by member, from those of a CPU."""
+    found: dict[str, float] = {}
+    for product in PRODUCTS:
+        here, expected = site / f"results_{device.replace(':', '')}" / f"{product}.nc", kept(maps, site.name, product)
+        if here.exists() and expected.exists():
+            found |= differences_of_file(here, expected)
+    return found
+
+
+def kept(maps: Path, site: str, product: str) -> Path:
+    """File in which a product of a CPU is kept."""
+    return maps / (f"{site}.nc" if product == "hazard" else f"{site}_{product}.nc")
+
+
+def differences_of_file(here: Path, expected: Path) -> dict[str, float]:
+    """Relative L1 differences of the variables with two dimensions or more that two files share, of equal size."""
     from netCDF4 import Dataset
 
     found = {}
-    with Dataset(site / f"results_{device.replace(':', '')}" / "hazard.nc") as a, Dataset(expected) as b:
+    with Dataset(here) as a, Dataset(expected) as b:
         for name, values in b.variables.items():
             if values.ndim >= 2 and values.dtype.kind == "f" and name in a.variables and not name.startswith("elevation"):
                 x, y = (np.ma.filled(v[name][:].astype(float), 0.0) for v in (a, b))
@@ -101,6 +118,9 @@ def differences(site: Path, device: str, expected: Path) -> dict[str, float]:
 def main() -> None:
     """Run, print and write."""
     from runout.backends.protocol import devices_of
+    from runout.studies.seed_cases.memory_peak import card_name
+    from runout.studies.work_precision import available_cores
+    from tests.benchmarks.gpu_throughput import driver
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, required=True)
@@ -113,14 +133,16 @@ def main() -> None:
     parser.add_argument("--write-cpu-maps", type=Path)
     parser.add_argument("--scaling-only", action="store_true", help="only the ensemble on one and two GPUs")
     a = parser.parse_args()
-    report: dict[str, Any] = {"commit": a.commit, "runs": []}
+    report: dict[str, Any] = {"driver": driver(), "warp": version("warp-lang"), "runs": []}
 
     def note(record: dict[str, Any]) -> None:
+        record |= {"commit": a.commit, "card": card_name() if record["device"] != "cpu" else f"{available_cores()} cores"}
         report["runs"].append(record)
         print(json.dumps({k: v for k, v in record.items() if k != "particles"}), flush=True)
         a.out.write_text(json.dumps(report, indent=1))
 
     sites: tuple[tuple[str, dict[str, float], str], ...] = (
+        ("dam_demo", {}, "cuda:0"),
         ("jacksboro", {"cell_size": 20}, "cuda:0"),
         ("frank_slide", {"members": 4}, "cuda:0"),
         ("frank_slide", {"cell_size": 10, "members": 2}, "cuda:0"),
@@ -130,14 +152,16 @@ def main() -> None:
         for name, values, _ in sites[:-1]:
             site = edited(name, a.folder, **values)
             note(whole_run(site, "cpu"))
-            shutil.copy(site / "results_cpu" / "hazard.nc", a.write_cpu_maps / f"{site.name}.nc")
+            for product in PRODUCTS:
+                made = site / "results_cpu" / f"{product}.nc"
+                if made.exists():
+                    shutil.copy(made, kept(a.write_cpu_maps, site.name, product))
         return
     for name, values, device in () if a.scaling_only else sites:
         site = edited(name, a.folder, **values)
         record = whole_run(site, device)
-        expected = a.cpu_maps / f"{site.name}.nc" if a.cpu_maps else None
-        if expected and expected.exists() and not record["exit"]:
-            record["against_cpu"] = differences(site, device, expected)
+        if a.cpu_maps and not record["exit"]:
+            record["against_cpu"] = differences(site, device, a.cpu_maps)
         note(record)
     many = edited("jacksboro", a.folder, cell_size=a.scaling_cell, members=a.scaling_members)
     if len(devices_of("cuda")) > 1:
