@@ -148,3 +148,10 @@ def test_log_folder_that_cannot_be_made_is_said_clearly(tmp_path, capsys, monkey
     monkeypatch.setattr("runout.workflow.study.Study.open", lambda *_, **__: FakeStudy(tmp_path / "results"))
     assert cli.main(["run", "site"]) == ExitCode.FAILURE
     assert "--out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("console", [log.console, log.output])
+def test_a_colon_beside_a_number_stays_text(console):
+    with console().capture() as shown:
+        console().print("--members 0:100: a:b")
+    assert shown.get() == "--members 0:100: a:b\n"
