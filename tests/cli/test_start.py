@@ -152,6 +152,13 @@ def test_log_folder_that_cannot_be_made_is_said_clearly(tmp_path, capsys, monkey
 
 @pytest.mark.parametrize("console", [log.console, log.output])
 def test_a_colon_beside_a_number_stays_text(console):
-    with console().capture() as shown:
-        console().print("--members 0:100: a:b")
-    assert shown.get() == "--members 0:100: a:b\n"
+    shown = console()
+    with shown.capture() as text:
+        shown.print("--members 0:100: a:b")
+    assert text.get() == "--members 0:100: a:b\n"
+
+
+@pytest.mark.parametrize("option", ["--threads", "--workers"])
+def test_no_thread_and_no_worker_are_refused_before_anything_runs(option, tmp_path, capsys):
+    assert cli.main(["run", str(tmp_path), option, "0"]) == ExitCode.CONFIGURATION
+    assert f"{option}" in capsys.readouterr().err
