@@ -22,7 +22,9 @@ Injected = Annotated[Session, Parameter(parse=False)]
 SiteArgument = Annotated[Path, Parameter(help="Folder of the site, or its site.yaml.")]
 Workers = Annotated[
     int | None,
-    Parameter(name="--workers", validator=Number(gte=1), help="Members that run at once [default: one per core, if memory holds them]."),
+    Parameter(
+        name="--workers", validator=Number(gte=1), help="Members that run at once [default: one per core, if memory holds them]."
+    ),
 ]
 Threads = Annotated[
     int | None,
