@@ -43,14 +43,14 @@ def console() -> "Console":
     """Console for messages on standard error; standard output carries only results."""
     from rich.console import Console
 
-    return Console(stderr=True, highlight=False, soft_wrap=True)
+    return Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def output() -> "Console":
     """Console for results on standard output; wide if it is not a terminal."""
     from rich.console import Console
 
-    return Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 160)
+    return Console(highlight=False, soft_wrap=True, emoji=False, width=None if sys.stdout.isatty() else 160)
 
 
 class Terminal(logging.Handler):

@@ -1,5 +1,6 @@
 """Ground areas of contacts, and the impulses from which they start, in NumPy: for the reference backend."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,6 @@ def begun_impulses(scene: Scene, p: Particles, dt: float) -> np.ndarray:
     """Impulses (n, 3) [N s] by the forces of the step before, from which contacts of particles (n,) start."""
     if not scene.basal.law.uses_area:
         return dt * p.ground_force  # type: ignore[no-any-return]
-    fastest = contact.fastest_start(min(scene.spacing), dt)
+    fastest = contact.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
     lasting = np.array([contact.started_time(v, fastest, dt) for v in p.velocity])
     return lasting.reshape(-1, 1) * p.ground_force  # type: ignore[no-any-return]

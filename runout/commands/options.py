@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from runout.ensemble.cluster import Cluster
 
@@ -20,11 +21,14 @@ class Session:
 Injected = Annotated[Session, Parameter(parse=False)]
 SiteArgument = Annotated[Path, Parameter(help="Folder of the site, or its site.yaml.")]
 Workers = Annotated[
-    int | None, Parameter(name="--workers", help="Members that run at once [default: one per core, if memory holds them].")
+    int | None,
+    Parameter(
+        name="--workers", validator=Number(gte=1), help="Members that run at once [default: one per core, if memory holds them]."
+    ),
 ]
 Threads = Annotated[
     int | None,
-    Parameter(name="--threads", help="Threads of each member [default: cores over members at once]."),
+    Parameter(name="--threads", validator=Number(gte=1), help="Threads of each member [default: cores over members at once]."),
 ]
 RetryFailed = Annotated[bool, Parameter(name="--retry-failed", negative="", help="Also repeat members whose failure is permanent.")]
 Device = Annotated[str | None, Parameter(help="cpu, cuda:0, or auto: a GPU if there is one [default: what site.yaml says].")]

@@ -122,9 +122,18 @@ def pack(
     ConfigError
         If a number is below 1.
     """
+    threads = _within(capacity.cores, threads)
     allowed = worker_count(workers or len(capacity.devices) or None, threads or 1, capacity.cores)
     number = max(1, min(allowed, members, capacity.holds(member_bytes)))
     return Share(number, threads or max(1, capacity.cores // number), capacity.devices, in_process=allowed == 1)
+
+
+def _within(cores: int, threads: int | None) -> int | None:
+    """Threads of each member, at most the cores."""
+    if threads is None or threads <= cores:
+        return threads
+    LOGGER.warning("%d threads of each member are more than the %d cores; %d are used", threads, cores, cores)
+    return cores
 
 
 def in_process(

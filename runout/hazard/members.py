@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.parameter_variables import parameter_variable
 from runout.ensemble.member import failure_file, members_folder
 from runout.errors import StorageError
 from runout.io import netcdf
@@ -160,9 +161,7 @@ def member_table(ensemble: Ensemble, terrain: Terrain) -> "xr.Dataset":
     dataset = xr.Dataset(coords=grid_coordinates(terrain))
     dataset = dataset.assign_coords(realization=ensemble.table.index.to_numpy(np.int32))
     for column in ensemble.table.columns:
-        if column not in VARIABLES:
-            raise ValueError(f"{column!r} is not in runout/variables.py; add it there, with its unit")
-        dataset[column] = ("realization", ensemble.table[column].to_numpy())
+        dataset[column] = ("realization", ensemble.table[column].to_numpy(), parameter_variable(str(column)).attributes())
     states = ["valid" if m in ensemble.files else "failed" if m in ensemble.failed else "missing" for m in ensemble.table.index]
     dataset["status"] = ("realization", np.array(states, dtype=object))
     reasons = [ensemble.failed.get(m, "") for m in ensemble.table.index]

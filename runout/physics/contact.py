@@ -80,13 +80,14 @@ def slip_after(free: Any, resistance: Any):
     return real(2.0) * free / (real(1.0) + math.sqrt(real(1.0) + real(4.0) * resistance * free))
 
 
-def fastest_start(h: Any, dt: Any):
+def fastest_start(h: Any, gravity: Any, dt: Any):
     """Speed [m/s] up to which an impulse starts from the force of the step before, on a grid with the smallest spacing ``h`` [m].
 
     The force belongs to the weights of the step before. A particle that has moved on by a part of a cell would start from a wrong
-    one: thin fast flows then break up. Laws with drag use this limit.
+    one: thin fast flows then break up. Laws with drag use this limit. It is not less than what ``gravity`` [m/s2] adds in a step:
+    without that start a resting mass keeps some of it in each step, trembles faster than a lower limit, and never rests.
     """
-    return real(STILL) * h / dt
+    return max(real(STILL) * h / dt, gravity * dt)
 
 
 def started_time(v: Any, fastest: Any, dt: Any):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import ReleaseError
+from runout.io.band import unpacked
 from runout.io.boundary import exists
 from runout.io.georeference import require_usable
 from runout.io.layer_crs import ToTerrain, to_terrain
@@ -37,15 +38,15 @@ def read_thickness(path: Path, terrain: Terrain) -> tuple[np.ndarray, tuple[np.n
             raise ReleaseError(f"{path}: has no georeference or is rotated; warp it to the terrain: gdalwarp {path} warped.tif")
         found = to_terrain(path, crs, terrain, bounds_of(tuple(whole)[:6], raster.shape), "gdalwarp")
         part, sentences = _needed(path, raster, found, terrain)
-        values = _values(path, raster, part)
+        values, converted = _values(path, raster, part)
     a, _, c, _, e, f = part.transform(tuple(whole)[:6])
     x, y = c + np.arange(part.columns + 1) * a, f + np.arange(part.rows + 1) * e
     if e < 0:
         values, y = values[::-1], y[::-1]
     if found.forward is not None:
         values, edges, said = raster_on_terrain(np.ascontiguousarray(values.T), (x, y), found, terrain, path)
-        return values, edges, (*sentences, *said)
-    return np.ascontiguousarray(values.T), (x - terrain.west, y - terrain.south), (*sentences, *found.sentences)
+        return values, edges, (*sentences, *converted, *said)
+    return np.ascontiguousarray(values.T), (x - terrain.west, y - terrain.south), (*sentences, *converted, *found.sentences)
 
 
 def _needed(path: Path, raster: Any, found: ToTerrain, terrain: Terrain) -> tuple[Part, tuple[str, ...]]:
@@ -80,26 +81,29 @@ def _require_one_band(path: Path, raster: Any) -> None:
         )
 
 
-def _values(path: Path, raster: Any, part: Part) -> np.ndarray:
-    values = raster.read(1, window=part.window, masked=True).astype(np.float64).filled(0.0)
+def _values(path: Path, raster: Any, part: Part) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Thickness [m], 0 for nodata, and sentences on changes."""
+    stored = raster.read(1, window=part.window, masked=True).astype(np.float64)
+    values, said = unpacked(raster, stored, path, "thickness", ReleaseError)
+    values = np.ma.filled(values, 0.0)
     values[np.isnan(values)] = 0.0
     if np.isinf(values).any():
         raise ReleaseError(f"{path}: {int(np.isinf(values).sum())} cells are infinite; mark them as nodata")
-    _require_in_limits(path, raster, values, part)
-    return values
+    _require_in_limits(path, raster, values, stored.data, part)
+    return values, said
 
 
-def _require_in_limits(path: Path, raster: Any, values: np.ndarray, part: Part) -> None:
+def _require_in_limits(path: Path, raster: Any, values: np.ndarray, stored: np.ndarray, part: Part) -> None:
     """Raise ReleaseError if the absolute value of a cell exceeds the largest thickness; often it marks missing values."""
     valid = LIMITS["thickness"]
     beyond = np.argwhere(np.abs(values) > valid.high)
     if not len(beyond):
         return
-    value = values[tuple(beyond[0])]
+    value, number = values[tuple(beyond[0])], stored[tuple(beyond[0])]
     row, column = beyond[0] + (part.row, part.column)
     east, north = raster.xy(row, column)
     raise ReleaseError(
         f"{path}: thickness is {value:g} m at row {row}, column {column} (easting {east:.2f}, northing {north:.2f}), {len(beyond)} "
-        f"cells in all; {valid.allowed()}; if {value:g} marks cells without a release, declare it: "
-        f"gdal_edit.py -a_nodata {value:.9g} {path}"
+        f"cells in all; {valid.allowed()}; if {number:g} marks cells without a release, declare it: "
+        f"gdal_edit.py -a_nodata {number:.9g} {path}"
     )

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.parameter_variables import parameter_variable
 from runout.report.maps import NORMAL, SMALL, WIDE
 from runout.report.marks import INK
 from runout.report.members import FIGURES, Ledger, representative
-from runout.variables import VARIABLES
+from runout.report.wording import unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,10 +110,9 @@ def parameter_figure(members: "pd.DataFrame", parameter: str) -> Any:
 
 def parameter_label(name: str) -> str:
     """Words and unit of a sampled parameter, e.g. ``basal friction angle [°]``."""
-    variable = VARIABLES.get(name)
-    words = variable.long_name if variable else name.replace("_", " ")
-    units = {"degree": "°", "kg m-3": "kg m⁻³"}.get(variable.units, variable.units) if variable else ""
-    return words if units in ("", "1") else f"{words} [{units}]"
+    variable = parameter_variable(name)
+    units = unit(variable.units)
+    return f"{variable.long_name} [{units}]" if units else variable.long_name
 
 
 def tidy(axes: Any, across: str = "time since release [s]") -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.parameter_variables import parameter_variable
 from runout.map_quantities import QUANTITIES
 from runout.model.depth_resolution import FEWEST_CELLS
 from runout.report.figures import parameter_label
@@ -250,7 +251,7 @@ def _heading(parameter: str) -> str:
 
 
 def _unit(parameter: str) -> str:
-    return unit(VARIABLES[parameter].units) if parameter in VARIABLES else ""
+    return unit(parameter_variable(parameter).units)
 
 
 def settings(resolved: dict[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:

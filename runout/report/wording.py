@@ -1,23 +1,13 @@
 """Formats numbers for the report: significant digits, thin spaces, unit."""
 
 import math
+import re
 
 THIN = "\u202f"
 MINUS = "\u2212"
 UNKNOWN = "\u2013"
-PRINTED_UNITS = {
-    "1": "",
-    "m s-1": "m s⁻¹",
-    "m2": "m²",
-    "m2 s-1": "m² s⁻¹",
-    "m3": "m³",
-    "m3 s-1": "m³ s⁻¹",
-    "m3 s-2": "m³ s⁻²",
-    "kg m-3": "kg m⁻³",
-    "degree": "°",
-    "degrees": "°",
-    "deg": "°",
-}
+PRINTED_UNITS = {"1": "", "degree": "°", "degrees": "°", "deg": "°"}
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -35,7 +25,9 @@ def number(value: float, digits: int = 3) -> str:
 
 def unit(units: str) -> str:
     """Unit as it is printed: ``m s-1`` becomes ``m s⁻¹``."""
-    return PRINTED_UNITS.get(units, units)
+    if units in PRINTED_UNITS:
+        return PRINTED_UNITS[units]
+    return re.sub(r"(?<=[A-Za-z])-?\d+", lambda power: power[0].translate(RAISED), units)
 
 
 def quantity(value: float, units: str, digits: int = 3) -> str:

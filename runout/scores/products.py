@@ -134,9 +134,10 @@ def _of_folder(path: Path, reading: Reading) -> Product:
 def _of_netcdf(path: Path, reading: Reading) -> Product:
     with open_netcdf(path, ObservationError) as file:
         names = set(map(str, file.variables))
-    if "thickness_exceedance_probability" in names:
+        places = {name: file.variables[name].dims for name in names}
+    if places.get("thickness_exceedance_probability", ())[1:] == netcdf.MAP_DIMS:
         return _of_ensemble(path, netcdf.read(path), reading)
-    if "max_flow_thickness" in names:
+    if places.get("max_flow_thickness") == netcdf.MAP_DIMS:
         return _of_member(path, read_maps(path), reading)
     held = ", ".join(sorted(names)[:6]) or "nothing"
     raise ObservationError(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import DemError, ObservationError, ReleaseError
+from runout.io.band import unpacked
 from runout.io.boundary import exists
 from runout.io.elevation_raster import ElevationRaster
 from runout.io.georeference import require_usable
@@ -20,10 +21,8 @@ from runout.scores.gauges import POINT_UNITS, Gauges
 from runout.scores.grid import Grid
 from runout.scores.thalweg import Thalweg
 from runout.terrain.prepare import LARGEST_NUMBER, known_or_nan, north_up
-from runout.variables import PRINTED
 
 LARGEST_PRESSURE = 1e12  # [Pa] beyond this a number marks an unknown cell
-DIVISORS = dict(PRINTED.values())  # of the printed units in which runout writes rasters: kPa
 
 
 class Nodata(StrEnum):
@@ -50,7 +49,7 @@ def read_map(
     Parameters
     ----------
     nodata : Nodata
-        "unknown": cells without a value are NaN; "zero": they are 0. Bands in kPa are converted to Pa.
+        "unknown": cells without a value are NaN; "zero": they are 0. Stated units such as ft or kPa are converted to SI.
     quantity : str
         What it shows. Only values of "change" (a DEM of difference) may be negative.
 
@@ -69,9 +68,10 @@ def read_map(
             raise ObservationError(f"{path}: has no georeference; add one: gdal_translate -a_ullr WEST NORTH EAST SOUTH")
         require_room(file.height, file.width, path, ObservationError)
         values = file.read(1, masked=True).astype(np.float64).filled(np.nan)
-        values = (values * file.scales[0] + file.offsets[0]) * DIVISORS.get(file.units[0] or "", 1.0)
         crs = file.crs.to_wkt() if file.crs else None
-        values, said = known_or_nan(values, str(path), LARGEST_PRESSURE if quantity == "pressure" else LARGEST_NUMBER)
+        values, blank = known_or_nan(values, str(path), LARGEST_PRESSURE if quantity == "pressure" else LARGEST_NUMBER)
+        values, packing = unpacked(file, values, path, quantity, ObservationError)
+        said = (*blank, *packing)
         raster = north_up(ElevationRaster(values, tuple(file.transform)[:6], None, None, str(path), said))
     values = raster.values
     if quantity != "change" and (values < 0).any():

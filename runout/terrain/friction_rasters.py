@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from runout.errors import ReleaseError, ZoneError
+from runout.io.band import unpacked
 from runout.io.boundary import exists
 from runout.io.georeference import require_usable
 from runout.io.layer_crs import to_terrain
@@ -58,7 +59,9 @@ def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.nda
                 raise ZoneError(f"{path}: has no georeference or is rotated; warp it to the terrain: gdalwarp {path} warped.tif")
             crs = raster.crs.to_wkt() if raster.crs else None
             found = to_terrain(path, crs, terrain, bounds_of(transform, raster.shape), "gdalwarp")
-            band = raster.read(1, masked=True).astype(np.float64).filled(np.nan)
+            stored = raster.read(1, masked=True).astype(np.float64)
+            numbers, packing = unpacked(raster, stored, path, parameter.key, ZoneError)
+            band = np.ma.filled(numbers, np.nan)
     except ReleaseError as error:  # the readers of coordinate systems are those of a release
         raise ZoneError(str(error)) from error
     points = _centres(terrain)
@@ -70,7 +73,7 @@ def _sampled(path: Path, terrain: Terrain, parameter: Parameter) -> tuple[np.nda
     values = np.full(len(points), np.nan)
     values[inside] = band[row[inside], column[inside]]
     _require_valid(path, values, points, parameter)
-    return values.reshape(terrain.shape[1], terrain.shape[0]), found.sentences
+    return values.reshape(terrain.shape[1], terrain.shape[0]), (*packing, *found.sentences)
 
 
 def _centres(terrain: Terrain) -> np.ndarray:

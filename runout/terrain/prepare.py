@@ -7,6 +7,7 @@ import numpy as np
 
 from runout.errors import DemError, InputError
 from runout.io import crs as coordinate_systems
+from runout.io.band import METRES, word_of
 from runout.io.elevation_raster import ElevationRaster, moved
 from runout.model.terrain import Terrain
 from runout.terrain.fill import filled
@@ -14,13 +15,6 @@ from runout.terrain.fill import filled
 LOWEST, HIGHEST = -500.0, 9000.0  # of land on Earth, with room [m]
 NODATA_VALUES = (-9999.0, -99999.0, -999999.0, -32768.0, -32767.0, 32767.0, 65535.0)  # in use without being declared
 LARGEST_NUMBER = 1e6  # beyond this a number marks an unknown cell: -3.4e38, 1e20, 9.97e36
-METRES = {
-    "": 1.0, "m": 1.0, "1": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "unknown": 1.0,
-    "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "international foot": 0.3048, "international feet": 0.3048,
-    "us-ft": 1200 / 3937, "ussft": 1200 / 3937, "ftus": 1200 / 3937, "us survey foot": 1200 / 3937,
-    "us survey feet": 1200 / 3937, "survey foot": 1200 / 3937, "foot us": 1200 / 3937,
-    "cm": 0.01, "centimetre": 0.01, "dm": 0.1, "decimetre": 0.1, "km": 1000.0, "kilometre": 1000.0,
-}  # fmt: skip
 
 
 def terrain(raster: ElevationRaster) -> Terrain:
@@ -96,7 +90,7 @@ def in_metres(raster: ElevationRaster) -> ElevationRaster:
     """The raster with elevations in metres; DemError if the unit is unknown, or unstated where metres are unlikely."""
     upward = coordinate_systems.vertical(raster.crs)
     unit = raster.unit or (upward.axis_info[0].unit_name if upward is not None else None)
-    word = (unit or "").strip().lower().replace("_", " ")
+    word = word_of(unit)
     if word not in METRES:
         known = "m, ft, us-ft, cm, dm or km"
         raise DemError(f"{raster.source}: elevations are in {unit!r}; {known} are understood, convert them with `gdal_calc.py`")

@@ -148,3 +148,17 @@ def test_log_folder_that_cannot_be_made_is_said_clearly(tmp_path, capsys, monkey
     monkeypatch.setattr("runout.workflow.study.Study.open", lambda *_, **__: FakeStudy(tmp_path / "results"))
     assert cli.main(["run", "site"]) == ExitCode.FAILURE
     assert "--out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("console", [log.console, log.output])
+def test_a_colon_beside_a_number_stays_text(console):
+    shown = console()
+    with shown.capture() as text:
+        shown.print("--members 0:100: a:b")
+    assert text.get() == "--members 0:100: a:b\n"
+
+
+@pytest.mark.parametrize("option", ["--threads", "--workers"])
+def test_no_thread_and_no_worker_are_refused_before_anything_runs(option, tmp_path, capsys):
+    assert cli.main(["run", str(tmp_path), option, "0"]) == ExitCode.CONFIGURATION
+    assert f"{option}" in capsys.readouterr().err

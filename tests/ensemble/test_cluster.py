@@ -174,6 +174,7 @@ CAPACITY = Capacity(cores=8, memory=20 * 10**9)
         ({"members": 32, "member_bytes": 17e9}, (1, 8)),
         ({"members": 32, "workers": 6, "member_bytes": 8e9}, (2, 4)),
         ({"members": 32, "threads": 4, "member_bytes": 1e9}, (2, 4)),
+        ({"members": 32, "threads": 1000}, (1, 8)),
     ],
 )
 def test_members_are_packed_by_cores_and_memory(stated, expected):

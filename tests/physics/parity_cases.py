@@ -183,7 +183,7 @@ CASES = [
     Case(contact.normal_target, "sss", "s", (between(-5.0, 5.0), between(-0.1, 0.1), between(1e-3, 1e-2))),
     Case(contact.law_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
     Case(contact.limited_resistance, "ssssm", "ss", (between(0.0, 5.0), speed, area, step)),
-    Case(contact.fastest_start, "ss", "s", (between(0.1, 5.0), step)),
+    Case(contact.fastest_start, "sss", "s", (between(0.1, 5.0), between(0.0, 10.0), step)),
     Case(contact.started_time, "vss", "s", (vector, between(0.01, 5.0), step)),
     Case(contact.largest_share, "s", "s", (between(0.05, 5.0),)),
     Case(contact.area_share, "sss", "s", (between(0.0, 1.0), between(0.1, 50.0), between(0.1, 50.0))),

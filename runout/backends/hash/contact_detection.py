@@ -202,7 +202,7 @@ def _load_given(
         n = q * lane_count() + lane
         p = contacts.pressed[wp.min(begin + n, end - 1)] & NOT_NEGATIVE
         f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-        _hold(pushes, offsets, n, _given(particles, p, stamp, dt, constants.h), f, begin + n < end)
+        _hold(pushes, offsets, n, _given(particles, p, stamp, dt, constants), f, begin + n < end)
 
 
 def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, u: int, q: int):

@@ -153,14 +153,15 @@ def _push(
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2])
 
 
-def _given(particles: ParticleGroup, p: int, stamp: Any, dt: Any, h: Vector):
+def _given(particles: ParticleGroup, p: int, stamp: Any, dt: Any, constants: Constants):
     """Impulse [N s] by the force of the step with this stamp; none if a particle did not touch the ground then or is too fast."""
     last = particles.forces[particles.number[p]]
     lasting = wp.where(last[0] == stamp, dt, real(0.0))
     if AREAS:
         m = particles.rec[MASS, p]
         v = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
-        lasting = wp.min(lasting, started_time(v, fastest_start(wp.min(h[0], wp.min(h[1], h[2])), dt), dt))
+        h, gravity = constants.h, real(wp.length(constants.gravity))
+        lasting = wp.min(lasting, started_time(v, fastest_start(wp.min(h[0], wp.min(h[1], h[2])), gravity, dt), dt))
     return vec(lasting * last[1], lasting * last[2], lasting * last[3])
 
 
@@ -289,7 +290,7 @@ def solve_contacts(
                     record = int(particles.release[p])
                 if ZONED:
                     record = scenes.first_friction[record] + _kind_in_cell(blocks, scenes, s, b, c, f)
-                given = _given(particles, p, last, dt, constants.h)
+                given = _given(particles, p, last, dt, constants)
                 push = _push(particles, blocks, ground, contacts, constants, tile, place, b, c, p, f, friction[record], dt, given)
                 done += push
                 change = vec(push[1], push[2], push[3]) - given

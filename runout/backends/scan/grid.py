@@ -45,8 +45,9 @@ def search_of(scene: Scene, store: Store, max_speed: float, dt: float, steps: in
     """Numbers by which contacts are found in step ``steps`` of ``dt`` [s]."""
     band = scene.contact_band * min(scene.spacing)
     reach = contact_law.reach(store.largest_radius, max_speed, dt, band)
-    fastest = contact_law.fastest_start(min(scene.spacing), dt) if scene.basal.law.uses_area else math.inf
-    real = scene.dtype
+    real, fastest = scene.dtype, math.inf
+    if scene.basal.law.uses_area:
+        fastest = contact_law.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
     return ContactSearch(real(reach), real(band), real(stamp_of(steps - 1)), real(fastest), not scene.keeps)
 
 
