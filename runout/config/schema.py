@@ -39,6 +39,7 @@ from runout.model.limits import SMALLEST_NET
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 MOST_MEMBERS, LARGEST_NET, MOST_SNAPSHOTS = 100_000, 65_536, 1000
+SURFACES = (".obj", ".ply", ".stl")
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
@@ -60,6 +61,13 @@ def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
         yield KEY, f"{ANGLE} is given too", "remove one of the two"
     elif not {ANGLE, KEY} & given.keys():
         yield ANGLE, "required key is missing", f"add it: friction angle of the mass on the ground [deg]; or {KEY}: {{law: ...}}"
+
+
+def terrain_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+    """A key that only a mesh has, beside a raster."""
+    dem, key = given.get("dem"), "overhang_friction_angle_deg"
+    if key in given and not (isinstance(dem, str) and dem.lower().endswith(SURFACES)):
+        yield key, "has no meaning with a raster, which has no overhangs", "remove it, or give a mesh (OBJ, PLY, STL)"
 
 
 class ZoneSettings(Settings):
@@ -126,6 +134,10 @@ class TerrainSettings(Settings):
     resolution: float | None = limited(
         "resolution", "average the raster over whole blocks of cells to about this size; cells of a mesh", None, examples=[10.0]
     )
+    overhang_friction_angle_deg: float | None = limited(
+        "basal_friction_angle", "friction angle of what overhangs in a mesh; by default that of the ground under the mass", None,
+        examples=[30.0],
+    )  # fmt: skip
     obstacles: list[ObstacleSettings] | None = quantity(
         "list of dams, walls and basins that the raster does not contain: polygons of a vector file, with the height by which they "
         "raise the ground",
@@ -147,6 +159,11 @@ class TerrainSettings(Settings):
         min_length=1,
         examples=[{"friction_angle_deg": "inputs/friction.tif"}],
     )
+
+    @model_validator(mode="after")
+    def _fits(self) -> "TerrainSettings":
+        _raise_first(terrain_conflicts(self.model_dump(exclude_none=True)))
+        return self
 
 
 Conflict = tuple[str, str, str]  # key, what is wrong, remedy
