@@ -284,7 +284,7 @@ class SimulationSettings(Settings):
     flip_ratio: float = limited("flip_ratio", "part of its own velocity that a particle keeps with aflip", 0.95)
     f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
     sleep_speed: float = limited(
-        "sleep_speed", "blocks slower than this rest until something moves beside them (backend scan); 0 switches it off", 0.0
+        "sleep_speed", "blocks slower than this rest until something moves beside them (scan only, not at structures); 0: off", 0.0
     )
     initial_stress: Literal["at_rest", "none"] = quantity(
         "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"

@@ -137,8 +137,6 @@ class Scene:
             raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
         if self.structures:
             self.structures.require_fits(self.spacing)
-            if self.sleep_speed:
-                raise ConfigError("sleep_speed is for scenes without structures, on which resting mass still presses; leave it out")
 
     @cached_property
     def law(self) -> Law:
