@@ -33,6 +33,7 @@ from runout.config.quantities import (
 )
 from runout.config.remote import InputFile
 from runout.config.report import REPORT, ReportSettings
+from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import SMALLEST_NET
@@ -386,6 +387,7 @@ class SiteSettings(Settings):
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())
     probes: ProbeSettings | None = PROBES
+    stability: StabilitySettings | None = STABILITY
     observations: ObservationSettings | None = OBSERVATIONS
     report: ReportSettings | None = REPORT
     budget: BudgetSettings | None = quantity(
