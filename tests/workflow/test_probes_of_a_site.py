@@ -197,6 +197,17 @@ def test_check_names_all_problems_of_points_and_lines_at_once(tmp_path, capsys):
     for said in SAID:
         assert said in text
     assert "7 problems" in text
+    line = len(SITE.splitlines()) + 1
+    assert f"site.yaml:{line}: probes.points: {folder / 'inputs' / 'p.gpkg'}: feature" in text
+
+
+def test_a_listed_point_off_the_terrain_has_its_line(tmp_path, capsys):
+    listed = f"probes:\n  points:\n    - {{name: a, x: {WEST + 10}, y: {NORTH - 10}}}\n    - {{name: b, x: 1.0, y: 2.0}}\n"
+    folder = write_site(tmp_path / "ramp", SITE + listed)
+    assert main(["check", str(folder)]) == 2
+    line = len(SITE.splitlines()) + 4
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"site.yaml:{line}: probes.points[1]: point 'b' at easting 1, northing 2 lies outside of" in said
 
 
 @pytest.mark.parametrize(
