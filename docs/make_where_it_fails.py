@@ -13,7 +13,7 @@ from matplotlib.image import imread, imsave
 from runout import read_site
 from runout.report.maps import draw_map
 from runout.report.picture import png
-from runout.slopes.choices import MassWasting, PatchChoices, Strength
+from runout.slopes.choices import MassWasting, Strength
 from runout.slopes.drainage import drainage
 from runout.slopes.infinite_slope import stability
 from runout.slopes.mass_wasting import mass_wasting
@@ -21,11 +21,12 @@ from runout.slopes.page import SHEETS, basemap
 from runout.slopes.patches import suggest
 from runout.slopes.path_features import features, flow_path
 from runout.slopes.screening import LEAST, picture
+from runout.slopes.soil import resolved
 
 HERE = Path(__file__).parent
 SITE = HERE.parent / "sites" / "cascades_2021"
 PICTURE = HERE / "images" / "where_it_fails.png"
-WET = Strength(saturation=(0.5, 1.0))
+WET = resolved(Strength(saturation=(0.5, 1.0)))
 DPI = 160
 
 
@@ -34,7 +35,7 @@ def main() -> None:
     data = read_site(SITE).data()
     drained = drainage(data.terrain)
     stable = stability(drained, WET)
-    patches = suggest(drained, stable, PatchChoices()).patches
+    patches = suggest(drained, stable, WET).patches
     base, _ = basemap(data.terrain, patches)
     _, style, _ = SHEETS["factor_of_safety"]
     left = png(draw_map(base, stable.factor, style, title="Factor of safety, proposed releases"), DPI)

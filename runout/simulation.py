@@ -103,7 +103,8 @@ def simulate(
         Average the volumetric strain of each step over the grid, against locking and checkerboards of pressure.
     sleep_speed : float
         Blocks slower than this [m/s] rest until something moves beside them, on the backend "scan"; 0, the default, switches it
-        off. It saves time if much of the mass rests while the rest flows; see ``docs/benchmarks/skip.md``.
+        off. It saves time if much of the mass rests while the rest flows; see ``docs/benchmarks/skip.md``. Mass beside structures
+        stays awake.
     initial_stress : str
         "at_rest": releases start with the stress of their own weight, as on an infinite slope; "none": without stress.
     accuracy : str, optional

@@ -32,7 +32,7 @@ def suggest_release(
     """
     from runout.slopes.suggestion import command
 
-    return command(site, session.out, terrain_only, strength or Strength(), releases or PatchChoices())
+    return command(site, session.out, terrain_only, strength, releases)
 
 
 def scarp(site: PlaceArgument, *, shape: _Scarp = None, session: Injected) -> int:

@@ -50,7 +50,7 @@ def known_extent(site: "Site") -> DerivedExtent | None:
     """:func:`needed_extent`, or what an earlier run found for the same site with the same inputs."""
     if site.known.path is None:
         return needed_extent(site)
-    stated = site.settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report"})
+    stated = site.settings.model_dump(mode="json", exclude={"hazard", "metadata", "budget", "observations", "report", "stability"})
     key = checksum([__version__, stated, site.checksums()])
     noted = site.known.value("extent", key)
     if noted is None:

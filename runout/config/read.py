@@ -116,9 +116,6 @@ def _contradictions(document: Document) -> Iterator[Problem]:
         for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
         yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
-    if isinstance(simulation, dict) and simulation.get("sleep_speed") and _blocks(document, ("structures",)):
-        message = f"{simulation['sleep_speed']} with structures, on which resting mass still presses"
-        yield document.problem(("simulation", "sleep_speed"), message, "remove it, or the structures")
     for i, structure in enumerate(_blocks(document, ("structures",))):
         for key, message, fix in structure_conflicts({k: v for k, v in structure.items() if v is not None}):
             yield document.problem(("structures", i, key), message, fix)

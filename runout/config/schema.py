@@ -33,12 +33,14 @@ from runout.config.quantities import (
 )
 from runout.config.remote import InputFile
 from runout.config.report import REPORT, ReportSettings
+from runout.config.stability import STABILITY, StabilitySettings
 from runout.config.structures import STRUCTURES, StructureSettings
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import SMALLEST_NET
 
 SAMPLE_DEMS = ("matplotlib:jacksboro_fault_dem",)
 MOST_MEMBERS, LARGEST_NET, MOST_SNAPSHOTS = 100_000, 65_536, 1000
+SURFACES = (".obj", ".ply", ".stl")
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 
 
@@ -60,6 +62,13 @@ def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
         yield KEY, f"{ANGLE} is given too", "remove one of the two"
     elif not {ANGLE, KEY} & given.keys():
         yield ANGLE, "required key is missing", f"add it: friction angle of the mass on the ground [deg]; or {KEY}: {{law: ...}}"
+
+
+def terrain_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
+    """A key that only a mesh has, beside a raster."""
+    dem, key = given.get("dem"), "overhang_friction_angle_deg"
+    if key in given and not (isinstance(dem, str) and dem.lower().endswith(SURFACES)):
+        yield key, "has no meaning with a raster, which has no overhangs", "remove it, or give a mesh (OBJ, PLY, STL)"
 
 
 class ZoneSettings(Settings):
@@ -126,6 +135,10 @@ class TerrainSettings(Settings):
     resolution: float | None = limited(
         "resolution", "average the raster over whole blocks of cells to about this size; cells of a mesh", None, examples=[10.0]
     )
+    overhang_friction_angle_deg: float | None = limited(
+        "basal_friction_angle", "friction angle of what overhangs in a mesh; by default that of the ground under the mass", None,
+        examples=[30.0],
+    )  # fmt: skip
     obstacles: list[ObstacleSettings] | None = quantity(
         "list of dams, walls and basins that the raster does not contain: polygons of a vector file, with the height by which they "
         "raise the ground",
@@ -147,6 +160,11 @@ class TerrainSettings(Settings):
         min_length=1,
         examples=[{"friction_angle_deg": "inputs/friction.tif"}],
     )
+
+    @model_validator(mode="after")
+    def _fits(self) -> "TerrainSettings":
+        _raise_first(terrain_conflicts(self.model_dump(exclude_none=True)))
+        return self
 
 
 Conflict = tuple[str, str, str]  # key, what is wrong, remedy
@@ -267,7 +285,7 @@ class SimulationSettings(Settings):
     flip_ratio: float = limited("flip_ratio", "part of its own velocity that a particle keeps with aflip", 0.95)
     f_bar: bool = quantity("average the volumetric strain over the grid, against locking and checkerboards of pressure", False)
     sleep_speed: float = limited(
-        "sleep_speed", "blocks slower than this rest until something moves beside them (backend scan); 0 switches it off", 0.0
+        "sleep_speed", "blocks slower than this rest until something moves beside them (scan only, not at structures); 0: off", 0.0
     )
     initial_stress: Literal["at_rest", "none"] = quantity(
         "at_rest: releases start with the stress of their own weight; none: they start without stress", "at_rest"
@@ -369,6 +387,7 @@ class SiteSettings(Settings):
     ensemble: EnsembleSettings = quantity("the scenarios", EnsembleSettings())
     hazard: HazardSettings = quantity("what the maps show", HazardSettings())
     probes: ProbeSettings | None = PROBES
+    stability: StabilitySettings | None = STABILITY
     observations: ObservationSettings | None = OBSERVATIONS
     report: ReportSettings | None = REPORT
     budget: BudgetSettings | None = quantity(

@@ -61,11 +61,12 @@ class SiteFiles:
         return read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)
 
     def _overhangs(self, terrain: "Terrain") -> "list[Solid]":
-        """Bodies of the overhangs of a mesh; their friction angle is that of structures."""
+        """Bodies of the overhangs of a mesh; their friction is that of the ground unless site.yaml states an angle."""
         from runout.structures.overhangs import overhang_bodies
-        from runout.structures.source import CONCRETE
 
-        return overhang_bodies(self._mesh(self.settings.terrain.extent)[1], terrain, math.tan(math.radians(CONCRETE)))
+        stated = self.settings.terrain.overhang_friction_angle_deg
+        friction = math.nan if stated is None else math.tan(math.radians(stated))
+        return overhang_bodies(self._mesh(self.settings.terrain.extent)[1], terrain, friction)
 
     def with_obstacles(self, terrain: "Terrain") -> "Terrain":
         """The terrain with the obstacles on it.

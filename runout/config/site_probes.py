@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runout.config.document import Document, read_document
 from runout.config.fetch import locate
 from runout.config.probes import ProbeSettings
 from runout.errors import ConfigError, Problem
@@ -35,22 +36,25 @@ class SiteProbes:
         Raises
         ------
         ConfigError
-            With all problems of points and lines.
+            With all problems of points and lines, each with its line of site.yaml.
         """
         from runout.io.probe_layers import read_probes
 
         stated = self.settings
         if stated is None:
             return None
-        return read_probes(
-            terrain,
-            self._path(stated.points),
-            self._path(stated.cross_sections),
-            points_layer=stated.points_layer,
-            cross_sections_layer=stated.cross_sections_layer,
-            interval=stated.interval,
-            stated=self._listed(),
-        )
+        try:
+            return read_probes(
+                terrain,
+                self._path(stated.points),
+                self._path(stated.cross_sections),
+                points_layer=stated.points_layer,
+                cross_sections_layer=stated.cross_sections_layer,
+                interval=stated.interval,
+                stated=self._listed(),
+            )
+        except ConfigError as error:
+            raise ConfigError([self._placed(problem) for problem in error.problems]) from None
 
     def _listed(self) -> "tuple[Probe, ...]":
         """Points that site.yaml itself lists."""
@@ -58,7 +62,26 @@ class SiteProbes:
 
         points = self.settings.points if self.settings else None
         places = enumerate([] if points is None or isinstance(points, str) else points)
-        return tuple(Probe(p.name, p.x, p.y, f"{self.file.name}: probes.points[{i}]") for i, p in places)
+        return tuple(Probe(p.name, p.x, p.y, f"probes.points[{i}]") for i, p in places)
+
+    def _placed(self, problem: Problem) -> Problem:
+        """A problem with the line and the key of site.yaml that it is about, if it is about that file."""
+        assert self.settings is not None
+        document = read_document(self.file) if self.file.is_file() else Document(self.file.name)
+        points = self.settings.points
+        if isinstance(points, list):
+            for i in range(len(points)):
+                if problem.file == f"probes.points[{i}]":
+                    place = ("probes", "points", i, *([problem.key] if problem.key else []))
+                    return document.problem(place, problem.message, problem.fix)
+        for key in ("points", "cross_sections"):
+            named = getattr(self.settings, key)
+            path = self._path(named)
+            in_file = document.value(("probes", key)) == named  # else the command line names it
+            if path is not None and in_file and problem.file.startswith(str(path)):
+                said = ": ".join(part for part in (problem.file, problem.key, problem.message) if part)
+                return document.problem(("probes", key), said, problem.fix)
+        return problem
 
     def _path(self, stated: object) -> Path | None:
         return Path(locate(stated, self.file.parent)) if isinstance(stated, str) else None

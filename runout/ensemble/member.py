@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from runout.result import Result
 
 # sections of site.yaml that do not change what a member computes (its own parameters and seed are in the key)
-NOT_IN_KEY = ("name", "title", "description", "metadata", "ensemble", "hazard", "observations", "report", "budget")
+NOT_IN_KEY = ("name", "title", "description", "metadata", "ensemble", "hazard", "observations", "report", "budget", "stability")
 NAME_LENGTH = 16  # hexadecimal digits of a key: two of a million members share a name with probability 3e-8
 
 

@@ -161,7 +161,7 @@ def _write_maps(maps: "Mapping[str, xr.DataArray]", path: Path) -> None:
 
 
 def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset":
-    """Dataset of a file or of one of its groups, loaded; ``crs`` is a coordinate, missing values are NaN.
+    """Dataset of a file or of one of its groups, loaded; ``crs`` is a coordinate, missing values are NaN, times are numbers.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def read(path: str | os.PathLike[str], group: str | None = None) -> "xr.Dataset"
     import xarray as xr
 
     with reading(path, f"group {group} " if group else ""):
-        return xr.load_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_timedelta=False)
+        return xr.load_dataset(path, group=group, engine="netcdf4", decode_coords="all", decode_times=False)
 
 
 def read_attributes(path: str | os.PathLike[str]) -> dict[str, Any]:

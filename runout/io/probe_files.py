@@ -21,7 +21,14 @@ POINTS, SECTIONS = "probe_points", "cross_sections"  # groups of a member's file
 NAMES = {POINTS: "points", SECTIONS: "cross_sections"}  # ends of the names of files
 FOLDER, SITE_STEM = "probes", "site_ensemble"  # of the files of the probes of site.yaml
 SITE_FILES = {group: f"{FOLDER}/{SITE_STEM}_{name}.nc" for group, name in NAMES.items()}
-NO_DATE = "the release has no date: these are seconds after it, not a time of a calendar"
+CLOCK = {  # CF wants a date, and the release has none
+    "axis": "T",
+    "standard_name": "time",
+    "units": "seconds since 1970-01-01 00:00:00",
+    "calendar": "standard",
+    "units_metadata": "leap_seconds: none",
+    "comment": "1970-01-01 00:00:00 stands for the moment of the release, which has no date",
+}
 STATION, TIME, PERCENTILE = "station", "time", "percentile"
 _PLACES = "time x y station_elevation station_name"
 
@@ -64,7 +71,7 @@ def _frame(names: list[str], places: np.ndarray, terrain: Terrain, time: np.ndar
     text = VARIABLES["station_name"].attributes() | {"cf_role": "timeseries_id"}
     dataset = dataset.assign_coords(
         {
-            TIME: (TIME, time, {"axis": "T", "comment": NO_DATE}),
+            TIME: (TIME, time, CLOCK),
             "station_name": (STATION, np.array(names, dtype=object), text),
             "station_elevation": (STATION, ground_at(terrain, places)),
         }

@@ -137,8 +137,6 @@ class Scene:
             raise ConfigError(f"unknown cells have shape {self.unknown.shape}; {(raster.columns, raster.rows)} are needed")
         if self.structures:
             self.structures.require_fits(self.spacing)
-            if self.sleep_speed:
-                raise ConfigError("sleep_speed is for scenes without structures, on which resting mass still presses; leave it out")
 
     @cached_property
     def law(self) -> Law:
@@ -199,9 +197,18 @@ class Scene:
         return GroundFriction(self.friction, masses, self.friction_zones)
 
     def structure_friction(self) -> np.ndarray:
-        """Friction coefficients (releases, patches) [1] of the structures: of the surface, at most what each mass passes on."""
-        patches = np.zeros(0) if self.structures is None else self.structures.patches.friction
-        return np.minimum(patches, np.array(self.strengths, np.float64)[:, None])
+        """Friction coefficients (releases, patches) [1] of the structures: of the surface, at most what each mass passes on.
+
+        Patches that state none have the friction of the ground at rest in their place, zones included.
+        """
+        strengths = np.array(self.strengths, np.float64)[:, None]
+        if self.structures is None:
+            return np.minimum(np.zeros(0), strengths)
+        patches = self.structures.patches
+        x, y = patches.centre[:, 0], patches.centre[:, 1]
+        releases = np.arange(len(self.friction))
+        of_ground = np.stack([self.friction_at(np.full(len(x), release), x, y) for release in releases])
+        return np.minimum(np.where(np.isnan(patches.friction), of_ground, patches.friction), strengths)
 
     @property
     def resting_friction(self) -> tuple[float, ...]:

@@ -26,7 +26,7 @@ class Patches:
     facade : ndarray (p,) of int
         Row of the facade that a patch belongs to.
     friction : ndarray (p,)
-        Coulomb coefficient of the surface [1].
+        Coulomb coefficient of the surface [1]; NaN: that of the ground under the mass.
     """
 
     centre: np.ndarray

@@ -7,22 +7,15 @@ from typing import Any
 
 from runout.errors import ConfigError
 from runout.model.limits import Range, checked_within, looks_like_radians, radians_remedy
+from runout.model.soil_limits import MOST_SAMPLES, RANGES
 
-MOST_SAMPLES = 4096
-_IN_DEGREES = ("friction_angle", "azimuth", "tilt")
+_IN_DEGREES = ("azimuth", "tilt")
 _PARTS = {
     "ellipsoid": ("easting", "northing", "along_azimuth", "across_azimuth", "depth"),
     "plane": ("easting", "northing", "depth", "dip_deg", "azimuth_deg"),
 }
 
-_RANGES = {
-    "cohesion": Range(0, 1e6, "Pa"),
-    "friction_angle": Range(1, 60, "deg", degrees=True),
-    "soil_thickness": Range(0.01, 100, "m", "thickness is vertical, in metres"),
-    "saturation": Range(0, 1, "", "1 is water up to the surface"),
-    "transmissivity_recharge": Range(1, 1e6, "m", "transmissivity over recharge"),
-    "soil_density": Range(1000, 4000, "kg m-3"),
-}
+SAMPLED = ("cohesion", "friction_angle", "soil_thickness", "transmissivity_recharge", "saturation")
 _WASTING = {
     "critical_slope": Range(0.001, 2),
     "threshold_flux": Range(1e-3, 100, "m"),
@@ -46,42 +39,46 @@ def record(choices: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Strength:
-    """Ranges of the soil, each sampled uniformly and independently.
+    """Options on the soil, each range sampled uniformly and independently; None: as site.yaml states, or the default.
 
     Uniform ranges are the approach of SINMAP (Pack, Tarboton and Goodwin 1998, Terrain Stability Mapping with SINMAP). The default
     ranges are assumptions for shallow soil in mountains, not values of a site.
     """
 
-    cohesion: tuple[float, float] = (0.0, 4900.0)
-    """Of soil and roots [Pa]."""
-    friction_angle: tuple[float, float] = (30.0, 45.0)
-    """Internal friction angle [deg]."""
-    soil_thickness: tuple[float, float] = (0.5, 1.5)
-    """Vertical thickness above the failure surface [m]."""
-    soil_density: float = 2000.0
-    """Wet bulk density [kg m-3]."""
-    transmissivity_recharge: tuple[float, float] = (2000.0, 3000.0)
-    """Transmissivity over recharge [m]: small in wet weather."""
+    cohesion: tuple[float, float] | None = None
+    """Of soil and roots [Pa] [default: 0 4900]."""
+    friction_angle: tuple[float, float] | None = None
+    """Internal friction angle [deg] [default: 30 45]."""
+    soil_thickness: tuple[float, float] | None = None
+    """Vertical thickness above the failure surface [m] [default: 0.5 1.5]."""
+    soil_density: float | None = None
+    """Wet bulk density [kg m-3] [default: 2000]."""
+    transmissivity_recharge: tuple[float, float] | None = None
+    """Transmissivity over recharge [m]: small in wet weather [default: 2000 3000]."""
     saturation: tuple[float, float] | None = None
     """Share of the soil thickness below water [1], in place of the wetness from drainage area and recharge."""
-    samples: int = 256
-    """Number of samples, a power of two."""
-    sample_seed: int = 0
-    """Seed of the samples."""
+    samples: int | None = None
+    """Number of samples, a power of two [default: 256]."""
+    sample_seed: int | None = None
+    """Seed of the samples [default: 0]."""
 
     def __post_init__(self) -> None:
-        for name in ("cohesion", "friction_angle", "soil_thickness", "transmissivity_recharge", "saturation"):
+        for name in SAMPLED:
             if getattr(self, name) is not None:
                 _check_range(name, getattr(self, name))
-        checked_within(_RANGES["soil_density"], "--soil-density", self.soil_density, error=ConfigError)
-        if not 1 <= self.samples <= MOST_SAMPLES or self.samples & (self.samples - 1):
-            raise ConfigError(f"--samples is {self.samples}; it must be a power of two up to {MOST_SAMPLES}, such as 256")
-        if self.sample_seed < 0:
+        if self.soil_density is not None:
+            checked_within(RANGES["soil_density"], "--soil-density", self.soil_density, error=ConfigError)
+        count = self.samples
+        if count is not None and (not 1 <= count <= MOST_SAMPLES or count & (count - 1)):
+            raise ConfigError(f"--samples is {count}; it must be a power of two up to {MOST_SAMPLES}, such as 256")
+        if self.sample_seed is not None and self.sample_seed < 0:
             raise ConfigError(f"--sample-seed is {self.sample_seed}; it must be 0 or more")
+        if self.saturation is not None and self.transmissivity_recharge is not None:
+            raise ConfigError("--transmissivity-recharge has no meaning with --saturation; leave one of the two out")
 
 
 def _check_range(name: str, stated: tuple[float, float]) -> None:
-    option, valid = "--" + name.replace("_", "-"), _RANGES[name]
+    option, valid = "--" + name.replace("_", "-"), RANGES[name]
     for value in stated:
         if valid.degrees and looks_like_radians(value):
             raise ConfigError(f"{option} is {value:g} degrees; {radians_remedy(value)}")
@@ -92,24 +89,25 @@ def _check_range(name: str, stated: tuple[float, float]) -> None:
 
 @dataclass(frozen=True)
 class PatchChoices:
-    """Which cells make a release, and how many are proposed."""
+    """Options on which cells make a release, and how many are proposed; None: as site.yaml states, or the default."""
 
-    probability: float = 0.5
-    """Least probability of failure of its cells."""
-    largest_drainage: float = 1e5
-    """Largest drainage area of its cells [m2]: larger ones are channels."""
-    least_area: float = 500.0
-    """Least area of a release [m2]."""
-    most: int = 20
-    """Largest number of releases, the first in rank."""
+    probability: float | None = None
+    """Least probability of failure of its cells [default: 0.5]."""
+    largest_drainage: float | None = None
+    """Largest drainage area of its cells [m2]: larger ones are channels [default: 1e5]."""
+    least_area: float | None = None
+    """Least area of a release [m2] [default: 500]."""
+    most: int | None = None
+    """Largest number of releases, the first in rank [default: 20]."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.probability <= 1.0:
+        if self.probability is not None and not 0.0 < self.probability <= 1.0:
             raise ConfigError(f"--probability is {self.probability:g}; it must be above 0 and at most 1")
         for name in ("largest_drainage", "least_area"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ConfigError(f"--{name.replace('_', '-')} is {getattr(self, name):g} m2; it must be above 0")
-        if self.most < 1:
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise ConfigError(f"--{name.replace('_', '-')} is {value:g} m2; it must be above 0")
+        if self.most is not None and self.most < 1:
             raise ConfigError(f"--most is {self.most}; at least 1 release is needed")
 
 

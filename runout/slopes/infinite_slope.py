@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runout.config.stability import StabilitySettings
 from runout.model.scene import STANDARD_GRAVITY
 from runout.scores.slope_normal import terrain_slope
-from runout.slopes.choices import Strength
+from runout.slopes.soil import values
 
 if TYPE_CHECKING:
     from runout.slopes.drainage import Drainage
@@ -40,21 +41,21 @@ class Stability:
     thickness: np.ndarray
 
 
-def sampled(strength: Strength) -> np.ndarray:
+def sampled(soil: StabilitySettings) -> np.ndarray:
     """Samples (4, n) of cohesion [Pa], friction [1], thickness [m] and water, from a scrambled Sobol sequence.
 
     Water is the saturation [1] where that is stated, else recharge over transmissivity [m-1].
     """
     from scipy.stats import qmc
 
-    unit = qmc.Sobol(4, scramble=True, rng=strength.sample_seed).random(strength.samples).T
-    water = strength.transmissivity_recharge if strength.saturation is None else strength.saturation
-    ranges = np.array([strength.cohesion, strength.friction_angle, strength.soil_thickness, water])
-    values = ranges[:, :1] + unit * np.diff(ranges)
-    values[1] = np.tan(np.radians(values[1]))
-    if strength.saturation is None:
-        values[3] = 1.0 / values[3]
-    return values  # type: ignore[no-any-return]
+    probability = qmc.Sobol(4, scramble=True, rng=soil.sample_seed).random(soil.samples).T
+    water = soil.transmissivity_recharge if soil.saturation is None else soil.saturation
+    stated = (soil.cohesion, soil.friction_angle_deg, soil.soil_thickness, water)
+    found = np.stack([values(one, probability) for one, probability in zip(stated, probability, strict=True)])
+    found[1] = np.tan(np.radians(found[1]))
+    if soil.saturation is None:
+        found[3] = 1.0 / found[3]
+    return found
 
 
 def factor_of_safety(slope, cohesion, friction, thickness, wetness, density: float):  # type: ignore[no-untyped-def]
@@ -78,7 +79,7 @@ def factor_of_safety(slope, cohesion, friction, thickness, wetness, density: flo
     return cohesive + (1.0 - wetness * (WATER_DENSITY / density)) * friction * cosine / sine
 
 
-def stability(drained: "Drainage", strength: Strength) -> Stability:
+def stability(drained: "Drainage", soil: StabilitySettings) -> Stability:
     """Stability of every cell under all samples; each sample holds for the whole terrain.
 
     The wetness is w = min(1, R a / (T sin(theta))) with the specific drainage area a (Pack et al. 1998), or the saturation.
@@ -87,10 +88,10 @@ def stability(drained: "Drainage", strength: Strength) -> Stability:
     slope = terrain_slope(terrain.elevation, terrain.cell_size)
     known = np.flatnonzero(np.isfinite(slope))
     maps = np.full((3, slope.size), np.nan)
-    samples = sampled(strength).astype(np.float32)
+    samples = sampled(soil).astype(np.float32)
     theta, area = slope.ravel(), drained.specific_area.ravel()
     for cells in _blocks(known):
-        maps[:, cells] = _of_cells(theta[cells], area[cells], samples, strength)
+        maps[:, cells] = _of_cells(theta[cells], area[cells], samples, soil)
     factor, probability, thickness = maps.reshape(3, *slope.shape)
     return Stability(slope, factor, probability, thickness)
 
@@ -100,14 +101,14 @@ def _blocks(cells: np.ndarray) -> Iterator[np.ndarray]:
         yield cells[start : start + BLOCK]
 
 
-def _of_cells(slope: np.ndarray, area: np.ndarray, samples: np.ndarray, strength: Strength) -> np.ndarray:
+def _of_cells(slope: np.ndarray, area: np.ndarray, samples: np.ndarray, soil: StabilitySettings) -> np.ndarray:
     """Median factor, probability and mean failing thickness (3, n) of cells (n,)."""
     theta = np.maximum(slope, math.radians(0.01)).astype(np.float32)[:, None]
     cohesion, friction, thickness, water = samples
     wetness = water[None, :]
-    if strength.saturation is None:
+    if soil.saturation is None:
         wetness = np.minimum(1.0, water * (area.astype(np.float32)[:, None] / np.sin(theta)))
-    factors = factor_of_safety(theta, cohesion, friction, thickness, wetness, strength.soil_density)
+    factors = factor_of_safety(theta, cohesion, friction, thickness, wetness, soil.soil_density)
     fails = factors <= 1.0
     count = fails.sum(axis=1)
     mean = np.divide(fails @ thickness, count, out=np.zeros(len(count)), where=count > 0)

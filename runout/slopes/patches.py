@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.stability import StabilitySettings
 from runout.io.vector import outline
-from runout.slopes.choices import PatchChoices
 from runout.terrain.overlay import covered_part
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Suggestion:
     left: dict[str, tuple[int, str]] = field(default_factory=dict)
 
 
-def suggest(drained: "Drainage", stable: "Stability", choices: PatchChoices) -> Suggestion:
+def suggest(drained: "Drainage", stable: "Stability", choices: StabilitySettings) -> Suggestion:
     """Releases on the cells that fail often enough, drain little, and hang together over the least area.
 
     A morphological opening by a cell and its four neighbours removes what is narrower than three cells. Enclosed stable parts

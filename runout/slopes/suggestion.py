@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__, log
+from runout.config.stability import StabilitySettings
 from runout.errors import ExitCode
 from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_json, write_text
@@ -18,13 +19,14 @@ from runout.io.netcdf import write as write_netcdf
 from runout.io.vector import write_layers
 from runout.scores.slope_normal import terrain_slope
 from runout.slopes.choices import PatchChoices, Strength
-from runout.slopes.choices import record as record_of
 from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components, manageable
 from runout.slopes.infinite_slope import Stability, stability
 from runout.slopes.page import slopes_page
 from runout.slopes.patches import Suggestion, suggest
 from runout.slopes.place import Place, read_place
+from runout.slopes.soil import assumptions, resolved
+from runout.slopes.soil import record as record_of
 from runout.slopes.terrain_figures import TerrainFigures, terrain_figures
 from runout.variables import VARIABLES
 
@@ -45,18 +47,19 @@ ATTRIBUTES = {
 }
 
 
-def command(path: Path, out: Path | None, terrain_only: bool, strength: Strength, choices: PatchChoices) -> int:
+def command(path: Path, out: Path | None, terrain_only: bool, strength: Strength | None, choices: PatchChoices | None) -> int:
     """Examine a site or an elevation raster, write ``slopes/`` of its results, and print a line for each subject."""
     start = time.perf_counter()
     landlab_components()
     place = read_place(path, out)
+    soil = resolved(strength, choices, place.site.settings.stability if place.site else None)
     terrain = manageable(place.terrain)
     drained = drainage(terrain)
-    stable = None if terrain_only else stability(drained, strength)
+    stable = None if terrain_only else stability(drained, soil)
     slope = terrain_slope(terrain.elevation, terrain.cell_size) if stable is None else stable.slope
-    figures, found = terrain_figures(drained, slope), None if stable is None else suggest(drained, stable, choices)
-    lines = [*figures.lines(), *(_lines(stable, found, terrain) if stable and found else ())]
-    record = _record(place, terrain, figures, strength, choices, found) | {"lines": lines}
+    figures, found = terrain_figures(drained, slope), None if stable is None else suggest(drained, stable, soil)
+    lines = [*figures.lines(), *(_lines(stable, found, terrain, soil) if stable and found else ())]
+    record = _record(place, terrain, figures, soil, found) | {"lines": lines}
     maps = _maps(drained, slope, stable)
     for line in lines:
         log.output().print(line, markup=False, highlight=False, soft_wrap=True)
@@ -83,8 +86,10 @@ def _maps(drained: Drainage, slope: np.ndarray, stable: Stability | None) -> dic
     return maps
 
 
-def _lines(stable: Stability, found: Suggestion, terrain: "Terrain") -> Iterator[str]:
+def _lines(stable: Stability, found: Suggestion, terrain: "Terrain", soil: StabilitySettings) -> Iterator[str]:
     """Lines on the stability and the proposed releases, or the reason why there are none."""
+    if assumed := assumptions(soil):
+        yield assumed
     at_one = float(np.nanmean(stable.factor <= 1.0))
     yield f"factor of safety: median at most 1 on {at_one:.1%} of the area; largest probability {np.nanmax(stable.probability):.2g}"
     if not found.patches:
@@ -113,8 +118,7 @@ def _record(
     place: Place,
     terrain: "Terrain",
     figures: TerrainFigures,
-    strength: Strength,
-    choices: PatchChoices,
+    soil: StabilitySettings,
     found: Suggestion | None,
 ) -> dict[str, Any]:
     record = {
@@ -130,7 +134,7 @@ def _record(
         return record
     released = [patch.attributes for patch in found.patches]
     left = {words: cells for words, (cells, _) in found.left.items()}
-    return record | {"strength": record_of(strength), "choices": record_of(choices), "cells_left": left, "releases": released}
+    return record | {"stability": record_of(soil), "cells_left": left, "releases": released}
 
 
 def write(

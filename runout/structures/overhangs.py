@@ -11,7 +11,7 @@ from runout.terrain.mesh import Overhangs
 def overhang_bodies(overhangs: Overhangs, terrain: Terrain, friction: float) -> list[Solid]:
     """A body for each group of cells that touch; its corners have the mean elevation of its cells there.
 
-    ``friction`` is the Coulomb coefficient of the rock [1].
+    ``friction`` is the Coulomb coefficient of the rock [1]; NaN: that of the ground under the mass.
     """
     from scipy.ndimage import label
 

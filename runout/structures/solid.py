@@ -24,7 +24,7 @@ class Solid:
     facades : tuple of str
         Names, each once.
     friction : float
-        Coulomb coefficient of its surfaces [1].
+        Coulomb coefficient of its surfaces [1]; NaN: that of the ground under the mass.
     place : str
         File and feature, for messages.
     clearance : float or None

@@ -10,6 +10,7 @@ from runout.errors import ConfigError
 from runout.slopes.choices import Strength
 from runout.slopes.drainage import Drainage
 from runout.slopes.infinite_slope import factor_of_safety, stability
+from runout.slopes.soil import resolved
 
 
 def of_plane(slope_deg, strength, area=1000.0):
@@ -17,7 +18,7 @@ def of_plane(slope_deg, strength, area=1000.0):
     z = -10.0 * math.tan(math.radians(slope_deg)) * np.broadcast_to(np.arange(6.0), (6, 6))
     terrain = Terrain.from_array(z, 10.0)
     drained = Drainage(terrain, terrain.elevation, np.full((6, 6), area), np.arange(36).reshape(6, 6))
-    found = stability(drained, strength)
+    found = stability(drained, resolved(strength))
     return [float(m[3, 3]) for m in (found.slope, found.factor, found.probability, found.thickness)]
 
 
@@ -81,7 +82,7 @@ def test_level_ground_does_not_fail_and_unknown_ground_is_unknown():
     z = np.zeros((5, 5))
     z[0, 0] = np.nan
     terrain = Terrain.from_array(z, 10.0)
-    found = stability(Drainage(terrain, z, np.full((5, 5), 100.0), np.arange(25).reshape(5, 5)), Strength())
+    found = stability(Drainage(terrain, z, np.full((5, 5), 100.0), np.arange(25).reshape(5, 5)), resolved())
     assert np.isnan(found.factor[0, 0])
     assert np.isnan(found.probability).sum() == 1
 

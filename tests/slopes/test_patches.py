@@ -90,7 +90,9 @@ def test_maps_page_and_record_belong_together(proposed):
             assert np.array_equal(file.read(1), maps[name].values)
         assert (folder / f"{name}.qml").is_file()
     record = json.loads((folder / "slopes.json").read_text())
-    assert record["strength"]["saturation"] == [0.2, 0.6]
+    assert record["stability"]["saturation"] == {"distribution": "uniform", "low": 0.2, "high": 0.6}
+    assert "soil_density" in record["stability"]["defaults"]
+    assert "cohesion" not in record["stability"]["defaults"]
     assert len(record["releases"]) == len(geopandas.read_file(folder / "release.gpkg"))
     assert not (folder / "terrain.gpkg").exists()  # no sink, and no path of 200 cells
     assert "Factor of safety" in (folder / "slopes.html").read_text()

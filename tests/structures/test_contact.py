@@ -152,3 +152,31 @@ def test_a_steady_stream_pushes_a_plate_with_its_flux_of_momentum(angle_deg):
     flux = SAND.density * 16.0 * speed**2
     assert force @ plate.axes[0] == pytest.approx(flux * np.cos(np.radians(angle_deg)), rel=0.05)
     np.testing.assert_allclose(force @ plate.axes[1:].T, 0.0, atol=1e-6 * flux)
+
+
+@pytest.mark.parametrize("opening_deg", [30.0, 90.0])
+def test_walls_of_a_corner_share_a_fast_flow(opening_deg):
+    """A particle touches one wall at a time: centres stay out of both by a fifth of a cell, and mirrored walls are pushed alike."""
+    half, apex, sides = np.radians(opening_deg / 2), np.array([40.0, 30.0]), (1.0, -1.0)
+    walls = []
+    for side in sides:
+        along, out = np.array([-np.cos(half), side * np.sin(half)]), np.array([np.sin(half), side * np.cos(half)])
+        walls.append(Box((*(apex + 11.0 * along + out), 4.0), (13.0, 1.0, 8.0), np.arctan2(along[1], along[0]), 0.1))
+    x = np.random.default_rng(0).uniform((22, 20, 0.1), (38, 40, 3), (8000, 3))
+    free = np.min([wall.distance(x) for wall in walls], axis=0) > 0.3
+    particles = at(x[free & (np.abs(x[:, 1] - 30) < (40 - x[:, 0]) * np.tan(half) - 0.4)], CUBES, SAND.density, 0.1)
+    particles.radius[:], particles.velocity[:, 0] = 0.125, 30.0
+    start, structures = particles.mass @ particles.velocity, field(*walls)
+    engine = loaded(engine_of("scan"), scene(plane(), structures=structures, friction=(0.1,), materials=(SAND,)), particles)
+    deepest, time = 0.0, 0.0
+    while time < 0.5:
+        time += advance(engine, 0.02)
+        x = engine.particles().position(np.ones(3))
+        deepest = min(deepest, *(wall.distance(x).min() for wall in walls))
+    one, other = on_facades(engine, structures).reshape(2, FACES, 3).sum(axis=1)
+    assert deepest > -0.2
+    assert one[0] > 0.2 * start[0] / len(sides)
+    np.testing.assert_allclose(one[:2], other[:2] * (1, -1), rtol=0.05)
+    row = engine.ledger()
+    received = row.basal_impulse + row.mass * GRAVITY * time - one - other
+    np.testing.assert_allclose(row.momentum, start + received, atol=1e-12 * start[0])

@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).parents[1] / "workflow"))
 from ramp_site import SITE, write_site
 
 from runout.config.site import read_site
-from runout.errors import DemError
+from runout.errors import ConfigError, DemError
 from runout.structures.overhangs import overhang_bodies
 from runout.terrain.mesh import read_mesh_terrain
 
@@ -95,3 +95,13 @@ def test_a_site_on_a_mesh_gets_its_overhang_as_a_structure(tmp_path):
     made = read_site(site).member_arguments({})["structures"]
     assert made.names == ("overhang",)
     assert "underside" in made.facades
+    assert np.isnan(made.field.patches.friction).all()  # that of the ground
+    (site / "site.yaml").write_text(text.replace("resolution: 5\n", "resolution: 5\n  overhang_friction_angle_deg: 35\n"))
+    stated = read_site(site).member_arguments({})["structures"]
+    np.testing.assert_allclose(stated.field.patches.friction, np.tan(np.radians(35)))
+
+
+def test_friction_of_overhangs_has_no_meaning_with_a_raster(tmp_path):
+    site = write_site(tmp_path / "flat", SITE.replace("inputs/dem.tif", "inputs/dem.tif\n  overhang_friction_angle_deg: 35"))
+    with pytest.raises(ConfigError, match=r"site.yaml:5: terrain.overhang_friction_angle_deg: has no meaning with a raster"):
+        read_site(site)

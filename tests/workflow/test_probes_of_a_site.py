@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import shapely
 import xarray as xr
+from compliance_checker.runner import CheckSuite, ComplianceChecker
 from ramp_site import NORTH, SITE, WEST, ramp, write_raster, write_site
 
 from runout.cli import main
@@ -20,6 +21,7 @@ from runout.workflow import hazard_map
 from runout.workflow.probes import write_of_site
 from runout.workflow.study import Study
 
+SECONDS = "seconds since 1970-01-01 00:00:00"
 LISTED = (
     f"probes:\n  points: [{{name: road, x: {WEST + 203}, y: {NORTH - 119}}}, {{name: dry, x: {WEST + 495}, y: {NORTH - 5}}}]\n"
     "  cross_sections: inputs/x.gpkg\n  interval: 0.5\n"
@@ -46,12 +48,12 @@ def member_group(folder, group):
     """Series of all members in their order, and the table of members."""
     study = Study.open(folder)
     files = [standing.member.file(study.results) for standing in study.standings]
-    return [xr.load_dataset(file, group=group, decode_timedelta=False) for file in files], study.members
+    return [xr.load_dataset(file, group=group, decode_times=False) for file in files], study.members
 
 
 def test_a_run_writes_percentiles_tables_and_figures_of_the_probes_of_site_yaml(probed_site):
     results = probed_site / "results"
-    found = xr.load_dataset(results / "probes" / "site_ensemble_points.nc", decode_timedelta=False)
+    found = xr.load_dataset(results / "probes" / "site_ensemble_points.nc", decode_times=False)
     members, table = member_group(probed_site, "probe_points")
     weights = table["weight"].to_numpy() / table["weight"].sum()
     assert found["percentile"].values.tolist() == [5.0, 50.0, 95.0]
@@ -61,7 +63,7 @@ def test_a_run_writes_percentiles_tables_and_figures_of_the_probes_of_site_yaml(
         expected = weighted_percentiles(stacked.reshape(2, -1), weights, (5.0, 50.0, 95.0)).reshape(3, *stacked.shape[1:])
         np.testing.assert_array_equal(found[name], expected)
     assert found["arrival_probability"].values.tolist() == [1.0, 0.0]
-    lines = xr.load_dataset(results / "probes" / "site_ensemble_cross_sections.nc", decode_timedelta=False)
+    lines = xr.load_dataset(results / "probes" / "site_ensemble_cross_sections.nc", decode_times=False)
     assert float(lines["passed_volume"].isel(time=-1, percentile=-1)[0]) == pytest.approx(28_800.0, rel=0.005)
     series = pd.read_csv(results / "probes" / "site_ensemble_points_series.csv")
     assert len(series) == 2 * 41
@@ -87,8 +89,19 @@ def test_series_of_a_file_are_stations_of_cf_with_units_places_and_system(probed
         assert "WGS 84 / UTM zone 32N" in file["crs"].crs_wkt
         for name in ("flow_thickness", "speed", "pressure", "momentum_flux", "max_flow_thickness", "arrival_time"):
             assert {file[name].grid_mapping, *file[name].coordinates.split()} >= {"crs", "x", "y", "station_name"}, name
-        assert [file[name].units for name in ("flow_thickness", "speed", "pressure", "time")] == ["m", "m s-1", "Pa", "s"]
+        assert [file[name].units for name in ("flow_thickness", "speed", "pressure", "time")] == ["m", "m s-1", "Pa", SECONDS]
         assert {"inputs", "versions", "command", "configuration_sha256", "ensemble"} <= set(file.ncattrs())
+
+
+@pytest.mark.parametrize("name", ["points", "cross_sections"])
+def test_series_pass_the_strict_checker_of_cf(probed_site, tmp_path, name):
+    path, report = probed_site / "results" / "probes" / f"site_ensemble_{name}.nc", tmp_path / "report.txt"
+    CheckSuite.load_all_available_checkers()
+    passed, errors = ComplianceChecker.run_checker(str(path), ["cf:1.11"], 0, "strict", output_filename=str(report))
+    assert passed, report.read_text()
+    assert not errors
+    clock = xr.load_dataset(path)["time"].values
+    assert (clock[[0, -1]] - np.datetime64("1970-01-01")) / np.timedelta64(1, "ms") == pytest.approx([0.0, 20_000.0])
 
 
 def test_peaks_of_a_member_are_those_of_its_maps(probed_site):
@@ -141,8 +154,8 @@ def test_profiles_of_the_ensemble_are_the_maps_along_the_line(finished_site, tmp
     line = write_vector(folder / "inputs" / "l.gpkg", [shapely.LineString([(WEST + 21, NORTH - 115), (WEST + 489, NORTH - 115)])])
     assert main(["profile", str(folder), "--line", str(line)]) == 0
     assert main(["profile", str(folder), "--line", str(line), "--member", "2", "--picture", "svg"]) == 0
-    found = xr.load_dataset(folder / "results" / "profiles" / "l_ensemble_x1.nc", decode_timedelta=False)
-    hazard = xr.load_dataset(folder / "results" / "hazard.nc", decode_timedelta=False)
+    found = xr.load_dataset(folder / "results" / "profiles" / "l_ensemble_x1.nc", decode_times=False)
+    hazard = xr.load_dataset(folder / "results" / "hazard.nc", decode_times=False)
     at = {"x": found["x"], "y": found["y"], "method": "nearest"}
     mapped = {"max_flow_thickness": "flow_thickness", "max_speed": "speed", "arrival_time": "arrival_time"}
     for name, stem in mapped.items():
@@ -184,6 +197,17 @@ def test_check_names_all_problems_of_points_and_lines_at_once(tmp_path, capsys):
     for said in SAID:
         assert said in text
     assert "7 problems" in text
+    line = len(SITE.splitlines()) + 1
+    assert f"site.yaml:{line}: probes.points: {folder / 'inputs' / 'p.gpkg'}: feature" in text
+
+
+def test_a_listed_point_off_the_terrain_has_its_line(tmp_path, capsys):
+    listed = f"probes:\n  points:\n    - {{name: a, x: {WEST + 10}, y: {NORTH - 10}}}\n    - {{name: b, x: 1.0, y: 2.0}}\n"
+    folder = write_site(tmp_path / "ramp", SITE + listed)
+    assert main(["check", str(folder)]) == 2
+    line = len(SITE.splitlines()) + 4
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"site.yaml:{line}: probes.points[1]: point 'b' at easting 1, northing 2 lies outside of" in said
 
 
 @pytest.mark.parametrize(

@@ -193,7 +193,7 @@ class ScanBackend:
         self._sort()
         if self.scene.sleep_speed:
             parts = s, self.index.blocks, self.workspace, self.tables, self.totals
-            sleep.after_step(self.k, self.scene.sleep_speed, dt, *parts)
+            sleep.after_step(self.k, self.scene.sleep_speed, dt, *parts, self.structures)
         clock("sort")
 
     def pass_second_half(self, dt: float) -> None:

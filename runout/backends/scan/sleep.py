@@ -3,7 +3,8 @@
 A block falls asleep when it and its neighbours have been slower than the ``sleep_speed`` of the scene for some steps. Static
 friction of the ground takes the rest of its momentum, which is booked as impulse of the ground. A sleeping block beside a block
 awake still gives mass and stress to their common nodes; one among sleeping blocks does nothing. A block wakes when a particle
-enters it, or when a neighbour holds one twice as fast. A scene without ``sleep_speed`` calls nothing of this.
+enters it, or when a neighbour holds one twice as fast. Blocks near structures stay awake: resting mass presses on them. A scene
+without ``sleep_speed`` calls nothing of this.
 """
 
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ from runout.backends.scan import observe
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.groups import Blocks, Sleep
 from runout.backends.scan.state import Store
+from runout.backends.scan.structures import Structures
 from runout.backends.scan.totals import Totals, add_up
 from runout.backends.scan.workspace import Workspace
 
@@ -29,7 +31,8 @@ def carry_over(before: Sleep, held: np.ndarray, numbers: np.ndarray, after: Slee
 
 
 def after_step(
-    k: SimpleNamespace, slow: float, dt: float, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals
+    k: SimpleNamespace, slow: float, dt: float, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals,
+    structures: Structures | None = None,
 ) -> None:
     """Let blocks fall asleep and wake after a step of ``dt`` [s]; blocks are slow below ``slow`` [m/s].
 
@@ -41,6 +44,8 @@ def after_step(
         moves.arrivals.fill(0)
     woken = bool((sleep.asleep[: blocks.nown] & (moves.arrivals > 0)).any())
     k.count_calm(blocks, moves, sleep, slow**2)
+    if structures:
+        sleep.calm[structures.near.owners] = 0
     k.choose_sleepers(blocks, moves, sleep, (WAKING * slow) ** 2)
 
     def sums(kernel: Any, chosen: np.ndarray) -> np.ndarray:
