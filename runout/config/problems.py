@@ -9,6 +9,7 @@ from pydantic.fields import FieldInfo
 from runout.config.distributions import DISTRIBUTIONS
 from runout.config.document import Document, Location
 from runout.config.friction import BLOCK, KEY, own_model, stated_law
+from runout.config.law_block import LawSettings
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
 from runout.config.remote import RemoteFile
 from runout.config.schema import SiteSettings
@@ -106,10 +107,19 @@ def _unknown_fix(word: str, model: type[BaseModel], document: Document) -> str:
     near = nearest(word, model.model_fields)
     if near:
         return f"did you mean {near!r}?"
+    laws = _laws_with(word, model)
+    if laws:
+        return f"it belongs to law: {laws[0]}; state that law, or remove the key"
     homes = [section for section, fields in _sections(document).items() if word in fields]
     if homes:
         return f"it belongs under {homes[0]!r}" if homes[0] else "it belongs to the top of the file, without indentation"
     return f"choose among {', '.join(model.model_fields)}"
+
+
+def _laws_with(word: str, model: type[BaseModel]) -> list[str]:
+    """Laws of the registry of a block that have a parameter of that key; none for a model that is no such block."""
+    known = model.block().registry.known() if issubclass(model, LawSettings) else []
+    return [law.name for law in known if word in {p.key for p in law.parameters}]
 
 
 def _sections(document: Document) -> dict[str, Iterable[str]]:
@@ -171,7 +181,8 @@ def _out_of_range(context: Mapping[str, Any], value: Any, unit: str, field: Fiel
     stated |= {b: context[b] for b in BOUNDS if b in context}
     range_ = " and ".join(f"{BOUNDS[b]} {stated[b]:g}" for b in BOUNDS if b in stated)
     suffix = f" {unit}" if unit else ""
-    return f"{value:g}{suffix} is out of range; it must be {range_}{suffix}"
+    digits = next(n for n in (6, 9, 17) if n == 17 or float(f"{value:.{n}g}") == value)  # no value reads as a bound that it passes
+    return f"{value:.{digits}g}{suffix} is out of range; it must be {range_}{suffix}"
 
 
 def _number_fix(value: Any, unit: str) -> str:

@@ -15,6 +15,7 @@ from runout.config.problems import problems_of
 from runout.config.schema import (
     SAMPLE_DEMS,
     SiteSettings,
+    accuracy_conflicts,
     device_conflicts,
     friction_conflicts,
     release_conflicts,
@@ -103,8 +104,9 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     releases = [r if isinstance(r, dict) else {} for r in releases] if isinstance(releases, list) else []
     names = [r.get("name", "release") for r in releases]
     simulation = document.value(("simulation",))
-    for key, message, fix in device_conflicts(simulation if isinstance(simulation, dict) else {}):
-        yield document.problem(("simulation", key), message, fix)
+    for conflicts in (device_conflicts, accuracy_conflicts) if isinstance(simulation, dict) else ():
+        for key, message, fix in conflicts(simulation):
+            yield document.problem(("simulation", key) if key else ("simulation",), message, fix)
     for i, release in enumerate(releases):
         for key, message, fix in release_conflicts({k: v for k, v in release.items() if v is not None}):
             yield document.problem(("release", i, key) if key else ("release", i), message, fix)

@@ -1,6 +1,6 @@
 """Keys, types, ranges and descriptions of site.yaml. The descriptions are also the comments of a new site.yaml."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
@@ -300,15 +300,16 @@ class SimulationSettings(Settings):
         examples=[20],
     )
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def _preset(cls, stated: Any) -> Any:
-        """Take cfl from the preset unless it is stated."""
+    def _preset(cls, stated: Any, validated: Callable[[Any], "SimulationSettings"]) -> "SimulationSettings":
+        """Take cfl from the preset unless it is stated; unknown keys are told before what is missing."""
         if not isinstance(stated, dict):
-            return stated
-        _raise_first(accuracy_conflicts(stated))
+            return validated(stated)
         chosen = PRESETS.get(stated["accuracy"]) if isinstance(stated.get("accuracy"), str) else None
-        return stated if chosen is None else {"cfl": chosen.cfl, **stated}
+        made = validated(stated if chosen is None else {"cfl": chosen.cfl, **stated})
+        _raise_first(accuracy_conflicts(stated))
+        return made
 
     @model_validator(mode="after")
     def _device_fits(self) -> "SimulationSettings":

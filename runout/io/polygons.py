@@ -1,6 +1,7 @@
 """Reads and checks the polygons of a vector file and transforms them to the map coordinates of the terrain."""
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,8 +55,9 @@ class PolygonLayer:
         unusable = np.flatnonzero(~np.isfinite(values))
         if len(unusable):
             first = unusable[0]
+            found = "empty" if pandas.isna(stated.iloc[first]) else repr(stated.iloc[first])
             raise ReleaseError(
-                f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {stated.iloc[first]!r}; "
+                f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {found}; "
                 f"every polygon needs a number for its {what}"
             )
         return values
@@ -177,7 +179,11 @@ def _crossed(path: Path, geometry: np.ndarray) -> dict[int, str]:
 
 
 def without_overlap(
-    layer: PolygonLayer, values: np.ndarray | None, what: str = "thickness", unit: str = " m"
+    layer: PolygonLayer,
+    values: np.ndarray | None,
+    what: str = "thickness",
+    unit: str = " m",
+    told: Sequence[str] | None = None,
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Polygons (n,) without overlaps, and the sentences that report them; a common area is left to the first of its polygons.
 
@@ -185,6 +191,8 @@ def without_overlap(
     ----------
     values : ndarray (n,) or None
         Thickness [m], or the quantity ``what`` in ``unit``; None if all polygons have one value.
+    told : sequence of str, optional
+        What messages say of the value of each polygon, in place of the number.
 
     Raises
     ------
@@ -197,8 +205,9 @@ def without_overlap(
     first, second, common, counts = found.first, found.second, found.area, found.counts
     for i, j, area in zip(first[counts], second[counts], common[counts], strict=True):
         if values is not None and values[i] != values[j]:
+            one, other = (told[k] if told else f"{values[k]:g}{unit}" for k in (i, j))
             raise ReleaseError(
-                f"{layer.source}: polygons {i + 1} ({values[i]:g}{unit}) and {j + 1} ({values[j]:g}{unit}) overlap by "
+                f"{layer.source}: polygons {i + 1} ({one}) and {j + 1} ({other}) overlap by "
                 f"{area:.6g} m2; cut one of them back so that every place has one {what}"
             )
     polygons = cut(layer.polygons, values, found)

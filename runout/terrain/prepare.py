@@ -14,6 +14,7 @@ from runout.terrain.fill import filled
 
 LOWEST, HIGHEST = -500.0, 9000.0  # of land on Earth, with room [m]
 NODATA_VALUES = (-9999.0, -99999.0, -999999.0, -32768.0, -32767.0, 32767.0, 65535.0)  # in use without being declared
+CLIFF = 10.0  # height over the size of a cell of the cliffs around cells of 0 m that hardly are ground
 LARGEST_NUMBER = 1e6  # beyond this a number marks an unknown cell: -3.4e38, 1e20, 9.97e36
 
 
@@ -30,6 +31,7 @@ def terrain(raster: ElevationRaster) -> Terrain:
     raster = replace(raster, values=values, changes=(*raster.changes, *changes))
     raster = in_metres(raster)
     require_plausible(raster)
+    raster = with_pits_told(raster)
     raster = on_metric_map(trimmed(raster))
     dx, dy = raster.cell
     if abs(dx - dy) > 1e-6 * dx:
@@ -112,6 +114,24 @@ def require_plausible(raster: ElevationRaster) -> None:
         remedy = f"declare nodata (`gdal_translate -a_nodata {value:g}`) or correct the unit (`gdal_edit.py -units ft`)"
         place = f"the first {value:g} at row {row}, column {column}"
         raise DemError(f"{raster.source}: {int(absurd.sum())} elevations outside {LOWEST:g} to {HIGHEST:g} m, {place}; {remedy}")
+
+
+def with_pits_told(raster: ElevationRaster) -> ElevationRaster:
+    """The raster; a remark counts the cells at exactly 0 m below cliffs on all sides, which often mark unknown ground."""
+    zero = raster.values == 0.0
+    if not zero.any():
+        return raster
+    from scipy import ndimage
+
+    groups, count = ndimage.label(zero, np.ones((3, 3)))
+    beside = np.where(np.isnan(raster.values) | zero, np.inf, raster.values)
+    lowest = ndimage.minimum(ndimage.minimum_filter(beside, 3, mode="nearest"), groups, np.arange(1, count + 1))
+    pits = np.isfinite(lowest) & (lowest > CLIFF * max(raster.cell))
+    if not pits.any():
+        return raster
+    cells = int(np.isin(groups, np.flatnonzero(pits) + 1).sum())
+    remedy = f"if 0 marks unknown ground, declare it: gdal_edit.py -a_nodata 0 {raster.source}"
+    return raster.changed(f"{cells} cells hold 0, {lowest[pits].min():.4g} m or more below all cells around; {remedy}")
 
 
 def on_metric_map(raster: ElevationRaster) -> ElevationRaster:

@@ -18,7 +18,8 @@ POINTS = 1500  # of all releases together: late stragglers of a flow are a part 
 STEPS = 400  # least number until the end time
 MOST_STEPS = 8 * STEPS
 CROSSING = 0.5  # cells of the ground that the fastest point crosses in a step
-SEQUENCE = 0.8191725133961645, 0.6710436067037893, 0.5497004779019703  # of points that fill a cube evenly (R3, Roberts 2018)
+SQUARES = 8  # on the length of the releases, on which points are counted: about 20 on each of a compact release
+SEQUENCE = 0.8191725133961645, 0.6710436067037893  # of points that fill a square evenly (Roberts 2018)
 
 _slip_after: Callable[..., np.ndarray] = calling(contact.slip_after, math=np)  # type: ignore[arg-type]
 
@@ -76,28 +77,22 @@ class _Points:
         That they belong to.
     place, velocity : ndarray (2, n)
         Local position [m] and velocity in plan [m/s].
-    path : ndarray (n,)
-        That they have come [m].
-    stretch : ndarray (n,)
-        Path [m] from which on they become thinner.
+    thinness : ndarray (n,)
+        Thickness of the columns above them, over that for which the resistance was made [1].
     """
 
     member: np.ndarray
     release: np.ndarray
     place: np.ndarray
     velocity: np.ndarray
-    path: np.ndarray
-    stretch: np.ndarray
+    thinness: np.ndarray
 
     @classmethod
-    def of(cls, releases: Sequence[Release], members: int, points: int, thins: bool) -> "_Points":
-        """Points that stand for equal volumes of the releases, the same for every member; see :func:`slide`."""
-        *within, rank = np.outer(SEQUENCE, np.arange(1.0, points + 1.0)) % 1.0
-        number, place = _starts(releases, np.array(within))
+    def of(cls, releases: Sequence[Release], members: int, points: int) -> "_Points":
+        """Points that stand for equal volumes of the releases, the same for every member."""
+        number, place = _starts(releases, np.outer(SEQUENCE, np.arange(1.0, points + 1.0)) % 1.0)
         release, place = np.tile(number, members), np.tile(place, (1, members))
-        length = 3.0 * math.sqrt(sum(r.area for r in releases)) if thins else math.inf
-        stretch = np.tile(length * rank ** (2 / 3), members)
-        return cls(np.repeat(np.arange(members), points), release, place, np.zeros_like(place), np.zeros(len(release)), stretch)
+        return cls(np.repeat(np.arange(members), points), release, place, np.zeros_like(place), np.ones(len(release)))
 
     def advance(self, ground: _Ground, resistance: Resistance, dt: float) -> np.ndarray:
         """Speed (n,) [m/s] after a step of ``dt`` [s]."""
@@ -106,20 +101,58 @@ class _Points:
         cosine2 = 1.0 / (1.0 + (slope**2).sum(0))
         self.velocity -= dt * STANDARD_GRAVITY * cosine2 * slope
         speed = np.sqrt((self.velocity**2).sum(0) + (self.velocity * slope).sum(0) ** 2)
-        thinness = np.minimum(1.0, self.stretch / np.maximum(self.path, 1e-9))
         (x, y), cosine = self.place, np.sqrt(cosine2)
-        steady, drag = resistance(Columns(self.member, self.release, x, y, cosine, speed, thinness))
+        steady, drag = resistance(Columns(self.member, self.release, x, y, cosine, speed, self.thinness))
         left = _slip_after(np.maximum(0.0, speed - dt * steady), dt * drag)
         self.velocity *= left / np.maximum(speed, 1e-12)
         self.place += dt * self.velocity
-        self.path += dt * left
         return left
 
     def keep(self, those: np.ndarray) -> None:
         """Drop the others."""
-        self.member, self.release = self.member[those], self.release[those]
+        self.member, self.release, self.thinness = self.member[those], self.release[those], self.thinness[those]
         self.place, self.velocity = self.place[:, those], self.velocity[:, those]
-        self.path, self.stretch = self.path[those], self.stretch[those]
+
+
+@dataclass
+class _Gathering:
+    """Thickness of a mass by how many of its points lie together, on squares as wide as a part of the releases.
+
+    A flow becomes thicker where points gather, in channels and at its front, and thinner as they part.
+
+    Attributes
+    ----------
+    volume : float
+        That a point stands for [m3].
+    size : float
+        Of the squares [m].
+    most : ndarray (releases,)
+        Thickness [m] for which the resistance was made: points that gather further count as this.
+    moved : float
+        Way of the fastest point since points were counted [m].
+    """
+
+    volume: float
+    size: float
+    most: np.ndarray
+    moved: float = math.inf
+
+    @classmethod
+    def of(cls, releases: Sequence[Release], points: int, most: Sequence[float]) -> "_Gathering":
+        """Of releases that ``points`` stand for."""
+        size = math.sqrt(sum(r.area for r in releases)) / SQUARES
+        return cls(sum(r.volume for r in releases) / points, size, np.asarray(most))
+
+    def count(self, points: _Points, way: float) -> None:
+        """Set the thinness of points, of which the fastest has moved on by ``way`` [m]; seldom, where they hardly move."""
+        self.moved += way
+        if self.moved < CROSSING * self.size:
+            return
+        self.moved = 0.0
+        x, y = np.floor(points.place / self.size).astype(np.int64)
+        _, square, number = np.unique((points.member << 42) + (x << 21) + y, return_inverse=True, return_counts=True)
+        thickness = number[square] * self.volume / self.size**2
+        points.thinness = np.minimum(1.0, thickness / self.most[points.release])
 
 
 def slide(
@@ -129,7 +162,7 @@ def slide(
     spacing: tuple[float, float],
     end_time: float = math.inf,
     points: int = POINTS,
-    thins: bool = False,
+    most: Sequence[float] | None = None,
 ) -> Slide:
     """Points of equal mass that slide from where the releases lie, each alone, against the friction of the ground.
 
@@ -150,13 +183,12 @@ def slide(
         [s]; by default points slide until they rest or have gone, for :data:`MOST_STEPS` steps at most.
     points : int
         Of each member.
-    thins : bool
-        Whether the columns above the points become thinner. A layer whose speed grows with the square root of its thickness
-        stretches behind its front as a fan with thickness over the square of the distance (kinematic wave). By its volume the
-        thickness of the front is 3 l / s of that at the start after a path s, l the length of the releases; below a part m of the
-        mass it is less than m^(2/3) of that.
+    most : sequence of float, optional
+        Vertical thickness [m] of each release for which ``resistance`` was made. With it the columns are as thick as the points
+        gather, at most so; without it they keep the thickness of the resistance.
     """
-    ground, moving = _Ground.under(releases, spacing), _Points.of(releases, members, points, thins)
+    ground, moving = _Ground.under(releases, spacing), _Points.of(releases, members, points)
+    gathering = None if most is None else _Gathering.of(releases, points, most)
     rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
     cell, time, fastest = min(ground.surface.spacing), 0.0, np.zeros(1)
     longest = math.sqrt(cell / STANDARD_GRAVITY) if math.isinf(end_time) else end_time / STEPS
@@ -165,6 +197,8 @@ def slide(
     while len(moving.member) and time < end_time * (1 - 1e-9) and len(rows) < MOST_STEPS:
         dt = min(max(min(CROSSING * cell / max(float(fastest.max()), 1e-9), longest), shortest), end_time - time)
         time += dt
+        if gathering:
+            gathering.count(moving, dt * float(fastest.max()))
         speed = moving.advance(ground, resistance, dt)
         there = ground.holds(*moving.place)
         staying = staying - np.bincount(moving.member[~there], minlength=members)

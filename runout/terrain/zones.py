@@ -82,7 +82,8 @@ def _of_parameters(polygons: PolygonLayer, stated: Mapping[str, float | str], la
         raise ZoneError(f"{polygons.source}: the friction law {law.name} has no {unknown[0]}; choose among {', '.join(of_law)}")
     values = {key: polygons.within(given, of_law[key][0]) for key, given in stated.items()}
     _, kind = np.unique(np.column_stack(list(values.values())), axis=0, return_inverse=True)
-    parts, overlaps = without_overlap(polygons, kind.ravel().astype(float), "friction", ". friction")
+    told = [", ".join(f"{key} {value[i]:g}" for key, value in values.items()) for i in range(len(kind))]
+    parts, overlaps = without_overlap(polygons, kind.ravel().astype(float), "friction", told=told)
     ones, replaced = np.ones((terrain.shape[1], terrain.shape[0])), {}
     for key, value in values.items():
         parameter, number = of_law[key]

@@ -13,6 +13,7 @@ from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
 from runout.model.scene import Raster, Scene
 from runout.observers import AtRest
+from runout.terrain.drag_speed import GATHERED
 from runout.terrain.sliding_points import Slide, slide
 
 if TYPE_CHECKING:
@@ -69,28 +70,31 @@ def flows_of(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> li
 def _flows_from_one_scar(arguments: Sequence[Mapping[str, Any]], largest_speed: float) -> list[Flow]:
     first, releases = arguments[0], arguments[0]["release"]
     spacing, end_time = spacing_of(first["cell_size"]), float(first["end_time"])
-    resistance = _resistance(arguments, releases, spacing[2], largest_speed)
-    found = slide(releases, resistance, len(arguments), spacing[:2], end_time, thins=True)
-    return [_flow(found, k, end_time, stops=bool(first["stop"])) for k in range(len(arguments))]
+    thickness = [GATHERED * float(r.thickness[r.thickness > 0].mean()) for r in releases]
+    resistance = _resistance(arguments, releases, spacing[2], largest_speed, thickness)
+    drags = isinstance(resistance, ColumnResistance) and resistance.law.drags  # else thickness does not change the motion
+    found = slide(releases, resistance, len(arguments), spacing[:2], end_time, most=thickness if drags else None)
+    settling = 1.0 if drags else SETTLING  # points with drag slow down one by one as the mass does
+    return [_flow(found, k, end_time, settling if first["stop"] else None) for k in range(len(arguments))]
 
 
-def _flow(found: Slide, k: int, end_time: float, *, stops: bool) -> Flow:
-    """Flow of member k."""
+def _flow(found: Slide, k: int, end_time: float, settling: float | None) -> Flow:
+    """Flow of member k; ``settling`` is its duration over that of points, None for a run that ends at ``end_time`` [s]."""
     time, speed = found.time, found.speed[:, k]
-    over = (_rests(speed) if stops else np.zeros(len(time), bool)) | (found.share[:, k] == 0)
+    over = (_rests(speed) if settling else np.zeros(len(time), bool)) | (found.share[:, k] == 0)
     last = int(np.argmax(over)) if over.any() else len(time) - 1
     lasting, duration = np.diff(time[: last + 1], prepend=0.0), float(time[last])
-    if stops and (over.any() or time[-1] < end_time * (1 - 1e-6)):
-        duration *= SETTLING
-    duration = min(duration, end_time) if stops else end_time
+    if settling and (over.any() or time[-1] < end_time * (1 - 1e-6)):
+        duration *= settling
+    duration = min(duration, end_time) if settling else end_time
     fastest, share = (np.average(one[: last + 1, k], weights=lasting) for one in (found.fastest, found.share))
     return Flow(duration, float(fastest) * duration, float(share))
 
 
 def _resistance(
-    arguments: Sequence[Mapping[str, Any]], releases: "Sequence[Release]", height: float, fastest: float
+    arguments: Sequence[Mapping[str, Any]], releases: "Sequence[Release]", height: float, fastest: float, thickness: Sequence[float]
 ) -> Resistance:
-    """Resistance of the ground in each member, with columns as thick as the mean of each release."""
+    """Resistance of the ground in each member, to columns of a ``thickness`` [m] of each release."""
     grounds = []
     for given in arguments:
         basal = given.get("basal_friction") or math.radians(given["basal_friction_angle"])
@@ -99,7 +103,7 @@ def _resistance(
         grounds.append(ground_below(materials, frictions, strengths, given["friction_zones"]))
     if grounds[0].law.name == DEFAULT_FRICTION:
         return resting_resistance(grounds)
-    return ColumnResistance(grounds, [float(r.thickness[r.thickness > 0].mean()) for r in releases], fastest)
+    return ColumnResistance(grounds, thickness, fastest)
 
 
 def _rests(speed: np.ndarray) -> np.ndarray:

@@ -121,3 +121,13 @@ def test_a_run_takes_its_cells_from_accuracy_alone(site_folder):
 def test_a_site_with_conflicts_is_refused(edited, new, said):
     with pytest.raises(ConfigError, match=said):
         read_site(edited("cell_size: 10", new))
+
+
+def test_a_misspelt_key_is_told_beside_what_it_leaves_out(edited):
+    with pytest.raises(ConfigError, match=r"(?s)neither cell_size.*did you mean 'cell_size'"):
+        read_site(edited("cell_size: 10", "cellsize: 10"))
+
+
+def test_a_parameter_of_another_law_names_that_law(edited):
+    with pytest.raises(ConfigError, match=r"mu: unknown key; it belongs to law: voellmy"):
+        read_site(edited("basal_friction_angle_deg: 20", "basal_friction: {friction_angle_deg: 15, mu: 0.2}"))

@@ -217,3 +217,22 @@ def test_a_friction_law_needs_a_name_of_its_own_declared_parameters_and_a_coeffi
             runout.register_friction(law, resistance)
     with pytest.raises(ConfigError, match="friction is 2; it must be at least 0 and at most 1"):
         Sound(friction=2.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ([0.3, 0.4], r"polygons 1 \(dynamic_friction 0.3\) and 2 \(dynamic_friction 0.4\) overlap"),
+        ([0.3, None], "polygon 2 is empty"),
+    ],
+)
+def test_zones_that_do_not_fit_together_are_told_in_words(tmp_path, values, said):
+    folder = write_site(tmp_path / "site", ZONED.replace("ZONE", "basal_friction: {dynamic_friction: dynamic}"))
+    write_zone(folder)
+    path = folder / "inputs" / "zone.geojson"
+    content = json.loads(path.read_text())
+    content["features"] = [{**content["features"][0], "properties": {"dynamic": value}} for value in values]
+    path.write_text(json.dumps(content))
+    site = runout.read_site(folder)
+    with pytest.raises(runout.ZoneError, match=said):
+        site.friction_zones(site.terrain())

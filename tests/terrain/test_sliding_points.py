@@ -53,11 +53,16 @@ def test_drag_ends_the_acceleration_at_the_terminal_speed():
     assert found.fastest.max() == pytest.approx(terminal, rel=1e-3)
 
 
-def test_columns_that_thin_out_on_their_way_come_late_if_drag_grows_as_they_thin():
-    whole, thinned = (slid(plane(0.6), [0.2], drag=0.01, thins=thins) for thins in (False, True))
-    np.testing.assert_allclose(whole.speed[:20], thinned.speed[:20])  # not thinner before it has come as far as it is long
-    assert thinned.speed[-1, 0] < 0.9 * whole.speed[-1, 0]
-    free, thin = (slid(plane(0.6), [0.2], thins=thins) for thins in (False, True))
+def test_columns_are_as_thick_as_points_gather_and_drag_falls_with_their_thickness():
+    """They part on a ridge, stretch on a plane, and gather in channels, up to the thickness of the resistance."""
+    slope, north = plane(0.6).terrain.elevation, (np.arange(40) - 19.5)[:, None] * CELL
+    grounds = [release_on(slope + bend * north**2) for bend in (-0.002, 0.0, 0.002, 0.01)]
+    found = [slid(one, [0.2], drag=0.01 * 2.0 / 5.0, most=[5.0]) for one in grounds]
+    speeds = [one.speed[-1, 0] for one in found]
+    assert sorted(speeds) == speeds
+    assert speeds[0] < 0.8 * slid(grounds[0], [0.2], drag=0.01).speed[-1, 0] < speeds[-1]
+    assert found[-1].fastest.max() == pytest.approx(slid(grounds[-1], [0.2], drag=0.01 * 2.0 / 5.0).fastest.max(), rel=0.05)
+    free, thin = (slid(grounds[1], [0.2], most=most) for most in (None, [2.0]))
     np.testing.assert_array_equal(free.speed, thin.speed)
 
 

@@ -263,3 +263,13 @@ def test_reach_of_nothing_is_nothing_and_a_wrong_angle_is_refused():
     assert not prepare.reachable(terrain, np.zeros((5, 5)), 0.3).any()
     with pytest.raises(InputError, match=r"angle is 20"):
         prepare.reachable(terrain, np.zeros((5, 5)), 20.0)
+
+
+@pytest.mark.parametrize(("height", "rim", "told"), [(900.0, 900.0, True), (900.0, 1.0, False), (0.0, 0.0, False)])
+def test_cells_at_zero_below_cliffs_on_all_sides_are_told(geotiff, slope, height, rim, told):
+    """A lake or the sea at 0 m has a shore."""
+    elevation = slope + height - slope.min()
+    elevation[1:5, 2:7] = rim
+    elevation[2:4, 3:6] = 0.0
+    terrain = Terrain.from_raster(geotiff(elevation))
+    assert any("6 cells hold 0" in change for change in terrain.changes) == told

@@ -53,6 +53,24 @@ def test_a_slab_that_goes_twelve_times_its_length_down_a_smooth_slope_comes_to_r
     assert 0.95 < expected.steps / result.steps < 1.35
 
 
+def test_a_thin_flow_with_drag_in_a_channel_is_forecast_within_a_factor_of_one_and_a_half(tmp_path):
+    """The mass gathers in the channel and stretches: it is faster than its mean thickness says, and its tail stops sooner."""
+    easting, northing = 10.0 * np.arange(170) + 5.0, 10.0 * np.arange(24)[:, None] - 115.0
+    along = np.interp(easting, [0.0, 400.0, 1500.0, 1700.0], [400.0, 190.0, 15.0, 75.0])
+    elevation = along + northing**2 / 200.0
+    thickness = np.zeros(elevation.shape)
+    thickness[8:16, 3:13] = 2.0
+    text = AUTO.replace("basal_friction_angle_deg: 20", "basal_friction: {law: voellmy, mu: 0.12, xi: 800}")
+    text = text.replace("basal_friction_angle_deg: {", "basal_mu: {").replace("low: 12, high: 22", "low: 0.12, high: 0.121")
+    text = text.replace("members: 4", "members: 1").replace("end_time: 20", "end_time: 600")
+    site = runout.read_site(write_site(tmp_path / "channel", text, elevation, thickness))
+    (member,) = plan_members(site)
+    (expected,) = flow_forecast.member_steps(site, [member])
+    result = runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1})
+    assert result.stop_reason == "at rest"
+    assert 1 / 1.5 < expected.steps / result.steps < 1.5
+
+
 def test_forecast_counts_particles_exactly_and_adds_up_its_members(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "step_cost", lambda arguments: StepCost(1e-3, 1e-6))
     site = site_of(tmp_path, SITE, 12, 22, 12, members=4)
