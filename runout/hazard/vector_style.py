@@ -1,6 +1,7 @@
 """QGIS styles (QML) of vector layers: one symbol, categories or classes of fills, lines or markers, with labels."""
 
 from collections.abc import Sequence
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -15,7 +16,7 @@ _DEFAULTS = {
 }
 _GEOMETRIES = {FILL: "PolygonGeometry", LINE: "LineGeometry", MARKER: "PointGeometry"}
 _PLACEMENTS = {FILL: "0", LINE: "2", MARKER: "0"}  # of labels: around, along, around
-_RENDERER = {"symbollevels": "0", "enableorderby": "0", "forceraster": "0"}
+_RENDERER: Any = {"symbollevels": "0", "enableorderby": "0", "forceraster": "0"}
 
 
 def one_symbol(kind: str, symbol: dict[str, str], label: str = "", colour: str = "#000000") -> str:
@@ -42,7 +43,7 @@ def categories(kind: str, attribute: str, shown: Sequence[tuple[float, str, dict
 def classes(kind: str, attribute: str, shown: Sequence[tuple[float, float, str, dict[str, str]]]) -> str:
     """Style with a symbol for each class of an attribute: lower and upper bound, label and symbol."""
     root = _root(labels=False)
-    method = {"type": "graduatedSymbol", "graduatedMethod": "GraduatedColor"}
+    method: Any = {"type": "graduatedSymbol", "graduatedMethod": "GraduatedColor"}
     renderer = SubElement(root, "renderer-v2", attr=attribute, **method, **_RENDERER)
     ranges, symbols = SubElement(renderer, "ranges"), SubElement(renderer, "symbols")
     for k, (lower, upper, label, symbol) in enumerate(shown):
@@ -70,7 +71,7 @@ def _labels(root: Element, expression: str, colour: str, kind: str) -> None:
         settings, "text-style", fieldName=expression, isExpression="1", fontSize="9", fontSizeUnit="Point", textColor=_rgb(colour)
     )
     SubElement(text, "text-buffer", bufferDraw="1", bufferSize="0.8", bufferSizeUnits="MM", bufferColor="255,255,255,255")
-    near = {"dist": "1", "distUnits": "MM"} if kind == MARKER else {}
+    near: Any = {"dist": "1", "distUnits": "MM"} if kind == MARKER else {}
     SubElement(settings, "placement", placement=_PLACEMENTS[kind], centroidInside="1", layerType=_GEOMETRIES[kind], **near)
     SubElement(settings, "rendering", drawLabels="1", obstacle="0", displayAll="1")
 
