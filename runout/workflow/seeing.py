@@ -150,7 +150,7 @@ def simulation(study: Study, member: "Member", choices: Choices) -> Path:
         if found.frames and planned >= wanted and found.particles >= particles and stored_key(file) == member.key:
             return file
     why = "there is no simulation with snapshots" if not held(own).frames else "its simulation is of other settings or has too few"
-    frames = max(choices.frames or FRAMES, held(own).planned)
+    frames = max(choices.frames or 0, FRAMES, held(own).planned)  # few ones would end long before the flow does
     LOGGER.info("member %d: %s; simulating it with %d snapshots, apart from the ensemble", member.number, why, frames)
     most = PARTICLES if particles else 0
     return single_member.run(

@@ -101,6 +101,7 @@ def test_what_a_flow_meets_is_in_the_words_of_a_structure(height, clearance, thi
         (["--critical-slope", "0"], "--critical-slope is 0"),
         (["--resolution", "2"], "finer than the terrain's 10 m"),
         (["--resolution", "-2"], "--resolution is -2 m"),
+        (["--resolution", "1e9"], "leaves less than 5 cells"),
     ],
 )
 def test_bad_parameters_are_one_line(stated, message, finished_site, tmp_path, capsys):
