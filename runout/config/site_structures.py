@@ -56,9 +56,12 @@ class SiteStructures:
         ------
         ReleaseError
             If polygons cannot be used.
+        StructureError
+            If they lie beyond the terrain.
         """
         import shapely
 
+        from runout.errors import StructureError
         from runout.io.polygons import read_polygons
         from runout.terrain.overlay import on_cells
 
@@ -66,6 +69,10 @@ class SiteStructures:
         for stated, path in zip((one for one in self.stated if one.protects), self.protected(), strict=True):
             parts = read_polygons(path, terrain, None, "protected area").polygons
             covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)
+            if not covered.any():
+                x, y = shapely.union_all(parts).representative_point().coords[0]
+                at = f"at easting {x:.1f}, northing {y:.1f}"
+                raise StructureError(f"{path}: the protected area {at} lies beyond the terrain {terrain.source}; move it")
             name = f"{stated.name} {len(found) + 1}" if stated.name in found else stated.name
             found[name] = covered.T[::-1] * terrain.cell_area
         return found
@@ -110,5 +117,6 @@ class SiteStructures:
         from runout.structures.read import require_sound
 
         solids = self.bodies(terrain).solids
+        self.protected_areas(terrain)  # refuses them before the run, not after it
         require_sound(solids, terrain, spacing, releases)
         return build_structures(solids, terrain, spacing)

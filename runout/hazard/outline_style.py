@@ -1,91 +1,81 @@
-"""QGIS styles of the layers of outlines.gpkg: lines and labels that leave the maps below them visible."""
+"""QGIS styles of the layers of outlines.gpkg and of slopes/: lines and labels that leave the maps below them visible."""
 
-from collections.abc import Iterable
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+import math
+from collections.abc import Iterable, Iterator
 
-from runout.hazard.style import PROLOGUE, class_colours
+from runout.hazard.style import class_colours
+from runout.hazard.vector_style import FILL, LINE, MARKER, categories, classes, one_symbol
 from runout.io.vector import PROBABILITY_LEVELS
 
 _RELEASE = "#d7263d"
 _OBSTACLE = "#6b4a2b"
 _ZONE = "#22282f"
 _OBSERVED = "#0b4fae"
-_PROBABILITY_RAMP = "YlOrRd"
+_STRUCTURE = "#3f4750"
+_PROBE = "#7a1fa2"
+_WATER = "#1f78b4"
+_PROBABILITY_RAMP = _PRESSURE_RAMP = "YlOrRd"
+_PRESSURES = (0.0, 1e3, 3e3, 1e4, 3e4, 1e5, math.inf)  # classes of the pressure on facades [Pa]
+_HIGHEST = 1e12  # [Pa] that stands for no limit
 _OBSTACLE_LABEL = "if(\"height_m\" < 0, '', '+') || \"height_m\" || ' m'"
 _REPLACED = "coalesce(round(\"basal_friction_angle_deg\", 1) || '°', attribute(@feature, 'parameters'))"
 _ZONE_LABEL = f'if("factor" is null, {_REPLACED}, \'friction times \' || "factor")'
+_PROPOSED_LABEL = "\"rank\" || ': ' || format_number(\"volume_m3\", 0) || ' m³'"
 
 
 def outline_styles() -> dict[str, str]:
-    """Text of the QGIS style of each layer."""
+    """Text of the QGIS style of each layer of ``outlines.gpkg``."""
     return {
-        "release": _one_symbol({"outline_color": _RELEASE, "outline_width": "0.7", "style": "no"}, '"name"', _RELEASE),
+        "release": one_symbol(FILL, _outline(_RELEASE, "0.7"), '"name"', _RELEASE),
         "inundation": _levels(PROBABILITY_LEVELS),
-        "obstacles": _one_symbol(
-            {"color": _OBSTACLE, "style": "b_diagonal", "outline_color": _OBSTACLE, "outline_width": "0.5"},
-            _OBSTACLE_LABEL,
-            _OBSTACLE,
-        ),
-        "friction_zones": _one_symbol(
-            {"outline_color": _ZONE, "outline_width": "0.4", "outline_style": "dash", "style": "no"}, _ZONE_LABEL, _ZONE
-        ),
-        "observed_outline": _one_symbol(
-            {"outline_color": _OBSERVED, "outline_width": "0.7", "style": "no"}, "'observed ' || \"shows\"", _OBSERVED
-        ),
+        "obstacles": one_symbol(FILL, _hatched(_OBSTACLE), _OBSTACLE_LABEL, _OBSTACLE),
+        "friction_zones": one_symbol(FILL, _outline(_ZONE, "0.4") | {"outline_style": "dash"}, _ZONE_LABEL, _ZONE),
+        "structures": one_symbol(FILL, _filled("#b9c0c7", _STRUCTURE), '"name"', _STRUCTURE),
+        "facades": classes(LINE, "max_pressure_pa", list(_pressures())),
+        "observed_outline": one_symbol(FILL, _outline(_OBSERVED, "0.7"), "'observed ' || \"shows\"", _OBSERVED),
+        "gauges": one_symbol(MARKER, {"color": _OBSERVED, "name": "triangle", "size": "3"}, '"label"', _OBSERVED),
+        "thalweg": one_symbol(LINE, {"line_color": _OBSERVED, "line_width": "0.5", "line_style": "dash"}),
+        "probes": one_symbol(MARKER, {"color": _PROBE, "name": "circle"}, '"name"', _PROBE),
+        "cross_sections": one_symbol(LINE, {"line_color": _PROBE, "line_width": "0.7"}, '"name"', _PROBE),
     }
 
 
-def _one_symbol(fill: dict[str, str], label: str, colour: str) -> str:
-    root = _root()
-    renderer = SubElement(root, "renderer-v2", type="singleSymbol", symbollevels="0", enableorderby="0", forceraster="0")
-    _symbol(SubElement(renderer, "symbols"), "0", fill)
-    _labels(root, label, colour)
-    return _text(root)
+def slope_styles() -> dict[str, str]:
+    """Text of the QGIS style of each layer that ``runout suggest-release`` writes."""
+    return {
+        "release": one_symbol(FILL, _outline(_RELEASE, "0.7"), _PROPOSED_LABEL, _RELEASE),
+        "sinks": one_symbol(FILL, _filled("#a6cee3", _WATER)),
+        "flow_paths": one_symbol(LINE, {"line_color": _WATER, "line_width": "0.4"}),
+    }
+
+
+def _outline(colour: str, width: str) -> dict[str, str]:
+    """A polygon without a fill."""
+    return {"outline_color": colour, "outline_width": width, "style": "no"}
+
+
+def _filled(colour: str, outline: str) -> dict[str, str]:
+    return {"color": colour, "outline_color": outline, "outline_width": "0.3"}
+
+
+def _hatched(colour: str) -> dict[str, str]:
+    return {"color": colour, "style": "b_diagonal", "outline_color": colour, "outline_width": "0.5"}
 
 
 def _levels(levels: Iterable[float]) -> str:
     """A line for each level of probability, darker and wider the higher it is."""
-    root, sorted_levels = _root(), sorted(levels)
-    renderer = SubElement(
-        root, "renderer-v2", type="categorizedSymbol", attr="probability", symbollevels="0", enableorderby="0", forceraster="0"
-    )
-    categories, symbols = SubElement(renderer, "categories"), SubElement(renderer, "symbols")
-    for k, (level, colour) in enumerate(zip(sorted_levels, class_colours(_PROBABILITY_RAMP, len(sorted_levels)), strict=True)):
-        label = f"probability {100 * level:g} % or more"
-        SubElement(categories, "category", value=f"{level:g}", symbol=str(k), label=label, render="true", type="double")
-        _symbol(symbols, str(k), {"outline_color": colour, "outline_width": f"{0.4 + 0.1 * k:.1f}", "style": "no"})
-    return _text(root)
+    sorted_levels = sorted(levels)
+    colours = class_colours(_PROBABILITY_RAMP, len(sorted_levels))
+    shown = [
+        (level, f"probability {100 * level:g} % or more", _outline(colour, f"{0.4 + 0.1 * k:.1f}"))
+        for k, (level, colour) in enumerate(zip(sorted_levels, colours, strict=True))
+    ]
+    return categories(FILL, "probability", shown)
 
 
-def _root() -> Element:
-    return Element("qgis", version="3.22.0", styleCategories="Symbology|Labeling", labelsEnabled="1")
-
-
-def _symbol(parent: Element, name: str, fill: dict[str, str]) -> None:
-    symbol = SubElement(parent, "symbol", type="fill", name=name, alpha="1", clip_to_extent="1", force_rhr="0")
-    layer = SubElement(symbol, "layer", {"class": "SimpleFill", "enabled": "1", "locked": "0", "pass": "0"})
-    options = SubElement(layer, "Option", type="Map")
-    for key, value in ({"outline_style": "solid", "outline_width_unit": "MM"} | fill).items():
-        shown = _rgb(value) if "color" in key else value
-        SubElement(options, "Option", type="QString", name=key, value=shown)
-
-
-def _labels(root: Element, expression: str, colour: str) -> None:
-    settings = SubElement(SubElement(root, "labeling", type="simple"), "settings", calloutType="simple")
-    text = SubElement(
-        settings, "text-style", fieldName=expression, isExpression="1", fontSize="9", fontSizeUnit="Point", textColor=_rgb(colour)
-    )
-    SubElement(text, "text-buffer", bufferDraw="1", bufferSize="0.8", bufferSizeUnits="MM", bufferColor="255,255,255,255")
-    SubElement(settings, "placement", placement="0", centroidInside="1", layerType="PolygonGeometry")
-    SubElement(settings, "rendering", drawLabels="1", obstacle="0", displayAll="1")
-
-
-def _rgb(colour: str) -> str:
-    """Hexadecimal colour as QGIS writes it: red,green,blue,opacity."""
-    return ",".join(str(int(colour[k : k + 2], 16)) for k in (1, 3, 5)) + ",255"
-
-
-def _text(root: Element) -> str:
-    ElementTree.indent(root)
-    return PROLOGUE + ElementTree.tostring(root, encoding="unicode") + "\n"
+def _pressures() -> Iterator[tuple[float, float, str, dict[str, str]]]:
+    """A line for each class of pressure on facades, darker and wider the higher it is."""
+    colours = class_colours(_PRESSURE_RAMP, len(_PRESSURES) - 1)
+    for k, (low, high, colour) in enumerate(zip(_PRESSURES, _PRESSURES[1:], colours, strict=False)):
+        label = f"{low / 1e3:g} to {high / 1e3:g} kPa" if math.isfinite(high) else f"more than {low / 1e3:g} kPa"
+        yield low, min(high, _HIGHEST), label, {"line_color": colour, "line_width": f"{0.5 + 0.2 * k:.1f}"}

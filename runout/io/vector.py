@@ -78,13 +78,20 @@ def write_outlines(
     return _write(path, layers, kinds, styles or {})
 
 
-def write_layers(path: str | os.PathLike[str], terrain: Terrain, layers: Mapping[str, tuple[str, list[dict[str, Any]]]]) -> Path:
+def write_layers(
+    path: str | os.PathLike[str],
+    terrain: Terrain,
+    layers: Mapping[str, tuple[str, list[dict[str, Any]]]],
+    styles: Mapping[str, str] | None = None,
+) -> Path:
     """Write a GeoPackage with layers in the system of the terrain; returns the path.
 
     Parameters
     ----------
     layers : mapping of str to (str, list of dict)
         Type of geometry, and rows of columns with ``geometry`` (shapely, map coordinates). A layer without rows is left out.
+    styles : mapping of str to str, optional
+        QGIS styles (QML) of layers by their names.
 
     Raises
     ------
@@ -93,7 +100,7 @@ def write_layers(path: str | os.PathLike[str], terrain: Terrain, layers: Mapping
     """
     held = {name: (kind, rows) for name, (kind, rows) in layers.items() if rows}
     frames = {name: _frame(_of_kind(rows, kind), terrain) for name, (kind, rows) in held.items()}
-    return _write(path, frames, {name: kind for name, (kind, _) in held.items()}, {})
+    return _write(path, frames, {name: kind for name, (kind, _) in held.items()}, styles or {})
 
 
 def _write(

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from runout.model.terrain import Terrain
 
 LOGGER = logging.getLogger("runout.slopes")
+FEWEST = 5  # cells along each side
 LONGEST = 60.0  # [s] of processor time; beyond it cells are made coarser
 REFUSED = 1800.0  # [s] beyond it a stated cell size is refused
 SECONDS_PER_CALL, SECONDS_PER_NODE = 5e-3, 2e-6  # of one update of the flow directions of the whole grid, measured
@@ -97,6 +98,10 @@ def _placed(terrain: "Terrain", thickness: np.ndarray, parameters: MassWasting) 
         if parameters.resolution < (1 - 1e-6) * size:
             raise ConfigError(f"--resolution is {parameters.resolution:g} m, finer than the terrain's {size:g} m; leave it out")
         size = parameters.resolution
+        shortest = min(n * h for n, h in zip(part.shape, part.cell_size[::-1], strict=True))
+        if FEWEST * size > shortest:
+            said = f"{size:g} m leaves less than {FEWEST} cells of the {shortest:g} m that the mass can reach"
+            raise ConfigError(f"--resolution is {said}; state a finer one, or leave it out")
     ground, mass = _on_square_cells(part, mass, size)
     expected = seconds(ground.shape, (mass > 0).sum())
     if parameters.resolution is not None and expected > REFUSED:

@@ -16,17 +16,56 @@ FEWEST_CONFINED = 3  # cells of a channel that a flow leaves
 
 
 @dataclass(frozen=True)
+class Standing:
+    """Something that stands on the ground.
+
+    Attributes
+    ----------
+    kind, name : str
+        "structure" or "obstacle"; its name, which may be empty.
+    outline : shapely geometry
+        In map coordinates.
+    height : float
+        Of the top above the ground, where it is highest [m]; negative for a basin.
+    clearance : float or None
+        Of the underside above the ground [m]; None for one without an opening below.
+    """
+
+    kind: str
+    name: str
+    outline: Any
+    height: float
+    clearance: float | None = None
+
+    def title(self) -> str:
+        """Kind, name and height in words."""
+        size = f"{abs(self.height):.3g} m {'high' if self.height >= 0 else 'deep'}"
+        below = f", {self.clearance:.3g} m free below" if self.clearance else ""
+        return f"{self.kind}{f' {self.name!r}' if self.name else ''}, {size}{below}"
+
+    def meeting(self, thickness: float) -> str:
+        """What a flow of ``thickness`` [m] may do there."""
+        if self.clearance and thickness < self.clearance:
+            return "runs under it"
+        if thickness > abs(self.height):
+            return "is higher than it"
+        return "fills the opening below it" if self.clearance else "runs against it" if self.height >= 0 else "runs into it"
+
+
+@dataclass(frozen=True)
 class Feature:
     """A place on the flow path.
 
     Attributes
     ----------
     kind : str
-        "steep step", "leaves a channel" or "structure".
+        "steep step", "leaves a channel", "structure" or "obstacle".
     easting, northing, distance : float
         Place, and distance along the path [m].
     size : float
         Height of a step, thickness of the flow elsewhere [m].
+    standing : Standing or None
+        The structure or obstacle that the flow reaches.
     """
 
     kind: str
@@ -34,16 +73,24 @@ class Feature:
     northing: float
     distance: float
     size: float
+    standing: Standing | None = None
 
     def attributes(self) -> dict[str, str | float]:
         """Values by name and unit."""
         place = {"easting": self.easting, "northing": self.northing}
-        return {"kind": self.kind, **place, "distance_m": self.distance, "size_m": self.size}
+        name = self.standing.name if self.standing else ""
+        return {"kind": self.kind, "name": name, **place, "distance_m": self.distance, "size_m": self.size}
+
+    def label(self) -> str:
+        """A short label."""
+        return self.standing.name or self.kind if self.standing else self.kind
 
     def words(self) -> str:
         """The feature in words."""
-        size = f"{self.size:.3g} m {'high' if self.kind == 'steep step' else 'of flow'}"
-        return f"{self.kind} at {self.distance:.0f} m (easting {self.easting:.0f}, northing {self.northing:.0f}), {size}"
+        at = f"at {self.distance:.0f} m (easting {self.easting:.0f}, northing {self.northing:.0f})"
+        if self.standing:
+            return f"{self.standing.title()}, {at}: {self.size:.3g} m of flow {self.standing.meeting(self.size)}"
+        return f"{self.kind} {at}, {self.size:.3g} m {'high' if self.kind == 'steep step' else 'of flow'}"
 
 
 @dataclass(frozen=True)
@@ -120,17 +167,17 @@ def _rises(ground: np.ndarray, start: tuple[int, int], across: np.ndarray, reach
     return bool((heights > surface).any())
 
 
-def features(drained: "Drainage", path: FlowPath, peak: np.ndarray, structures: Sequence[tuple[Any, float]]) -> list[Feature]:
+def features(drained: "Drainage", path: FlowPath, peak: np.ndarray, standing: Sequence[Standing]) -> list[Feature]:
     """Steps, mouths of channels and reached structures, by their distance along the path.
 
     Parameters
     ----------
     peak : ndarray (rows, columns)
         Largest flow thickness [m].
-    structures : sequence of (shapely geometry, float)
-        Outlines in map coordinates with their heights [m].
+    standing : sequence of Standing
+        Structures and obstacles of the site.
     """
-    found = [*_steps(drained, path), *_mouths(drained, path, peak), *_reached(drained, path, peak, structures)]
+    found = [*_steps(drained, path), *_mouths(drained, path, peak), *_reached(drained, path, peak, standing)]
     return sorted(found, key=lambda one: one.distance)
 
 
@@ -160,20 +207,21 @@ def _runs(values: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _reached(drained: "Drainage", path: FlowPath, peak: np.ndarray, structures: Sequence[tuple[Any, float]]) -> list[Feature]:
-    """Structures whose cells the flow reaches, at the nearest point of the path."""
+def _reached(drained: "Drainage", path: FlowPath, peak: np.ndarray, standing: Sequence[Standing]) -> list[Feature]:
+    """Structures and obstacles whose cells the flow reaches, at the nearest point of the path."""
     import shapely
 
     terrain, found = drained.terrain, []
     points = path.points(drained)
     rows, columns = np.nonzero(np.nan_to_num(peak) > 0)
     wet = shapely.points(terrain.easting[columns], terrain.northing[rows])
-    for outline, _ in structures:
+    for one in standing:
+        outline = one.outline
         near = outline.buffer(max(terrain.cell_size))
         inside = shapely.contains(near, wet)
         if inside.any():
             at = int(np.argmin(np.hypot(*(points - np.array(outline.centroid.coords[0])).T)))
             thickest = float(peak[rows[inside], columns[inside]].max())
             place = outline.centroid
-            found.append(Feature("structure", place.x, place.y, float(path.distance[at]), thickest))
+            found.append(Feature(one.kind, place.x, place.y, float(path.distance[at]), thickest, one))
     return found

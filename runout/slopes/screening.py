@@ -19,7 +19,7 @@ from runout.slopes.choices import record as record_of
 from runout.slopes.drainage import Drainage, drainage
 from runout.slopes.grid import landlab_components
 from runout.slopes.mass_wasting import Baseline, mass_wasting
-from runout.slopes.path_features import Feature, FlowPath, features, flow_path
+from runout.slopes.path_features import Feature, FlowPath, Standing, features, flow_path
 from runout.slopes.place import is_raster
 from runout.slopes.suggestion import write_maps
 
@@ -54,7 +54,7 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     took = time.perf_counter() - start
     drained = drainage(found.terrain)
     way = flow_path(drained, found.release, found.peak, LEAST)
-    places = features(drained, way, found.peak, [*site.obstacles(terrain), *_structures(site, terrain)])
+    places = features(drained, way, found.peak, _standing(site, terrain))
     figures = _figures(found, drained, way, took)
     lines = list(_lines(found, figures, way, places))
     for line in lines:
@@ -66,14 +66,19 @@ def command(path: Path, out: Path | None, parameters: MassWasting) -> int:
     return ExitCode.OK
 
 
-def _structures(site: "Site", terrain: "Terrain") -> list[tuple[Any, float]]:
-    """Outlines in map coordinates of the structures of a site, with their heights [m]."""
+def _standing(site: "Site", terrain: "Terrain") -> list[Standing]:
+    """Obstacles and structures of a site."""
+    found = [Standing("obstacle", "", outline, height) for outline, height in site.obstacles(terrain)]
     if not site.structures.possible:
-        return []
+        return found
+    from runout.structures.ground import elevation_at
     from runout.structures.outlines import footprint
 
-    solids = site.structures.bodies(terrain).solids
-    return [(footprint(solid, terrain), float(np.ptp(solid.box[:, 2]))) for solid in solids]
+    for solid in site.structures.bodies(terrain).solids:
+        height = solid.vertices[:, 2] - elevation_at(terrain, solid.vertices)
+        hangs = None if solid.clearance is None else max(0.0, float(np.nanmin(height)))
+        found.append(Standing("structure", solid.name, footprint(solid, terrain), float(np.nanmax(height)), hangs))
+    return found
 
 
 def _figures(found: Baseline, drained: Drainage, way: FlowPath, took: float) -> dict[str, Any]:
@@ -167,7 +172,7 @@ def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[
 
     terrain = found.terrain
     marks = [Mark(LineString(way.points(drained)), "")] if len(way.cells) > 1 else []
-    marks += [Mark(Point(one.easting, one.northing), one.kind) for one in places]
+    marks += [Mark(Point(one.easting, one.northing), one.label()) for one in places]
     released = [outline(np.nan_to_num(found.release) > 0, terrain)]
     reached = np.nan_to_num(found.peak) >= LEAST
     base = Basemap(

@@ -1,6 +1,7 @@
 """Command ``runout suggest-release``: what the terrain hides, where it may fail, and release polygons."""
 
 import logging
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from runout import __version__, log
 from runout.config.stability import StabilitySettings
 from runout.errors import ExitCode
+from runout.hazard.outline_style import slope_styles
 from runout.hazard.style import class_edges, qml
 from runout.io.atomic import write_json, write_text
 from runout.io.geotiff import write_cog
@@ -75,7 +77,8 @@ def _next(folder: Path, path: Path, place: Place, found: Suggestion | None) -> s
         return ""
     if place.site is None:
         return f"; next: runout new FOLDER --dem {path} --release {folder / RELEASE}"
-    return f"; in site.yaml: release: [{{polygons: {folder / RELEASE}, thickness: thickness_m}}]"
+    polygons = os.path.relpath(folder / RELEASE, place.site.folder)  # paths of site.yaml are relative to its folder
+    return f"; in site.yaml: release: [{{polygons: {polygons}, thickness: thickness_m}}]"
 
 
 def _maps(drained: Drainage, slope: np.ndarray, stable: Stability | None) -> dict[str, np.ndarray]:
@@ -160,10 +163,10 @@ def write(
     sinks = [{**sink.attributes(), "geometry": sink.outline} for sink in figures.sinks]
     layers = {"sinks": ("MultiPolygon", sinks), "flow_paths": ("LineString", figures.paths)}
     if sinks or figures.paths:
-        write_layers(folder / TERRAIN_LAYERS, terrain, layers)
+        write_layers(folder / TERRAIN_LAYERS, terrain, layers, slope_styles())
     if patches:
         rows = [{**patch.attributes, "rank": int(patch.attributes["rank"]), "geometry": patch.outline} for patch in patches]
-        write_layers(folder / RELEASE, terrain, {"release": ("MultiPolygon", rows)})
+        write_layers(folder / RELEASE, terrain, {"release": ("MultiPolygon", rows)}, slope_styles())
     write_text(slopes_page(name, terrain, maps, figures, patches, record["lines"]), folder / PAGE)
     write_json(record, folder / RECORD)
 

@@ -14,6 +14,7 @@ FEWEST_CELLS = 2.0  # of the grid through a wall
 OPPOSITE = -0.8  # cosine of the angle between the two sides of a wall
 ON_EDGE = 1e-6  # of a triangle, beyond which a line misses it
 ROUNDING = 1e-6  # relative, of the thickness
+FEW, ROWS = 4000, 256  # pieces that are all measured; pieces whose surroundings are looked at together
 APART = 0.25  # cells of the grid between a structure and what bears it
 
 
@@ -83,14 +84,28 @@ def wall_thickness(solid: Solid, terrain: Terrain, spacing: Sequence[float]) -> 
     across = np.linalg.norm(normals * np.asarray(spacing), axis=1)
     reach = FEWEST_CELLS * max(spacing)
     radius = np.linalg.norm(pieces - centres[:, None], axis=2).max()
-    pairs = cKDTree(centres).query_pairs(reach + radius, output_type="ndarray")
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    pairs = pairs[(normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(1) < OPPOSITE]
-    way = _way_to(centres[pairs[:, 0]], -normals[pairs[:, 0]], pieces[pairs[:, 1]])
-    thickness = np.full(len(pieces), np.inf)
-    np.minimum.at(thickness, pairs[:, 0], way)
-    seen = (centres[:, 2] > elevation_at(terrain, centres)) & (areas > 0)
+    measured = _spread(centres, normals, areas, min(spacing))
+    tree, thickness = cKDTree(centres), np.full(len(pieces), np.inf)
+    for rows in np.array_split(measured, 1 + len(measured) // ROWS):
+        half_way = cKDTree(centres[rows] - 0.5 * reach * normals[rows])
+        near = half_way.sparse_distance_matrix(tree, 0.5 * reach + radius, output_type="ndarray")
+        start, end = rows[near["i"]], near["j"]
+        apart = np.einsum("ij,ij->i", normals[start], normals[end]) < OPPOSITE
+        start, end = start[apart], end[apart]
+        np.minimum.at(thickness, start, _way_to(centres[start], -normals[start], pieces[end]))
+    seen = measured[(centres[measured, 2] > elevation_at(terrain, centres[measured])) & (areas[measured] > 0)]
     return thickness[seen], centres[seen], across[seen]
+
+
+def _spread(centres: np.ndarray, normals: np.ndarray, areas: np.ndarray, size: float) -> np.ndarray:
+    """Rows of the pieces that are measured: of a fine mesh the largest that face the same way in each cube of ``size`` [m]."""
+    if len(centres) <= FEW:
+        return np.arange(len(centres))
+    axis = np.abs(normals).argmax(1)
+    facing = 2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)
+    order = np.argsort(-areas, kind="stable")
+    groups = np.column_stack([np.floor(centres / size).astype(np.int64), facing])[order]
+    return np.sort(order[np.unique(groups, axis=0, return_index=True)[1]])
 
 
 def _way_to(start: np.ndarray, direction: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -37,6 +37,8 @@ class FlowScene:
         Closed lines in map coordinates [m]: outlines of releases.
     meshes : mapping of str to Mesh
         Structures by name.
+    lift : ndarray (frames, rows, columns) or None
+        Height above the ground [m] of the structure that the flow lies on, 0 elsewhere.
     particles : ndarray (frames, n, 4) or None
         Easting, northing, elevation [m] and speed [m/s]; NaN for particles that are no longer there.
     image : ndarray (height, width, 3) of uint8, or None
@@ -55,6 +57,7 @@ class FlowScene:
     least_thickness: float = LEAST_SHOWN
     outlines: Sequence[np.ndarray] = ()
     meshes: Mapping[str, Mesh] = field(default_factory=dict)
+    lift: np.ndarray | None = None
     particles: np.ndarray | None = None
     image: np.ndarray | None = None
     crs: str | None = None
@@ -105,7 +108,8 @@ class FlowScene:
             return self
         chosen = chosen_frames(len(self.times), count)
         some: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ("times", "thickness", "speed")}
-        return replace(self, **some, particles=None if self.particles is None else self.particles[chosen])
+        some |= {name: None if getattr(self, name) is None else getattr(self, name)[chosen] for name in ("lift", "particles")}
+        return replace(self, **some)
 
     def coarsened(self, most: int = MOST_CELLS) -> "FlowScene":
         """The scene with means over square blocks, so that it has at most ``most`` cells."""
@@ -132,7 +136,8 @@ class FlowScene:
         thickness, speed = np.array(frames, np.float32).reshape(-1, 2, rows, columns).swapaxes(0, 1)
         west, south, east, north = self.extent
         axes: dict[str, Any] = {"easting": np.linspace(west, east, columns), "northing": np.linspace(north, south, rows)}
-        return replace(self, ground=ground, thickness=thickness, speed=speed, **axes)
+        lift = None if self.lift is None else np.stack([_resampled(values, (rows, columns)) for values in self.lift])
+        return replace(self, ground=ground, thickness=thickness, speed=speed, lift=lift, **axes)
 
     def _finer_frame(self, frame: int, shape: tuple[int, int]) -> list[np.ndarray]:
         """Thickness and speed of a frame on a finer grid."""

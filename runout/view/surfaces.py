@@ -64,9 +64,11 @@ def covered(scene: FlowScene, frame: int) -> np.ndarray:
 
 
 def flow_points(scene: FlowScene, frame: int) -> np.ndarray:
-    """Local positions (rows, columns, 3) [m] of the free surface; the ground where there is no flow."""
+    """Local positions (rows, columns, 3) [m] of the free surface; what it lies on where there is no flow."""
     points = scene.points()
     points[..., 2] += np.where(covered(scene, frame), np.nan_to_num(scene.thickness[frame]), 0.0)
+    if scene.lift is not None:
+        points[..., 2] += scene.lift[frame]
     return points
 
 

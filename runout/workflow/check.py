@@ -223,6 +223,7 @@ def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> No
     try:
         bodies = site.structures.bodies(terrain)
         found.notes += [f"structures: {change}" for change in bodies.changes]
+        site.structures.protected_areas(terrain)
         if bodies.solids and found.site is not None and found.releases:
             require_sound(bodies.solids, terrain, spacing_of(found.site.grid(found.releases)["cell_size"]), found.releases)
     except InputError as error:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from runout import log
 from runout.config.schema import MOST_SNAPSHOTS
 from runout.errors import ConfigError, RenderError
@@ -16,6 +18,7 @@ from runout.view import film, process
 from runout.view.camera import stated_direction
 from runout.view.frames import flow_scene, held
 from runout.view.image import draped_image
+from runout.view.roofs import Span, on_structures
 from runout.view.scene import FlowScene, Mesh
 from runout.view.surfaces import COLOURED
 from runout.workflow.single_member import chosen_member, simulation_file
@@ -132,6 +135,8 @@ def scene_of(site_path: Path, out: Path | None, choices: Choices) -> FlowScene:
     least = site.settings.simulation.arrival_threshold
     shown: dict[str, Any] = {"count": choices.frames, "title": title, "least_thickness": least, "meshes": structure_meshes(site)}
     scene = flow_scene(file, terrain, releases, **shown)
+    if site.structures.possible:
+        scene = on_structures(scene, structure_spans(site, scene))
     if choices.image is not None:
         scene = replace(scene, image=draped_image(choices.image, scene.extent, scene.crs))
     return scene
@@ -142,17 +147,18 @@ def simulation(study: Study, member: "Member", choices: Choices) -> Path:
     from runout.ensemble.member import stored_key
     from runout.workflow import single_member
 
-    wanted, particles = choices.frames or 1, choices.show == "particles"
+    wanted = choices.frames or 1
+    drawn = choices.show == "particles" or study.site.structures.possible  # particles say whether a flow is on a roof or below it
     own = simulation_file(study.results, member.number)
     for file in (own, member.file(study.results)):
         found = held(file)
         planned = found.planned if file == own else study.site.settings.simulation.snapshots or 0
-        if found.frames and planned >= wanted and found.particles >= particles and stored_key(file) == member.key:
+        if found.frames and planned >= wanted and found.particles >= drawn and stored_key(file) == member.key:
             return file
     why = "there is no simulation with snapshots" if not held(own).frames else "its simulation is of other settings or has too few"
-    frames = max(choices.frames or FRAMES, held(own).planned)
+    frames = max(choices.frames or 0, FRAMES, held(own).planned)  # few ones would end long before the flow does
     LOGGER.info("member %d: %s; simulating it with %d snapshots, apart from the ensemble", member.number, why, frames)
-    most = PARTICLES if particles else 0
+    most = PARTICLES if drawn else 0
     return single_member.run(
         study.site.file, study.results, member=member.number, snapshots=frames, particles=most, device=choices.device
     )
@@ -164,6 +170,23 @@ def structure_meshes(site: "Site") -> Mapping[str, Mesh]:
         return {}
     terrain = site.terrain()
     return {solid.name: (terrain.frame.to_map(solid.vertices), solid.faces) for solid in site.structures.bodies(terrain).solids}
+
+
+def structure_spans(site: "Site", scene: FlowScene) -> list[Span]:
+    """Lowest and highest elevation of each structure at the cells of a scene, and whether it hangs."""
+    from runout.structures.inspection import vertical_span
+
+    terrain, found = site.terrain(), []
+    easting, northing = np.meshgrid(scene.easting, scene.northing)
+    places = terrain.frame.to_local(np.stack([easting, northing], axis=-1).reshape(-1, 2))
+    for solid in site.structures.bodies(terrain).solids:
+        over = ((places >= solid.box[0, :2]) & (places <= solid.box[1, :2])).all(axis=1)
+        span = np.full((2, len(places)), np.nan)
+        span[:, over] = vertical_span(solid, places[over]).T
+        span[~np.isfinite(span)] = np.nan
+        low, high = span.reshape(2, *scene.ground.shape)
+        found.append((low, high, solid.clearance is not None))
+    return found
 
 
 def _has_display() -> bool:

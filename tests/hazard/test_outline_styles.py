@@ -7,7 +7,7 @@ import pytest
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from runout.hazard.outline_style import outline_styles
+from runout.hazard.outline_style import outline_styles, slope_styles
 from runout.hazard.style import below, class_colours, class_edges, qml
 from runout.io.vector import PROBABILITY_LEVELS
 
@@ -39,8 +39,9 @@ def test_lines_of_probability_are_wider_and_darker_the_higher_they_are():
 
 def test_each_layer_has_a_colour_of_its_own_and_labels():
     styles = {name: read(text) for name, text in outline_styles().items()}
-    assert set(styles) == {"release", "inundation", "obstacles", "friction_zones", "observed_outline"}
-    first = {name: options(style)["outline_color"] for name, style in styles.items() if name != "inundation"}
+    areas = ("release", "obstacles", "friction_zones", "observed_outline")
+    assert set(styles) == {*areas, "inundation", "structures", "facades", "gauges", "thalweg", "probes", "cross_sections"}
+    first = {name: options(styles[name])["outline_color"] for name in areas}
     assert first == {
         "release": "215,38,61,255",
         "obstacles": "107,74,43,255",
@@ -54,6 +55,30 @@ def test_each_layer_has_a_colour_of_its_own_and_labels():
         assert next(text.iter("text-buffer")).get("bufferDraw") == "1"
         assert next(styles[name].iter("rendering")).get("drawLabels") == "1"
     assert next(styles["release"].iter("text-style")).get("fieldName") == '"name"'
+
+
+def test_points_lines_and_areas_have_symbols_of_their_kind():
+    styles = outline_styles() | slope_styles()
+    kinds = {name: "".join({s.get("type") for s in read(text).iter("symbol")}) for name, text in styles.items()}
+    areas = ("release", "inundation", "obstacles", "friction_zones", "observed_outline", "structures", "sinks")
+    assert kinds == {
+        **dict.fromkeys(areas, "fill"),
+        **dict.fromkeys(("facades", "thalweg", "cross_sections", "flow_paths"), "line"),
+        **dict.fromkeys(("probes", "gauges"), "marker"),
+    }
+    assert next(read(slope_styles()["release"]).iter("text-style")).get("fieldName").startswith('"rank"')
+
+
+def test_classes_of_pressure_on_facades_join_without_gaps_and_get_wider():
+    style = read(outline_styles()["facades"])
+    assert next(style.iter("renderer-v2")).get("attr") == "max_pressure_pa"
+    ranges, symbols = list(style.iter("range")), list(style.iter("symbol"))
+    assert [r.get("symbol") for r in ranges] == [s.get("name") for s in symbols]
+    assert [float(r.get("upper")) for r in ranges[:-1]] == [float(r.get("lower")) for r in ranges[1:]]
+    assert (float(ranges[0].get("lower")), float(ranges[-1].get("upper"))) == (0.0, 1e12)
+    assert ranges[-1].get("label") == "more than 100 kPa"
+    widths = [float(options(s)["line_width"]) for s in symbols]
+    assert widths == sorted(set(widths))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])

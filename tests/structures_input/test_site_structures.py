@@ -11,7 +11,7 @@ from ramp_site import COLUMNS, NORTH, ROWS, WEST, write_site
 
 from runout.config.site import read_site
 from runout.ensemble.member import plan_members
-from runout.errors import ConfigError, StructureError
+from runout.errors import ConfigError, InputError, StructureError
 from runout.workflow import check
 
 
@@ -90,3 +90,18 @@ def test_structures_of_a_site_go_to_every_member_and_into_its_key(tmp_path):
 
 def test_a_site_without_structures_passes_none_on(tmp_path):
     assert "structures" not in read_site(write_site(tmp_path / "ramp")).member_arguments({})
+
+
+UNUSABLE = [(shapely.Point(WEST, NORTH), "holds Point"), (square(9000, 0, 10.0), "beyond the terrain")]
+
+
+@pytest.mark.parametrize(("area", "said"), UNUSABLE)
+def test_an_area_behind_a_dam_that_cannot_be_used_is_refused_before_the_run(tmp_path, area, said):
+    import geopandas as gpd
+
+    text = "  - file: inputs/houses.gpkg\n    protects: inputs/area.gpkg\n"
+    site = with_structures(tmp_path / "ramp", text, shapes=[square(30, 12, 40.0)], height=[20.0])
+    gpd.GeoDataFrame(geometry=[area], crs="EPSG:32632").to_file(site / "inputs" / "area.gpkg")
+    assert any(f"area.gpkg: {said}" in problem or said in problem for problem in map(str, check.inspect(site).problems))
+    with pytest.raises(InputError, match=said):
+        read_site(site).data()

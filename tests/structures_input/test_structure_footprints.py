@@ -122,6 +122,16 @@ def test_hollow_walls_and_slabs_are_measured(level, tmp_path):
     assert [problem.split("a wall is ")[1][:5] for problem in caught.value.problems] == ["0.5 m", "0.5 m"]
 
 
+def test_walls_of_finely_drawn_outlines_are_measured(level, tmp_path):
+    """A ring of 1200 points, as a laser scan draws it: its wall of 3 m is found, and thick ones pass."""
+    disc = shapely.Point(90, 96)
+    ring = disc.buffer(30, quad_segs=150).difference(disc.buffer(27, quad_segs=150))
+    solid = only(write_footprints(tmp_path / "r.gpkg", [ring], height=[8.0]), level)
+    with pytest.raises(StructureError, match="a wall is 3 m thick, less than two cells of 2 m"):
+        require_sound([solid], level, (2.0, 2.0, 2.0))
+    require_sound([solid], level, (1.4, 1.4, 1.4))
+
+
 def test_a_structure_in_a_release_is_refused(level, tmp_path):
     from runout.model.release import Release
 

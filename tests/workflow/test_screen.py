@@ -15,7 +15,7 @@ from runout import Terrain, cli
 from runout.errors import ExitCode
 from runout.io import netcdf
 from runout.slopes.drainage import drainage
-from runout.slopes.path_features import features, flow_path
+from runout.slopes.path_features import Standing, features, flow_path
 
 SITES = Path(__file__).parents[2] / "sites"
 FLUX = ("--threshold-flux", "0.2")
@@ -68,13 +68,31 @@ def test_places_on_the_path_are_found():
     path = flow_path(drained, release, peak, 0.1)
     wall = shapely.box(170.0, 800.0 - 660.0, 240.0, 800.0 - 640.0)
     beside = shapely.translate(wall, 150.0) if hasattr(shapely, "translate") else shapely.box(320.0, 140.0, 390.0, 160.0)
-    found = features(drained, path, peak, [(wall, 4.0), (beside, 4.0)])
+    standing = [Standing("structure", name, outline, 4.0) for name, outline in (("wall", wall), ("shed", beside))]
+    found = features(drained, path, peak, standing)
     assert [one.kind for one in found] == ["steep step", "leaves a channel", "structure"]
     step, mouth, structure = found
     assert step.size == pytest.approx(46.0, abs=4.0)
     assert step.distance == pytest.approx(170.0, abs=21.0)
     assert mouth.distance == pytest.approx(470.0, abs=21.0)
     assert (structure.easting, structure.northing, structure.size) == (205.0, 150.0, 2.0)
+    assert structure.attributes()["name"] == "wall"
+    assert structure.words() == (
+        f"structure 'wall', 4 m high, at {structure.distance:.0f} m (easting 205, northing 150): 2 m of flow runs against it"
+    )
+
+
+@pytest.mark.parametrize(
+    ("height", "clearance", "thickness", "said"),
+    [
+        (4.0, None, 5.0, "is higher than it"),
+        (6.0, 4.0, 3.0, "runs under it"),
+        (6.0, 4.0, 5.0, "fills the opening below it"),
+        (-3.0, None, 1.0, "runs into it"),
+    ],
+)
+def test_what_a_flow_meets_is_in_the_words_of_a_structure(height, clearance, thickness, said):
+    assert Standing("structure", "dam", shapely.Point(0, 0), height, clearance).meeting(thickness) == said
 
 
 @pytest.mark.parametrize(
@@ -83,6 +101,7 @@ def test_places_on_the_path_are_found():
         (["--critical-slope", "0"], "--critical-slope is 0"),
         (["--resolution", "2"], "finer than the terrain's 10 m"),
         (["--resolution", "-2"], "--resolution is -2 m"),
+        (["--resolution", "1e9"], "leaves less than 5 cells"),
     ],
 )
 def test_bad_parameters_are_one_line(stated, message, finished_site, tmp_path, capsys):
