@@ -154,7 +154,10 @@ class Site:
         ReleaseError
             If a release cannot be used.
         """
-        return self._scaled(self._sources.releases(terrain), sample)
+        own = self._kept.get("terrain")
+        if own is None or own[1] is not terrain:
+            return self._scaled(self._sources.releases(terrain), sample)
+        return self._scaled(self._read_once("releases", self.inputs, lambda: self._sources.releases(terrain)), sample)
 
     def _scaled(self, releases: "Sequence[Release]", sample: Mapping[str, float] | None) -> "list[Release]":
         factor = self._known(sample).get("release_volume_factor", 1.0)

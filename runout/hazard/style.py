@@ -171,7 +171,8 @@ def class_colours(ramp: str, classes: int) -> list[str]:
     from matplotlib.colors import to_hex
 
     first = 0.0 if ramp == DIVERGING else 0.15  # other ramps begin too light
-    return [to_hex(colormaps[ramp](first + (1.0 - first) * k / max(1, classes - 1))) for k in range(classes)]
+    colours = colormaps[ramp](first + (1.0 - first) * np.arange(classes) / max(1, classes - 1))
+    return [to_hex(colour) for colour in colours]
 
 
 def _ramp(name: str) -> str:

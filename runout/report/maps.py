@@ -178,11 +178,17 @@ def blank_map(
 
 def draw_values(axes: Any, bar: Any, extent: Extent, values: np.ndarray, style: MapStyle) -> Any:
     """Image of ``values`` (rows, columns) on the extent of a map, with their colour bar in the axes ``bar``."""
+    painted, shown = paint_values(axes, extent, values, style)
+    draw_colour_bar(painted, bar, shown, style)
+    return painted
+
+
+def paint_values(axes: Any, extent: Extent, values: np.ndarray, style: MapStyle) -> tuple[Any, np.ma.MaskedArray]:
+    """Image of ``values`` (rows, columns) on the extent of a map, and what it shows, in printed units."""
     shown = np.ma.masked_invalid(np.asarray(values, np.float64))
     shown = np.ma.masked_less_equal(shown, style.faintest) * style.scale
-    painted = axes.imshow(shown, extent=extent, interpolation="nearest", alpha=0.86, zorder=VALUES, **colour_scale(shown, style))
-    _colour_bar(painted, bar, shown, style)
-    return painted
+    scale = colour_scale(shown, style)
+    return axes.imshow(shown, extent=extent, interpolation="nearest", alpha=0.86, zorder=VALUES, **scale), shown
 
 
 def _sheet(extent: Extent, above: float = 0.0, new_figure: Callable[..., Any] | None = None) -> tuple[Any, Any]:
@@ -258,7 +264,8 @@ def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
     return {"cmap": colours, "norm": Normalize(0.0, top, clip=True)}
 
 
-def _colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
+def draw_colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
+    """Colour bar of an image in the axes ``below``; the numbers of one with stated steps do not depend on the values."""
     above = shown.count() > 0 and not (style.steps or style.classes) and float(np.abs(shown).max()) > painted.norm.vmax
     extend = ("both" if style.diverging else "max") if above else "neither"
     bar = below.figure.colorbar(painted, cax=below, orientation="horizontal", extend=extend, extendfrac=0.03)

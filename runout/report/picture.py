@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from runout.report.maps import VALUES, Basemap, MapStyle, Window, blank_map, draw_values
+from runout.report.maps import BAR, VALUES, Basemap, MapStyle, Window, blank_map, draw_colour_bar, paint_values
 
 DPI = 200
+RIM = 0.02  # [inch] above a colour bar, for its frame
 COMPRESSION = 4  # of zlib: 8 % larger files than with 6, in half the time
 
 
@@ -19,7 +20,7 @@ def png(figure: Any, dpi: int = DPI) -> bytes:
 
 
 class MapPictures:
-    """Pictures of several maps of one window. Ground and contour lines, the slow part, are rendered once.
+    """Pictures of several maps of one window. Ground and contour lines are rendered once, and so are colour bars of stated steps.
 
     Parameters
     ----------
@@ -29,11 +30,15 @@ class MapPictures:
     """
 
     def __init__(self, basemap: Basemap, window: Window):
+        from matplotlib.transforms import Bbox
+
         self.window, self.extent = window, basemap.extent(window)
         self.axes, bar = blank_map(basemap, window)
         self.bar_place = bar.get_position()
         bar.remove()
+        self.bars: dict[MapStyle, Any] = {}
         self.canvas = _canvas(self.axes.figure, DPI)
+        self.strip = Bbox.from_bounds(0, 0, self.axes.figure.bbox.width, DPI * (sum(BAR) + RIM))
         outside = (self.axes.xaxis, self.axes.yaxis)  # ticks and numbers, which no value covers
         drawn = [artist for artist in self.axes.get_children() if artist.get_visible() and artist not in outside]
         shown = [artist for artist in drawn if artist.zorder >= VALUES]
@@ -47,14 +52,25 @@ class MapPictures:
 
     def png(self, values: np.ndarray, style: MapStyle) -> bytes:
         """PNG of ``values`` (rows, columns) of the whole raster, equal to that of :func:`runout.report.maps.draw_map`."""
-        bar = self.axes.figure.add_axes(self.bar_place)
-        painted = draw_values(self.axes, bar, self.extent, values[self.window], style)
+        painted, shown = paint_values(self.axes, self.extent, values[self.window], style)
         self.canvas.restore_region(self.ground)
-        for artist in (painted, *self.above, bar):
+        for artist in (painted, *self.above):
             self.axes.draw_artist(artist)
-        bar.remove()
+        self._place_bar(painted, shown, style)
         painted.remove()
         return _encoded(self.canvas)
+
+    def _place_bar(self, painted: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
+        """Draw the colour bar, or copy that of an earlier map; bars of stated steps are the same on all maps."""
+        if style in self.bars:
+            self.canvas.restore_region(self.bars[style])
+            return
+        bar = self.axes.figure.add_axes(self.bar_place)
+        draw_colour_bar(painted, bar, shown, style)
+        self.axes.draw_artist(bar)
+        bar.remove()
+        if style.steps:
+            self.bars[style] = self.canvas.copy_from_bbox(self.strip)
 
 
 def _canvas(figure: Any, dpi: int) -> Any:
@@ -68,6 +84,5 @@ def _encoded(canvas: Any) -> bytes:
     from PIL import Image
 
     buffer = BytesIO()
-    opaque = np.asarray(canvas.buffer_rgba())[..., :3]
-    Image.fromarray(np.ascontiguousarray(opaque)).save(buffer, "png", compress_level=COMPRESSION)
+    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(buffer, "png", compress_level=COMPRESSION)
     return buffer.getvalue()

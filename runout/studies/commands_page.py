@@ -6,21 +6,22 @@ from typing import Any
 
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
 
-HEADS = ("command", "wall before [s]", "wall after [s]", "ratio", "processor, ratio", "error before", "error after")
+HEADS = ("command", "processor before [s]", "processor after [s]", "ratio", "wall, ratio", "error before", "error after")
 RUNS = ("command", "version", "wall [s]", "processor [s]", "largest process [MB]")
 VERSIONS = ("before", "after")
 TEXT = """# Whole commands
 
-Time of whole commands of two versions on the same machine, two cores a command.
+Processor time of whole commands of two versions on the same machine.
 
 {table}
 
-Geometric mean of the wall times over those before: {mean:.2f} of all commands, {flows:.2f} of those with an error.
+Geometric mean of the processor times over those before: {mean:.2f} of all commands, {flows:.2f} of those with an error.
 
-![Wall time of each command before and after](commands.png)
+![Processor time of each command before and after](commands.png)
 
+- *Processor time*: user and system time of all processes. {load} Members have one thread each.
 - *Error*: relative L1 difference of the peak thickness, the mean over the members, from the same members with half the cells:
-  by the version before, and by the version after where there is a second number.
+  by the version before, and by the version after where there is a second number.{errors}
 - *Before*: stiffness stated by the sites, for waves about ten times as fast as the flow. *After*: stiffness chosen by the run.
 - The first run compiles its kernels. Other runs find them, and start from a folder without results.
 - Numbers are medians of the runs; {runs} has each run.
@@ -52,35 +53,34 @@ def _errors(record: Mapping[str, Any], name: str) -> list[str]:
 def _table(record: Mapping[str, Any]) -> str:
     wall, processor = _medians(record, "wall"), _medians(record, "processor")
     rows = [
-        [name, f"{a:.1f}", f"{b:.1f}", f"{b / a:.2f}", f"{processor[name][1] / processor[name][0]:.2f}", *_errors(record, name)]
-        for name, (a, b) in wall.items()
+        [name, f"{a:.1f}", f"{b:.1f}", f"{b / a:.2f}", f"{wall[name][1] / wall[name][0]:.2f}", *_errors(record, name)]
+        for name, (a, b) in processor.items()
     ]
     return markdown(HEADS, rows)
 
 
 def _figure(record: Mapping[str, Any]) -> bytes:
-    """Bars of wall time, one pair a command."""
+    """Bars of processor time, one pair a command."""
     from matplotlib.figure import Figure
 
-    wall = _medians(record, "wall")
-    figure = Figure(figsize=(8, 0.6 + 0.5 * len(wall)), layout="constrained")
+    processor = _medians(record, "processor")
+    figure = Figure(figsize=(8, 0.6 + 0.5 * len(processor)), layout="constrained")
     axes = figure.add_subplot()
     for k, (version, colour) in enumerate(zip(VERSIONS, ("#b0b0b0", "#1f6f8b"), strict=True)):
-        places = [n + 0.2 - 0.4 * k for n in range(len(wall), 0, -1)]
-        bars = axes.barh(places, [pair[k] for pair in wall.values()], height=0.38, color=colour, label=version)
+        places = [n + 0.2 - 0.4 * k for n in range(len(processor), 0, -1)]
+        bars = axes.barh(places, [pair[k] for pair in processor.values()], height=0.38, color=colour, label=version)
         axes.bar_label(bars, fmt="%.1f s", padding=3, fontsize=8)
-    axes.set_yticks(range(len(wall), 0, -1), list(wall))
+    axes.set_yticks(range(len(processor), 0, -1), list(processor))
     axes.set_xscale("log")
     axes.margins(x=0.15)
-    axes.set_xlabel("wall time [s]")
+    axes.set_xlabel("processor time [s]")
     figure.legend(loc="outside upper center", ncols=len(VERSIONS), frameon=False)
     return as_png(figure)
 
 
 def page(record: Mapping[str, Any]) -> StudyPage:
     """The page of a record."""
-    wall = _medians(record, "wall")
-    ratios = {name: after / before for name, (before, after) in wall.items()}
+    ratios = {name: after / before for name, (before, after) in _medians(record, "processor").items()}
     flows = [ratio for name, ratio in ratios.items() if name in record["errors"]] or list(ratios.values())
     rows = [
         [run["case"], v, round(run[v]["wall"], 2), round(run[v]["processor"], 2), round(run[v]["largest_process_mb"])]
@@ -88,6 +88,7 @@ def page(record: Mapping[str, Any]) -> StudyPage:
     ]  # fmt: skip
     text = TEXT.format(
         table=_table(record), mean=geometric_mean(ratios.values()), flows=geometric_mean(flows), commits=record["commits"],
-        runs=download("commands.csv", "the table"), machine=record["machine"],
+        runs=download("commands.csv", "the table"), machine=record["machine"], load=record.get("load", ""),
+        errors="".join(f" {note}" for note in record.get("notes", ())),
     )  # fmt: skip
     return StudyPage("commands", text, {"commands.csv": as_csv(RUNS, rows)}, {"commands.png": _figure(record)})

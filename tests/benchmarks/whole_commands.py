@@ -3,7 +3,8 @@
     python tests/benchmarks/whole_commands.py --before CHECKOUT --after CHECKOUT --folder WORK --out whole_commands.json
 
 Each lane has two cores of its own. First a run of each version compiles its kernels; then every case runs ``--pairs`` times.
-Sites state the stiffness that the version before advised (waves ten times the flow), and none in the version after. Errors are
+Both run the sites of the version before. These state the stiffness that it advised (waves ten times the flow); the version after
+runs them without it. Errors are
 relative L1 differences of the peak thickness, the mean over the members, from members with half the cells by each version (on
 ``--device``); both references are given. RUNOUT_DATA names the folder of the public rasters.
 """
@@ -27,6 +28,7 @@ import numpy as np
 
 VERSIONS = ("before", "after")
 CORES = 2  # of a lane
+ENTRY = "import sys; from runout.cli import main; sys.exit(main())"  # of versions without runout.__main__
 STIFF = {"coulomb_only": 1.6e8}  # [Pa], waves of 1,030 m/s; other sites state theirs in the version before
 SNOW = """name: coulomb_only
 title: CoulombOnly of ISeeSnow
@@ -81,7 +83,7 @@ def snow_site(folder: Path, version: str) -> None:
 
 
 def site_of(case: Case, version: str, root: Path, folder: Path, finer: float = 1.0) -> Path:
-    """The site of a case as the version has it, with cells smaller by ``finer``."""
+    """The site of a case as ``root`` has it, with cells smaller by ``finer``; the version after chooses the stiffness."""
     copy = folder / f"{case.site}_{case.cell:g}_{case.command}_{version}_{finer:g}"
     shutil.rmtree(copy, ignore_errors=True)
     if case.site == "coulomb_only":
@@ -90,6 +92,8 @@ def site_of(case: Case, version: str, root: Path, folder: Path, finer: float = 1
     else:
         shutil.copytree(root / "sites" / case.site, copy, ignore=shutil.ignore_patterns("results"))
     text = (copy / "site.yaml").read_text()
+    if version == "after":
+        text = re.sub(r"^ *youngs_modulus:.*\n", "", text, flags=re.MULTILINE)
     cell = (case.cell or float(re.findall(r"cell_size: ([\d.]+)", text)[0])) / finer
     text = re.sub(r"cell_size: [\d.]+", f"cell_size: {cell:g}", text)
     text = re.sub(r"^budget: .*$", "", text, flags=re.MULTILINE)
@@ -121,11 +125,13 @@ def account(cores: str, command: list[str]) -> None:
     print(json.dumps(seconds | {"largest_process_mb": used.ru_maxrss / 1e3}))
 
 
-def command_of(case: Case, site: Path, out: Path, device: str = "cpu") -> list[str]:
-    """The command of a case."""
+def command_of(case: Case, site: Path, out: Path, root: Path, device: str = "cpu") -> list[str]:
+    """The command of a case by the version in ``root``."""
+    how = ["-m", "runout"] if (root / "runout" / "__main__.py").exists() else ["-c", ENTRY]
     if case.command == "check":
-        return [sys.executable, "-m", "runout", "check", str(site)]
-    return [sys.executable, "-m", "runout", "run", str(site), "--device", device, "--out", str(out)]
+        return [sys.executable, *how, "check", str(site)]
+    alone = ["--threads", "1"] if how[0] == "-m" and device == "cpu" else []  # as before: threads that wait take processor time
+    return [sys.executable, *how, "run", str(site), "--device", device, *alone, "--out", str(out)]
 
 
 def peak_maps(results: Path) -> np.ndarray:
@@ -162,13 +168,14 @@ class Study:
         if case.command == "aggregate":
             command = [sys.executable, str(self.a.members_script), str(self.folder / f"members_{version}"), "500"]
             return timed(command, root, cores, self.cache(version))
-        site = site_of(case, version, root, self.folder)
-        return timed(command_of(case, site, site / "results"), root, cores, self.cache(version))
+        site = site_of(case, version, self.roots["before"], self.folder)
+        return timed(command_of(case, site, site / "results", root), root, cores, self.cache(version))
 
     def first(self) -> list[dict[str, Any]]:
-        """The first run, with empty folders of kernels, of both versions side by side."""
-        with ThreadPoolExecutor(len(VERSIONS)) as pool:
-            found = list(pool.map(lambda v: self.run(FIRST, *v), zip(VERSIONS, self.lanes, strict=False)))
+        """The first run, with empty folders of kernels, of both versions side by side where the machine has two lanes."""
+        lanes = (self.lanes * len(VERSIONS))[: len(VERSIONS)]
+        with ThreadPoolExecutor(min(len(VERSIONS), len(self.lanes))) as pool:
+            found = list(pool.map(lambda v: self.run(FIRST, *v), zip(VERSIONS, lanes, strict=True)))
         return [{"case": FIRST.name, **dict(zip(VERSIONS, found, strict=True))}]
 
     def pairs(self, case: Case, cores: tuple[int, ...]) -> list[dict[str, Any]]:
@@ -185,13 +192,17 @@ class Study:
             print(json.dumps(found[-1]), flush=True)
         return found
 
+    def of_lane(self, cases: list[Case], cores: tuple[int, ...]) -> list[dict[str, Any]]:
+        """Runs of the cases that share a lane, one after the other."""
+        return [row for case in cases for row in self.pairs(case, cores)]
+
     def references(self) -> dict[str, dict[str, Path]]:
         """Results with half the cells by each version on the device, by case."""
         found: dict[str, dict[str, Path]] = {}
         for case in (c for c in CASES if c.has_error and c.name in self.a.cases):
             for version in VERSIONS:
-                site = site_of(case, version, self.roots[version], self.folder, 2.0)
-                command = command_of(case, site, site / "results", self.a.device)
+                site = site_of(case, version, self.roots["before"], self.folder, 2.0)
+                command = command_of(case, site, site / "results", self.roots[version], self.a.device)
                 done = timed(command, self.roots[version], self.lanes[-1], self.cache(version))
                 print("reference", case.name, version, json.dumps(done), flush=True)
                 if not done["exit"]:
@@ -213,12 +224,10 @@ class Study:
             shutil.rmtree(self.cache(version), ignore_errors=True)
         with ThreadPoolExecutor(len(self.lanes) + 1) as pool:
             references = pool.submit(self.references) if self.a.device else None
-            lanes = self.lanes[:-1] if self.a.device else self.lanes
-            places = {case.name: lanes[-1 - k % len(lanes)] for k, case in enumerate(cases[::-1])}
-            waiting = [pool.submit(self.pairs, case, places[case.name]) for case in cases if case.command != "run"]
             runs = self.first() if FIRST.name in self.a.cases else []
-            waiting = [pool.submit(self.pairs, case, places[case.name]) for case in cases if case.command == "run"] + waiting
-            runs += [row for one in waiting for row in one.result()]
+            lanes = self.lanes[:-1] if self.a.device else self.lanes
+            shares = [cases[k :: len(lanes)] for k in range(len(lanes))]
+            runs += [row for rows in pool.map(self.of_lane, shares, lanes) for row in rows]
             halves = references.result() if references else {}
         errors = {c.name: self.errors(c, halves[c.name]) for c in cases if c.name in halves}
         return {"runs": runs, "errors": errors, "machine": self.a.machine, "commits": self.a.commits}
