@@ -50,11 +50,6 @@ def test_reference_slows_columns_as_the_closed_form_says():
     assert speed == pytest.approx(voellmy_speed(2.0, VOELLMY_COLUMN_LAYER), rel=3e-3)
 
 
-def test_hash_refuses_drag_over_the_column():
-    with pytest.raises(ConfigError, match="voellmy_column slows whole columns"):
-        moved(engine_of("hash"), law=COLUMN)
-
-
 @LAYERS
 def test_weakening_layer_needs_the_time_of_the_closed_form(name):
     layer = Layer(WEAK, start=WEAK_START)
@@ -164,7 +159,7 @@ def areas_of(a_scene, p):
     return found
 
 
-@pytest.mark.parametrize(("name", "law"), [("scan", FULL), ("hash", FULL), ("scan", COLUMN)])
+@pytest.mark.parametrize(("name", "law"), [("scan", FULL), ("hash", FULL), ("scan", COLUMN), ("hash", COLUMN)])
 def test_backends_move_a_spreading_mass_alike(name, law):
     expected, book = moved(engine_of("reference"), law=law)
     found, other = moved(engine_of(name), law=law)

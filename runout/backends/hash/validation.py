@@ -21,11 +21,6 @@ def require_alike(scenes: Sequence[Scene]) -> None:
     for s in scenes:
         if s.sleep_speed:
             raise ConfigError("sleep_speed works on scan, not on hash; set backend to scan, or leave it out")
-        if s.basal.law.drags_column:
-            raise ConfigError(
-                f"friction law {s.basal.law.name} slows whole columns, which works on scan and reference, not on hash; "
-                "set backend to scan, or choose a law whose drag acts at the base"
-            )
     for name in ("spacing", "gravity", "precision", "contact_band", "transfer", "f_bar"):
         values = {getattr(s, name) for s in scenes}
         if len(values) > 1:

@@ -29,13 +29,10 @@ TOPO_SETUP = (
 TOPO_FULL = (
     Variant(5.0, LEVELLED, drag="column"),
     Variant(5.0, LEVELLED, polygon=True, drag="column"),
-    Variant(5.0, LEVELLED, 25.0, drag="column"),
     Variant(5.0, LEVELLED, 40.0, drag="column"),
-    Variant(5.0, ONE_LEVEL, drag="column"),
     Variant(10.0, (2, 2, 24), drag="column"),
     Variant(5.0, LEVELLED, drag="base"),
-    Variant(5.0, LEVELLED, 40.0, drag="base"),
-    Variant(5.0, LEVELLED, 43.0, polygon=True, drag="base"),
+    Variant(5.0, LEVELLED, 43.0, drag="base"),
 )
 
 COULOMB_ONLY = ValidationCase(
