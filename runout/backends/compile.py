@@ -95,10 +95,12 @@ def _bind_law(
 def _bind_friction(
     law: FrictionLaw, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
 ) -> SimpleNamespace:
-    """``resistance`` of a law of basal friction, as it is and ``at_base``, and the ``impulse`` of a contact that follows it."""
-    functions: list[Any] = list(dict.fromkeys([*functions_of_law(law.resistance), law.at_base, law.impulse]))
+    """``resistance`` of a law of basal friction, as it is and ``at_base``, and ``impulse`` and ``column_drag`` of a contact."""
+    of_contact = law.limited, law.at_base, law.impulse, law.column_drag
+    functions: list[Any] = list(dict.fromkeys([*functions_of_law(law.resistance), *of_contact]))
     own = _bind_own(law, functions, names, compiled, compile_one)
-    return SimpleNamespace(resistance=own[law.resistance], at_base=own[law.at_base], impulse=own[law.impulse])
+    names = "resistance", "at_base", "impulse", "column_drag"
+    return SimpleNamespace(**{name: own[getattr(law, name)] for name in names})
 
 
 def _bind_own(

@@ -40,6 +40,8 @@ class BasalFriction:
     coefficients: ClassVar[tuple[str, ...]] = ()  # those of `numbers` that are friction coefficients [1], that at rest first
     uses_area: ClassVar[bool] = False  # whether `resistance` uses the ground area of a contact; backends compute it only then
 
+    drags_column: ClassVar[bool] = False  # whether drag slows the whole column above a contact, not its base
+
     def __post_init__(self) -> None:
         for p in parameters_of(type(self)):
             object.__setattr__(self, p.name, p.checked(getattr(self, p.name), ConfigError))

@@ -99,7 +99,7 @@ class ColumnResistance:
     def _values_of(self, record: np.void, mass: float, loads: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         """Stress [Pa] and drag [kg/m3] of the ground over the ``mass`` by area in plan [kg/m2], (2, loads, speeds)."""
         basal = SimpleNamespace(**dict(zip(self.law.fields, record.tolist(), strict=True)))
-        area, resist = float(self.law.uses_area), self.law.at_base
+        area, resist = float(self.law.uses_area), self.law.limited
         found = [[resist(mass * STANDARD_GRAVITY * p, s, area, 1.0, basal) for s in speeds.tolist()] for p in loads.tolist()]
         return np.array(found).transpose(2, 0, 1) / mass
 

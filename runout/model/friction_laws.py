@@ -49,6 +49,11 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
         """Whether its resistance uses the ground area of a contact."""
         return self.friction.uses_area
 
+    @property
+    def drags_column(self) -> bool:
+        """Whether its drag slows the whole column above a contact."""
+        return self.friction.drags_column
+
     @cached_property
     def drags(self) -> bool:
         """Whether its resistance has a part that grows with the square of the speed."""
@@ -66,16 +71,26 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
         return tuple(self.friction.acting(self.example.numbers(), MassAbove(1.0, 1.0, 1.0)))
 
     @cached_property
-    def at_base(self) -> FunctionType:
-        """``resistance`` as contact takes it: limited to what the mass passes on, unless the record holds no strength."""
+    def limited(self) -> FunctionType:
+        """``resistance``, limited to what the mass passes on, unless the record holds no strength."""
         if STRENGTH not in self.fields:
             return self.resistance
         return calling(contact.limited_resistance, law_resistance=self.resistance)
 
     @cached_property
+    def at_base(self) -> FunctionType:
+        """:attr:`limited` as contact takes it: without drag where that acts on the column."""
+        return calling(contact.steady_resistance, law_resistance=self.limited) if self.drags_column else self.limited
+
+    @cached_property
     def impulse(self) -> FunctionType:
         """:func:`runout.physics.contact.impulse` with the resistance of this law, in plain Python."""
         return calling(contact.impulse, law_resistance=self.at_base)  # type: ignore[arg-type]
+
+    @cached_property
+    def column_drag(self) -> FunctionType:
+        """:func:`runout.physics.contact.column_drag` with the resistance of this law, in plain Python."""
+        return calling(contact.column_drag, law_resistance=self.resistance)
 
 
 FRICTIONS: Registry[FrictionLaw] = Registry("friction law", PACKAGE, "runout.friction", ConfigError)

@@ -72,6 +72,12 @@ def limited_resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
     return min(steady, basal.strength * normal), drag
 
 
+def steady_resistance(normal: Any, slip: Any, area: Any, dt: Any, basal: Any):
+    """:func:`law_resistance` without its drag, which acts on the column instead."""
+    steady, _ = law_resistance(normal, slip, area, dt, basal)
+    return steady, real(0.0)
+
+
 def slip_after(free: Any, resistance: Any):
     """Speed [m/s] that drag leaves: the root s >= 0 of s + resistance s^2 = free; ``resistance`` [s/m], both >= 0.
 
@@ -150,6 +156,40 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
             left = slip_after(compliance * (along - steady), compliance * drag * dt)
             s = (steady + drag * dt * left * left) / along
     return vec(normal * n[0] + s * tx, normal * n[1] + s * ty, normal * n[2] + s * tz)
+
+
+def column_drag(push: Any, u: Any, n: Any, area: Any, dt: Any, basal: Any):
+    """Drag [kg/m] by which a contact with the impulse ``push`` [N s] slows the columns of nodes around it; 0 without pressure.
+
+    ``u`` is the velocity of the particle, as for :func:`impulse`.
+    """
+    normal = dot(push, n)
+    if normal <= real(0.0):
+        return real(0.0)
+    un = dot(u, n)
+    slip = math.sqrt(max(real(0.0), dot(u, u) - un * un))
+    _, drag = law_resistance(normal, slip, area, dt, basal)
+    return drag
+
+
+def column_slowing(mass: Any, momentum: Any, drag: Any, dt: Any):
+    """Change of velocity [m/s] of a column as a whole in a step, by the ``drag`` [kg/m] of all contacts below it.
+
+    All of its ``mass`` [kg] is slowed alike, as depth-averaged models mean it: no shear has to pass through the mass. Implicit
+    (:func:`slip_after`): the change is -(drag dt / mass) s^2 along the mean velocity, where s is the speed that is left.
+    """
+    speed = math.sqrt(dot(momentum, momentum)) / mass
+    if speed <= real(0.0) or drag <= real(0.0):
+        return vec(real(0.0), real(0.0), real(0.0))
+    k = drag * dt / mass
+    left = slip_after(speed, k)
+    factor = -(k * left) * left / (speed * mass)
+    return vec(factor * momentum[0], factor * momentum[1], factor * momentum[2])
+
+
+def column_work(mass: Any, momentum: Any, change: Any):
+    """Work [J] of a ``change`` of the velocity of a column: the change of its kinetic energy."""
+    return dot(momentum, change) + real(0.5) * mass * dot(change, change)
 
 
 def zone_friction(friction: Any, factor: Any, own: Any):

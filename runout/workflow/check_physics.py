@@ -52,7 +52,7 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
         return
     for base, release in zip(bases_of(site, releases), releases, strict=True):
         yield from _stronger_ground(base, zones)
-        if site.friction.law.drags:
+        if site.friction.law.drags and not site.friction.law.drags_column:
             yield from _sheared_by_drag(base, release, zones)
 
 

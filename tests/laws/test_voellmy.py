@@ -11,7 +11,7 @@ from callers import plain, through_numba, through_warp
 from parity_cases import law_cases
 from scenes import ROCK, SAND, box, engine_of, plane, scene
 
-from runout import DruckerPrager, Voellmy
+from runout import DruckerPrager, Voellmy, VoellmyColumn
 from runout.backends.plan_areas import contact_areas
 from runout.backends.protocol import get_backend
 from runout.backends.reference import backend
@@ -24,6 +24,9 @@ FULL = Voellmy(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, fore
 SHORT, SLOPE = Voellmy(mu=0.2, xi=200.0), math.radians(25.0)
 STIFF = DruckerPrager(density=2000.0, youngs_modulus=4e6, poisson_ratio=0.0, friction_angle=50.0, cohesion=1e6)
 FIRM = DruckerPrager(density=200.0, youngs_modulus=1e6, poisson_ratio=0.3, friction_angle=50.0, cohesion=5e3)
+COLUMN = VoellmyColumn(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, forest_drag=0.01)
+WEAK_SNOW = DruckerPrager(density=200.0, youngs_modulus=1e6, poisson_ratio=0.3, friction_angle=30.0)
+VOELLMY_COLUMN_LAYER = Layer(VoellmyColumn(mu=0.2, xi=1000.0), slope_deg=34.0, material=WEAK_SNOW)
 LAYERS = pytest.mark.parametrize("name", ["reference", "scan"])
 
 
@@ -32,6 +35,19 @@ def test_layer_gains_the_speed_of_the_closed_form(name):
     for layer in (Layer(VOELLMY, cells=1), Layer(VOELLMY, cells=2), Layer(replace(VOELLMY, forest_drag=0.01))):
         for time, speed in zip((2.0, 5.0), layer.speeds((2.0, 5.0), name), strict=True):
             assert speed == pytest.approx(voellmy_speed(time, layer), rel=3e-3)
+
+
+def test_drag_over_the_column_needs_no_strength_of_the_mass():
+    """Mass of 30 deg on 34 deg cannot pass the drag on to its base: with drag at the base it is 10 % too fast after 15 s."""
+    weak = replace(VOELLMY_COLUMN_LAYER, friction=Voellmy(mu=0.2, xi=1000.0))
+    for time, speed in zip((5.0, 15.0), VOELLMY_COLUMN_LAYER.speeds((5.0, 15.0)), strict=True):
+        assert speed == pytest.approx(voellmy_speed(time, VOELLMY_COLUMN_LAYER), rel=3e-3)
+    assert weak.speeds((15.0,))[0] > 1.05 * voellmy_speed(15.0, weak)
+
+
+def test_reference_slows_columns_as_the_closed_form_says():
+    speed = VOELLMY_COLUMN_LAYER.speeds((2.0,), "reference")[0]
+    assert speed == pytest.approx(voellmy_speed(2.0, VOELLMY_COLUMN_LAYER), rel=3e-3)
 
 
 @LAYERS
@@ -143,19 +159,20 @@ def areas_of(a_scene, p):
     return found
 
 
-@pytest.mark.parametrize("name", ["scan", "hash"])
-def test_backends_move_a_spreading_mass_alike(name):
-    expected, book = moved(engine_of("reference"))
-    found, other = moved(engine_of(name))
+@pytest.mark.parametrize(("name", "law"), [("scan", FULL), ("hash", FULL), ("scan", COLUMN), ("hash", COLUMN)])
+def test_backends_move_a_spreading_mass_alike(name, law):
+    expected, book = moved(engine_of("reference"), law=law)
+    found, other = moved(engine_of(name), law=law)
     order = np.argsort(found.identity)
     np.testing.assert_allclose(found.velocity[order], expected.velocity, atol=1e-9 * np.abs(expected.velocity).max())
     assert other.basal_dissipation == pytest.approx(book.basal_dissipation, rel=1e-10)
+    np.testing.assert_allclose(other.basal_impulse, book.basal_impulse, rtol=1e-9)
 
 
-def moved(engine, precision="float64"):
+def moved(engine, precision="float64", law=FULL):
     """Particles and ledger of a slab that slides and spreads over a plane across the grid."""
     choices = {"strength": (0.5,), "precision": precision}
-    a_scene = scene(plane(-0.4, 0.1, 30.0), materials=(SAND,), friction=(FULL,), **choices)
+    a_scene = scene(plane(-0.4, 0.1, 30.0), materials=(SAND,), friction=(law,), **choices)
     p = box((8.0, 36.0, 0.0), (9.0, 6.0, 2.0), (1.0, 1.0, 1.0), SAND.density, surface=a_scene.surface)
     p.velocity[:] = 3.0, 0.0, -1.2
     engine.load(a_scene, p)
@@ -164,10 +181,11 @@ def moved(engine, precision="float64"):
     return engine.particles(), engine.ledger()
 
 
-def test_bits_do_not_depend_on_the_number_of_threads():
+@pytest.mark.parametrize("law", [FULL, COLUMN])
+def test_bits_do_not_depend_on_the_number_of_threads(law):
     one, two = (get_backend("scan", threads=threads) for threads in (1, 2))
     two.workers.divide = lambda particles: setattr(two.workers, "threads", 2)  # however few the particles are
-    (a, _), (b, _) = moved(one, "float32"), moved(two, "float32")
+    (a, _), (b, _) = moved(one, "float32", law), moved(two, "float32", law)
     assert two.threads == 2
     np.testing.assert_array_equal(a.velocity, b.velocity)
 
@@ -182,6 +200,18 @@ def test_run_goes_on_from_a_checkpoint_bit_by_bit(name):
         for _ in range(5):
             each.step(5e-3)
     np.testing.assert_array_equal(engine.particles().velocity, other.particles().velocity)
+
+
+def test_column_loses_what_the_drag_books():
+    formulas = FRICTIONS.find("voellmy_column").column_drag.__globals__
+    mass, momentum, drag, dt = 3.0, (4.0, -2.0, 1.0), 0.7, 0.5
+    change = np.array(formulas["column_slowing"](mass, momentum, drag, dt))
+    before, after = np.array(momentum) / mass, np.array(momentum) / mass + change
+    left = np.linalg.norm(after)
+    assert left + drag * dt / mass * left**2 == pytest.approx(np.linalg.norm(before), rel=1e-12)  # implicit, and along the motion
+    np.testing.assert_allclose(np.cross(before, after), 0.0, atol=1e-12)
+    work = formulas["column_work"](mass, momentum, tuple(change))
+    assert work == pytest.approx(0.5 * mass * (after @ after - before @ before), rel=1e-12)
 
 
 @pytest.mark.parametrize("compiled", [through_numba, through_warp])

@@ -29,6 +29,7 @@ from runout.backends.hash.groups import (
 from runout.backends.hash.layout import (
     AREAS,
     CELL_LANES,
+    DRAGS_COLUMN,
     HALT,
     MASS,
     MOMENTUM,
@@ -58,7 +59,7 @@ from runout.backends.hash.layout import (
 from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_bases, _set_near_bases
 from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
-from runout.physics.contact import fastest_start, impulse, started_time, work
+from runout.physics.contact import column_drag, fastest_start, impulse, started_time, work
 from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.tensors import real, tens, vec
 
@@ -148,6 +149,8 @@ def _push(
     if AREAS:
         area = _area(blocks, contacts, b, c, f, n[2], constants.h)
     push = impulse(u, n, gap, compliance, basal, dt, given, area)
+    if DRAGS_COLUMN:
+        contacts.drags[p] = column_drag(push, u, n, area, dt, basal)
     m = particles.rec[MASS, p]
     before = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
     return node4(work(push, given, before, u, compliance), push[0], push[1], push[2])

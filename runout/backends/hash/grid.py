@@ -56,7 +56,7 @@ class NodeArrays:
 
     def __init__(
         self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False, areas: bool = False,
-        structured: bool = False,
+        structured: bool = False, dragged: bool = False,
     ):  # fmt: skip
         capacity, particles, ordered = index.capacity, store.size, index.ordered
         self.number, self.kept, self.averaged, self.generation, self.slots, self.places = number, kept, averaged, 0, -1, -1
@@ -72,6 +72,9 @@ class NodeArrays:
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)
         self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
         self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(16 * capacity * areas, dtype=number)
+        self.drags = wp.zeros(particles * dragged, dtype=number)
+        self.block_drags = wp.zeros(36 * capacity * dragged, dtype=number)
+        self.column_book = wp.zeros(16 * capacity * dragged, dtype=self.vec4)
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
         self.near = wp.full(capacity, -1, dtype=wp.int32)
         self.ground_slopes = wp.zeros(capacity, dtype=self.vec4)

@@ -9,6 +9,7 @@ import warp as wp
 from runout.backends.compile import law_record, warp_binding, warp_kernels
 from runout.backends.hash import cells as cell_lists
 from runout.backends.hash import (
+    column_drag,
     contact_area,
     contact_detection,
     contact_solution,
@@ -76,7 +77,8 @@ def _common_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
     """What names in all kernels stand for: types, functions in CUDA, and contact with a law of friction."""
     real = _number(precision)
     names: dict[str, Any] = {"Frictions": wp.array(dtype=law_record(friction, real)), "AREAS": friction.uses_area}
-    names |= {"impulse": _physics(real).friction(friction).impulse}
+    of_contact = _physics(real).friction(friction)
+    names |= {"impulse": of_contact.impulse, "column_drag": of_contact.column_drag, "DRAGS_COLUMN": friction.drags_column}
     return names | argument_types(real) | _local_types(real) | natives.of(precision)
 
 
@@ -133,8 +135,8 @@ def compiled_kernels(
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
     kernels = _bound(
-        law, friction, precision, (stencil, index, cell_lists, zones, contact_area, contact_solution, contact_detection,
-        particles_to_grid, deform, grid_to_particles, ground, observe, unknown),
+        law, friction, precision, (stencil, index, cell_lists, zones, contact_area, column_drag, contact_solution,
+        contact_detection, particles_to_grid, deform, grid_to_particles, ground, observe, unknown),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         ORDERED=ordered, ZONED=zoned,
     )  # fmt: skip

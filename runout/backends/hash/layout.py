@@ -53,6 +53,7 @@ put_node: Any = None  # puts four others in their place, by one store
 
 ORDERED = False  # sums in fixed order; the binding decides
 ZONED = False  # friction zones on the ground; the binding decides
+DRAGS_COLUMN = False  # drag slows whole columns of nodes; the binding decides
 AREAS = False  # the law of friction uses the ground area of a contact; the binding decides
 GRADIENT_TRANSFER = False  # transfer apic or aflip, or F-bar; the binding decides
 COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by their negation

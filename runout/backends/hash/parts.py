@@ -36,10 +36,15 @@ class Parts:
         """Whether the law of friction uses the ground area of a contact."""
         return self.scenes.scenes[0].basal.law.uses_area
 
+    @property
+    def drags_column(self) -> bool:
+        """Whether drag slows whole columns of nodes."""
+        return self.scenes.scenes[0].basal.law.drags_column
+
     def make_nodes(self) -> None:
         """New arrays by block for the present index."""
         scenes = self.scenes.scenes
-        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area, self.structures is not None
+        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area, self.structures is not None, self.drags_column
         self.nodes = NodeArrays(self.index, self.store, self.scenes.number, *choices)
         if self.structures:
             self.structures.make_nodes(self.index, self.store, self.nodes)

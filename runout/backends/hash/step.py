@@ -8,6 +8,7 @@ Every launch reads on the device how much there is to do, so the host does not w
 from __future__ import annotations
 
 from runout.backends.hash import gradient_transfer
+from runout.backends.hash.column_drag import PLAN
 from runout.backends.hash.contact_area import COLUMNS
 from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
@@ -47,8 +48,19 @@ def move_nodes(parts: Parts) -> None:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
             if parts.uses_area and round_ == 0:
                 run(k.sum_columns, i.capacity * COLUMNS, status, blocks, n.ground_group, n.contact_group)
+        if parts.drags_column:
+            slow_columns(parts)
     touch_structures(parts)
     run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)
+
+
+def slow_columns(parts: Parts) -> None:
+    """Drag on the columns of nodes."""
+    i, k, n, status = parts.index, parts.k, parts.nodes, parts.status.group
+    groups = i.block_group, n.grid_group, n.ground_group, n.contact_group
+    run(k.sum_drags, n.places * PLAN, status, parts.store.group, n.contact_group)
+    run(k.slow_columns, i.capacity * COLUMNS, status, *groups, parts.scenes.group)
+    run(k.book_columns, i.capacity, status, n.grid_group, n.contact_group)
 
 
 def touch_structures(parts: Parts) -> None:

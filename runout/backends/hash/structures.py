@@ -121,7 +121,8 @@ class Structures:
         self.contact = wp.zeros(64 * slots, dtype=self.vec4)
         shares = wp.array(ptr=self.contact.ptr, dtype=self.number, shape=256 * slots, device=self.contact.device)
         none = {"tiles": (0, 36), "bounds": (0, 32), "slopes": 0, "columns": 0, "plan": 0, "approach_speeds": 0, "touched": (0, 2)}
-        kinds = {"tiles": self.number, "bounds": wp.float16, "slopes": self.vec4, "plan": self.number}
+        none |= {"drags": 0, "block_drags": 0, "column_book": 0}
+        kinds = {"tiles": self.number, "bounds": wp.float16, "slopes": self.vec4, "plan": self.number, "column_book": self.vec4}
         kinds |= {"approach_speeds": self.number}
         empty = {name: wp.zeros(shape, dtype=kinds.get(name, wp.int32)) for name, shape in none.items()}
         pressed, pressed_start = self.listed

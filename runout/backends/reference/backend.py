@@ -34,7 +34,8 @@ MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx,
 def compiled_loops(law: Law, friction: FrictionLaw) -> SimpleNamespace:
     """Loops over particles for two laws, float64, without fused operations: bitwise what plain Python gives."""
     binding = numba_binding(np.float64, False)
-    return binding.kernels(loops_source, law_step=binding.law(law).step, impulse=binding.friction(friction).impulse)
+    contact = binding.friction(friction)
+    return binding.kernels(loops_source, law_step=binding.law(law).step, impulse=contact.impulse, column_drag=contact.column_drag)
 
 
 def create(threads: int | None = None) -> "ReferenceBackend":
@@ -190,6 +191,20 @@ class ReferenceBackend:
         self._p.ground_force[:], self._p.ground_force[chosen] = 0.0, impulses / dt
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)
+        if self.scene.basal.law.drags_column:
+            drags = np.zeros(len(chosen))
+            self.loops.take_drags(u, normal[chosen], impulses, basal, area, dt, drags)
+            self._slow_columns(mass, velocity, stencils.scatter(drags[:, None], chosen), dt, stencils.height)
+
+    def _slow_columns(self, mass: np.ndarray, velocity: np.ndarray, drag: np.ndarray, dt: float, height: int) -> None:
+        """Change nodal velocities (nodes, 3) [m/s] by the ``drag`` (nodes, 1) [kg/m] on columns of ``height`` nodes as a whole."""
+        total, drags = (a.reshape(-1, height).sum(axis=1) for a in (mass, drag))
+        momentum = (mass * velocity).reshape(-1, height, 3).sum(axis=1)
+        change, work = np.zeros(momentum.shape), np.zeros(len(total))
+        self.loops.slow_columns(total, momentum, drags, dt, change, work)
+        velocity += np.repeat(change, height, axis=0)
+        self._basal -= float(work.sum())
+        self._basal_impulse += total @ change
 
     def _slips(self, stencils: Stencils, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the nodes have not seen of velocities (n, 3) [m/s] and affine matrices (n, 3, 3) [1/s]."""

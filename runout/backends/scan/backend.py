@@ -22,6 +22,7 @@ import numpy as np
 from runout.backends.loading import surveyed
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
+from runout.backends.scan.column_drag import node_columns_of
 from runout.backends.scan.constants import Tables
 from runout.backends.scan.contact_area import columns_of
 from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
@@ -147,6 +148,8 @@ class ScanBackend:
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
         if self.scene.basal.law.uses_area:
             w.columns = columns_of(b, self.scene.dtype)
+        if self.scene.basal.law.drags_column:
+            w.node_columns = node_columns_of(b)
         if self.structures:
             self.structures.find_near(b, t.constants)
         if ground is not None:
@@ -233,12 +236,21 @@ class ScanBackend:
         if self.workspace.columns:
             self._take_areas()
         grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))
+        if self.workspace.node_columns:
+            self._slow_columns()
 
     def _take_areas(self) -> None:
         """Ground area of each contact."""
         contacts, columns, size = self.workspace.contacts, self.workspace.columns, self.scene.spacing
         self.k.sum_columns(contacts, columns)
         self.k.take_areas(self.index.blocks, contacts, columns, self.scene.dtype(size[0] * size[1]))
+
+    def _slow_columns(self) -> None:
+        """Drag on the columns of nodes."""
+        w, total = self.workspace, np.zeros(4)
+        self.k.slow_columns(self.index.blocks, w.arenas.reached, w.grid, w.node_columns, self.tables.step.dt, total)
+        self.totals.basal_dissipation -= float(total[0])
+        self.totals.basal_impulse += total[1:]
 
     def _to_particles(self, dt: float) -> None:
         b, w, t = self.index.blocks, self.workspace, self.tables

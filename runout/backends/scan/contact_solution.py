@@ -5,8 +5,10 @@ The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`,
 they get the differences from these.
 
     grid.nodes --gather--> felt[r]     compliance | velocity
-    felt, measured, given --impulse--> felt[r]     0 | change of the impulse        given[r]    work | impulse
-    felt --scatter--> arenas.values[lent[b]]    0 | change of the impulse  --sum, times inverse mass--> grid.nodes
+    felt, measured, given --impulse--> felt[r]     drag | change of the impulse     given[r]    work | impulse
+    felt --scatter--> arenas.values[lent[b]]    drag | change of the impulse  --sum, times inverse mass--> grid.nodes
+
+The drag is 0 unless it slows whole columns.
 
 Contacts are solved in tiles of 16 rows: column q of a tile is row 16 g + q, so that one vector holds one number of 16 contacts.
 """
@@ -38,10 +40,11 @@ from runout.backends.scan.stencil import (
     second_group,
     weights_of_z,
 )
-from runout.physics.contact import impulse, work
+from runout.physics.contact import column_drag, impulse, work
 from runout.physics.tensors import real, vec
 
-ONE_NUMBER = True  # whether a contact holds the friction itself, not the row of a record; the binding decides, and these two
+ONE_NUMBER = True  # whether a contact holds the friction itself, not the row of a record; the binding decides, and these three
+DRAGS_COLUMN = False  # whether drag slows whole columns (column_drag.py); the binding decides
 record = None  # makes a record of the numbers of a law of friction
 local_columns = local_array((4, 16))
 load_felt, store_felt = record_vectors(4)
@@ -79,15 +82,18 @@ def _basal(number, table):
 
 
 def _push(t, begun, measured, table, g, dt):
-    """Replace what 16 contacts feel by the changes of their impulses, and area and impulses ``begun`` by work and impulse."""
+    """Replace what 16 contacts feel by drag and change of the impulse, and area and impulses ``begun`` by work and impulse."""
     for q in range(np.uint64(16)):
         compliance = t[0, q]
         u = vec(t[1, q], t[2, q], t[3, q])
         normal = vec(measured[g, NORMAL, q], measured[g, NORMAL + 1, q], measured[g, NORMAL + 2, q])
         before = vec(measured[g, BEFORE, q], measured[g, BEFORE + 1, q], measured[g, BEFORE + 2, q])
         given = vec(begun[1, q], begun[2, q], begun[3, q])
-        push = impulse(u, normal, measured[g, GAP, q], compliance, _basal(measured[g, FRICTION, q], table), dt, given, begun[0, q])
+        basal = _basal(measured[g, FRICTION, q], table)
+        push = impulse(u, normal, measured[g, GAP, q], compliance, basal, dt, given, begun[0, q])
         t[0, q] = real(0.0)
+        if DRAGS_COLUMN:
+            t[0, q] = column_drag(push, u, normal, begun[0, q], dt, basal)
         t[1, q] = push[0] - given[0]
         t[2, q] = push[1] - given[1]
         t[3, q] = push[2] - given[2]

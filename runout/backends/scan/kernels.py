@@ -7,6 +7,7 @@ from typing import Any
 from runout.backends.compile import PHYSICS, NumbaBinding, numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.scan import (
+    column_drag,
     contact_area,
     contact_detection,
     contact_solution,
@@ -47,6 +48,7 @@ COMMON = (
     particles_to_grid,
     contact_detection,
     contact_area,
+    column_drag,
     slots,
     sort,
     observe,
@@ -125,7 +127,13 @@ def _bound(scene: Scene) -> SimpleNamespace:
     binding = numba_binding(scene.dtype)
     common = binding.kernels(*COMMON, sources=(*LANES, domain, tile, grid_to_particles))
     law, friction = binding.law(scene.law), binding.friction(scene.basal.law)
-    of_contact = {"impulse": friction.impulse, "record": friction.record, "ONE_NUMBER": len(scene.basal.law.fields) == 1}
+    of_contact = {
+        "impulse": friction.impulse,
+        "column_drag": friction.column_drag,
+        "record": friction.record,
+        "ONE_NUMBER": len(scene.basal.law.fields) == 1,
+        "DRAGS_COLUMN": scene.basal.law.drags_column,
+    }
     solution = binding.kernels(*CONTACT, sources=LANES, **of_contact).solve_contacts
     names = {
         "law_update": law.step,

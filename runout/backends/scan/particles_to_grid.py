@@ -255,7 +255,7 @@ def _update_block_over_ground(arenas, contacts, grid, down, b, dv):
 
 
 def _push_block(arenas, number, pressed, down, b, grid, inverse):
-    """Add the impulses to the velocities of the nodes of a block that contacts reach."""
+    """Add the impulses to the velocities of the nodes of a block that contacts reach; their first number becomes the drag."""
     place = local_places(down)
     _find_arenas(place, arenas, number, pressed, down, b)
     for i in range(4):
@@ -263,7 +263,7 @@ def _push_block(arenas, number, pressed, down, b, grid, inverse):
             o = b * 256 + (i * 4 + j) * 16
             push = _sum_filled(arenas, place, i, j, zeros(arenas), _row_of_arena)
             one_over = load4(inverse, b * 64 + (i * 4 + j) * 4)
-            store(grid, o, velocity_after(load16(grid, o), push, in_all_four(one_over)))
+            store(grid, o, heads_and_tails(push, velocity_after(load16(grid, o), push, in_all_four(one_over))))
 
 
 def _strip_of(owner):

@@ -4,7 +4,7 @@ The groups of arrays are those of :mod:`runout.backends.scan.groups`.
 
     arenas, contacts, ground, moves, sleep    by owner block
     grid                                      by node block
-    columns                                   by block column, where the law of friction uses ground areas
+    columns, node_columns                     by block column, where the law of friction uses ground areas, and drag slows columns
     sums[b], total                            sums over the particles of block b, and over all blocks
 """
 
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends.scan.column_drag import NodeColumns
 from runout.backends.scan.contact_area import Columns
 from runout.backends.scan.domain import blocks_at_edge
 from runout.backends.scan.groups import Arenas, Blocks, Contacts, Domain, Grid, Ground, Moves, Sleep
@@ -37,6 +38,7 @@ class Workspace:
     sums, total : (nown, 7), (7,)
         What :mod:`runout.backends.scan.observe` adds up, by block and in all.
     columns : Columns, optional
+    node_columns : NodeColumns, optional
     """
 
     schedule: Schedule
@@ -49,6 +51,7 @@ class Workspace:
     sums: np.ndarray
     total: np.ndarray
     columns: Columns | None = None
+    node_columns: NodeColumns | None = None
 
     @classmethod
     def of(
@@ -108,7 +111,7 @@ class Workspace:
     def memory(self, blocks: Blocks) -> dict[str, int]:
         """Bytes by array, with those of the index."""
         parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep]
-        parts += [self.columns] if self.columns else []
+        parts += [columns for columns in (self.columns, self.node_columns) if columns]
         rest = {"sums": self.sums, "total": self.total, **vars(self.schedule)}
         return bytes_of(blocks, *parts, **rest)
 

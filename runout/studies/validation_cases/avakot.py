@@ -23,6 +23,7 @@ from runout.studies.validation_cases.rasters import thalweg_of
 SOURCE = "github.com/OpenNHM/AvaFrame, folder avaframe/data/avaKot"
 OTHER = Path(__file__).with_name("avakot_com1dfa.json")
 DENSITY, RELEASED = 200.0, 1.0  # [kg/m3], thickness normal to the slope [m]
+FRICTION_ANGLE = 30.0  # internal [deg]
 LEVELS = (2, 2, 14)  # particles per cell: four levels through the slab with cells of 5 m
 MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the area
 
@@ -30,7 +31,7 @@ MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the a
 def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
     """Friction law by its name in AvaFrame; ``slope`` [rad] of the track."""
     if law == "Voellmy":
-        return voellmy(parameters["mu"], parameters["xi"])
+        return voellmy(parameters["mu"], parameters["xi"], "column")
     from runout.studies.validation_cases.samosat import SamosAt
 
     named = {"fluidization": "R_s0", "kappa": "kappa", "offset": "B", "roughness": "R"}
@@ -50,7 +51,7 @@ def measure(full: bool) -> dict[str, Any]:
     inside = float(slope[release.thickness > 0].mean())
     runs = []
     for law, cell_size in chosen:
-        snow = runout.DruckerPrager(density=DENSITY, friction_angle=43.0)
+        snow = runout.DruckerPrager(density=DENSITY, friction_angle=FRICTION_ANGLE)
         choices = {"basal_friction": friction(law, others[law]["parameters"], inside), "cell_size": cell_size}
         particles = LEVELS if cell_size == 5.0 else (2, 2, 28)
         started = time.process_time()

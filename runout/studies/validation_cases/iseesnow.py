@@ -43,12 +43,13 @@ PeakMaps = tuple[np.ndarray, np.ndarray]  # peak thickness normal to the slope [
 
 @dataclass(frozen=True)
 class Variant:
-    """One run: cells [m], particles per cell, internal friction angle [deg], and whether the release is the polygon."""
+    """One run: cells [m], particles per cell, internal friction angle [deg], release by polygon, drag at base or column."""
 
     cell_size: float | tuple[float, float, float]
     particles_per_cell: tuple[int, int, int] | None = None
     friction_angle: float = 30.0
     polygon: bool = False
+    drag: str = ""
 
     @property
     def snow(self) -> runout.DruckerPrager:
@@ -62,7 +63,8 @@ class Variant:
         words = [" x ".join(f"{c:g}" for c in cells) + " m"]
         if self.particles_per_cell:
             words.append(" x ".join(map(str, self.particles_per_cell)) + " particles")
-        return ", ".join([*words, f"{self.friction_angle:g} deg", "polygon" if self.polygon else "raster"])
+        words += [f"{self.friction_angle:g} deg", "polygon" if self.polygon else "raster"]
+        return ", ".join([*words, f"drag: {self.drag}"] if self.drag else words)
 
 
 @dataclass(frozen=True)
@@ -81,12 +83,11 @@ class Inputs:
         """Slope of the ground (rows, columns) [rad]."""
         return terrain_slope(self.terrain.elevation, self.terrain.cell_size)
 
-    @property
-    def friction(self) -> dict[str, Any]:
-        """Choices of :func:`runout.simulate`."""
+    def friction(self, drag: str) -> dict[str, Any]:
+        """Choices of :func:`runout.simulate`, with ``drag`` of the base or the column."""
         if self.xi is None:
             return {"basal_friction_angle": math.degrees(math.atan(self.mu))}
-        return {"basal_friction": voellmy(self.mu, self.xi)}
+        return {"basal_friction": voellmy(self.mu, self.xi, drag)}
 
     def release(self, polygon: bool) -> runout.Release:
         """The slab: the raster of the case, or its polygon with the mean of the vertical thickness."""
@@ -100,7 +101,7 @@ class Inputs:
 
     def simulated(self, variant: Variant, end_time: float = END) -> runout.Result:
         """The run of a variant on one thread."""
-        choices = {"cell_size": variant.cell_size, "particles_per_cell": variant.particles_per_cell, **self.friction}
+        choices = {"cell_size": variant.cell_size, "particles_per_cell": variant.particles_per_cell, **self.friction(variant.drag)}
         return runout.simulate(self.terrain, self.release(variant.polygon), variant.snow, **choices, end_time=end_time, threads=1)
 
     def peak_maps(self, result: runout.Result) -> PeakMaps:
@@ -109,9 +110,9 @@ class Inputs:
         return slope_normal_thickness(vertical, np.nan_to_num(self.slope)), speed
 
 
-def voellmy(mu: float, xi: float) -> BasalFriction:
-    """The law Voellmy with its coefficients mu [1] and xi [m/s2]."""
-    law: Any = FRICTIONS.find("voellmy").friction
+def voellmy(mu: float, xi: float, drag: str) -> BasalFriction:
+    """The law Voellmy with its coefficients mu [1] and xi [m/s2], and ``drag`` of the base or the column."""
+    law: Any = FRICTIONS.find("voellmy_column" if drag == "column" else "voellmy").friction
     return law(mu=mu, xi=xi)  # type: ignore[no-any-return]
 
 

@@ -27,13 +27,12 @@ TOPO_SETUP = (
     "200 kg/m3, stiffness by default. Release: the raster of the case, or its polygon with the same mean thickness."
 )
 TOPO_FULL = (
-    Variant(5.0, LEVELLED, 40.0),
-    Variant(5.0, LEVELLED, 40.0, polygon=True),
-    Variant(5.0, LEVELLED, 30.0),
-    Variant(5.0, LEVELLED, 50.0),
-    Variant(5.0, LEVELLED, 43.0, polygon=True),
-    Variant(5.0, ONE_LEVEL, 40.0),
-    Variant(10.0, (2, 2, 24), 40.0),
+    Variant(5.0, LEVELLED, drag="column"),
+    Variant(5.0, LEVELLED, polygon=True, drag="column"),
+    Variant(5.0, LEVELLED, 40.0, drag="column"),
+    Variant(10.0, (2, 2, 24), drag="column"),
+    Variant(5.0, LEVELLED, drag="base"),
+    Variant(5.0, LEVELLED, 43.0, drag="base"),
 )
 
 COULOMB_ONLY = ValidationCase(
@@ -45,6 +44,6 @@ COULOMB_ONLY = ValidationCase(
 IDEALIZED_TOPO = ValidationCase(
     "idealized_topo",
     "ISeeSnow IdealizedTopo: a slab with Voellmy friction beside 12 tools",
-    lambda full: measure("IdealizedTopo", TOPO_FULL if full else (Variant(10.0, (2, 2, 24), 40.0),)),
+    lambda full: measure("IdealizedTopo", TOPO_FULL if full else (Variant(10.0, (2, 2, 24), drag="column"),)),
     lambda record: page(record, TOPO_SETUP, TOPO_DIFFERENCES),
 )

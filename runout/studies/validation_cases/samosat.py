@@ -23,6 +23,7 @@ class SamosAt(BasalFriction):
     law: ClassVar[str] = "samosat"
     coefficients: ClassVar[tuple[str, ...]] = ("mu",)
     uses_area: ClassVar[bool] = True
+    drags_column: ClassVar[bool] = True  # as com1DFA means it
     mu: float = parameter("Coulomb friction coefficient", low=0, high=2, typical=0.155)
     fluidization: float = parameter("fluidization factor R_s0", low=0, high=10, default=0.222)
     kappa: float = parameter("constant of the logarithmic profile", low=0.01, high=1, default=0.43)
