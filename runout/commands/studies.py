@@ -30,6 +30,7 @@ def bench(
     session: Injected,
 ) -> int:
     """Measure the cost of a step on this machine against size, threads, precision, depth and sparsity; or error against time."""
+    _require_one_benchmark(error, published, {"--json": json, "--figure": figure, "--against": against})
     if error:
         from runout.studies import error_against_time
 
@@ -45,6 +46,16 @@ def bench(
     choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision, against=against)
     work_precision.report(work_precision.run(choices, json, figure))
     return ExitCode.OK
+
+
+def _require_one_benchmark(error: bool, published: bool, files: dict[str, Path | None]) -> None:
+    """ConfigError if two benchmarks are chosen, or a file of another one is named."""
+    if error and published:
+        raise ConfigError("--error and --published: these are two benchmarks; choose one of them")
+    chosen = "--error" if error else "--published"
+    unused = [name for name, path in files.items() if path and (error or (published and name != "--json"))]
+    if unused:
+        raise ConfigError(f"{unused[0]}: {chosen} does not use it; remove it, or use --out")
 
 
 def verify(

@@ -53,9 +53,9 @@ class Choices:
 
     def __post_init__(self) -> None:
         if not self.threads or min(self.threads) < 1:
-            raise ConfigError(f"--threads is {self.threads}; give numbers from 1")
+            raise ConfigError(f"--threads is {' '.join(map(str, self.threads))}; give numbers from 1")
         if not self.precision or set(self.precision) - {"float32", "float64"}:
-            raise ConfigError(f"--precision is {self.precision}; choose float32, float64 or both")
+            raise ConfigError(f"--precision is {' '.join(self.precision)}; choose float32, float64 or both")
 
     @property
     def usable_threads(self) -> tuple[int, ...]:

@@ -88,6 +88,7 @@ def inspect(checked: "Path | Site") -> Findings:
 def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
     """Site with the terrain and the releases whose settings are valid, so that their files can be inspected as well."""
     from runout.config.document import read_document
+    from runout.config.friction import BLOCK
     from runout.config.read import site_file
     from runout.config.schema import ReleaseSettings, SiteSettings, TerrainSettings
     from runout.config.site import Site
@@ -100,14 +101,22 @@ def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":
         return None
     releases = enumerate(stated["release"] if "release" not in wrong else [])
     right = [values for i, values in releases if not any(key.startswith(f"release[{i}]") for key in wrong)]
+    terrain = TerrainSettings.model_validate(stated["terrain"])
+    if any(key.startswith("basal_friction") for key in wrong):  # the law decides what zones and rasters of friction mean
+        terrain = terrain.model_copy(update={"friction_zones": None, "friction_rasters": None})
     settings = SiteSettings.model_construct(
         structures=_readable_structures(stated.get("structures"), wrong),
-        terrain=TerrainSettings.model_validate(stated["terrain"]),
+        terrain=terrain,
+        basal_friction=BLOCK.validated(stated["basal_friction"]) if _is_right("basal_friction", stated, wrong) else None,
         release=[ReleaseSettings.model_validate(values) for values in right],
         observations=_readable_observations(stated.get("observations"), wrong),
         probes=_readable_probes(stated.get("probes"), wrong),
     )
     return Site(file.parent, file, file.parent.name, settings)
+
+
+def _is_right(section: str, stated: dict[str, Any], wrong: list[str]) -> bool:
+    return stated.get(section) is not None and not any(key.startswith(section) for key in wrong)
 
 
 def _readable_observations(stated: Any, wrong: list[str]) -> "ObservationSettings | None":
@@ -196,6 +205,7 @@ def _inspect_resolution(found: Findings, site: "Site") -> None:
     for release, material in zip(found.releases, found.stiffness[0].materials, strict=True):
         found.problems += _too_coarse(release, spacing)
         found.warnings += _too_thin(release, depth_resolution(release, material, site, grid))
+        found.warnings += _below_the_threshold(release, site.settings.simulation.arrival_threshold)
         found.warnings += _trapped(release, site)
 
 
@@ -261,6 +271,16 @@ def _too_thin(release: "Release", found: "DepthResolution") -> Iterator[str]:
             f"release {release.name}: {found.cells_through_depth:.1f} cells through its greatest thickness of {found.depth:.3g} m; "
             f"below {FEWEST_CELLS} numerical viscosity slows the flow ({found.numerical_viscosity:.2g} m2/s stop shear through the "
             f"depth in {found.shear_decay_time:.2g} s), cell_size <= {finer:.2g} m in the vertical avoids it"
+        )
+
+
+def _below_the_threshold(release: "Release", threshold: float) -> Iterator[str]:
+    """Warn if a mass is so thin that maps of speed, pressure and arrival stay empty."""
+    thickest = float(release.thickness.max())
+    if thickest <= threshold:
+        yield (
+            f"release {release.name}: its greatest thickness of {thickest:.3g} m is not above simulation.arrival_threshold of "
+            f"{threshold:g} m, so that speed, pressure and arrival count nowhere; arrival_threshold: {thickest / 10:.1g} avoids it"
         )
 
 

@@ -162,3 +162,9 @@ def test_a_colon_beside_a_number_stays_text(console):
 def test_no_thread_and_no_worker_are_refused_before_anything_runs(option, tmp_path, capsys):
     assert cli.main(["run", str(tmp_path), option, "0"]) == ExitCode.CONFIGURATION
     assert f"{option}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [("--published",), ("--json", "numbers.json"), ("--figure", "a.png"), ("--against", "old.py")])
+def test_a_benchmark_with_options_of_another_one_is_refused(options, capsys):
+    assert cli.main(["bench", "--error", *options]) == ExitCode.CONFIGURATION
+    assert options[0] in capsys.readouterr().err

@@ -113,6 +113,20 @@ def test_thin_and_soft_releases_are_warned_of(tmp_path):
     assert any("the weight of 8 m strains the release by 5.8 %" in warning for warning in found.warnings)
 
 
+def test_a_release_below_the_arrival_threshold_is_warned_of(tmp_path):
+    found = inspect(write_site(tmp_path / "ramp", SITE.replace("end_time: 20}", "end_time: 20, arrival_threshold: 8}")))
+    assert any("8 m is not above simulation.arrival_threshold of 8 m" in warning for warning in found.warnings)
+
+
+def test_rasters_of_friction_are_read_by_the_law_of_a_site_with_other_problems(tmp_path):
+    text = SITE.replace("basal_friction_angle_deg: 20", "basal_friction: {law: voellmy, mu: 0.2, xi: 1000}")
+    text = text.replace("basal_friction_angle_deg: {", "basal_mu: {").replace("low: 12, high: 22", "low: 0.1, high: 0.3")
+    text = text.replace("dem.tif\n", "dem.tif\n  friction_rasters: {xi: inputs/dem.tif}\n").replace("end_time", "end_tiem")
+    found = inspect(write_site(tmp_path / "ramp", text))
+    (wrong,) = [str(problem) for problem in found.problems if "end_time" not in str(problem)]
+    assert "xi is 0 at" in wrong  # elevations
+
+
 def test_a_run_over_its_budget_is_refused_with_both_numbers(tmp_path, capsys):
     folder = write_site(tmp_path / "ramp", SITE + "budget: {memory_gb: 0.001, hours: 10}\n")
     code, out = said(capsys, "check", folder)
