@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from runout.config.scaffold import RASTER_SUFFIXES
 from runout.model.terrain import Terrain
+from runout.terrain.read import SURFACES
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -33,7 +34,8 @@ class Place:
 
 def is_raster(path: Path) -> bool:
     """Whether a path names an elevation raster, by its suffix."""
-    return str(path).startswith("matplotlib:") or (path.suffix.lower() in RASTER_SUFFIXES and not path.is_dir())
+    known = (*RASTER_SUFFIXES, *SURFACES)  # reading says what a mesh needs
+    return str(path).startswith("matplotlib:") or (path.suffix.lower() in known and not path.is_dir())
 
 
 def read_place(path: Path, out: Path | None) -> Place:

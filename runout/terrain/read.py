@@ -22,6 +22,7 @@ from runout.model.terrain import Terrain
 from runout.terrain import prepare
 
 SAMPLE = "matplotlib:jacksboro_fault_dem"
+SURFACES = (".obj", ".ply", ".stl", ".glb", ".gltf")  # of meshes
 NETCDF_SUFFIXES = (".nc", ".nc4", ".cdf")
 
 
@@ -89,6 +90,9 @@ class _Source(Protocol):
 
 @contextmanager
 def _opened(text: str) -> Iterator[_Source]:
+    if text.lower().endswith(SURFACES):
+        remedy = "give a mesh as OBJ, PLY or STL in site.yaml: terrain.dem with terrain.resolution"
+        raise DemError(f"{text}: is a mesh, not a raster; {remedy}")
     if text.lower().endswith(NETCDF_SUFFIXES) and not _is_gdal_name(text):
         from runout.terrain.netcdf import open_elevation
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 LOGGER = logging.getLogger("runout.stills")
 SIZE = (960, 540)  # [pixel]
 CAPTION = "maximum over the whole run"
+ON_GROUND = "; flow on or under structures is drawn on the ground"
 REPEAT = "`runout report --force` tries again"
 
 
@@ -58,7 +59,8 @@ def member_stills(study: Study, valid: "pd.DataFrame", chosen: str) -> Stills:
 def common_look(longest: "FlowScene", scenes: "Sequence[FlowScene]") -> dict[str, Any]:
     """Look with the colour scale of all scenes and the direction that is the best for the longest runout."""
     top = max(scale_of(scene, "thickness").top for scene in scenes)
-    return {"caption": CAPTION, "size": SIZE, "top": top, "direction": best_direction(longest, SIZE[0] / SIZE[1])}
+    caption = CAPTION + (ON_GROUND if any(scene.meshes for scene in scenes) else "")
+    return {"caption": caption, "size": SIZE, "top": top, "direction": best_direction(longest, SIZE[0] / SIZE[1])}
 
 
 def draw(scene: "FlowScene", look: Mapping[str, Any]) -> tuple[bytes, str]:

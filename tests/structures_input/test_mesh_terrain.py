@@ -13,6 +13,8 @@ from ramp_site import SITE, write_site
 
 from runout.config.site import read_site
 from runout.errors import ConfigError, DemError
+from runout.model.terrain import Terrain
+from runout.slopes.place import read_place
 from runout.structures.overhangs import overhang_bodies
 from runout.terrain.mesh import read_mesh_terrain
 
@@ -105,3 +107,12 @@ def test_friction_of_overhangs_has_no_meaning_with_a_raster(tmp_path):
     site = write_site(tmp_path / "flat", SITE.replace("inputs/dem.tif", "inputs/dem.tif\n  overhang_friction_angle_deg: 35"))
     with pytest.raises(ConfigError, match=r"site.yaml:5: terrain.overhang_friction_angle_deg: has no meaning with a raster"):
         read_site(site)
+
+
+@pytest.mark.parametrize("name", ["cliff.obj", "cliff.glb"])
+def test_a_mesh_in_place_of_a_raster_says_where_meshes_are_given(tmp_path, name):
+    (tmp_path / name).write_bytes(b"")
+    with pytest.raises(DemError, match="is a mesh, not a raster; give a mesh as OBJ, PLY or STL in site"):
+        Terrain.from_raster(tmp_path / name)
+    with pytest.raises(DemError, match="is a mesh, not a raster"):
+        read_place(tmp_path / name, None)
