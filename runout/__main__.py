@@ -9,7 +9,9 @@ def main() -> int:
     """Exit code of the command of this process."""
     end_at_once()
     from runout.cli import main as command
+    from runout.without_dask import hide_dask
 
+    hide_dask()
     return command()
 
 

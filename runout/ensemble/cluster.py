@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from runout.errors import ClusterError, ConfigError
 from runout.interrupt import at_end
+from runout.without_dask import show_dask
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -89,6 +90,7 @@ class Cluster:
         ClusterError
             If a library is not installed, or no scheduler answers.
         """
+        show_dask()
         _require_library("distributed", "cluster")
         import distributed  # noqa: F401 - it sets up its loggers
 

@@ -20,6 +20,7 @@ from typing import Protocol
 from runout.ensemble.member import Member
 from runout.errors import DeviceError
 from runout.lifetime import children_allowed, end_with_parent, interrupts_kept
+from runout.without_dask import hide_dask
 
 TICK_SECONDS = 0.5  # [s] between two progress messages of a worker
 END_SECONDS = 10.0  # [s] that an idle worker has to end by itself
@@ -142,6 +143,7 @@ def start_worker(number: int, task: Task, device: str | None) -> Worker:
 def _work(pipe: Connection, task: Task, device: str | None, parent: int) -> None:
     """Main function of a worker process: compute groups of members until none are left."""
     end_with_parent(parent)
+    hide_dask()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("runout", "py.warnings"):  # the parent process has already logged messages on the inputs
         logging.getLogger(name).addHandler(logging.NullHandler())

@@ -14,6 +14,8 @@ from importlib.metadata import EntryPoint, entry_points
 from inspect import isclass
 from typing import Any, Generic, TypeVar
 
+from runout.without_dask import show_dask
+
 Entry = TypeVar("Entry")
 
 
@@ -95,6 +97,7 @@ class Registry(Generic[Entry]):
             raise self.error(f"{name!r} is no {self.kind}; choose one of {', '.join(self.names())}")
         if len(found) > 1:
             raise self.error(f"{self.kind} {name}: {' and '.join(map(_origin, found))} both have one; uninstall one of them")
+        show_dask()  # its package may need it
         try:
             found[0].load()
         except Exception as error:
