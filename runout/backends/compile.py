@@ -99,8 +99,8 @@ def _bind_friction(
     of_contact = law.limited, law.at_base, law.impulse, law.column_drag
     functions: list[Any] = list(dict.fromkeys([*functions_of_law(law.resistance), *of_contact]))
     own = _bind_own(law, functions, names, compiled, compile_one)
-    names = "resistance", "at_base", "impulse", "column_drag"
-    return SimpleNamespace(**{name: own[getattr(law, name)] for name in names})
+    wanted = "resistance", "at_base", "impulse", "column_drag"
+    return SimpleNamespace(**{name: own[getattr(law, name)] for name in wanted})
 
 
 def _bind_own(

@@ -80,7 +80,8 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
     @cached_property
     def at_base(self) -> FunctionType:
         """:attr:`limited` as contact takes it: without drag where that acts on the column."""
-        return calling(contact.steady_resistance, law_resistance=self.limited) if self.drags_column else self.limited
+        found: FunctionType = self.limited  # type: ignore[assignment]
+        return calling(contact.steady_resistance, law_resistance=found) if self.drags_column else found
 
     @cached_property
     def impulse(self) -> FunctionType:
