@@ -182,34 +182,3 @@ def test_compilation_goes_on_beside_the_process_that_needs_it(monkeypatch):
     found.wait(note)
     assert not found.is_running
     assert fractions[-1] == 1.0
-
-
-SPARED = """
-import numba
-from numba.core.codegen import JITCodeLibrary
-make, made = JITCodeLibrary._finalize_final_module, []
-JITCodeLibrary._finalize_final_module = lambda self: (made.append(self.name), make(self))
-from runout.backends.scan.deferred_code import make_code_when_called
-make_code_when_called()
-
-@numba.njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def half_of(x):
-    return 0.5 * x
-
-@numba.njit(parallel=True, no_cfunc_wrapper=True)
-def halved(values):
-    for k in numba.prange(len(values)):
-        values[k] = half_of(values[k])
-
-import numpy as np
-values = np.arange(8.0)
-halved(values)
-assert values.tolist() == [0.5 * k for k in range(8)]
-assert any("halved" in name for name in made), made
-assert not any("half_of" in name for name in made), made
-"""
-
-
-def test_a_process_that_compiles_makes_no_machine_code_of_what_kernels_inline():
-    done = subprocess.run([sys.executable, "-c", SPARED], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from runout.backends.scan.backend import ScanBackend
-from runout.backends.scan.deferred_code import make_code_when_called
 from runout.backends.scan.precompile import WARM_UP
 from runout.lifetime import end_with_parent
 from runout.model.basal_friction import BasalFriction
@@ -34,7 +33,6 @@ def _job() -> tuple[Scene, Particles, str]:
     """The small scene, its particles and the kind of scene of a process that compiles; the process ends with its parent."""
     materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
-    make_code_when_called()
     scene, particles = small_slope(materials, friction, precision)
     zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
     return replace(scene, friction_zones=zones, structures=structures), particles, kind
