@@ -1,4 +1,4 @@
-"""Ground areas of contacts, and the impulses from which they start, in NumPy: for the reference backend."""
+"""Ground areas of contacts, impulses from which they start, and drag over columns, in NumPy: for the reference backend."""
 
 import math
 from typing import Any
@@ -48,3 +48,29 @@ def begun_impulses(scene: Scene, p: Particles, dt: float) -> np.ndarray:
     fastest = contact.fastest_start(min(scene.spacing), math.hypot(*scene.gravity), dt)
     lasting = np.array([contact.started_time(v, fastest, dt) for v in p.velocity])
     return lasting.reshape(-1, 1) * p.ground_force  # type: ignore[no-any-return]
+
+
+def column_drags(
+    scene: Scene, u: np.ndarray, normal: np.ndarray, impulses: np.ndarray, basal: np.ndarray, area: np.ndarray, dt: float
+) -> np.ndarray:
+    """Drags (n, 1) [kg/m] by which contacts slow the columns of nodes around (:func:`runout.physics.contact.column_drag`).
+
+    ``u``, ``normal`` and ``impulses`` are (n, 3), ``basal`` the records of friction and ``area`` [m2] (n,).
+    """
+    contacts = zip(impulses.tolist(), u.tolist(), normal.tolist(), area.tolist(), basal.view(np.recarray), strict=True)
+    drag = scene.basal.law.column_drag
+    return np.array([drag(push, felt, n, a, dt, record) for push, felt, n, a, record in contacts]).reshape(-1, 1)
+
+
+def slow_columns(mass: np.ndarray, velocity: np.ndarray, drag: np.ndarray, dt: float, height: int) -> tuple[float, np.ndarray]:
+    """Change nodal velocities (nodes, 3) [m/s] by the ``drag`` (nodes, 1) [kg/m] on columns of ``height`` nodes as a whole.
+
+    Returns the work [J] and the impulse (3,) [N s].
+    """
+    total, drags = (a.reshape(-1, height).sum(axis=1) for a in (mass, drag))
+    momentum, change, work = (mass * velocity).reshape(-1, height, 3).sum(axis=1), np.zeros((len(total), 3)), 0.0
+    for c in np.flatnonzero((drags > 0.0) & (total > 0.0)):
+        change[c] = contact.column_slowing(total[c], momentum[c], drags[c], dt)
+        work += contact.column_work(total[c], momentum[c], change[c])
+    velocity += np.repeat(change, height, axis=0)
+    return float(work), total @ change

@@ -12,7 +12,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import numba_binding
-from runout.backends.plan_areas import begun_impulses, contact_areas
+from runout.backends.plan_areas import begun_impulses, column_drags, contact_areas, slow_columns
 from runout.backends.protocol import Counters, LedgerRow, RasterSums, box_blocks
 from runout.backends.reference import particles as loops_source
 from runout.backends.reference.stencils import LARGEST_GRID, Stencils, quotient
@@ -34,8 +34,7 @@ MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx,
 def compiled_loops(law: Law, friction: FrictionLaw) -> SimpleNamespace:
     """Loops over particles for two laws, float64, without fused operations: bitwise what plain Python gives."""
     binding = numba_binding(np.float64, False)
-    contact = binding.friction(friction)
-    return binding.kernels(loops_source, law_step=binding.law(law).step, impulse=contact.impulse, column_drag=contact.column_drag)
+    return binding.kernels(loops_source, law_step=binding.law(law).step, impulse=binding.friction(friction).impulse)
 
 
 def create(threads: int | None = None) -> "ReferenceBackend":
@@ -192,19 +191,9 @@ class ReferenceBackend:
         self._basal -= float(work.sum())
         self._basal_impulse += impulses.sum(axis=0)
         if self.scene.basal.law.drags_column:
-            drags = np.zeros(len(chosen))
-            self.loops.take_drags(u, normal[chosen], impulses, basal, area, dt, drags)
-            self._slow_columns(mass, velocity, stencils.scatter(drags[:, None], chosen), dt, stencils.height)
-
-    def _slow_columns(self, mass: np.ndarray, velocity: np.ndarray, drag: np.ndarray, dt: float, height: int) -> None:
-        """Change nodal velocities (nodes, 3) [m/s] by the ``drag`` (nodes, 1) [kg/m] on columns of ``height`` nodes as a whole."""
-        total, drags = (a.reshape(-1, height).sum(axis=1) for a in (mass, drag))
-        momentum = (mass * velocity).reshape(-1, height, 3).sum(axis=1)
-        change, work = np.zeros(momentum.shape), np.zeros(len(total))
-        self.loops.slow_columns(total, momentum, drags, dt, change, work)
-        velocity += np.repeat(change, height, axis=0)
-        self._basal -= float(work.sum())
-        self._basal_impulse += total @ change
+            drags = column_drags(self.scene, u, normal[chosen], impulses, basal, area, dt)
+            done, push = slow_columns(mass, velocity, stencils.scatter(drags, chosen), dt, stencils.height)
+            self._basal, self._basal_impulse = self._basal - done, self._basal_impulse + push
 
     def _slips(self, stencils: Stencils, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the nodes have not seen of velocities (n, 3) [m/s] and affine matrices (n, 3, 3) [1/s]."""

@@ -5,7 +5,7 @@ They hold no formula and no addressing. ``law_step`` and ``impulse`` stand for t
 
 from typing import Any
 
-from runout.physics.contact import column_drag, column_slowing, column_work, impulse, in_contact, work
+from runout.physics.contact import impulse, in_contact, work
 from runout.physics.elastic import energy_density, kirchhoff_stress, log_strain
 from runout.physics.heightfield import distance, upward_normal
 from runout.physics.plastic import step as law_step
@@ -74,24 +74,6 @@ def take_impulses(v: Any, u: Any, normal: Any, gap: Any, compliance: Any, basal:
         done[p] = work(push, given, vec(v[p, 0], v[p, 1], v[p, 2]), felt, compliance[p])
         for k in range(3):
             impulses[p, k] = push[k]
-
-
-def take_drags(u: Any, normal: Any, impulses: Any, basal: Any, area: Any, dt: Any, drags: Any):
-    """Write the ``drags`` (n,) [kg/m] by which contacts with some ``impulses`` (n, 3) slow the columns around; ``u`` as above."""
-    for p in range(len(u)):
-        push, felt = vec(impulses[p, 0], impulses[p, 1], impulses[p, 2]), vec(u[p, 0], u[p, 1], u[p, 2])
-        drags[p] = column_drag(push, felt, vec(normal[p, 0], normal[p, 1], normal[p, 2]), area[p], dt, basal[p])
-
-
-def slow_columns(mass: Any, momentum: Any, drag: Any, dt: Any, change: Any, done: Any):
-    """Write the ``change`` (n, 3) [m/s] of the velocity of columns of nodes, and the work ``done`` (n,) [J]."""
-    for c in range(len(mass)):
-        if drag[c] > 0.0 and mass[c] > 0.0:
-            p = vec(momentum[c, 0], momentum[c, 1], momentum[c, 2])
-            slowed = column_slowing(mass[c], p, drag[c], dt)
-            done[c] = column_work(mass[c], p, slowed)
-            for k in range(3):
-                change[c, k] = slowed[k]
 
 
 def measure_structures(corners: Any, inside: Any, place: Any, distance: Any, normal: Any):

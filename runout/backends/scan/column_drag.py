@@ -93,8 +93,9 @@ def slow_columns(blocks, reached, grid, columns, dt, total):
 
     ``grid.nodes`` of blocks with contacts hold the drag [kg/m] in place of the mass.
     """
-    nodes, down, shared = grid.nodes, blocks.down, grid.shared
-    start, parts, booked = columns.start, columns.parts, columns.booked
+    nodes = grid.nodes
+    booked = columns.booked
+    down, shared, start, parts = blocks.down, grid.shared, columns.start, columns.parts
     for c in prange(len(booked)):
         for i in range(4):
             booked[c, i] = 0.0
