@@ -1,8 +1,9 @@
 """Voellmy friction: Coulomb, and drag by the square of the speed.
 
-tau = mu sigma + tau_c + rho u^2 (g / xi + c) with the slip speed u at the base (Voellmy 1955, Schweiz. Bauzeitung 73; Salm 1993,
-Ann. Glaciol. 18:221). tau_c is the cohesion of RAMMS, (1 - mu) C (1 - exp(-sigma / C)) (Bartelt et al. 2015, J. Glaciol. 61:837),
-and the constant minimum shear stress of AvaFrame's law VoellmyMinShear; c the drag coefficient of forest.
+tau = mu sigma + tau_c + rho u^2 (g / xi + c) (Voellmy 1955, Schweiz. Bauzeitung 73; Salm 1993, Ann. Glaciol. 18:221). The drag,
+rho u^2 (g / xi + c), slows the whole column of mass with its mean velocity u, as depth-averaged models mean it. tau_c is the
+cohesion of RAMMS, (1 - mu) C (1 - exp(-sigma / C)) (Bartelt et al. 2015, J. Glaciol. 61:837), and the constant minimum shear stress
+of AvaFrame's law VoellmyMinShear; c the drag coefficient of forest.
 """
 
 import math
@@ -23,6 +24,7 @@ class Voellmy(BasalFriction):
     law: ClassVar[str] = "voellmy"
     coefficients: ClassVar[tuple[str, ...]] = ("mu",)
     uses_area: ClassVar[bool] = True
+    drags_column: ClassVar[bool] = True
     mu: float = parameter("Coulomb friction coefficient", low=0, high=2, typical=0.2, sampled=True)
     xi: float = parameter("turbulence coefficient", unit="m/s2", low=1, high=1e6, typical=1000.0, sampled=True)
     cohesion: float = parameter("cohesion of RAMMS", unit="Pa", low=0, high=1e6, default=0.0, sampled=True)

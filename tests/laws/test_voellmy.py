@@ -11,7 +11,7 @@ from callers import plain, through_numba, through_warp
 from parity_cases import law_cases
 from scenes import ROCK, SAND, box, engine_of, plane, scene
 
-from runout import DruckerPrager, Voellmy, VoellmyColumn
+from runout import DruckerPrager, Voellmy, VoellmyBase
 from runout.backends.plan_areas import contact_areas
 from runout.backends.protocol import get_backend
 from runout.backends.reference import backend
@@ -20,13 +20,13 @@ from runout.model.friction_laws import FRICTIONS
 from runout.studies.verification_cases.basal_laws import VOELLMY, WEAK, WEAK_START, Layer, voellmy_speed, weakening_time
 
 GRAVITY = 9.81
-FULL = Voellmy(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, forest_drag=0.01)
+FULL = VoellmyBase(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, forest_drag=0.01)
 SHORT, SLOPE = Voellmy(mu=0.2, xi=200.0), math.radians(25.0)
 STIFF = DruckerPrager(density=2000.0, youngs_modulus=4e6, poisson_ratio=0.0, friction_angle=50.0, cohesion=1e6)
 FIRM = DruckerPrager(density=200.0, youngs_modulus=1e6, poisson_ratio=0.3, friction_angle=50.0, cohesion=5e3)
-COLUMN = VoellmyColumn(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, forest_drag=0.01)
+COLUMN = Voellmy(mu=0.2, xi=500.0, cohesion=50.0, minimum_shear_stress=100.0, forest_drag=0.01)
 WEAK_SNOW = DruckerPrager(density=200.0, youngs_modulus=1e6, poisson_ratio=0.3, friction_angle=30.0)
-VOELLMY_COLUMN_LAYER = Layer(VoellmyColumn(mu=0.2, xi=1000.0), slope_deg=34.0, material=WEAK_SNOW)
+VOELLMY_COLUMN_LAYER = Layer(Voellmy(mu=0.2, xi=1000.0), slope_deg=34.0, material=WEAK_SNOW)
 LAYERS = pytest.mark.parametrize("name", ["reference", "scan"])
 
 
@@ -39,7 +39,7 @@ def test_layer_gains_the_speed_of_the_closed_form(name):
 
 def test_drag_over_the_column_needs_no_strength_of_the_mass():
     """Mass of 30 deg on 34 deg cannot pass the drag on to its base: with drag at the base it is 10 % too fast after 15 s."""
-    weak = replace(VOELLMY_COLUMN_LAYER, friction=Voellmy(mu=0.2, xi=1000.0))
+    weak = replace(VOELLMY_COLUMN_LAYER, friction=VoellmyBase(mu=0.2, xi=1000.0))
     for time, speed in zip((5.0, 15.0), VOELLMY_COLUMN_LAYER.speeds((5.0, 15.0)), strict=True):
         assert speed == pytest.approx(voellmy_speed(time, VOELLMY_COLUMN_LAYER), rel=3e-3)
     assert weak.speeds((15.0,))[0] > 1.05 * voellmy_speed(15.0, weak)
@@ -203,7 +203,7 @@ def test_run_goes_on_from_a_checkpoint_bit_by_bit(name):
 
 
 def test_column_loses_what_the_drag_books():
-    formulas = FRICTIONS.find("voellmy_column").column_drag.__globals__
+    formulas = FRICTIONS.find("voellmy").column_drag.__globals__
     mass, momentum, drag, dt = 3.0, (4.0, -2.0, 1.0), 0.7, 0.5
     change = np.array(formulas["column_slowing"](mass, momentum, drag, dt))
     before, after = np.array(momentum) / mass, np.array(momentum) / mass + change

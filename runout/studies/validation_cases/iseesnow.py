@@ -112,7 +112,7 @@ class Inputs:
 
 def voellmy(mu: float, xi: float, drag: str) -> BasalFriction:
     """The law Voellmy with its coefficients mu [1] and xi [m/s2], and ``drag`` of the base or the column."""
-    law: Any = FRICTIONS.find("voellmy_column" if drag == "column" else "voellmy").friction
+    law: Any = FRICTIONS.find("voellmy" if drag == "column" else "voellmy_base").friction
     return law(mu=mu, xi=xi)  # type: ignore[no-any-return]
 
 
