@@ -6,13 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from runout.accuracy import CFL, CHOICES, PARTICLES_PER_CELL, PRESETS
-from runout.config.distributions import (
-    Distribution,
-    Settings,
-    limited,
-    quantity,
-    refuse,
-)
+from runout.config.distributions import Distribution, Settings, limited, quantity, refuse
 from runout.config.friction import ANGLE, KEY, FrictionSettings, own_parameters
 from runout.config.friction import BLOCK as FRICTION_BLOCK
 from runout.config.hazard import HazardSettings

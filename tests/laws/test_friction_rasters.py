@@ -113,8 +113,10 @@ def test_wrong_rasters_get_the_place_and_the_remedy(tmp_path, text, values, said
 
 
 def test_check_states_where_the_mass_passes_on_less_shear_than_drag_needs(tmp_path):
-    steep = VOELLMY.replace("friction_angle_deg: 30}", "friction_angle_deg: 10}")
+    at_base = VOELLMY.replace("law: voellmy,", "law: voellmy_base,")
+    assert not any("a steady flow needs" in text for text in inspect(write_site(tmp_path / "column", VOELLMY)).warnings)
+    steep = at_base.replace("friction_angle_deg: 30}", "friction_angle_deg: 10}")
     found = inspect(write_site(tmp_path / "steep", steep))
     assert any("a steady flow needs a shear stress" in text and "friction_angle_deg of" in text for text in found.warnings)
-    firm = VOELLMY.replace("friction_angle_deg: 30}", "friction_angle_deg: 50}")
+    firm = at_base.replace("friction_angle_deg: 30}", "friction_angle_deg: 50}")
     assert not any("a steady flow needs" in text for text in inspect(write_site(tmp_path / "firm", firm)).warnings)

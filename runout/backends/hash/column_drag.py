@@ -2,10 +2,10 @@
 
     contacts.drags[p]                drag [kg/m] of contact p                                     (contact_solution)
       --spread by weights in plan-->
-    contacts.block_drags[36 b + q]   drag of the contacts of block b on the 6 x 6 columns of nodes that they reach
+    block_drags[36 b + q]            drag of the contacts of block b on the 6 x 6 columns of nodes that they reach
       --sum over the blocks around a column, in their order-->
     grid.nodes                       momentum of all nodes of the column
-    contacts.column_book[16 b + n]   work and impulse on column n of the blocks from b on  -->  grid.booked[b]
+    column_book[16 b + n]            work and impulse on column n of the blocks from b on  -->  grid.booked[b]
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from runout.backends.hash.layout import (
     PUSHES_UP,
     SLOT,
     TOUCHED,
+    Nodes,
+    Reals,
     Vector,
     node4,
     node_at,
@@ -38,7 +40,13 @@ PLAN = 36  # columns of nodes that the contacts of a block reach
 WEST, SOUTH, SOUTH_WEST = 4, 10, 1  # of the 27 blocks around one
 
 
-def sum_drags(status: StatusGroup, particles: ParticleGroup, contacts: ContactGroup):
+def _weight(f: Any, i: int):
+    """Weight of node ``i`` of the three around offset ``f``; an index that varies would put all three in local memory."""
+    w = weights(f)
+    return wp.where(i == 0, w[0], wp.where(i == 1, w[1], w[2]))
+
+
+def sum_drags(status: StatusGroup, particles: ParticleGroup, contacts: ContactGroup, block_drags: Reals):
     """Sum the drag of the contacts of a block in each column of nodes that they reach; a thread takes one column."""
     t = wp.tid()
     row = t // PLAN
@@ -53,28 +61,27 @@ def sum_drags(status: StatusGroup, particles: ParticleGroup, contacts: ContactGr
         if i >= 0 and i < 3 and j >= 0 and j < 3:
             for n in range(contacts.pressed_start[b, c], contacts.pressed_start[b, c + 1]):
                 p = contacts.pressed[n] & NOT_NEGATIVE
-                wx = weights(particles.rec[OFFSET, p])
-                wy = weights(particles.rec[OFFSET + 1, p])
-                total += wx[i] * wy[j] * contacts.drags[p]
-    contacts.block_drags[PLAN * b + q] = total
+                share = _weight(particles.rec[OFFSET, p], i) * _weight(particles.rec[OFFSET + 1, p], j)
+                total += share * contacts.drags[p]
+    block_drags[PLAN * b + q] = total
 
 
-def _drag_of(contacts: ContactGroup, o: int, x: int, y: int):
+def _drag_of(contacts: ContactGroup, block_drags: Reals, o: int, x: int, y: int):
     """Drag [kg/m] of the contacts of block ``o``, if there are any, on a column of nodes, which is counted from its first."""
     drag = real(0.0)
     if o >= 0 and x < 6 and y < 6 and contacts.touching[wp.max(o, 0)] > 0:
-        drag = contacts.block_drags[PLAN * o + 6 * x + y]
+        drag = block_drags[PLAN * o + 6 * x + y]
     return drag
 
 
-def _drag_around(blocks: BlockGroup, contacts: ContactGroup, b: int, n: int):
+def _drag_around(blocks: BlockGroup, contacts: ContactGroup, block_drags: Reals, b: int, n: int):
     """Drag [kg/m] on column ``n`` of a block by its contacts and those of the blocks west and south."""
     x = n >> 2
     y = n & 3
-    drag = _drag_of(contacts, b, x, y)
-    drag += _drag_of(contacts, blocks.around[b, SOUTH], x, y + 4)
-    drag += _drag_of(contacts, blocks.around[b, WEST], x + 4, y)
-    return drag + _drag_of(contacts, blocks.around[b, SOUTH_WEST], x + 4, y + 4)
+    drag = _drag_of(contacts, block_drags, b, x, y)
+    drag += _drag_of(contacts, block_drags, blocks.around[b, SOUTH], x, y + 4)
+    drag += _drag_of(contacts, block_drags, blocks.around[b, WEST], x + 4, y)
+    return drag + _drag_of(contacts, block_drags, blocks.around[b, SOUTH_WEST], x + 4, y + 4)
 
 
 def _momentum(g: Any, ground: GroundGroup, contacts: ContactGroup, b: int, a: int, dv: Vector):
@@ -89,8 +96,9 @@ def _momentum(g: Any, ground: GroundGroup, contacts: ContactGroup, b: int, a: in
 
 
 def slow_columns(
-    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup
-):
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
+    block_drags: Reals, column_book: Nodes,
+):  # fmt: skip
     """Change the momentum of the nodes by the drag on their columns; a thread takes one column."""
     t = wp.tid()
     first = t // COLUMNS
@@ -105,7 +113,7 @@ def slow_columns(
     momentum = vec(real(0.0), real(0.0), real(0.0))
     b = int(first)
     while b < many and contacts.columns[wp.min(b, many - 1)] == first:
-        drag += _drag_around(blocks, contacts, b, n)
+        drag += _drag_around(blocks, contacts, block_drags, b, n)
         for k in range(4):
             g = node_at(grid.nodes, b * 64 + 4 * n + k)
             if g[0] > real(0.0):
@@ -123,18 +131,18 @@ def slow_columns(
                 put_node(grid.nodes, b * 64 + 4 * n + k, g + node4(real(0.0), m * change[0], m * change[1], m * change[2]))
             b += 1
     put_node(
-        contacts.column_book, t,
+        column_book, t,
         node4(column_work(mass, momentum, change), mass * change[0], mass * change[1], mass * change[2]),
     )  # fmt: skip
 
 
-def book_columns(status: StatusGroup, grid: GridGroup, contacts: ContactGroup):
+def book_columns(status: StatusGroup, grid: GridGroup, contacts: ContactGroup, column_book: Nodes):
     """Book work [J] and impulse [N s] of the drag, in fixed order; a thread takes the columns of a block column."""
     first = wp.tid()
     if status.flags[HALT] != 0 or first >= status.tally[BLOCKS] or contacts.columns[first] != first:
         return
     total = node4()
     for n in range(COLUMNS):
-        total += node_at(contacts.column_book, COLUMNS * first + n)
+        total += node_at(column_book, COLUMNS * first + n)
     for k in range(4):
         grid.booked[first, 1 + k] += wp.float64(total[k])

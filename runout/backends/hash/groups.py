@@ -109,8 +109,6 @@ class ContactGroup:
     columns: Ints  # (blocks,) first block of the column of a block, where the law of friction uses ground areas; else empty
     plan: Reals  # (16 blocks,) sums of contact weights in the columns of nodes, by the first block of a column; likewise
     drags: Reals  # (n,) drag of each particle in contact [kg/m], where it slows whole columns; else empty
-    block_drags: Reals  # (36 blocks,) drag of the contacts of a block on the columns of nodes that they reach; likewise
-    column_book: Nodes  # (16 blocks,) work [J] and impulse [N s] of the drag on columns of nodes, by their first block; likewise
     approach_speeds: Reals  # (2 blocks,) largest speed [m/s] of the nodes of each half of a block towards the ground
 
 

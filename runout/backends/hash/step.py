@@ -58,9 +58,9 @@ def slow_columns(parts: Parts) -> None:
     """Drag on the columns of nodes."""
     i, k, n, status = parts.index, parts.k, parts.nodes, parts.status.group
     groups = i.block_group, n.grid_group, n.ground_group, n.contact_group
-    run(k.sum_drags, n.places * PLAN, status, parts.store.group, n.contact_group)
-    run(k.slow_columns, i.capacity * COLUMNS, status, *groups, parts.scenes.group)
-    run(k.book_columns, i.capacity, status, n.grid_group, n.contact_group)
+    run(k.sum_drags, n.places * PLAN, status, parts.store.group, n.contact_group, n.block_drags)
+    run(k.slow_columns, i.capacity * COLUMNS, status, *groups, parts.scenes.group, n.block_drags, n.column_book)
+    run(k.book_columns, i.capacity, status, n.grid_group, n.contact_group, n.column_book)
 
 
 def touch_structures(parts: Parts) -> None:
