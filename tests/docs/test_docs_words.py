@@ -16,6 +16,7 @@ GENERATED = {
     "benchmarks/skip.md",
     "benchmarks/transfers.md",
     "benchmarks/work_precision.md",
+    "validation/avakot.md",
     "validation/cascades_2021.md",
     "validation/columns.md",
     "validation/coulomb_only.md",
@@ -64,7 +65,7 @@ def test_a_decision_fits_on_a_screen_and_has_all_its_parts(decisions):
             assert part in text, (name, part)
 
 
-def test_pages_by_hand_have_at_most_twenty_one_thousand_words(pages):
+def test_pages_by_hand_have_few_words_in_all(pages):
     assert set(pages) >= GENERATED
     by_hand = {name: words(text) for name, text in pages.items() if name not in GENERATED}
     assert sum(by_hand.values()) <= WORDS_BY_HAND, by_hand
