@@ -1,6 +1,6 @@
 """Hides dask from xarray, which imports all of it with the first array, although no array here is one of dask's.
 
-That takes 0.3 s and 30 MB in every process, where dask is installed for clusters.
+That takes time and memory in every process where dask is installed for clusters.
 """
 
 import sys

@@ -15,8 +15,8 @@ OPENING = """# AvaFrame's avaKot with its own friction
 
 A slab 1 m thick normal to the slope ({volume:.0f} m³) on the terrain of the Kontertal (cells of 5 m). Friction: samosAT with the
 coefficients of AvaFrame's standard test of this site (mu = 0.155), and Voellmy with AvaFrame's defaults (mu = 0.155,
-xi = 4000 m/s²). runout: snow of 200 kg/m³, internal friction 30 deg, drag over the
-column, four levels of particles through the slab.
+xi = 4000 m/s²). runout: snow of 200 kg/m³, internal friction 30 deg, drag over the column,
+four levels of particles through the slab.
 
 {rows}
 
@@ -29,12 +29,9 @@ slope.
 
 ## Differences
 
-- **runout is faster in the lower half of the path**, by 13 m/s with samosAT and 12 m/s with Voellmy. In the gully above, its
-  flow is thicker than that of com1DFA, and drag per mass falls with the thickness. With Voellmy the faster flow leaves the
-  gully where it bends: the area is nearly twice as large.
-- **Internal friction is a part of the reason with samosAT, not with Voellmy.** With drag at the base and 43 deg samosAT gave
-  60.5 m/s and a CSI of 0.57, Voellmy 66.8 m/s and 0.48. In {{doc}}`idealized_topo` this change takes most of the
-  difference. Here the gully is a few cells of 5 m wide; what else is thicker in it is open.
+- **runout is faster**, by 13 m/s with samosAT and 12 m/s with Voellmy, and thicker. Drag per mass falls with the thickness. With
+  Voellmy the faster flow leaves the gully where it bends: the area is nearly twice as large.
+- Internal friction resists the spreading of a flow ({{doc}}`idealized_topo`). What else makes this flow thicker is open.
 - **Neither artificial viscosity nor the term of curvature is the reason**: com1DFA without one of them is not as fast.
 
 ## What is not comparable
