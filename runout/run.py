@@ -29,7 +29,7 @@ from runout.structure_forces import named_structures
 LOGGER = logging.getLogger(__name__)
 OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger
 CROSSING = 0.5  # largest travel between two observations, in grid cells or, if longer, raster cells
-BATCH = 32  # steps of one size before the limit is checked again; gravity adds little to the speed meanwhile
+BATCH = 32  # steps of one size before it is chosen again, at most
 STEP_RATIO = 1.04  # ratio of successive step sizes, so that records are repacked rarely
 
 
@@ -176,15 +176,23 @@ class Run:
         while not self.reason:
             if self.keep and self.keep.due():
                 self.keep.write(self._state(clock.perf_counter() - started))
+            count = self.plan(BATCH)
             if isinstance(self.engine, BatchBackend):
-                count = self.plan(BATCH)
                 self.engine.steps(self.dt, count, self.looks, self.look)
             else:
-                count = self.plan(1)
-                self.engine.step(self.dt)
-                if self.looks:
-                    self._note(self.time + self.dt, self._columns())
+                count = self._step_singly(count)
             self.arrive(count)
+
+    def _step_singly(self, count: int) -> int:
+        """Make the planned steps one by one, until one of them would be unstable; returns how many have been made."""
+        for step in range(1, count + 1):
+            self.engine.step(self.dt)
+            if step in self.looks:
+                self._note(self.time + self.dt * step, self._columns())
+            if step < count and not self.scene.bears(self.dt, self.engine.max_speed):
+                self.due = self.time  # the looks that were planned behind this step have not been made
+                return step
+        return count
 
     def begin(self) -> None:
         """Observe the start, unless the run continues from a checkpoint."""
@@ -204,7 +212,7 @@ class Run:
         left = self._next_stop() - self.time
         self.dt = min(_on_ladder(self.engine.stable_step()), left)
         to_row = math.ceil((min(self.ledger_due, self.forces.due) - self.time) / self.dt - 1e-9)
-        count = max(1, min(most, to_row, int(left / self.dt)))
+        count = max(1, min(self._bearable(most), to_row, int(left / self.dt)))
         crossing = control.crossing * self.scene.observed_length / max(self.engine.max_speed, 1e-3)
         wait = min(control.end_time / OBSERVATIONS, crossing)
         first = max(1, math.ceil((self.due - self.time) / self.dt - 1e-9))
@@ -212,6 +220,13 @@ class Run:
         if self.looks:
             self.due = self.time + self.dt * self.looks[-1] + wait
         return count
+
+    def _bearable(self, most: int) -> int:
+        """At most so many steps of the present length, which stay stable while gravity speeds up the fastest particle."""
+        fall = self.dt * float(np.linalg.norm(self.scene.gravity))
+        while most > 1 and not self.scene.bears(self.dt, self.engine.max_speed + (most - 1) * fall):
+            most //= 2
+        return most
 
     def look(self, step: int, columns: RasterSums) -> None:
         """Update the maps with the columns after a step of those planned."""

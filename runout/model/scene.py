@@ -255,6 +255,10 @@ class Scene:
         """Time step [s] to take while the fastest particle moves at ``speed`` [m/s]: that of ``cfl``, if this keeps a reserve."""
         return min(self._limits(speed, min(self.cfl, RESERVE * self.isolated_cfl, self.largest_cfl)).values())
 
+    def bears(self, dt: float, speed: float) -> bool:
+        """Whether a step of ``dt`` [s] can be stable while the fastest particle moves at ``speed`` [m/s]."""
+        return 0 < dt <= STEP_TOLERANCE * min(self._limits(speed, self.largest_cfl).values())
+
     def require_stable(self, dt: float, speed: float, step: int) -> None:
         """Nothing, if step number ``step`` of ``dt`` [s] can be stable while the fastest particle moves at ``speed`` [m/s].
 
@@ -265,12 +269,12 @@ class Scene:
         StabilityError
             If ``dt`` is not positive or above a limit; names the limit and its reason.
         """
-        limits = self._limits(speed, self.largest_cfl)
-        reason = min(limits, key=lambda name: limits[name])
-        if 0 < dt <= STEP_TOLERANCE * limits[reason]:
+        if self.bears(dt, speed):
             return
         if not dt > 0:
             raise StabilityError(f"step {step} is {dt:g} s long; it must be positive")
+        limits = self._limits(speed, self.largest_cfl)
+        reason = min(limits, key=lambda name: limits[name])
         most = self.largest_cfl if reason == "acoustic" else 0.5
         what = f"a pressure wave of {self.wave_speed:.4g} m/s" if reason == "acoustic" else f"a particle of {speed:.4g} m/s"
         raise StabilityError(
