@@ -41,7 +41,7 @@ from runout.structure_forces import named_structures
 MOST = 64  # scenarios per launch
 ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
 MEMORY_SHARE = 0.8  # share of the free memory at the start; flows that spread take more
-AHEAD = min(8, os.cpu_count() or 1)  # scenarios that are prepared at the same time
+AHEAD = min(2, os.cpu_count() or 1)  # scenarios that are prepared at the same time; more threads wait for each other
 LOOK_SECONDS = 5e-4  # [s] of the host between two sequences of steps, measured
 STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # [s] least time of a step, and time per particle
 ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # not accepted
@@ -137,7 +137,7 @@ class _Job:
         scene, made = build_scene(**{"basal_friction_angle": USUAL_ANGLE, **given}, accept=found.append, in_chunks=True)
         particles = CompactParticles.of(made, scene.densities, scene.dtype)
         sizes = found[0].particles, found[0].nodes_on_device
-        needed = bytes_on_device(*sizes, scene.precision, scene.transfer, scene.f_bar, scene.structures)
+        needed = bytes_on_device(*sizes, scene.precision, scene.transfer, scene.f_bar, scene.structures, scene.basal.law)
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         named = named_structures(given.get("structures"))
         return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, named)
