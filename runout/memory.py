@@ -11,6 +11,8 @@ import numpy as np
 from runout.backends.protocol import Backend, bytes_on_device, bytes_on_host
 from runout.errors import CapacityError
 from runout.map_quantities import member_map_names
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import FrictionLaw
 from runout.model.release import Release
 from runout.model.structures import StructureField, Structures
 from runout.model.surface import Surface
@@ -97,7 +99,7 @@ def available_bytes() -> float | None:
 
 def expected_memory(
     extent: Extent, map_cells: int, precision: str, engine: Backend | None = None, transfer: str = "mls", f_bar: bool = False,
-    structures: Structures | None = None,
+    structures: Structures | None = None, friction: BasalFriction | FrictionLaw | None = None,
 ) -> MemoryForecast:  # fmt: skip
     """Forecast for a backend, by default scan.
 
@@ -112,13 +114,15 @@ def expected_memory(
     transfer, f_bar : str, bool
         As of :class:`runout.model.scene.Scene`.
     structures : Structures, optional
+    friction : BasalFriction or FrictionLaw, optional
+        The law on the ground.
     """
     device: Any = getattr(engine, "device", None)
     on_device = device is not None and bool(device.is_cuda)
     host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
     field = structures.field if structures else None
     if on_device:
-        backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar, field)
+        backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar, field, friction)
         return MemoryForecast(backend, host, True)
     backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
     return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)

@@ -154,7 +154,9 @@ def simulate(
         terrain, releases, material, basal_friction_angle, **grid, seed=seed, precision=precision, transfer=transfer,
         flip_ratio=flip_ratio, f_bar=f_bar, sleep_speed=sleep_speed, friction_zones=friction_zones, initial_stress=initial_stress,
         basal_friction=basal_friction, structures=named, accept=lambda extent: require_memory(
-            expected_memory(extent, terrain.elevation.size, precision, engine, transfer, f_bar, structures=named), engine, memory_gb
+            expected_memory(
+                extent, terrain.elevation.size, precision, engine, transfer, f_bar, named, basal_friction
+            ), engine, memory_gb,
         ), in_chunks=True,
     )  # fmt: skip
     for sentence in basal_strength.sentences(scene, [r.name for r in releases]):

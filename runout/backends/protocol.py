@@ -11,6 +11,7 @@ import numpy as np
 from runout.backends.state import State
 from runout.errors import DeviceError
 from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import FrictionLaw
 from runout.model.materials import Material
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
@@ -277,11 +278,12 @@ def bytes_on_host(
 
 def bytes_on_device(
     particles: int, blocks: int, precision: str, transfer: str = "mls", f_bar: bool = False,
-    structures: StructureField | None = None,
+    structures: StructureField | None = None, friction: BasalFriction | FrictionLaw | None = None,
 ) -> int:  # fmt: skip
     """Memory [byte] that the hash backend takes for so many particles and blocks of nodes."""
     needed = import_module("runout.backends.hash.backend").bytes_needed
-    return needed(particles, blocks, precision, transfer=transfer, f_bar=f_bar, structures=structures)  # type: ignore[no-any-return]
+    has = {"transfer": transfer, "f_bar": f_bar, "structures": structures, "friction": friction}
+    return needed(particles, blocks, precision, **has)  # type: ignore[no-any-return]
 
 
 def find_device(wanted: str) -> str:

@@ -186,9 +186,9 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
 
     def accept(extent: Extent) -> None:
         cells, ways = arguments["terrain"].elevation.size, (arguments["transfer"], arguments["f_bar"])
-        structures = named_structures(arguments.get("structures"))
+        has = named_structures(arguments.get("structures")), arguments.get("basal_friction")
         engine = engine_for(arguments)
-        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, structures=structures))
+        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, *has))
         raise _Fits
 
     arguments = site.member_arguments(member.parameters)

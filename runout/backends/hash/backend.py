@@ -7,12 +7,15 @@ import warp as wp
 
 from runout.backends.hash.batch import Batch
 from runout.backends.hash.checkpoint import restore_state, save
+from runout.backends.hash.grid import bytes_of_areas
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, room_for
 from runout.backends.hash.structures import bytes_of_structures
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.state import State
 from runout.errors import ConfigError
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import FrictionLaw
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
@@ -113,11 +116,13 @@ def bytes_needed(
     f_bar: bool = False,
     structures: StructureField | None = None,
     beside: int = 0,
+    friction: BasalFriction | FrictionLaw | None = None,
 ) -> int:
     """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them with impulses of the ground.
 
     Without ``near``, three quarters of the blocks: a flow a few blocks thick. ``transfer`` and ``f_bar`` as of
     :class:`runout.model.scene.Scene`; of aflip one that keeps something. ``beside``: blocks with impulses of ``structures``.
+    ``friction``: the law on the ground; without one, one that needs no areas.
     """
     number = 4 if precision == "float32" else 8
     near = 3 * blocks // 4 if near is None else near
@@ -130,4 +135,6 @@ def bytes_needed(
     tiles = room_for(near // 2) * (36 * number + 100)  # half of these blocks lie above the others
     contact = room_for(near) * 64 * 4 * number + tiles
     more = bytes_of_structures(structures, particles, blocks, number, beside) if structures else 0
+    if friction:
+        more += bytes_of_areas(friction, particles, room_for(blocks), number)
     return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries + more

@@ -24,6 +24,8 @@ NEARLY = 0.8  # share of the room from which on arrays grow with others
 if TYPE_CHECKING:
     from runout.backends.hash.index import Index
     from runout.backends.hash.state import Store
+    from runout.model.basal_friction import BasalFriction
+    from runout.model.friction_laws import FrictionLaw
 
 
 def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> tuple[int, int]:
@@ -35,6 +37,12 @@ def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> t
         room if want <= room else want if exactly else more_room_for(want) if room > 0 else room_for(want) for want, room in pairs
     )
     return places, slots
+
+
+def bytes_of_areas(friction: BasalFriction | FrictionLaw, particles: int, blocks: int, number: int) -> int:
+    """Memory [byte] of the ground areas, and of the drag on columns of nodes, with numbers of ``number`` bytes."""
+    areas = blocks * (4 + 16 * number) * friction.uses_area
+    return areas + friction.drags_column * number * (particles + blocks * (36 + 16 * 4))
 
 
 class NodeArrays:
