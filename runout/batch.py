@@ -144,7 +144,7 @@ class _Job:
 
 
 class _Ahead:
-    """Jobs of scenarios in their order, prepared in advance by threads, since most of the work is NumPy without the GIL.
+    """Jobs of scenarios in their order, prepared in advance by threads while the device computes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""All backends take the same steps: their length and the looks follow from the flow, not from how many a backend makes at once."""
+"""All backends plan the same steps: their length and the looks follow from the flow, not from how many a backend makes at once."""
 
 import numpy as np
 import pytest
