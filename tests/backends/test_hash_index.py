@@ -44,7 +44,9 @@ def scattered(n, reach, seed=3):
     return at(np.random.default_rng(seed).uniform(-reach, reach, (n, 3)) + np.array([40.0, 37.0, 0.0]), UNIT)
 
 
-def test_every_particle_finds_its_block_and_its_cell():
+@pytest.mark.parametrize("ranked", [0, 2**20])
+def test_every_particle_finds_its_block_and_its_cell(monkeypatch, ranked):
+    monkeypatch.setattr(index, "RANKED", ranked)  # keys are sorted, or counted
     p = scattered(300, 35.0)
     backend = loaded(on_cpu(), scene(gravity=WEIGHTLESS), p)
     q = backend.particles()

@@ -30,7 +30,6 @@ from runout.backends.hash.layout import (
     GROW,
     HALT,
     OFFSET,
-    ORDERED,
     OWNERS,
     SHARED_BLOCKS,
     TALLY,
@@ -41,6 +40,7 @@ from runout.backends.hash.layout import (
     room_for,
     run,
     run_blocks,
+    run_each,
 )
 from runout.backends.hash.stencil import _cell_entry
 from runout.physics.blocks import block_key, block_of, key_x, key_y, key_z, local_index, mixed
@@ -55,7 +55,7 @@ PARTICLES_PER_ENTRY = 128  # of the first table; it grows when it is half full
 NO_KEY = 2**63 - 1  # comes after every key
 MARGIN = 1  # cells that a particle moves from one sort to the next at most
 LARGEST_PIECE = 2**20  # particles: whole blocks, whose sums then have a fixed order
-GAP = 8  # blocks between the domains of two members, north to south
+RANKED = 4096  # blocks up to which counting smaller keys is faster than to sort the keys
 
 
 def _slot(keys: KeyGroup, key: Any):
@@ -185,53 +185,6 @@ def require_room(status: StatusGroup, keys: KeyGroup, entries: int, capacity: in
         status.flags[HALT] = GROW
 
 
-def number_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup, rows: int, many: int):
-    """Number the sorted keys, and store coordinates and scene of each block; a scene has ``rows`` blocks from south to north."""
-    b = wp.tid()
-    blocks.up[b, 0] = -1
-    if b >= status.tally[BLOCKS]:
-        return
-    key = keys.members[b]
-    mask = keys.table.shape[0] - 1
-    place = int(mixed(key)) & mask
-    while keys.table[place] != wp.uint64(key + i64(1)):
-        place = (place + 1) & mask
-    keys.slots[place] = b
-    blocks.coordinates[b, 0] = int(key_x(key))
-    blocks.coordinates[b, 1] = int(key_y(key))
-    blocks.coordinates[b, 2] = int(key_z(key))
-    blocks.member[b] = wp.clamp((int(key_y(key)) + GAP // 2) // rows, 0, many - 1)
-
-
-def link_blocks(status: StatusGroup, blocks: BlockGroup, keys: KeyGroup):
-    """Look up the 27 blocks around each."""
-    b, q = wp.tid()
-    if b >= status.tally[BLOCKS]:
-        return
-    i = blocks.coordinates[b, 0]
-    j = blocks.coordinates[b, 1]
-    k = blocks.coordinates[b, 2]
-    blocks.around[b, q] = _slot(keys, block_key(i + q // 9 - 1, j + (q // 3) % 3 - 1, k + q % 3 - 1))
-
-
-def note_up(status: StatusGroup, blocks: BlockGroup):
-    """The eight blocks upwards of each and, for sums in fixed order, the eight downwards; they are among the 27."""
-    b = wp.tid()
-    if b >= status.tally[BLOCKS]:
-        return
-    complete = int(1)
-    for q in range(8):
-        step = (q >> 2) * 9 + ((q >> 1) & 1) * 3 + (q & 1)
-        s = blocks.around[b, 13 + step]
-        blocks.up[b, q] = s
-        if s < 0:
-            complete = int(0)
-        if ORDERED:
-            blocks.down[b, q] = blocks.around[b, 13 - step]
-    if complete == 0:
-        blocks.up[b, 0] = -1
-
-
 def number_given(status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, keys: KeyGroup, node: Table2):
     """Cell of particles whose first nodes (n, 3) are given; count them by cell."""
     p = wp.tid()
@@ -339,13 +292,21 @@ class Index:
         sorted_ = min(self.capacity, entries // 2)
         run(k.enter_above, (entries // 2, 8), status, self.key_group)
         run(k.require_room, max(sorted_, TALLY), status, self.key_group, entries, self.capacity)
-        wp.utils.radix_sort_pairs(self.members, self.slots, sorted_)
+        self._number_blocks(sorted_)
         self.cstart.zero_()
         if self.ordered:
             self.down.fill_(-1)
-        run(k.number_blocks, self.capacity, status, self.block_group, self.key_group, self.rows, self.many)
         run(k.link_blocks, (self.capacity, 27), status, self.block_group, self.key_group)
         run(k.note_up, self.capacity, status, self.block_group)
+
+    def _number_blocks(self, sorted_: int) -> None:
+        """Number the blocks in the order of their keys, of which there are ``sorted_`` at most."""
+        arguments = self.status.group, self.block_group, self.key_group, self.rows, self.many
+        if self.capacity <= RANKED:
+            run_each(self.k.rank_blocks, self.capacity, WARP, *arguments)
+            return
+        wp.utils.radix_sort_pairs(self.members, self.slots, sorted_)
+        run(self.k.number_blocks, self.capacity, *arguments)
 
     def grow(self, counts: np.ndarray) -> None:
         """Make room for what the last try counted: a table that got half full becomes twice as large."""

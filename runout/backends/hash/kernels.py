@@ -7,8 +7,8 @@ from typing import Any
 import warp as wp
 
 from runout.backends.compile import law_record, warp_binding, warp_kernels
-from runout.backends.hash import cells as cell_lists
 from runout.backends.hash import (
+    block_numbers,
     column_drag,
     contact_area,
     contact_detection,
@@ -30,6 +30,7 @@ from runout.backends.hash import (
     unknown,
     zones,
 )
+from runout.backends.hash import cells as cell_lists
 from runout.backends.hash.groups import argument_types, groups_of
 from runout.backends.hash.layout import CELL_LANES, PARTICLE_LANES, WARP
 from runout.backends.hash.structures import FRICTION
@@ -37,7 +38,7 @@ from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
-WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber")
+WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber", "rank_blocks")
 # kernels of gradient transfers: those that differ from the packed form's, and further ones
 GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
 STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
@@ -135,7 +136,7 @@ def compiled_kernels(
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
     kernels = _bound(
-        law, friction, precision, (stencil, index, cell_lists, zones, contact_area, column_drag, contact_solution,
+        law, friction, precision, (stencil, index, block_numbers, cell_lists, zones, contact_area, column_drag, contact_solution,
         contact_detection, particles_to_grid, deform, grid_to_particles, ground, observe, unknown),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
         ORDERED=ordered, ZONED=zoned,

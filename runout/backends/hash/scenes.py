@@ -16,8 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
+from runout.backends.hash.block_numbers import GAP
 from runout.backends.hash.groups import filled
-from runout.backends.hash.index import GAP
 from runout.backends.hash.layout import CLOCK, KEPT
 from runout.backends.hash.unknown import UnknownCells
 from runout.backends.hash.validation import LARGEST_BLOCK, extent
