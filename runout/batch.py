@@ -1,5 +1,6 @@
 """Runs many scenarios in shared launches of a GPU. Each has its own time step, observers and end, as in a separate run."""
 
+import math
 import os
 import time as clock
 from collections import deque
@@ -40,10 +41,12 @@ from runout.structure_forces import named_structures
 
 MOST = 64  # scenarios per launch
 ENOUGH = 10_000_000  # particles that keep a device busy; further scenarios would only wait
+BUSY = 3_000_000  # particles with which a launch starts if the next scenario is not ready
 MEMORY_SHARE = 0.8  # share of the free memory at the start; flows that spread take more
 AHEAD = min(2, os.cpu_count() or 1)  # scenarios that are prepared at the same time; more threads wait for each other
-LOOK_SECONDS = 5e-4  # [s] of the host between two sequences of steps, measured
+LOOK_SECONDS = 3e-3  # [s] between two sequences of steps, measured
 STEP_SECONDS, PARTICLE_SECONDS = 2.5e-4, 3e-10  # [s] least time of a step, and time per particle
+WAITING_SECONDS = 3e-11  # [s] time per particle of a run that waits
 ELSEWHERE = ("backend", "device", "threads", "checkpoint", "checkpoint_every", "memory_gb", "progress")  # not accepted
 
 
@@ -85,24 +88,23 @@ def simulate_batch(
 
 
 def _in_launches(ahead: "_Ahead", place: str, brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
-    """Outcomes of jobs. Each launch has as many as keep the device busy, or as its memory holds."""
-    jobs: list[_Job] = []
-    needed, free = 0.0, _free(place)  # once per launch: the query takes 0.14 s on some machines
+    """Outcomes of jobs. A launch has as many as keep the device busy, or as its memory holds; it does not wait for the last."""
+    launch = _Launch(place)
     for number, future in enumerate(ahead):
+        if launch.particles >= BUSY and not future.done():
+            yield from launch.outcomes(ahead, brought)
+            launch = _Launch(place)
         try:
             job = future.result()
-            MemoryForecast(0.0, job.bytes).require(free, f"the free memory of {place}")
+            MemoryForecast(0.0, job.bytes).require(launch.free, f"the free memory of {place}")
         except RunoutError as error:
             yield number, error
             continue
-        enough = len(jobs) == MOST or sum(len(j.particles) for j in jobs) >= ENOUGH
-        if jobs and (enough or needed + job.bytes > MEMORY_SHARE * free):
-            ahead.make(len(jobs))
-            yield from _launched(jobs, place, brought)
-            jobs, needed, free = [], 0.0, _free(place)
-        jobs.append(job)
-        needed += job.bytes
-    yield from _launched(jobs, place, brought)
+        if launch.jobs and not launch.takes(job):
+            yield from launch.outcomes(ahead, brought)
+            launch = _Launch(place)
+        launch.jobs.append(job)
+    yield from _launched(launch.jobs, place, brought)
 
 
 @dataclass
@@ -141,6 +143,28 @@ class _Job:
         tell = (lambda fraction: progress(number, fraction)) if progress else None
         named = named_structures(given.get("structures"))
         return cls(number, given["terrain"], scene, particles, control, tell, clock.perf_counter() - started, needed, named)
+
+
+class _Launch:
+    """Jobs of the next launch on a device."""
+
+    def __init__(self, place: str):
+        self.place, self.free = place, _free(place)  # once per launch: the query takes 0.14 s on some machines
+        self.jobs: list[_Job] = []
+
+    @property
+    def particles(self) -> int:
+        return sum(len(job.particles) for job in self.jobs)
+
+    def takes(self, job: _Job) -> bool:
+        """Whether one more job finds memory, and the device is not busy enough without it."""
+        needed = sum(j.bytes for j in self.jobs) + job.bytes
+        return len(self.jobs) < MOST and self.particles < ENOUGH and needed <= MEMORY_SHARE * self.free
+
+    def outcomes(self, ahead: "_Ahead", brought: bool) -> Iterator[tuple[int, Result | RunoutError]]:
+        """Outcomes of the jobs; as many as keep the device busy are prepared meanwhile."""
+        ahead.make(min(MOST, math.ceil(len(self.jobs) * ENOUGH / max(self.particles, 1))))
+        yield from _launched(self.jobs, self.place, brought)
 
 
 class _Ahead:
@@ -291,13 +315,14 @@ class _Together:
                 self.runs[k].arrive(self.planned[k])
 
     def _stretch(self, running: list[int]) -> int:
-        """Number of steps with the most work per second; observations cost time, and so do runs that wait."""
+        """Number of steps with the most work per second; runs whose observation is due earlier wait, and observations cost time."""
         todo = np.array([self.todo[k] for k in running])
         particles = np.array([len(self.jobs[k].particles) for k in running])
         choices = np.unique(todo)
-        seconds = LOOK_SECONDS + choices * max(STEP_SECONDS, PARTICLE_SECONDS * particles.sum())
-        done = (np.minimum(todo, choices[:, None]) * particles).sum(1)
-        return int(choices[np.argmax(done / seconds)])
+        steps = np.diff(choices, prepend=0)
+        moving = np.array([particles[todo >= choice].sum() for choice in choices])  # in these steps
+        step = np.maximum(STEP_SECONDS, PARTICLE_SECONDS * moving + WAITING_SECONDS * (particles.sum() - moving))
+        return int(choices[np.argmax(np.cumsum(steps * moving) / (LOOK_SECONDS + np.cumsum(steps * step)))])
 
     def _outcome(self, k: int) -> Result | RunoutError | None:
         """Outcome of run k; None while it continues."""

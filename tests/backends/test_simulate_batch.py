@@ -1,11 +1,14 @@
 """Scenarios that share launches give what each gives in its own run; what goes wrong with one is its own."""
 
+import threading
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scenes import HASH_DEVICE, assert_same_numbers
 
 from runout import ConfigError, DruckerPrager, Release, Terrain, simulate
-from runout.batch import simulate_batch
+from runout.batch import _Together, simulate_batch
 from runout.errors import CapacityError, MaterialError
 
 pytest.importorskip("runout.backends.hash.batch")
@@ -128,6 +131,39 @@ def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_
     assert sorted(found) == [0, 1, 2, 3, 4]
     assert len(found[4].state) == 0
     np.testing.assert_array_equal(found[4].fields["max_speed"], alone.fields["max_speed"])
+
+
+def test_a_launch_that_keeps_the_device_busy_does_not_wait_for_a_scenario_that_is_not_ready(monkeypatch):
+    module = __import__("runout.batch", fromlist=["get_batch"])
+    build, prepare, sizes, started = module.get_batch, module._Job.of, [], threading.Event()
+
+    def counted(scenes, device):
+        started.set()
+        sizes.append(len(scenes))
+        return build(scenes, device)
+
+    def late(number, arguments, progress):
+        assert number < 2 or started.wait(60.0)
+        return prepare(number, arguments, progress)
+
+    short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0)]
+    monkeypatch.setattr(module, "get_batch", counted)
+    monkeypatch.setattr(module._Job, "of", late)
+    monkeypatch.setattr(module, "BUSY", 1)
+    assert sorted(number for number, _ in simulate_batch(short, device=HASH_DEVICE)) == [0, 1, 2, 3]
+    assert sizes[0] <= 2
+    assert sum(sizes) == 4
+
+
+@pytest.mark.parametrize(
+    ("todo", "particles", "steps"),
+    [((3, 17, 30, 30) * 6, 400_000, 30), ((32, 2, 2, 2), 1000, 2), ((20, 20, 20), 1000, 20)],
+    ids=["many particles: the others wait", "few particles: a step costs as much for one run as for all", "equal runs"],
+)
+def test_runs_of_a_launch_wait_for_each_other_where_a_step_costs_what_moves(todo, particles, steps):
+    jobs = [SimpleNamespace(particles=range(particles))] * len(todo)
+    together = SimpleNamespace(todo=list(todo), jobs=jobs)
+    assert _Together._stretch(together, list(range(len(todo)))) == steps
 
 
 def test_scenarios_that_differ_in_what_they_must_share_are_refused():

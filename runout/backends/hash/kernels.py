@@ -63,7 +63,7 @@ def _local_types(real: Any) -> dict[str, Any]:
     return {
         "node4": wp.types.vector(length=4, dtype=real), "sums4": wp.types.matrix(shape=(27, 4), dtype=real),
         "sums9": wp.types.matrix(shape=(9, 4), dtype=real),
-        "double7": wp.types.vector(length=7, dtype=wp.float64),
+        "double7": wp.types.vector(length=7, dtype=wp.float64), "whole5": natives.Whole5,
     }  # fmt: skip
 
 

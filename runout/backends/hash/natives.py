@@ -242,6 +242,32 @@ def warp_lanes() -> int:  # type: ignore[empty-body]
     """Threads that go together: a warp of a GPU; on a CPU each goes alone."""
 
 
+# Lanes of a warp that add to the same place, mostly those of one column of cells, add up first: one atomic operation serves them
+# all. Whole numbers are added by parts of 22, 22 and 20 bits, whose sums over a warp fit into 32.
+ADD_WHOLES = """
+#if defined(__CUDA_ARCH__)
+    unsigned same = __match_any_sync(__activemask(), place);
+    bool first = (threadIdx.x & 31) == __ffs(same) - 1;
+    for (int d = 0; d < 5; ++d) {
+        unsigned long long n = (unsigned long long)values[d];
+        if (__popc(same) > 1)
+            n = (unsigned long long)__reduce_add_sync(same, (unsigned)n & 0x3fffffu)
+                + ((unsigned long long)__reduce_add_sync(same, (unsigned)(n >> 22) & 0x3fffffu) << 22)
+                + ((unsigned long long)__reduce_add_sync(same, (unsigned)(n >> 44)) << 44);
+        if (first) atomicAdd((unsigned long long*)(sums.data + place + d), n);
+    }
+#else
+    for (int d = 0; d < 5; ++d) wp::atomic_add(sums, place + d, (wp::int64)values[d]);
+#endif
+"""
+Whole5 = wp.types.vector(length=5, dtype=wp.int64)
+
+
+@wp.func_native(ADD_WHOLES)
+def add_wholes(sums: wp.array(dtype=wp.int64), place: int, values: Whole5):  # type: ignore[valid-type, no-untyped-def]
+    """Add five whole numbers to those that lie at a place and behind it."""
+
+
 def of(precision: str) -> dict[str, Any]:
     """The functions for a number type, by the name that kernels give them."""
     names = (
@@ -250,5 +276,5 @@ def of(precision: str) -> dict[str, Any]:
     known = vars(reductions) | vars(shared_memory) | globals()
     by_type = {name: known[f"{name}{precision[-2:]}"] for name in names}
     plain: tuple[Any, ...] = (count_in, next_four, take_place, book, add_marks, lane_count, own_block, own_lane)
-    plain += (warp_lanes, sum_before, hits_before, sum_lanes)
+    plain += (warp_lanes, sum_before, hits_before, sum_lanes, add_wholes)
     return by_type | {function.key: function for function in (*plain, *shared_memory.PLAIN)}

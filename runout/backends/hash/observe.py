@@ -46,6 +46,9 @@ from runout.physics.moments import kinetic_energy as kinetic_energy64
 from runout.physics.moments import potential_energy as potential_energy64
 from runout.physics.moments import stress_columns
 
+whole5: Any = None  # five whole numbers; the binding puts it in its place
+add_wholes: Any = None  # adds them to those at a place; likewise
+
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
 BOOKED = 6  # plastic dissipation, work and impulse of the ground, plastic dissipation by the second warp of a block
 
@@ -268,10 +271,6 @@ def _covered(x: wp.float64, width: wp.float64, i: int):
     return (wp.min(x + width, wp.float64(i + 1)) - wp.max(x, wp.float64(i))) / width
 
 
-def _add_whole(raster: Longs, place: int, value: wp.float64):
-    wp.atomic_add(raster, place, wp.int64(wp.round(value)))
-
-
 def note_step(scenes: SceneGroup, raster: Longs):
     """Write the steps that each scene has made behind the sums: a look that comes after a halt finds fewer than it should."""
     s = wp.tid()
@@ -305,6 +304,7 @@ def add_columns(
     x = (qx - wp.float64(0.5)) * wx - scales[s, 5]
     y = (qy - wp.float64(0.5)) * wy - scales[s, 6]
     m = wp.float64(particles.rec[MASS, p])
+    volume = m / scenes.density[int(particles.release[p])] * scales[s, 2]
     north = windows[s, 1] - 1 - windows[s, 2]
     west = windows[s, 3]
     rows = windows[s, 4]
@@ -316,7 +316,9 @@ def add_columns(
             if share > wp.float64(0.0):
                 o = wp.clamp(north - j, 0, rows - 1) * columns
                 o = begin + (o + wp.clamp(i - west, 0, columns - 1)) * 5
-                _add_whole(raster, o, share * m / scenes.density[int(particles.release[p])] * scales[s, 2])
-                _add_whole(raster, o + 1, share * m * scales[s, 3])
+                added = whole5()
+                added[0] = wp.int64(wp.round(share * volume))
+                added[1] = wp.int64(wp.round(share * m * scales[s, 3]))
                 for d in range(3):
-                    _add_whole(raster, o + 2 + d, share * wp.float64(particles.rec[MOMENTUM + d, p]) * scales[s, 4])
+                    added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * scales[s, 4]))
+                add_wholes(raster, o, added)
