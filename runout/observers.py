@@ -67,9 +67,10 @@ class PeakMaps:
         window = np.array((*corner, *(corner + columns.mass.shape)))
         self._clear_beside(window)
         momentum = np.ascontiguousarray(np.moveaxis(columns.momentum, -1, 0))
-        footprints.loops().take_peaks(
-            np.ascontiguousarray(columns.volume), np.ascontiguousarray(columns.mass), momentum, corner, self.cell[0] * self.cell[1],
-            self.arrival_threshold, np.array((self.time, time)), self.thickness, self.peaks, self.arrival,
+        footprints.loop(
+            "take_peaks", columns.mass.size, np.ascontiguousarray(columns.volume), np.ascontiguousarray(columns.mass), momentum,
+            corner, self.cell[0] * self.cell[1], self.arrival_threshold, np.array((self.time, time)), self.thickness, self.peaks,
+            self.arrival,
         )  # fmt: skip
         self.time, self.window = time, window
         self.looks, self.cells = self.looks + 1, self.cells + columns.mass.size

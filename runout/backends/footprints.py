@@ -53,6 +53,7 @@ DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 SHARING = np.array([EXTENT.sharing, DEPTH.sharing])
 AREAS = np.array([[*EXTENT.areas, np.inf], DEPTH.areas])  # the extent has one footprint less
+CELLS_OF_A_THREAD = 2**14  # of a loop: a thread of its own pays off for more
 FINER = 2  # times that a raster is finer than the lattice from which on maps are kept on the lattice until the end
 
 
@@ -112,6 +113,18 @@ def loops() -> SimpleNamespace:
     return binding.kernels(spreading, sources=tuple(sources), raise_peaks=chain)
 
 
+def loop(name: str, cells: int, *arguments: Any) -> None:
+    """Run one of the compiled loops over so many cells, in as many threads as are worth their start: small windows take one."""
+    import numba
+
+    threads = numba.get_num_threads()
+    numba.set_num_threads(max(1, min(threads, cells // CELLS_OF_A_THREAD)))
+    try:
+        getattr(loops(), name)(*arguments)
+    finally:
+        numba.set_num_threads(threads)
+
+
 def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float, density: float = 0.0) -> RasterSums:
     """Columns over the cells of the lattice that lie on the raster; row 0 is the southernmost.
 
@@ -119,7 +132,7 @@ def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: 
     (3), and mass unless all have one ``density`` [kg/m3].
     """
     total, count = np.empty_like(sums), lattice_shape(raster, lattice.cell)
-    loops().spread_bands(sums, particle_volume / HALVES**2, SHARING, AREAS, total)
+    loop("spread_bands", sums.size, sums, particle_volume / HALVES**2, SHARING, AREAS, total)
     (east, north) = lattice.first
     north, total = _inside(total, 1, north, count[0])
     east, total = _inside(total, 2, east, count[1])
@@ -151,7 +164,7 @@ def shared_by_area(
     column, *across = _shares(east, columns, cell[0], size[0], raster.columns)
     south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
     found = np.empty((len(sums), len(along[0]), len(across[0])))
-    loops().share(np.ascontiguousarray(sums), *along, *across, found)
+    loop("share", sums.size, np.ascontiguousarray(sums), *along, *across, found)
     return raster.rows - south - found.shape[1], column, np.ascontiguousarray(found[:, ::-1])
 
 

@@ -2,12 +2,14 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scenes import ROCK, at, engine_of, loaded, scene
 from test_columns import overlaps
 
+from runout.backends import footprints
 from runout.backends.footprints import AREAS, DEPTH, EXTENT, SHARING, apply_to, lattice_cell, loops, on_raster, on_whole
 from runout.model.scene import Raster
 from runout.physics.numerical_scales import footprint_area
@@ -194,3 +196,18 @@ def test_drawn_outline_keeps_area_and_place_of_a_smooth_shape_but_is_too_long():
         assert (drawn & exact).sum() / (drawn | exact).sum() > 0.83
         found.append(perimeter(drawn))
     assert 1.2 * perimeter(exact) < found[0] < found[1] < 1.9 * perimeter(exact)
+
+
+@pytest.mark.parametrize(("cells", "threads"), [(1600, 1), (2**16, 2)])
+def test_loop_over_a_small_window_starts_no_threads(monkeypatch, cells, threads):
+    numba = pytest.importorskip("numba")
+    if numba.config.NUMBA_NUM_THREADS < 2:
+        pytest.skip("one thread only")
+    seen, before = [], numba.get_num_threads()
+    monkeypatch.setattr(footprints, "loops", lambda: SimpleNamespace(share=lambda: seen.append(numba.get_num_threads())))
+    numba.set_num_threads(2)
+    try:
+        footprints.loop("share", cells)
+        assert (seen, numba.get_num_threads()) == ([threads], 2)
+    finally:
+        numba.set_num_threads(before)
