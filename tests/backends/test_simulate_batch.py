@@ -157,7 +157,7 @@ def test_a_launch_that_keeps_the_device_busy_does_not_wait_for_a_scenario_that_i
 
 @pytest.mark.parametrize(
     ("todo", "particles", "steps"),
-    [((3, 17, 30, 30) * 6, 400_000, 30), ((32, 2, 2, 2), 1000, 2), ((20, 20, 20), 1000, 20)],
+    [((3, 17, 30, 30) * 6, 400_000, 30), ((32, *(2,) * 20), 1000, 2), ((20, 20, 20), 1000, 20)],
     ids=["many particles: the others wait", "few particles: a step costs as much for one run as for all", "equal runs"],
 )
 def test_runs_of_a_launch_wait_for_each_other_where_a_step_costs_what_moves(todo, particles, steps):
