@@ -31,6 +31,11 @@ def all_caches() -> tuple[Cache, ...]:
     )
 
 
+def compiled_code() -> Cache:
+    """Cache of the kernels that numba compiles, and of what is known of them."""
+    return all_caches()[0]
+
+
 def prepare() -> None:
     """Replace cache folders that cannot be written by temporary ones, for this process and its children.
 

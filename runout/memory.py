@@ -1,7 +1,7 @@
 """Forecasts the memory of a run from its releases before large allocations, and refuses runs that do not fit."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -100,6 +100,7 @@ def available_bytes() -> float | None:
 def expected_memory(
     extent: Extent, map_cells: int, precision: str, engine: Backend | None = None, transfer: str = "mls", f_bar: bool = False,
     structures: Structures | None = None, friction: BasalFriction | FrictionLaw | None = None,
+    host_bytes: Callable[..., int] = bytes_on_host,
 ) -> MemoryForecast:  # fmt: skip
     """Forecast for a backend, by default scan.
 
@@ -116,6 +117,8 @@ def expected_memory(
     structures : Structures, optional
     friction : BasalFriction or FrictionLaw, optional
         The law on the ground.
+    host_bytes : callable
+        Takes the place of :func:`runout.backends.protocol.bytes_on_host`, which imports the backend.
     """
     device: Any = getattr(engine, "device", None)
     on_device = device is not None and bool(device.is_cuda)
@@ -124,7 +127,7 @@ def expected_memory(
     if on_device:
         backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar, field, friction)
         return MemoryForecast(backend, host, True)
-    backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
+    backend = host_bytes(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
     return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)
 
 

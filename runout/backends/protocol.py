@@ -4,6 +4,7 @@ import ctypes
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -218,11 +219,11 @@ class Compilation(Protocol):
 
 def start_compilation(
     materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any],
-    structures: bool = False,
+    structures: bool = False, marked: Callable[[Path], None] | None = None,
 ) -> Compilation:  # fmt: skip
     """Compilation for the backend scan, with the parameters of :class:`runout.backends.scan.ahead.CompilingAhead`."""
     ahead = import_module("runout.backends.scan.ahead")
-    how = {"zones": zones, "choices": choices, "structures": structures}
+    how = {"zones": zones, "choices": choices, "structures": structures, "marked": marked}
     return ahead.CompilingAhead(materials, friction, precision, **how)  # type: ignore[no-any-return]
 
 

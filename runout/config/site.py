@@ -11,6 +11,7 @@ from runout.config.material import sampled_ranges
 from runout.config.overrides import on_device, with_cell_size
 from runout.config.read import load, site_file
 from runout.config.schema import SiteSettings
+from runout.config.site_data import SiteData
 from runout.config.site_files import SiteFiles
 from runout.config.site_friction import SiteFriction
 from runout.config.site_observations import SiteObservations
@@ -39,17 +40,6 @@ ROW_EXTRAS = ("weight", "seed", "file")  # columns of the table of members besid
 
 
 @dataclass(frozen=True)
-class SiteData:
-    """Inputs that all members share: terrain, releases with a volume factor of 1, friction zones, structures, probes."""
-
-    terrain: "Terrain"
-    releases: "tuple[Release, ...]"
-    friction_zones: "FrictionZones | None"
-    structures: "Structures | None" = None
-    probes: "Probes | None" = None
-
-
-@dataclass(frozen=True)
 class Site:
     """One site folder.
 
@@ -74,6 +64,13 @@ class Site:
     settings: SiteSettings
     known: KnownFiles = field(default_factory=KnownFiles, compare=False, repr=False)
     _kept: dict[str, tuple[Unchanged, Any]] = field(default_factory=dict, init=False, compare=False, repr=False)
+
+    def with_same_inputs(self, *, settings: SiteSettings | None = None, known: KnownFiles | None = None) -> "Site":
+        """The site with other settings, on which no input depends, or another record of its files; nothing is read again."""
+        other = replace(self, settings=settings or self.settings, known=known or self.known)
+        other._kept.update(self._kept)
+        other.__dict__.update({name: self.__dict__[name] for name in ("derived_extent", "_grid") if name in self.__dict__})
+        return other
 
     def terrain(self) -> "Terrain":
         """The elevation raster, read and prepared, with the obstacles on it.
@@ -129,7 +126,7 @@ class Site:
         ZoneError
             If zones cannot be used.
         """
-        return self._sources.friction_zones(terrain)
+        return self._read_on("zones", terrain, self._sources.friction_zones)
 
     def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
         """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
@@ -154,10 +151,14 @@ class Site:
         ReleaseError
             If a release cannot be used.
         """
+        return self._scaled(self._read_on("releases", terrain, self._sources.releases), sample)
+
+    def _read_on(self, name: str, terrain: "Terrain", read: "Callable[[Terrain], T]") -> T:
+        """What ``read`` returns for a terrain, kept if that is the site's own."""
         own = self._kept.get("terrain")
         if own is None or own[1] is not terrain:
-            return self._scaled(self._sources.releases(terrain), sample)
-        return self._scaled(self._read_once("releases", self.inputs, lambda: self._sources.releases(terrain)), sample)
+            return read(terrain)
+        return self._read_once(name, self.inputs, lambda: read(terrain))
 
     def _scaled(self, releases: "Sequence[Release]", sample: Mapping[str, float] | None) -> "list[Release]":
         factor = self._known(sample).get("release_volume_factor", 1.0)
@@ -191,7 +192,7 @@ class Site:
 
     def probes(self, terrain: "Terrain") -> "Probes | None":
         """Points and cross-sections at which members record time series; None without any. Raises ConfigError with all problems."""
-        return SiteProbes(self.settings.probes, self.file).read(terrain)
+        return self._read_on("probes", terrain, SiteProbes(self.settings.probes, self.file).read)
 
     def material(self, sample: Mapping[str, float] | None = None) -> "Material":
         """The material; sampled parameters replace the stated ones."""
@@ -354,7 +355,7 @@ class Site:
     def on_device(self, device: str) -> "Site":
         """The site with another device, see :func:`runout.config.overrides.on_device`; "cuda" spreads the members over all GPUs."""
         simulation = on_device(self.settings.simulation, device)
-        return replace(self, settings=self.settings.model_copy(update={"simulation": simulation}))
+        return self.with_same_inputs(settings=self.settings.model_copy(update={"simulation": simulation}))
 
     def with_cell_size(self, cell_size: Sequence[float]) -> "Site":
         """The site with another grid spacing [m], see :func:`runout.config.overrides.with_cell_size`."""

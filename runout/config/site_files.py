@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ from runout.config.fetch import locate
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.config.site_friction import SiteFriction
 from runout.config.site_structures import SiteStructures
+from runout.io.samples import sample_path
 from runout.io.side_files import files_of
 from runout.terrain.mesh import Overhangs, is_mesh, read_mesh_terrain
 
@@ -180,7 +180,6 @@ class SiteFiles:
 def _files(source: str | Path) -> list[Path]:
     """Files of an input with their side files and sources; sample rasters are files of matplotlib."""
     if isinstance(source, str):
-        package = find_spec("matplotlib")
-        roots = (package.submodule_search_locations or []) if package else []
-        return [Path(root, "mpl-data", "sample_data", source.partition(":")[2] + ".npz") for root in roots]
+        sample = sample_path(source)
+        return [sample] if sample else []
     return files_of(source)

@@ -57,6 +57,8 @@ class SiteObservations:
 
     def problems(self, terrain: "Terrain") -> tuple["Observations | None", list[InputError]]:
         """What can be read, and the problems of the rest."""
+        if self.settings is None:
+            return None, []
         from runout.scores.grid import Grid
         from runout.scores.observations import Observations
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from runout import __version__
 from runout.ensemble.design import Design, member_table
+from runout.ensemble.step_time import StepTimer
 from runout.ensemble.work_log import log_work
 from runout.errors import RunoutError
 from runout.io.atomic import whole_file
@@ -187,8 +188,10 @@ def simulate_member(
     if device is not None:
         arguments["device"] = device
     taken = signature(simulate).parameters
-    offered = {"checkpoint": member.checkpoint_file(results), "progress": progress}
+    timer = StepTimer(progress)
+    offered = {"checkpoint": member.checkpoint_file(results), "progress": timer}
     result = simulate(**arguments, **{name: value for name, value in offered.items() if name in taken})
+    timer.note(arguments, result)
     _write(site, member, result, results)
 
 

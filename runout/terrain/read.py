@@ -16,6 +16,7 @@ from runout.io.boundary import as_path, exists, kind_of, names_in
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.georeference import require_usable
 from runout.io.opening import PARTS, open_raster
+from runout.io.samples import sample_path
 from runout.io.window import Bounds
 from runout.model.arrays import real_array, real_pair, shown
 from runout.model.terrain import Terrain
@@ -213,12 +214,14 @@ def _sample(text: str) -> ElevationRaster:
     The file's ``ymax`` is the northern edge, but its ``ymin`` lies as far north of it as it should lie south (a wrong sign), so
     ``ymin`` is not used. The summit (1076 m) then meets Cross Mountain (1077 m; 36.1983 N, 84.2306 W) to a cell.
     """
-    from matplotlib.cbook import get_sample_data
     from pyproj import CRS
 
     if text != SAMPLE:
         raise DemError(f"{text}: not an elevation sample of matplotlib; the only one is {SAMPLE!r}")
-    with np.load(get_sample_data(text.partition(":")[2] + ".npz", asfileobj=False)) as sample:
+    path = sample_path(text)
+    if path is None or not path.is_file():
+        raise DemError(f"{text}: matplotlib with its sample data is not installed; `pip install matplotlib`")
+    with np.load(path) as sample:
         values = sample["elevation"].astype(np.float64)
         west, north = float(sample["xmin"]), float(sample["ymax"])
         dx, dy = float(sample["dx"]), float(sample["dy"])

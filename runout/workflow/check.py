@@ -148,15 +148,17 @@ def _readable_probes(stated: Any, wrong: list[str]) -> "ProbeSettings | None":
 
 
 def _read_releases(found: Findings, site: "Site", terrain: "Terrain") -> None:
-    """Read the releases one by one to find the problems of each."""
-    for stated in site.settings.release:
-        alone = replace(site, settings=site.settings.model_copy(update={"release": [stated]}))
-        try:
-            read = alone.releases(terrain)
-            found.releases += read
-            found.notes += [f"release {release.name}: {change}" for release in read for change in release.changes]
-        except InputError as error:
-            found.note(error)
+    """Read the releases; if one cannot be used, one by one, to find the problems of each."""
+    try:
+        found.releases += site.releases(terrain)
+    except InputError:
+        for stated in site.settings.release:
+            alone = replace(site, settings=site.settings.model_copy(update={"release": [stated]}))
+            try:
+                found.releases += alone.releases(terrain)
+            except InputError as error:
+                found.note(error)
+    found.notes += [f"release {release.name}: {change}" for release in found.releases for change in release.changes]
 
 
 def _read_zones(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -227,6 +229,8 @@ def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> Non
 
 def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> None:
     """Read the structures; on a site whose grid is known, measure their walls too."""
+    if not site.structures.possible:
+        return
     from runout.model.limits import spacing_of
     from runout.structures.read import require_sound
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout import engine_notes
+from runout.backends.protocol import bytes_on_host
 from runout.errors import BudgetError, CapacityError
 from runout.map_quantities import member_map_names
 from runout.memory import GIGABYTE, Extent, MemoryForecast, available_bytes, expected_memory
@@ -187,8 +189,8 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
     def accept(extent: Extent) -> None:
         cells, ways = arguments["terrain"].elevation.size, (arguments["transfer"], arguments["f_bar"])
         has = named_structures(arguments.get("structures")), arguments.get("basal_friction")
-        engine = engine_for(arguments)
-        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, *has))
+        engine = None if arguments["device"] == "cpu" else engine_for(arguments)
+        found.append(expected_memory(extent, cells, arguments["precision"], engine, *ways, *has, host_bytes=_noted_bytes))
         raise _Fits
 
     arguments = site.member_arguments(member.parameters)
@@ -196,6 +198,11 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
     with suppress(_Fits):
         build_scene(**{"basal_friction_angle": USUAL_ANGLE, **stated}, accept=accept)
     return found[0]
+
+
+def _noted_bytes(*of: Any) -> int:
+    """:func:`runout.backends.protocol.bytes_on_host`, from the notes of the day if they hold it."""
+    return int(engine_notes.remembered("memory", of, lambda: bytes_on_host(*of)))
 
 
 def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[list[Member], Member, int]":

@@ -11,7 +11,7 @@ from runout.errors import BudgetError, CapacityError, ConfigError, ExitCode, Run
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from runout.config.site import Site, SiteData
+    from runout.config.site import Site
     from runout.workflow.check import Findings
 
 
@@ -41,10 +41,7 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
         return ExitCode.CONFIGURATION
     if found.zones:
         console.print(found.zones.statement(), markup=False)
-    from runout.config.site import SiteData
-
-    data = SiteData(found.releases[0].terrain, tuple(found.releases), found.zones)
-    return _print_plan(console, found, found.site, data, out, device)
+    return _print_plan(console, found, found.site, out, device)
 
 
 def _counted(console: "Console", site_path: Path) -> "Site | None":
@@ -61,7 +58,7 @@ def _counted(console: "Console", site_path: Path) -> "Site | None":
     return site
 
 
-def _print_plan(console: "Console", found: "Findings", site: "Site", data: "SiteData", out: Path | None, device: str | None) -> int:
+def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path | None, device: str | None) -> int:
     from rich.text import Text
 
     from runout.accuracy import lines
@@ -73,7 +70,7 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", data: "Site
     from runout.workflow.study import Study
 
     study = Study.of(site if device is None else site.on_device(device), out)
-    grid = site.member_arguments(data=data)
+    data, grid = site.data(), site.member_arguments()
     for release, material in zip(data.releases, found.stiffness[0].materials, strict=True):
         volume = f"{release.volume:.4g} m3 on {release.area:.4g} m2, {release.placement}"
         edge = f", {release.edge} edge" if release.outline is not None else ""

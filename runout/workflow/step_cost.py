@@ -1,63 +1,85 @@
-"""Processor time of a step on this machine, from a few steps of a small layer: the particles of the site are not made."""
+"""Processor time of a step on this machine, from a few steps of a small layer: the particles of the site are not made.
+
+It is measured once a day (:mod:`runout.engine_notes`), on a machine that other work does not slow down.
+"""
 
 import math
 import time
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from runout.backends.protocol import Backend, get_backend
+from runout import engine_notes
+from runout.backends.protocol import get_backend
 from runout.batch import PARTICLE_SECONDS, STEP_SECONDS
+from runout.engine_notes import StepCost
 from runout.model.limits import spacing_of
 from runout.model.particles import Particles
 from runout.model.scene import STANDARD_GRAVITY, Raster, Scene
 from runout.model.surface import Surface
 
+if TYPE_CHECKING:
+    from runout.backends.protocol import Backend
+
 FEW, MANY = 6, 32  # cells along the sides of two layers, which are one cell thick
 PER_CELL = (2, 2, 4)
 UNTIMED_STEPS, TIMED_STEPS = 4, 24
+REPEATS = 3  # measurements, of which the shortest counts
+WAITED = 0.15  # share of the time that a measurement waits for a core, from which on other work disturbs it
 SLOPE = 0.4  # of the ground
 SPREADING = 1.2  # cost of a particle-step of a flow, which spreads and is observed, over that of the layer
 
 
-class StepCost(NamedTuple):
-    """Seconds of one core, or of a GPU: of a step, and of a particle in it."""
-
-    step: float
-    particle: float
-
-    def seconds(self, steps: float, particle_steps: float) -> float:
-        """Time [s] of a run."""
-        return steps * self.step + particle_steps * self.particle
-
-
-def engine_for(arguments: Mapping[str, Any]) -> Backend:
+def engine_for(arguments: Mapping[str, Any]) -> "Backend":
     """Backend of a run with these arguments of :func:`runout.simulate`, on one thread."""
     return get_backend(arguments.get("backend", "scan"), arguments.get("device", "cpu"), 1)
 
 
 def step_cost(arguments: Mapping[str, Any]) -> StepCost:
-    """Cost of a step of a run with these arguments of :func:`runout.simulate`; on a GPU that of its own tables."""
-    device: Any = getattr(engine_for(arguments), "device", None)
+    """Cost of a step of a run with these arguments of :func:`runout.simulate`, measured today or now."""
+    device: Any = getattr(engine_for(arguments), "device", None) if arguments.get("device", "cpu") != "cpu" else None
     if device is not None and device.is_cuda:
         return StepCost(STEP_SECONDS, PARTICLE_SECONDS)
+    noted = engine_notes.noted_step_cost(arguments)
+    return noted or _measured_and_noted(arguments)
+
+
+def _measured_and_noted(arguments: Mapping[str, Any]) -> StepCost:
+    cost, undisturbed = measured_step_cost(arguments)
+    if undisturbed:
+        engine_notes.note_layer(arguments, cost)
+    return cost
+
+
+def measured_step_cost(arguments: Mapping[str, Any]) -> tuple[StepCost, bool]:
+    """Cost of a step of a layer on the CPU, and whether no other work disturbed the measurement."""
     _timed(arguments, FEW)  # loads the kernels of the later steps, too
-    (few, short), (many, long) = (_timed(arguments, cells) for cells in (FEW, MANY))
-    particle = max(long - short, 0.0) / (many - few)
-    return StepCost(max(short - few * particle, 0.0), SPREADING * particle)
+    few, many = (min(_timed(arguments, cells) for _ in range(REPEATS)) for cells in (FEW, MANY))
+    particle = max(many.seconds - few.seconds, 0.0) / (many.particles - few.particles)
+    cost = StepCost(max(few.seconds - few.particles * particle, 0.0), SPREADING * particle)
+    return cost, max(few.waited, many.waited) < WAITED
 
 
-def _timed(arguments: Mapping[str, Any], cells: int) -> tuple[int, float]:
-    """Particles of a layer, and the processor time [s] of one of its steps."""
+class Timing(NamedTuple):
+    """Processor time [s] of one step of a layer, share of the time that the process waited for a core, and particles."""
+
+    seconds: float
+    waited: float
+    particles: int
+
+
+def _timed(arguments: Mapping[str, Any], cells: int) -> Timing:
+    """Timing of a layer that has ``cells`` along its sides."""
     engine, scene = engine_for(arguments), _scene(arguments, cells)
     particles = _layer(scene, cells)
     engine.load(scene, particles)
     for step in range(UNTIMED_STEPS + TIMED_STEPS):
         if step == UNTIMED_STEPS:
-            started = time.process_time()
+            started, began = time.process_time(), time.perf_counter()
         engine.step(engine.stable_step())
-    return len(particles), (time.process_time() - started) / TIMED_STEPS
+    worked, passed = time.process_time() - started, time.perf_counter() - began
+    return Timing(worked / TIMED_STEPS, 1.0 - worked / passed, len(particles))
 
 
 def _scene(arguments: Mapping[str, Any], cells: int) -> Scene:

@@ -77,7 +77,7 @@ class Study:
     def of(cls, site: "Site", out: Path | None = None) -> "Study":
         """The study of a site; its results go to ``out``, or to ``results`` of the site."""
         results = Path(out) if out else site.folder / "results"
-        return cls(replace(site, known=KnownFiles(results / "inputs.json")), results)
+        return cls(site.with_same_inputs(known=KnownFiles(results / "inputs.json")), results)
 
     @cached_property
     def record(self) -> StageRecord:

@@ -1,7 +1,17 @@
-"""The small synthetic site after one whole run."""
+"""The small synthetic site after one whole run, and notes on kernels that no other test has made."""
 
 import pytest
 from ramp_site import write_site
+
+from runout import engine_notes
+
+
+@pytest.fixture(autouse=True)
+def notes(monkeypatch, tmp_path_factory):
+    """Folder of the notes on kernels; empty at the start of each test."""
+    folder = tmp_path_factory.mktemp("notes")
+    monkeypatch.setattr(engine_notes, "_folder", lambda: folder)
+    return folder
 
 
 @pytest.fixture(scope="session")

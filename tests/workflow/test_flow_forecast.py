@@ -7,7 +7,7 @@ from ramp_site import SITE, write_site
 import runout
 from runout.ensemble.member import plan_members
 from runout.workflow import flow_forecast, plan
-from runout.workflow.step_cost import StepCost, step_cost
+from runout.workflow.step_cost import StepCost, measured_step_cost
 
 AUTO = SITE.replace("youngs_modulus: 2.0e+6, ", "")
 CASES = {  # of basal friction [deg] and the end time [s]: the flow rests, is cut off by the end time, leaves the DEM, never starts
@@ -102,7 +102,7 @@ def test_softer_members_take_fewer_steps_and_many_members_slide_few_times(tmp_pa
 
 
 def test_time_of_a_step_grows_with_its_particles(tmp_path):
-    cost = step_cost(site_of(tmp_path, SITE, 12, 22, 12).member_arguments())
+    cost, _ = measured_step_cost(site_of(tmp_path, SITE, 12, 22, 12).member_arguments())
     assert cost.step >= 0
     assert cost.particle > 0
     assert cost.seconds(10, 1000) == pytest.approx(10 * cost.step + 1000 * cost.particle)

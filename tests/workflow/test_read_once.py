@@ -3,15 +3,22 @@
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from ramp_site import write_raster, write_site
 
+from runout import cli
 from runout.config.site import read_site
+from runout.errors import ExitCode
+from runout.release import read as release_reader
+from runout.release.read import read_raster
 from runout.terrain import read
 from runout.workflow import hazard_map
 from runout.workflow.study import Study
+
+JACKSBORO = Path(__file__).parents[2] / "sites" / "jacksboro"
 
 
 @pytest.fixture
@@ -30,6 +37,14 @@ def readings(monkeypatch):
 def test_a_whole_run_reads_the_elevations_once(tmp_path, readings):
     hazard_map.run(write_site(tmp_path / "ramp"), workers=1)
     assert len(readings) == 1
+
+
+def test_a_check_reads_elevations_and_releases_once(tmp_path, readings, monkeypatch, capsys):
+    found, real = [], read_raster
+    monkeypatch.setattr(release_reader, "read_raster", lambda path, *of, **how: found.append(path) or real(path, *of, **how))
+    assert cli.main(["check", str(write_site(tmp_path / "ramp"))]) == ExitCode.OK
+    assert (len(readings), len(found)) == (1, 1)
+    assert "release slab: 2.88e+04 m3" in capsys.readouterr().out
 
 
 def test_another_process_gets_what_this_one_has_read(tmp_path, readings):
@@ -61,4 +76,17 @@ def test_nothing_to_do_loads_no_library_that_it_does_not_need(finished_site):
     )
     done = subprocess.run([sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True)
     assert "nothing to do" in done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == ""
+
+
+def test_a_check_loads_no_compiler_if_the_kernels_are_known():
+    code = (
+        "import sys; from runout import engine_notes; from runout.cli import main\n"
+        "engine_notes.known = lambda name, of: 100_000_000 if name == 'memory' else [1e-4, 3e-8]\n"
+        "assert main(['check', sys.argv[1]]) == 0\n"
+        "unneeded = 'numba', 'warp', 'matplotlib', 'xarray', 'rasterio', 'runout.structures.read', 'runout.scores.comparison'\n"
+        "print(*(n for n in unneeded if n in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(JACKSBORO)], capture_output=True, text=True, check=False)
+    assert "time      about" in done.stdout, done.stderr
     assert done.stdout.splitlines()[-1] == ""

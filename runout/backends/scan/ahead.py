@@ -3,6 +3,8 @@
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from runout.backends.compile import cache_root
@@ -11,6 +13,7 @@ from runout.backends.scan.precompile import ensure_compiled
 from runout.backends.scan.warm_up import side_wall, small_slope
 from runout.model.basal_friction import BasalFriction
 from runout.model.materials import Material
+from runout.model.scene import Scene
 
 LOOK_SECONDS = 0.2  # between two looks at what is compiled
 KERNELS = 28  # that a run calls without sleep or another transfer
@@ -33,17 +36,19 @@ class CompilingAhead:
         Whether the run has structures.
     choices : dict
         ``transfer``, ``f_bar`` and ``sleep_speed`` of :class:`runout.model.scene.Scene`.
+    marked : callable, optional
+        Called with the file that marks the kernels as compiled, when it is there.
     """
 
     def __init__(
         self, materials: tuple[Material, ...], friction: BasalFriction, precision: str, *, zones: bool, choices: dict[str, Any],
-        structures: bool = False,
+        structures: bool = False, marked: Callable[[Path], None] | None = None,
     ):  # fmt: skip
         slope = small_slope(materials, friction, precision)[0]
         more = {"friction_zones": slope.friction_zones if zones else None, "structures": side_wall() if structures else None}
         scene = replace(slope, **more, **choices)  # type: ignore[arg-type]
         self.before = _stored()
-        self.thread = threading.Thread(target=ensure_compiled, args=(scene, sources_of(scene)), daemon=True)
+        self.thread = threading.Thread(target=_compile, args=(scene, sources_of(scene), marked), daemon=True)
         self.thread.start()
 
     @property
@@ -57,6 +62,12 @@ class CompilingAhead:
             progress(min((_stored() - self.before) / KERNELS, 0.99))
             self.thread.join(LOOK_SECONDS)
         progress(1.0)
+
+
+def _compile(scene: Scene, sources: tuple[ModuleType, ...], marked: Callable[[Path], None] | None) -> None:
+    mark = ensure_compiled(scene, sources)
+    if mark and marked:
+        marked(mark)
 
 
 def _stored() -> int:

@@ -28,27 +28,29 @@ WARM_UP = "RUNOUT_REHEARSAL"  # the variable that tells the process which compil
 SOURCE = str(Path(__file__).with_name("warm_up.py"))  # of what that process runs; it imports the backend, which imports this module
 
 
-def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> None:
+def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> Path | None:
     """Compile what a scene needs, unless the cache holds it; one process at a time.
 
-    ``sources`` are the modules of kernels and laws, whose change makes what is cached stale. Where no process can be started, the
-    kernels are compiled on their first call.
+    Returns the file in the cache that marks these kernels as compiled. ``sources`` are the modules of kernels and laws, whose
+    change makes what is cached stale. Where no process can be started, the kernels are compiled on their first call.
     """
     if WARM_UP in os.environ:
-        return
+        return None
     import locket
 
     laws = f"{scene.law.name} {scene.law.fingerprint} {scene.basal.law.name} {scene.basal.law.fingerprint}"
     label = f"{laws} {scene.precision} {len(scene.materials) == 1} {variant(scene)}"
     done = cache_root() / f"{source_key(sources, label, *map(_stamp, [*map(inspect.getfile, sources), SOURCE]))}.done"
     if done.exists():
-        return
+        return done
     with locket.lock_file(str(done.with_suffix(".lock"))):
         if done.exists():
-            return
+            return done
         LOGGER.info("compiling for %s in %s; this takes a minute, once", scene.law.name, scene.precision)
         if _warm_up_elsewhere(scene, variant(scene)):
             done.touch()
+            return done
+    return None
 
 
 def variant(scene: Scene) -> str:
