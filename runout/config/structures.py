@@ -8,8 +8,8 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from runout.config.distributions import Settings, limited, quantity, refuse, shape
 from runout.config.quantities import Text, within
+from runout.io.mesh_files import MESHES, OTHER_MESHES
 
-MESHES = (".obj", ".ply", ".stl", ".glb")
 OF_FOOTPRINTS, OF_MESHES = ("layer", "height", "base", "top"), ("units", "crs", "offset")
 
 
@@ -24,7 +24,11 @@ def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, st
     file = given.get("file")
     if not isinstance(file, str) or not file:
         return
-    is_mesh = PurePath(file).suffix.lower() in MESHES
+    suffix = PurePath(file).suffix.lower()
+    if suffix in OTHER_MESHES:
+        yield "file", f"{file}: meshes of {suffix} are not read", "export it as OBJ, PLY, STL or GLB"
+        return
+    is_mesh = suffix in MESHES
     kind = "a mesh" if is_mesh else "footprints"
     for key in OF_FOOTPRINTS if is_mesh else OF_MESHES:
         if key in given:
