@@ -160,7 +160,7 @@ class SiteFiles:
     def structures(self) -> SiteStructures:
         """What site.yaml says of structures."""
         overhangs = self._overhangs if is_mesh(self.settings.terrain.dem) else None
-        return SiteStructures(self.settings.structures or (), self.file.parent, overhangs)
+        return SiteStructures(self.settings.structures or (), self.file, overhangs)
 
     def _paths(self, sources: Iterable[Any]) -> list[Path]:
         return [path for source in sources for path in _files(self._located(source))]

@@ -34,8 +34,10 @@ class Bodies:
         return Bodies(tuple(replace(s, name=name) for s, name in zip(every, names, strict=True)), self.changes)
 
 
-def read_bodies(sources: Sequence[StructureSource], terrain: Terrain) -> Bodies:
+def read_bodies(sources: Sequence[StructureSource], terrain: Terrain, keys: Sequence[str] = ()) -> Bodies:
     """The bodies of files, each on the ground or above it.
+
+    ``keys`` are what names each file, for messages; they begin those of its bodies, too.
 
     Raises
     ------
@@ -43,8 +45,10 @@ def read_bodies(sources: Sequence[StructureSource], terrain: Terrain) -> Bodies:
         With all problems of all files.
     """
     read = [_read(source, terrain) for source in sources]
-    solids = [solid for one in read for solid in one.solids]
-    problems = [problem for one in read for problem in one.problems] + placement_problems(solids, terrain)
+    begin = [f"{key}: " for key in keys] or [""] * len(read)
+    solids = [replace(solid, place=key + solid.place) for key, one in zip(begin, read, strict=True) for solid in one.solids]
+    problems = [key + problem for key, one in zip(begin, read, strict=True) for problem in one.problems]
+    problems += placement_problems(solids, terrain)
     if problems:
         raise StructureError(problems)
     changes = [change for one in read for change in one.changes]
