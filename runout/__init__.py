@@ -27,6 +27,7 @@ _HOME = {
     "register_friction": "runout.model.friction_laws",
     "FrictionZones": "runout.model.friction",
     "Structures": "runout.model.structures",
+    "StructureSource": "runout.structures.source",
     "Particles": "runout.model.particles",
     "Probes": "runout.model.probes",
     "ProbeSeries": "runout.model.probe_series",
@@ -58,6 +59,8 @@ declare_readers(
     {
         "Terrain.from_array": "runout.terrain.read:terrain_from_array",
         "Terrain.from_raster": "runout.terrain.read:read_terrain",
+        "Terrain.from_mesh": "runout.terrain.mesh:terrain_from_mesh",
+        "Terrain.averaged": "runout.terrain.averaging:averaged",
         "Terrain.with_obstacles": "runout.terrain.obstacles:with_obstacles",
         "Terrain.plot": "runout.report.plots:plot_terrain",
         "Release.plot": "runout.report.plots:plot_release",
@@ -67,6 +70,8 @@ declare_readers(
         "Release.from_vector": "runout.release.read:read_vector",
         "Probes.from_vector": "runout.io.probe_layers:read_probes",
         "Structures.from_file": "runout.structures.read:structures_from_file",
+        "Structures.from_sources": "runout.structures.read:structures_from_sources",
+        "Structures.from_overhangs": "runout.structures.read:structures_from_overhangs",
         "FrictionZones.from_vector": "runout.terrain.zones:read_zones",
         "FrictionZones.from_rasters": "runout.terrain.friction_rasters:read_friction_rasters",
     }

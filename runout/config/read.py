@@ -22,7 +22,7 @@ from runout.config.schema import (
     zone_conflicts,
 )
 from runout.config.structures import FILE_KEYS as STRUCTURE_FILES
-from runout.config.structures import structure_conflicts
+from runout.config.structures import repeated_structures, structure_conflicts
 from runout.config.wording import choice_fix
 from runout.errors import ConfigError, Problem
 from runout.io.boundary import exists, kind_of, names_in
@@ -121,6 +121,8 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     for i, structure in enumerate(_blocks(document, ("structures",))):
         for key, message, fix in structure_conflicts({k: v for k, v in structure.items() if v is not None}):
             yield document.problem(("structures", i, key), message, fix)
+    for i, first in repeated_structures(_blocks(document, ("structures",))):
+        yield document.problem(("structures", i, "file"), f"structures[{first}] states the same bodies", "remove one of the two")
     rasters = document.value(("terrain", "friction_rasters"))
     yield from _rasters_of_law(document, rasters if isinstance(rasters, dict) else {})
     site = document.values if isinstance(document.values, dict) else {}

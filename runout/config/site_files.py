@@ -1,6 +1,5 @@
 """The input files of a site, read as site.yaml states: elevations, obstacles, friction zones and releases."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from runout.config.site_friction import SiteFriction
 from runout.config.site_structures import SiteStructures
 from runout.io.samples import sample_path
 from runout.io.side_files import files_of
-from runout.terrain.mesh import Overhangs, is_mesh, read_mesh_terrain
+from runout.terrain.mesh import is_mesh, read_mesh_terrain
 
 if TYPE_CHECKING:
     from runout.model.friction import FrictionZones
@@ -44,29 +43,22 @@ class SiteFiles:
         DemError
             If they cannot be used.
         """
-        from runout.config.averaging import averaged
+        from runout.terrain.averaging import averaged
         from runout.terrain.read import read_terrain
 
         stated = self.settings.terrain
-        if is_mesh(stated.dem):
-            return self._mesh(extent)[0]
         edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
+        if is_mesh(stated.dem):
+            return read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)[0]
         terrain = read_terrain(self._located(stated.dem), stated.crs, edges)
         return averaged(terrain, stated.resolution, self.file.name) if stated.resolution else terrain
 
-    def _mesh(self, extent: "Sequence[float] | None") -> "tuple[Terrain, Overhangs]":
-        """Terrain of a mesh, and what overhangs it."""
-        stated = self.settings.terrain
-        edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
-        return read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)
-
     def _overhangs(self, terrain: "Terrain") -> "list[Solid]":
-        """Bodies of the overhangs of a mesh; their friction is that of the ground unless site.yaml states an angle."""
-        from runout.structures.overhangs import overhang_bodies
+        """Bodies of the overhangs of a mesh."""
+        from runout.structures.overhangs import read_overhangs
 
-        stated = self.settings.terrain.overhang_friction_angle_deg
-        friction = math.nan if stated is None else math.tan(math.radians(stated))
-        return overhang_bodies(self._mesh(self.settings.terrain.extent)[1], terrain, friction)
+        stated = self.settings.terrain
+        return read_overhangs(self._located(stated.dem), terrain, stated.overhang_friction_angle_deg)
 
     def with_obstacles(self, terrain: "Terrain") -> "Terrain":
         """The terrain with the obstacles on it.
@@ -168,7 +160,7 @@ class SiteFiles:
     def structures(self) -> SiteStructures:
         """What site.yaml says of structures."""
         overhangs = self._overhangs if is_mesh(self.settings.terrain.dem) else None
-        return SiteStructures(self.settings.structures or (), self.file.parent, overhangs)
+        return SiteStructures(self.settings.structures or (), self.file, overhangs)
 
     def _paths(self, sources: Iterable[Any]) -> list[Path]:
         return [path for source in sources for path in _files(self._located(source))]

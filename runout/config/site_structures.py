@@ -1,5 +1,6 @@
 """The structures of a site: read as site.yaml states, and made for its grid."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.config.document import Document, read_document
 from runout.config.fetch import locate
-from runout.config.structures import StructureSettings
+from runout.config.structures import PROTECTED, StructureSettings
+from runout.errors import InputError, StructureError
 
 if TYPE_CHECKING:
     from runout.model.release import Release
@@ -26,14 +29,14 @@ class SiteStructures:
     Attributes
     ----------
     stated : sequence of StructureSettings
-    folder : Path
-        Of the site; paths are relative to it.
+    file : Path
+        The site.yaml; other paths are relative to its folder.
     overhangs : callable, optional
         Gives bodies of the overhangs of the terrain, if that is a mesh.
     """
 
     stated: Sequence[StructureSettings]
-    folder: Path
+    file: Path
     overhangs: "Callable[[Terrain], list[Solid]] | None" = None
 
     @property
@@ -47,34 +50,27 @@ class SiteStructures:
 
     def protected(self) -> list[Path]:
         """Files of the areas behind dams. Members do not depend on them."""
-        return [Path(locate(stated.protects, self.folder)) for stated in self.stated if stated.protects]
+        return [Path(locate(stated.protects, self.file.parent)) for stated in self.stated if stated.protects]
 
     def protected_areas(self, terrain: "Terrain") -> "dict[str, np.ndarray]":
         """Covered area (rows, columns) [m2] of each cell behind each dam, by the name of its structures.
 
         Raises
         ------
-        ReleaseError
-            If polygons cannot be used.
         StructureError
-            If they lie beyond the terrain.
+            With all polygons that cannot be used, or lie beyond the terrain.
         """
-        import shapely
-
-        from runout.errors import StructureError
-        from runout.io.polygons import read_polygons
-        from runout.terrain.overlay import on_cells
-
         found: dict[str, np.ndarray] = {}
-        for stated, path in zip((one for one in self.stated if one.protects), self.protected(), strict=True):
-            parts = read_polygons(path, terrain, None, "protected area").polygons
-            covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)
-            if not covered.any():
-                x, y = shapely.union_all(parts).representative_point().coords[0]
-                at = f"at easting {x:.1f}, northing {y:.1f}"
-                raise StructureError(f"{path}: the protected area {at} lies beyond the terrain {terrain.source}; move it")
-            name = f"{stated.name} {len(found) + 1}" if stated.name in found else stated.name
-            found[name] = covered.T[::-1] * terrain.cell_area
+        problems: list[str] = []
+        for number, stated in enumerate(self.stated):
+            if stated.protects:
+                name = f"{stated.name} {len(found) + 1}" if stated.name in found else stated.name
+                try:
+                    path = Path(locate(stated.protects, self.file.parent))
+                    found[name] = _protected_area(path, stated.protects_layer, terrain)
+                except InputError as error:
+                    problems.append(f"structures[{number}].protects: {error}")
+        self._raise(problems)
         return found
 
     def sources(self) -> "list[StructureSource]":
@@ -84,9 +80,9 @@ class SiteStructures:
     def _source(self, stated: StructureSettings) -> "StructureSource":
         from runout.structures.source import StructureSource, Top
 
-        given = stated.model_dump(exclude_none=True, exclude={"file", "top", "offset", "protects"})
+        given = stated.model_dump(exclude_none=True, exclude={"file", "top", "offset", *PROTECTED})
         offset = tuple(stated.offset or (0.0, 0.0, 0.0))
-        return StructureSource(Path(locate(stated.file, self.folder)), **given, top=Top(stated.top or "flat"), offset=offset)  # type: ignore[arg-type]
+        return StructureSource(Path(locate(stated.file, self.file.parent)), **given, top=Top(stated.top or "flat"), offset=offset)  # type: ignore[arg-type]
 
     def bodies(self, terrain: "Terrain") -> "Bodies":
         """Bodies of all files.
@@ -96,10 +92,59 @@ class SiteStructures:
         StructureError
             With all problems of all files.
         """
-        from runout.structures.read import Bodies, read_bodies
+        from runout.structures.read import read_bodies
 
-        read = read_bodies(self.sources(), terrain) if self.stated else Bodies(())
+        try:
+            read = read_bodies(self.sources(), terrain, [f"structures[{k}].file" for k in range(len(self.stated))])
+        except StructureError as error:
+            self._raise(error.problems)
+            raise
         return read.and_more(self.overhangs(terrain)) if self.overhangs else read
+
+    def sound_bodies(
+        self, terrain: "Terrain", releases: "Sequence[Release]", spacing: tuple[float, float, float] | None
+    ) -> "Bodies":
+        """Bodies of all files and overhangs, for a grid of ``spacing`` [m] if it is known.
+
+        Raises
+        ------
+        StructureError
+            With all problems: of files, placement, areas behind dams, thickness of walls, and overlaps with releases.
+        """
+        from runout.structures.read import Bodies, require_sound
+
+        problems: list[str] = []
+        bodies = Bodies(())
+        try:
+            bodies = self.bodies(terrain)
+            if bodies.solids and spacing:
+                require_sound(bodies.solids, terrain, spacing, releases)
+        except StructureError as error:
+            problems += error.problems
+        try:
+            self.protected_areas(terrain)
+        except StructureError as error:
+            problems += error.problems
+        self._raise(problems)
+        return bodies
+
+    def _raise(self, problems: Sequence[str]) -> None:
+        """Raise problems that begin with a key of the structures with its line of site.yaml."""
+        if problems:
+            document = read_document(self.file) if self.file.is_file() else Document(self.file.name)
+            raise StructureError([self._placed(problem, document) for problem in problems])
+
+    def _placed(self, problem: str, document: Document) -> str:
+        begins = re.match(r"structures\[(\d+)\]\.(\w+): ", problem)
+        if begins is None:
+            return problem
+        stated = self.stated[int(begins[1])]
+        blocks = document.value(("structures",))
+        same = [k for k, block in enumerate(blocks or ()) if block == stated.model_dump(exclude_unset=True)]
+        number = int(begins[1])
+        if same and number not in same:  # blocks with wrong keys are not among those stated
+            number = same[0]
+        return str(document.problem(("structures", number, begins[2]), "")) + problem[begins.end() :]
 
     def on_grid(
         self, terrain: "Terrain", releases: "Sequence[Release]", spacing: tuple[float, float, float]
@@ -114,9 +159,21 @@ class SiteStructures:
         if not self.possible:
             return None
         from runout.structures.build import build_structures
-        from runout.structures.read import require_sound
 
-        solids = self.bodies(terrain).solids
-        self.protected_areas(terrain)  # refuses them before the run, not after it
-        require_sound(solids, terrain, spacing, releases)
-        return build_structures(solids, terrain, spacing)
+        return build_structures(self.sound_bodies(terrain, releases, spacing).solids, terrain, spacing)
+
+
+def _protected_area(path: Path, layer: str | None, terrain: "Terrain") -> np.ndarray:
+    """Covered area (rows, columns) [m2] of each cell in the polygons of a file."""
+    import shapely
+
+    from runout.io.polygons import read_polygons
+    from runout.terrain.overlay import on_cells
+
+    parts = read_polygons(path, terrain, layer, "protected area", key="protects_layer").polygons
+    covered, _, _ = on_cells(np.array([shapely.union_all(parts)]), np.ones(1), terrain)
+    if not covered.any():
+        x, y = shapely.union_all(parts).representative_point().coords[0]
+        at = f"at easting {x:.1f}, northing {y:.1f}"
+        raise StructureError(f"{path}: the protected area {at} lies beyond the terrain {terrain.source}; move it")
+    return covered.T[::-1] * terrain.cell_area

@@ -1,6 +1,6 @@
 """Structures of site.yaml: buildings, dams, galleries and piers that the flow meets."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
@@ -8,8 +8,8 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from runout.config.distributions import Settings, limited, quantity, refuse, shape
 from runout.config.quantities import Text, within
+from runout.io.mesh_files import MESHES, OTHER_MESHES
 
-MESHES = (".obj", ".ply", ".stl", ".glb")
 OF_FOOTPRINTS, OF_MESHES = ("layer", "height", "base", "top"), ("units", "crs", "offset")
 
 
@@ -19,18 +19,34 @@ Elevation = Annotated[Text | Annotated[float, within("elevation"), Tag("<number>
 Position = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
 
 
+def repeated_structures(blocks: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, int]]:
+    """Numbers of blocks that state the same bodies as an earlier one, and of that."""
+    told: dict[tuple[str, ...], int] = {}
+    for number, block in enumerate(blocks):
+        bodies = tuple(str(block.get(key)) for key in ("file", "layer", "offset", "base", "clearance"))
+        first = told.setdefault(bodies, number)
+        if block.get("file") and first != number:
+            yield number, first
+
+
 def structure_conflicts(given: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Conflicts between keys of a structure: key, what is wrong, remedy."""
     file = given.get("file")
     if not isinstance(file, str) or not file:
         return
-    is_mesh = PurePath(file).suffix.lower() in MESHES
+    suffix = PurePath(file).suffix.lower()
+    if suffix in OTHER_MESHES:
+        yield "file", f"{file}: meshes of {suffix} are not read", "export it as OBJ, PLY, STL or GLB"
+        return
+    is_mesh = suffix in MESHES
     kind = "a mesh" if is_mesh else "footprints"
     for key in OF_FOOTPRINTS if is_mesh else OF_MESHES:
         if key in given:
             yield key, f"has no meaning with {kind} ({file})", "remove it"
     if is_mesh and "units" not in given:
         yield "units", "required key is missing for a mesh", "add units: m, cm, mm or ft"
+    if "protects_layer" in given and "protects" not in given:
+        yield "protects_layer", "has no meaning without protects", "add protects, or remove it"
     if is_mesh and isinstance(given.get("clearance"), str):
         yield "clearance", f"{given['clearance']!r} is no number, and a mesh has no attributes", "give a number in m"
 
@@ -86,6 +102,10 @@ class StructureSettings(Settings):
         examples=["inputs/behind_dam.gpkg"],
     )
 
+    protects_layer: str | None = quantity(
+        "layer of the GeoPackage of protects; not needed when it has one only", None, min_length=1, examples=["behind_dam"]
+    )
+
     @model_validator(mode="after")
     def _complete(self) -> "StructureSettings":
         for key, message, fix in structure_conflicts(self.model_dump(exclude_none=True)):
@@ -100,4 +120,4 @@ STRUCTURES = quantity(
     examples=[[{"file": "inputs/buildings.gpkg", "height": 8.0}]],
 )
 FILE_KEYS = ("file", "protects")
-COMPUTED_WITHOUT = ("protects",)  # keys that change no member
+PROTECTED = COMPUTED_WITHOUT = ("protects", "protects_layer")  # keys that change no member

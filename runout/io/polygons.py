@@ -46,7 +46,7 @@ class PolygonLayer:
         import pandas
 
         if attribute not in self.attributes:
-            raise ReleaseError(f"{self.source}: no attribute {attribute!r} for the {what}{self._nearest(attribute)}")
+            raise ReleaseError(self.lacks(attribute, what))
         stated = self.attributes[attribute]
         kinds = pandas.api.types
         other = kinds.is_datetime64_any_dtype(stated) or kinds.is_timedelta64_dtype(stated) or kinds.is_bool_dtype(stated)
@@ -96,6 +96,10 @@ class PolygonLayer:
         """Names of the numeric attributes, for messages."""
         return ", ".join(self.attributes.select_dtypes("number").columns) or "none"
 
+    def lacks(self, attribute: str, what: str) -> str:
+        """Message on an attribute that the layer does not have, with the nearest that it has."""
+        return f"{self.source}: no attribute {attribute!r} for the {what}{self._nearest(attribute)}"
+
     def _nearest(self, attribute: str) -> str:
         near = difflib.get_close_matches(attribute, map(str, self.attributes.columns), n=1, cutoff=0.4)
         asked = f"; did you mean {near[0]!r}?" if near else ";"
@@ -103,9 +107,14 @@ class PolygonLayer:
 
 
 def read_polygons(
-    path: Path, terrain: Terrain, layer: str | None = None, what: str = "release", faults: list[str] | None = None
+    path: Path,
+    terrain: Terrain,
+    layer: str | None = None,
+    what: str = "release",
+    faults: list[str] | None = None,
+    key: str = "layer",
 ) -> PolygonLayer:
-    """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages.
+    """Polygons of a GeoPackage, Shapefile, GeoJSON or FlatGeobuf; ``what`` names them in messages, ``key`` what chooses the layer.
 
     A list of ``faults`` takes the messages on polygons that cross themselves, which are then left out.
 
@@ -115,7 +124,7 @@ def read_polygons(
         Missing or unreadable file, unknown layer, a coordinate system without known transformation, no features, points or lines,
         features without a geometry, or polygons that cross themselves (with the place).
     """
-    frame, driver = read_frame(path, layer, what)
+    frame, driver = read_frame(path, layer, what, key)
     if len(frame) == 0:
         raise ReleaseError(f"{path}: the layer is empty; draw at least one {what} polygon")
     frame, changes = polygons_on_terrain(path, frame, driver, terrain)
@@ -130,21 +139,21 @@ def read_polygons(
     return PolygonLayer(path, geometry[sound], attributes[sound], changes)
 
 
-def read_frame(path: Path, layer: str | None, what: str) -> tuple[Any, str]:
-    """Frame of the layer and the name of the GDAL driver."""
+def read_frame(path: Path, layer: str | None, what: str, key: str = "layer") -> tuple[Any, str]:
+    """Frame of the layer and the name of the GDAL driver; ``key`` is what messages call the choice of a layer."""
     if not exists(path):
         near = difflib.get_close_matches(path.name, names_in(path.parent), n=1)
         raise ReleaseError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else "; check the path"))
     file = open_vector(path, ReleaseError)
-    return file.read(_layer(path, file.layers(), layer, what))
+    return file.read(_layer(path, file.layers(), layer, what, key))
 
 
-def _layer(path: Path, layers: list[str], layer: str | None, what: str) -> str:
+def _layer(path: Path, layers: list[str], layer: str | None, what: str, key: str) -> str:
     if not layers:
         raise ReleaseError(f"{path}: holds a table but no geometries; write the {what} into it")
     if layer is None and len(layers) > 1:
-        names = ", ".join(layers)
-        raise ReleaseError(f"{path}: holds {len(layers)} layers ({names}); name the one with the {what}: layer={layers[0]!r}")
+        held = f"holds {len(layers)} layers ({', '.join(layers)})"
+        raise ReleaseError(f"{path}: {held}; name the one with the {what}, for example {key}: {layers[0]}")
     if layer is not None and layer not in layers:
         near = difflib.get_close_matches(layer, layers, n=1, cutoff=0.4)
         asked = f"did you mean {near[0]!r}? " if near else ""

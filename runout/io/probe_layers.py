@@ -80,7 +80,7 @@ def read_lines(
 def _read(path: Path, terrain: Terrain, layer: str | None, what: str) -> tuple[list[Any], tuple[str, ...], list[Problem]]:
     """Probes of a layer in the map coordinates of the terrain, sentences on changes, and problems."""
     try:
-        frame, driver = read_frame(path, layer, what)
+        frame, driver = read_frame(path, layer, what, "points_layer" if what == POINTS else "cross_sections_layer")
         if not len(frame):
             return [], (), [Problem(str(path), None, "", "the layer is empty", f"draw at least one {what} in it")]
         frame, said = polygons_on_terrain(path, frame, driver, terrain)

@@ -1,13 +1,18 @@
 """Structures of a scene: the signed distance to their surfaces near them, and the patches that forces are booked on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from runout.errors import ConfigError
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
+
+if TYPE_CHECKING:
+    from runout.model.release import Release
 
 FINEST, WIDEST = 0.5, 2.0  # largest spacing of the lattice and least band, in the smallest and the largest spacing of the grid
 CELLS = 8  # of the lattice along an edge of a block; a block has CELLS + 1 nodes along it, shared with its neighbours
@@ -164,4 +169,69 @@ class Structures:
             path, terrain, cell_size, layer=layer, name=name, height=height, base=base, clearance=clearance, top=top,
             friction_angle_deg=friction_angle_deg, units=units, crs=crs, offset=offset,
         )  # fmt: skip
+        return made
+
+    @classmethod
+    def from_sources(
+        cls,
+        sources: Sequence[Any],
+        terrain: Terrain,
+        cell_size: float | tuple[float, float, float],
+        *,
+        overhangs: str | PathLike[str] | None = None,
+        overhang_friction_angle_deg: float | None = None,
+        releases: "Sequence[Release]" = (),
+    ) -> "Structures":
+        """Structures of several files on a terrain, each with a name of its own, for runs with cells of ``cell_size`` [m].
+
+        Parameters
+        ----------
+        sources : sequence of StructureSource
+            Files, and what is stated of each; as ``structures`` of site.yaml.
+        overhangs : path, optional
+            Mesh that the terrain was made of; what overhangs in it is added.
+        overhang_friction_angle_deg : float, optional
+            Of the rock that overhangs [deg]; by default that of the ground under the mass.
+        releases : sequence of Release
+            Structures in their mass are refused.
+
+        Raises
+        ------
+        StructureError
+            With all problems of all files: holes, placement, walls thinner than two cells, structures in a release.
+        DemError
+            If the mesh of the overhangs cannot be used.
+        """
+        made: Structures = reader("Structures.from_sources")(
+            sources, terrain, cell_size, overhangs=overhangs, overhang_friction_angle_deg=overhang_friction_angle_deg,
+            releases=releases,
+        )  # fmt: skip
+        return made
+
+    @classmethod
+    def from_overhangs(
+        cls,
+        path: str | PathLike[str],
+        terrain: Terrain,
+        cell_size: float | tuple[float, float, float],
+        *,
+        friction_angle_deg: float | None = None,
+    ) -> "Structures":
+        """Structures of what overhangs a terrain in the mesh that it was made of, for runs with cells of ``cell_size`` [m].
+
+        Parameters
+        ----------
+        path : path
+            The mesh that :meth:`runout.Terrain.from_mesh` read.
+        friction_angle_deg : float, optional
+            Of the rock [deg]; by default that of the ground under the mass.
+
+        Raises
+        ------
+        DemError
+            If the file cannot be used, or the terrain has other cells than those of a mesh.
+        StructureError
+            If nothing overhangs, or rock is thinner than two cells.
+        """
+        made: Structures = reader("Structures.from_overhangs")(path, terrain, cell_size, friction_angle_deg=friction_angle_deg)
         return made

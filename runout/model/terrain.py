@@ -103,6 +103,43 @@ class Terrain:
         read: Terrain = reader("Terrain.from_raster")(path, crs, extent)
         return read
 
+    @classmethod
+    def from_mesh(
+        cls,
+        path: str | PathLike[str],
+        cell_size: float,
+        crs: Any = None,
+        extent: tuple[float, float, float, float] | None = None,
+    ) -> "Terrain":
+        """Terrain of a surface mesh on square cells of ``cell_size`` [m].
+
+        Where the surface overhangs, the terrain is the ground below; :meth:`runout.Structures.from_overhangs` makes the rock
+        above it.
+
+        Parameters
+        ----------
+        path : path
+            OBJ, PLY or STL: an open surface in metres and map coordinates, with z up.
+        cell_size : float
+            Of the terrain [m].
+        crs : str, optional
+            Projected coordinate system of the mesh, in metres.
+        extent : tuple of float, optional
+            West, south, east and north of the part that is read [m].
+
+        Raises
+        ------
+        DemError
+            If the mesh cannot be used, with the place.
+        """
+        read: Terrain = reader("Terrain.from_mesh")(path, cell_size, crs, extent)
+        return read
+
+    def averaged(self, resolution: float) -> "Terrain":
+        """The terrain averaged over whole blocks of cells to about ``resolution`` [m], as ``terrain.resolution`` does it."""
+        made: Terrain = reader("Terrain.averaged")(self, resolution)
+        return made
+
     def plot(self, *, title: str = "") -> Any:
         """Axes of matplotlib with a map of the elevation over hillshade, on a new figure of pyplot."""
         return reader("Terrain.plot")(self, title=title)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.config.averaging import block_means
 from runout.errors import LibraryError
+from runout.terrain.averaging import block_means
 from runout.terrain.fill import filled
 
 if TYPE_CHECKING:

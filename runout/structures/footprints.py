@@ -41,6 +41,9 @@ def read_footprints(source: StructureSource, terrain: Terrain) -> Read:
         layer = read_polygons(source.path, terrain, source.layer, "structure", faults=problems)
     except InputError as error:
         return Read((), (str(error),), ())
+    lacks = _missing_attributes(source, layer)
+    if lacks:
+        return Read((), (*problems, *lacks), layer.changes)
     solids = []
     for row, number in enumerate(layer.attributes.index + 1):
         place = f"{source.path}: feature {number}"
@@ -62,6 +65,13 @@ def _local(polygon: Any, terrain: Terrain) -> Any:
     import shapely
 
     return shapely.remove_repeated_points(shapely.transform(polygon, terrain.frame.to_local), REPEATED)
+
+
+def _missing_attributes(source: StructureSource, layer: PolygonLayer) -> list[str]:
+    """Messages on attributes that are stated and that no feature has."""
+    wanted = {"height": "height" if source.height is None else source.height, "base": source.base, "clearance": source.clearance}
+    names = {key: name for key, name in wanted.items() if isinstance(name, str) and name not in layer.attributes}
+    return [f"{layer.lacks(name, key)}; state {key}, a number or the name of an attribute" for key, name in names.items()]
 
 
 def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, problems: list[str]) -> _Stated | None:
@@ -106,11 +116,6 @@ def _value(layer: PolygonLayer, row: int, given: float | str | None, quantity: s
 
     key = quantity
     if isinstance(given, str):
-        if given not in layer.attributes:
-            raise InputError(
-                f"{place}: no attribute {given!r} for the {quantity.replace('_', ' ')}; numeric attributes: "
-                f"{layer.numeric_attributes()}; name one of them, or a number"
-            )
         key, given = f"attribute {given!r}", layer.attributes[given].iloc[row]
         if given is None or (not isinstance(given, str) and pandas.isna(given)):
             return None

@@ -1,11 +1,31 @@
 """Overhangs of a terrain as bodies: columns of cells between underside and top."""
 
+import math
+from os import PathLike
+
 import numpy as np
 
+from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.structures.facades import mesh_facades
 from runout.structures.solid import Solid
-from runout.terrain.mesh import Overhangs
+from runout.terrain.mesh import Overhangs, overhangs_on
+
+
+def read_overhangs(path: str | PathLike[str], terrain: Terrain, friction_angle_deg: float | None = None) -> list[Solid]:
+    """Bodies of what overhangs a terrain in the mesh that it was made of.
+
+    ``friction_angle_deg`` is that of the rock; by default it is that of the ground under the mass.
+
+    Raises
+    ------
+    DemError
+        If the file cannot be used, or the terrain was not made of a mesh.
+    """
+    friction = math.nan
+    if friction_angle_deg is not None:
+        friction = math.tan(math.radians(checked("basal_friction_angle", friction_angle_deg, place=str(path))))
+    return overhang_bodies(overhangs_on(path, terrain), terrain, friction)
 
 
 def overhang_bodies(overhangs: Overhangs, terrain: Terrain, friction: float) -> list[Solid]:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
-from pathlib import Path
 
-from runout.errors import StructureError, member_of
+from runout.errors import StructureError
+from runout.io.mesh_files import OTHER_MESHES
 from runout.model.limits import spacing_of
 from runout.model.release import Release
 from runout.model.structures import Structures
@@ -15,8 +15,9 @@ from runout.structures.facades import numbered
 from runout.structures.footprints import read_footprints
 from runout.structures.inspection import placement_problems, release_overlaps, thin_walls
 from runout.structures.meshes import read_meshes
+from runout.structures.overhangs import read_overhangs
 from runout.structures.solid import Solid
-from runout.structures.source import CONCRETE, StructureSource, Top
+from runout.structures.source import CONCRETE, Read, StructureSource
 
 
 @dataclass(frozen=True)
@@ -33,21 +34,32 @@ class Bodies:
         return Bodies(tuple(replace(s, name=name) for s, name in zip(every, names, strict=True)), self.changes)
 
 
-def read_bodies(sources: Sequence[StructureSource], terrain: Terrain) -> Bodies:
+def read_bodies(sources: Sequence[StructureSource], terrain: Terrain, keys: Sequence[str] = ()) -> Bodies:
     """The bodies of files, each on the ground or above it.
+
+    ``keys`` are what names each file, for messages; they begin those of its bodies, too.
 
     Raises
     ------
     StructureError
         With all problems of all files.
     """
-    read = [read_meshes(s, terrain) if s.is_mesh else read_footprints(s, terrain) for s in sources]
-    solids = [solid for one in read for solid in one.solids]
-    problems = [problem for one in read for problem in one.problems] + placement_problems(solids, terrain)
+    read = [_read(source, terrain) for source in sources]
+    begin = [f"{key}: " for key in keys] or [""] * len(read)
+    solids = [replace(solid, place=key + solid.place) for key, one in zip(begin, read, strict=True) for solid in one.solids]
+    problems = [key + problem for key, one in zip(begin, read, strict=True) for problem in one.problems]
+    problems += placement_problems(solids, terrain)
     if problems:
         raise StructureError(problems)
     changes = [change for one in read for change in one.changes]
     return Bodies((), tuple(dict.fromkeys(changes))).and_more(solids)
+
+
+def _read(source: StructureSource, terrain: Terrain) -> Read:
+    kind = source.path.suffix.lower()
+    if kind in OTHER_MESHES:
+        return Read((), (f"{source.path}: meshes of {kind} are not read; export it as OBJ, PLY, STL or GLB",))
+    return read_meshes(source, terrain) if source.is_mesh else read_footprints(source, terrain)
 
 
 def require_sound(
@@ -76,13 +88,39 @@ def structures_from_file(
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Structures:
     """Structures of one file for a grid; see :meth:`runout.Structures.from_file`."""
-    follows = member_of(Top, top, "top", StructureError)
     source = StructureSource(
-        Path(path), layer, name, height, base, clearance, follows, friction_angle_deg, units, crs, offset
+        path, layer, name, height, base, clearance, top, friction_angle_deg, units, crs, offset,  # type: ignore[arg-type]
     )  # fmt: skip
-    spacing, bodies = spacing_of(cell_size), read_bodies([source], terrain)
-    require_sound(bodies.solids, terrain, spacing)
+    return structures_from_sources([source], terrain, cell_size)
+
+
+def structures_from_overhangs(
+    path: str | PathLike[str],
+    terrain: Terrain,
+    cell_size: float | tuple[float, float, float],
+    *,
+    friction_angle_deg: float | None = None,
+) -> Structures:
+    """Structures of the overhangs of a mesh for a grid; see :meth:`runout.Structures.from_overhangs`."""
+    return structures_from_sources([], terrain, cell_size, overhangs=path, overhang_friction_angle_deg=friction_angle_deg)
+
+
+def structures_from_sources(
+    sources: Sequence[StructureSource],
+    terrain: Terrain,
+    cell_size: float | tuple[float, float, float],
+    *,
+    overhangs: str | PathLike[str] | None = None,
+    overhang_friction_angle_deg: float | None = None,
+    releases: Sequence[Release] = (),
+) -> Structures:
+    """Structures of several files for a grid; see :meth:`runout.Structures.from_sources`."""
+    spacing, bodies = spacing_of(cell_size), read_bodies(sources, terrain)
+    if overhangs is not None:
+        bodies = bodies.and_more(read_overhangs(overhangs, terrain, overhang_friction_angle_deg))
+    require_sound(bodies.solids, terrain, spacing, releases)
     made = build_structures(bodies.solids, terrain, spacing)
     if made is None:
-        raise StructureError(f"{path}: holds no structure")
+        named = ", ".join(str(source.path) for source in sources) or overhangs or "no file"
+        raise StructureError(f"{named}: holds no structure; leave structures out of the run")
     return made

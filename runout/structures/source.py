@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from runout.errors import StructureError, member_of
+from runout.io.boundary import as_path
+from runout.io.mesh_files import MESHES
 from runout.structures.solid import Solid
 
-MESHES = (".obj", ".ply", ".stl", ".glb")
 CONCRETE = 20.0  # friction angle [deg] of a smooth wall where none is stated
 
 
@@ -19,11 +21,11 @@ class Top(StrEnum):
 
 @dataclass(frozen=True)
 class StructureSource:
-    """A file of structures.
+    """A file of structures, and what is stated of it.
 
-    Attributes
+    Parameters
     ----------
-    path : Path
+    path : path
         Footprints (GeoPackage, Shapefile, GeoJSON, FlatGeobuf) or a mesh (OBJ, PLY, STL, GLB).
     layer : str, optional
         Of a vector file with several.
@@ -35,8 +37,8 @@ class StructureSource:
         Elevation [m] that the height counts from, or its attribute; by default ``base`` where there is one, else the mean ground.
     clearance : float or str, optional
         Height [m] of the underside above the ground, or its attribute. A mesh that states one may hang above the ground.
-    top : Top
-        Flat, or along the ground: then top and underside follow it.
+    top : str
+        "flat", or "along_ground": then top and underside follow the ground.
     friction_angle_deg : float
         Friction angle of the surfaces [deg]; an attribute ``friction_deg`` replaces it.
     units : str, optional
@@ -45,6 +47,11 @@ class StructureSource:
         Of a mesh, that of the terrain by default.
     offset : tuple of float
         Added to the coordinates of a mesh: easting, northing, elevation [m].
+
+    Raises
+    ------
+    StructureError
+        If the path is none, or another top is stated.
     """
 
     path: Path
@@ -58,6 +65,10 @@ class StructureSource:
     units: str | None = None
     crs: str | None = None
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", as_path(self.path, StructureError))
+        object.__setattr__(self, "top", member_of(Top, self.top, "top", StructureError))
 
     @property
     def is_mesh(self) -> bool:

@@ -4,6 +4,7 @@ Where the surface overhangs, the ground below is the terrain, and the rock above
 """
 
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,20 @@ import numpy as np
 
 from runout.errors import DemError
 from runout.io import crs as coordinate_systems
-from runout.io.boundary import exists
+from runout.io.boundary import as_path
 from runout.io.elevation_raster import ElevationRaster
+from runout.io.mesh_files import read_mesh
+from runout.io.window import LARGEST_WHOLE, Bounds
 from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.terrain import prepare
+from runout.terrain.read import real_extent
 
 MESHES = (".obj", ".ply", ".stl")
 ASIDE = 1e-6  # of a cell, by which columns pass beside the edges of the mesh
 SAME = 1e-9  # of the relief, between crossings of one sheet
+BALANCED = 1e-6  # of the area in plan, by which faces up and faces down of a closed body differ
 AT_ONCE = 4_000_000  # pairs of triangle and column
-UNREADABLE = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, OSError)  # what readers of meshes raise
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,13 @@ def is_mesh(path: Any) -> bool:
     return isinstance(path, str | Path) and str(path).lower().endswith(MESHES)
 
 
+def terrain_from_mesh(path: str | PathLike[str], cell_size: float, crs: Any = None, extent: Any = None) -> Terrain:
+    """Terrain of an open surface mesh; see :meth:`runout.Terrain.from_mesh`."""
+    return read_mesh_terrain(as_path(path, DemError), cell_size, crs, real_extent(extent))[0]
+
+
 def read_mesh_terrain(
-    path: Path, resolution: float | None, crs: Any = None, extent: tuple[float, float, float, float] | None = None
+    path: Path, resolution: float | None, crs: Any = None, extent: Bounds | None = None
 ) -> tuple[Terrain, Overhangs]:
     """Terrain of an open surface mesh on cells of ``resolution`` [m], and what overhangs it.
 
@@ -72,39 +81,70 @@ def read_mesh_terrain(
         raise DemError(f"{path}: a mesh has no cells; state terrain.resolution, the size of the cells that are made of it [m]")
     step = checked("resolution", resolution, place=str(path), error=DemError)
     corners, turned = _surface(path)
-    west, south, east, north = extent or (*corners[:, :, :2].min((0, 1)), *corners[:, :, :2].max((0, 1)))
-    first = np.ceil(np.array([west, south]) / step - ASIDE)
-    columns, rows = (np.floor(np.array([east, north]) / step + ASIDE) - first).astype(int)
-    if min(rows, columns) < 3:
-        raise DemError(f"{path}: {rows} x {columns} cells of {step:g} m lie on the mesh; set terrain.resolution to a smaller value")
+    first, (rows, columns) = _cells(corners, step, extent, path)
     column, z, up = _crossings(corners, first * step, step, (rows, columns))
+    if not len(column):
+        raise DemError(f"{path}: none of {rows} x {columns} cells of {step:g} m has its centre on a face; check terrain.extent")
     ground, above = _sorted_crossings(column, z, up, path, first * step, (rows, columns), step)
     transform = (step, 0.0, first[0] * step, 0.0, -step, (first[1] + rows) * step)
     raster = ElevationRaster(ground, transform, None, "m", str(path))
     made = prepare.terrain(coordinate_systems.with_stated(raster, crs))
     if made.cell_size != (step, step):
         raise DemError(f"{path}: a mesh needs coordinates in metres; transform it to a projected system, state that in terrain.crs")
-    moved = round((made.extent[0] - first[0] * step) / step), round(((first[1] + rows) * step - made.extent[3]) / step)
     said = [f"{path}: its faces are turned upwards"] if turned else []
     said.append(f"{len(corners)} triangles became {rows} x {columns} cells of {step:g} m, {len(above.row)} of them overhung")
-    placed = replace(above, row=above.row - moved[1], column=above.column - moved[0])
-    return replace(made, changes=(*said, *made.changes)), placed
+    north_west = first[0] * step, (first[1] + rows) * step
+    return replace(made, changes=(*said, *made.changes)), _moved(above, north_west, made)
+
+
+def overhangs_on(path: str | PathLike[str], terrain: Terrain) -> Overhangs:
+    """What overhangs a terrain that was made of the mesh of a file, in its cells.
+
+    Raises
+    ------
+    DemError
+        If the file cannot be used, or the terrain has cells other than those that are made of a mesh.
+    """
+    file, (east, north) = as_path(path, DemError), terrain.cell_size
+    places = np.array(terrain.extent) / east
+    if east != north or np.abs(places - np.round(places)).max() > ASIDE:
+        raise DemError(f"{file}: the cells of {terrain.source} are not those of a mesh; make it with Terrain.from_mesh")
+    read, above = read_mesh_terrain(file, east, terrain.crs, terrain.extent)
+    found = _moved(above, (read.extent[0], read.extent[3]), terrain)
+    rows, columns = terrain.shape
+    kept = (found.row >= 0) & (found.row < rows) & (found.column >= 0) & (found.column < columns)
+    return Overhangs(found.row[kept], found.column[kept], found.bottom[kept], found.top[kept])
+
+
+def _moved(above: Overhangs, north_west: tuple[float, float], terrain: Terrain) -> Overhangs:
+    """Overhangs in the cells of a terrain; they count from another north-west corner."""
+    step, (west, _, _, north) = terrain.cell_size[0], terrain.extent
+    row, column = round((north - north_west[1]) / step), round((north_west[0] - west) / step)
+    return replace(above, row=above.row + row, column=above.column + column)
+
+
+def _cells(corners: np.ndarray, step: float, extent: Bounds | None, path: Path) -> tuple[np.ndarray, tuple[int, int]]:
+    """First cell (2,), in cells from the origin of the map, and rows and columns of those on the mesh and in the extent."""
+    west, south, east, north = extent or (*corners[:, :, :2].min((0, 1)), *corners[:, :, :2].max((0, 1)))
+    first = np.ceil(np.array([west, south]) / step - ASIDE)
+    columns, rows = np.maximum(np.floor(np.array([east, north]) / step + ASIDE) - first, 0)
+    what = "terrain.extent" if extent else "the mesh"
+    spans = f"{path}: {what} spans {east - west:.6g} x {north - south:.6g} m, {rows:.6g} x {columns:.6g} cells of {step:g} m"
+    if min(rows, columns) < 3:
+        raise DemError(f"{spans}; give a mesh with coordinates in metres, or smaller cells (terrain.resolution)")
+    if rows * columns > LARGEST_WHOLE:
+        raise DemError(f"{spans}; give a mesh with coordinates in metres, a terrain.extent, or larger cells (terrain.resolution)")
+    return first, (int(rows), int(columns))
 
 
 def _surface(path: Path) -> tuple[np.ndarray, bool]:
     """Corners (n, 3, 3) of the triangles, turned upwards on the whole, and whether they were turned."""
-    import trimesh
-
-    if not exists(path):
-        raise DemError(f"{path}: no such file; check the path")
-    try:
-        mesh = trimesh.load_scene(path).to_mesh()
-        corners = np.asarray(mesh.triangles, np.float64)
-    except UNREADABLE as cause:
-        raise DemError(f"{path}: cannot be read as a mesh ({cause}); export it again as OBJ, PLY or STL") from cause
-    if not len(corners) or not np.isfinite(corners).all():
-        raise DemError(f"{path}: holds no faces, or corners that are no numbers; export the surface as triangles")
-    turned = float(_plan_area(corners).sum()) < 0
+    parts = read_mesh(path, DemError, MESHES)
+    corners = np.concatenate([part.vertices[part.faces] for part in parts])
+    area = _plan_area(corners)
+    if abs(area.sum()) <= BALANCED * np.abs(area).sum() and all(part.merged().is_closed for part in parts):
+        raise DemError(f"{path}: is a closed body; a terrain is an open surface: remove the underside and the sides")
+    turned = float(area.sum()) < 0
     return (corners[:, ::-1] if turned else corners), turned
 
 

@@ -92,7 +92,7 @@ class _Source(Protocol):
 @contextmanager
 def _opened(text: str) -> Iterator[_Source]:
     if text.lower().endswith(SURFACES):
-        remedy = "give a mesh as OBJ, PLY or STL in site.yaml: terrain.dem with terrain.resolution"
+        remedy = "give a mesh as OBJ, PLY or STL in site.yaml (terrain.dem with terrain.resolution), or to Terrain.from_mesh"
         raise DemError(f"{text}: is a mesh, not a raster; {remedy}")
     if text.lower().endswith(NETCDF_SUFFIXES) and not _is_gdal_name(text):
         from runout.terrain.netcdf import open_elevation

@@ -232,14 +232,12 @@ def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> No
     if not site.structures.possible:
         return
     from runout.model.limits import spacing_of
-    from runout.structures.read import require_sound
 
+    known = found.site is not None and found.releases and site.structures.possible
+    spacing = spacing_of(site.grid(found.releases)["cell_size"]) if known else None
     try:
-        bodies = site.structures.bodies(terrain)
+        bodies = site.structures.sound_bodies(terrain, found.releases, spacing)
         found.notes += [f"structures: {change}" for change in bodies.changes]
-        site.structures.protected_areas(terrain)
-        if bodies.solids and found.site is not None and found.releases:
-            require_sound(bodies.solids, terrain, spacing_of(found.site.grid(found.releases)["cell_size"]), found.releases)
     except InputError as error:
         found.note(error)
 

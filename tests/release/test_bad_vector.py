@@ -137,7 +137,7 @@ def test_shapefile_without_its_index_is_refused(write_polygons, terrain):
 def test_several_layers_must_be_named_and_a_wrong_name_is_corrected(write_polygons, terrain):
     path = write_polygons([SQUARE])
     pyogrio.write_dataframe(pyogrio.read_dataframe(path), path, layer="deposit")
-    refused(path, terrain, "2 layers (release, deposit)", "layer=")
+    refused(path, terrain, "2 layers (release, deposit)", "layer: ")
     refused(path, terrain, "did you mean 'deposit'", layer="deposits", thickness=1.0)
 
 

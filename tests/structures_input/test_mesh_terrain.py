@@ -11,12 +11,14 @@ from structure_bodies import SOUTH, WEST
 sys.path.append(str(Path(__file__).parents[1] / "workflow"))
 from ramp_site import SITE, write_site
 
+import runout
 from runout.config.site import read_site
-from runout.errors import ConfigError, DemError
+from runout.errors import ConfigError, DemError, StructureError
+from runout.model.structures import Structures
 from runout.model.terrain import Terrain
 from runout.slopes.place import read_place
 from runout.structures.overhangs import overhang_bodies
-from runout.terrain.mesh import read_mesh_terrain
+from runout.terrain.mesh import overhangs_on, read_mesh_terrain
 
 
 def sheet(points, width=120.0, parts=24):
@@ -101,6 +103,71 @@ def test_a_site_on_a_mesh_gets_its_overhang_as_a_structure(tmp_path):
     (site / "site.yaml").write_text(text.replace("resolution: 5\n", "resolution: 5\n  overhang_friction_angle_deg: 35\n"))
     stated = read_site(site).member_arguments({})["structures"]
     np.testing.assert_allclose(stated.field.patches.friction, np.tan(np.radians(35)))
+
+
+def test_python_makes_the_same_of_files_as_site_yaml(tmp_path):
+    text = SITE.replace("inputs/dem.tif", "inputs/cave.obj\n  resolution: 5\n  crs: EPSG:32632\n  extent: EXTENT")
+    extent = (WEST + 20.0, SOUTH, WEST + 180.0, SOUTH + 110.0)
+    text = text.replace("EXTENT", str(list(extent))).replace("cell_size: 10", "cell_size: 5")
+    text = text.replace("terrain:\n", "terrain:\n  overhang_friction_angle_deg: 35\n")
+    site = write_site(tmp_path / "cave", text + "structures:\n  - {file: inputs/hut.obj, units: m, name: hut}\n")
+    sheet(CAVE).export(site / "inputs" / "cave.obj")
+    hut = trimesh.creation.box((20.0, 20.0, 30.0))
+    hut.apply_translation((WEST + 150.0, SOUTH + 60.0, 105.0))
+    hut.export(site / "inputs" / "hut.obj")
+    read = read_site(site)
+    stated = read.terrain()
+    terrain = runout.Terrain.from_mesh(site / "inputs" / "cave.obj", cell_size=5.0, crs="EPSG:32632", extent=extent)
+    assert (terrain.extent, terrain.crs, terrain.changes) == (stated.extent, stated.crs, stated.changes)
+    np.testing.assert_array_equal(terrain.elevation, stated.elevation)
+    ours = runout.Structures.from_sources(
+        [runout.StructureSource(site / "inputs" / "hut.obj", units="m", name="hut")], terrain, 5.0,
+        overhangs=site / "inputs" / "cave.obj", overhang_friction_angle_deg=35.0,
+    )  # fmt: skip
+    theirs = read.structures.on_grid(stated, (), (5.0, 5.0, 5.0))
+    assert ours.names == theirs.names == ("hut", "overhang")
+    np.testing.assert_array_equal(ours.field.distance, theirs.field.distance)
+    np.testing.assert_array_equal(ours.field.patches.friction, theirs.field.patches.friction)
+    alone = runout.Structures.from_overhangs(site / "inputs" / "cave.obj", terrain, 5.0, friction_angle_deg=35.0)
+    assert alone.names == ("overhang",)
+
+
+def test_overhangs_keep_their_place_in_a_part_of_the_terrain(tmp_path):
+    sheet(CAVE).export(tmp_path / "cave.ply")
+    terrain = Terrain.from_mesh(tmp_path / "cave.ply", 5.0)
+    part = terrain.part(slice(3, 20), slice(8, 30))
+    whole, cut = overhangs_on(tmp_path / "cave.ply", terrain), overhangs_on(tmp_path / "cave.ply", part)
+    assert set(zip(cut.row + 3, cut.column + 8, strict=True)) == {
+        (row, column) for row, column in zip(whole.row, whole.column, strict=True) if 3 <= row < 20 and 8 <= column < 30
+    }
+
+
+def test_a_terrain_of_other_cells_has_no_overhangs_of_a_mesh(tmp_path):
+    sheet(CAVE).export(tmp_path / "cave.ply")
+    other = Terrain.from_array(np.zeros((20, 20)), 5.0, origin=(WEST + 1.0, SOUTH))
+    with pytest.raises(DemError, match=r"the cells of array are not those of a mesh; make it with Terrain\.from_mesh"):
+        Structures.from_overhangs(tmp_path / "cave.ply", other, 5.0)
+    sheet(SLOPE).export(tmp_path / "slope.ply")
+    level = Terrain.from_mesh(tmp_path / "slope.ply", 5.0)
+    with pytest.raises(StructureError, match=r"slope\.ply: holds no structure; leave structures out of the run"):
+        Structures.from_overhangs(tmp_path / "slope.ply", level, 5.0)
+
+
+@pytest.mark.parametrize(("argument", "said"), [("cell_size", "resolution"), ("extent", "extent is")])
+def test_arguments_of_a_terrain_of_a_mesh_are_checked(tmp_path, argument, said):
+    sheet(SLOPE).export(tmp_path / "slope.ply")
+    with pytest.raises(DemError, match=said):
+        Terrain.from_mesh(tmp_path / "slope.ply", **{"cell_size": 5.0, argument: "five"})
+
+
+def test_averaged_is_what_resolution_of_site_yaml_does(tmp_path):
+    site = write_site(tmp_path / "flat", SITE.replace("inputs/dem.tif", "inputs/dem.tif\n  resolution: 20"))
+    stated = read_site(site).terrain()
+    ours = Terrain.from_raster(site / "inputs" / "dem.tif").averaged(20.0)
+    assert ours.extent == stated.extent
+    np.testing.assert_array_equal(ours.elevation, stated.elevation)
+    with pytest.raises(ConfigError, match=r"dem.tif: resolution: 1 m is finer than the raster's own cells"):
+        Terrain.from_raster(site / "inputs" / "dem.tif").averaged(1.0)
 
 
 def test_friction_of_overhangs_has_no_meaning_with_a_raster(tmp_path):

@@ -6,7 +6,7 @@ import trimesh
 from structure_bodies import SOUTH, WEST, box
 
 from runout.errors import StructureError
-from runout.structures.meshes import _volume
+from runout.structures.mesh_faults import volume
 from runout.structures.read import read_bodies
 from runout.structures.source import StructureSource
 
@@ -28,7 +28,7 @@ def test_a_box_comes_as_it_is_from_every_kind_of_file(level, tmp_path, kind):
     (solid,) = read.solids
     assert solid.box == pytest.approx(np.array([[94, 76, 98], [106, 84, 108]]), abs=1e-3)
     assert set(solid.facades) == {"east", "west", "north", "south", "top", "underside"}
-    assert _volume(solid.vertices, solid.faces) == pytest.approx(960, rel=1e-4)
+    assert volume(solid.vertices, solid.faces) == pytest.approx(960, rel=1e-4)
 
 
 def test_a_hole_is_named_with_its_place(level, tmp_path):
@@ -46,7 +46,7 @@ def test_inverted_faces_are_turned_and_said(level, tmp_path):
     house.invert()
     house.export(tmp_path / "inside_out.ply")
     read = bodies(tmp_path / "inside_out.ply", level)
-    assert _volume(read.solids[0].vertices, read.solids[0].faces) == pytest.approx(960)
+    assert volume(read.solids[0].vertices, read.solids[0].faces) == pytest.approx(960)
     assert any("turned outwards" in change for change in read.changes)
 
 
@@ -65,7 +65,7 @@ def test_several_bodies_of_a_file_are_structures_of_their_own_and_cavities_are_n
     trimesh.util.concatenate(parts).export(tmp_path / "two.obj")
     read = bodies(tmp_path / "two.obj", level, name="house")
     assert [s.name for s in read.solids] == ["house 1", "house 2"]
-    assert sorted(_volume(s.vertices, s.faces) for s in read.solids) == pytest.approx([960 - 64, 1000])
+    assert sorted(volume(s.vertices, s.faces) for s in read.solids) == pytest.approx([960 - 64, 1000])
 
 
 def test_a_sphere_is_one_facade(level, tmp_path):
@@ -92,7 +92,7 @@ def test_a_roof_on_posts_does_not_float(level, tmp_path):
 
 def test_a_file_that_is_no_mesh_is_refused(level, tmp_path):
     (tmp_path / "text.stl").write_text("no mesh at all")
-    with pytest.raises(StructureError, match=r"text.stl: (cannot be read as a mesh|holds no faces)"):
+    with pytest.raises(StructureError, match=r"text.stl: is cut off, or no STL file"):
         bodies(tmp_path / "text.stl", level)
 
 

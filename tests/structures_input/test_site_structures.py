@@ -105,3 +105,94 @@ def test_an_area_behind_a_dam_that_cannot_be_used_is_refused_before_the_run(tmp_
     assert any(f"area.gpkg: {said}" in problem or said in problem for problem in map(str, check.inspect(site).problems))
     with pytest.raises(InputError, match=said):
         read_site(site).data()
+
+
+def write_layers(path, **layers):
+    import geopandas as gpd
+
+    for name, (shape, attributes) in layers.items():
+        gpd.GeoDataFrame({key: [value] for key, value in attributes.items()}, geometry=[shape], crs="EPSG:32632").to_file(
+            path, layer=name
+        )
+
+
+def test_problems_of_all_files_come_at_once_with_their_lines_of_site_yaml(tmp_path):
+    text = (
+        "  - {file: inputs/town.gpkg, protects: inputs/town.gpkg}\n"
+        "  - {file: inputs/town.gpkg, layer: house}\n"
+        "  - {file: inputs/town.gpkg, layer: dam, height: hight, protects: inputs/town.gpkg, protects_layer: point}\n"
+        "  - {file: inputs/open.obj, units: m}\n"
+        "  - {file: inputs/town.gpkg, layer: high}\n"
+        "  - {file: inputs/town.gpkg, layer: thin}\n"
+    )
+    site = with_structures(tmp_path / "ramp", text)
+    write_layers(
+        site / "inputs" / "town.gpkg",
+        houses=(square(30, 12, 30.0), {"height": 20.0}), dam=(square(34, 12, 30.0), {"height": 20.0}),
+        high=(square(38, 12, 30.0), {"height": 8.0, "base": 900.0}), thin=(THIN, {"height": 8.0}),
+        point=(shapely.Point(WEST + 300, NORTH - 100), {"height": 8.0}),
+    )  # fmt: skip
+    (site / "inputs" / "open.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 4\n")
+    names, first = "houses, dam, high, thin, point", len((site / "site.yaml").read_text().splitlines()) - 5
+    path = site / "inputs" / "town.gpkg"
+    said = [problem.replace(str(path), "town.gpkg") for problem in map(str, check.inspect(site).problems)]
+    wanted = [
+        f"site.yaml:{first}: structures[0].file: town.gpkg: holds 5 layers ({names}); name the one with the structure, for example "
+        "layer: houses",
+        f"site.yaml:{first + 1}: structures[1].file: town.gpkg: no layer 'house'; did you mean 'houses'? layers: {names}",
+        f"site.yaml:{first + 2}: structures[2].file: town.gpkg: no attribute 'hight' for the height; did you mean 'height'? "
+        "numeric attributes: height; state height, a number or the name of an attribute",
+        f"site.yaml:{first + 3}: structures[3].file: {site}/inputs/open.obj: line 4: a face has vertex 4; the file has 3 vertices; "
+        "export it again as OBJ, PLY, STL or GLB",
+        f"site.yaml:{first + 4}: structures[4].file: town.gpkg: feature 1: floats 900 m above the ground",
+        f"site.yaml:{first}: structures[0].protects: town.gpkg: holds 5 layers ({names}); name the one with the protected area, "
+        "for example protects_layer: houses",
+        f"site.yaml:{first + 2}: structures[2].protects: town.gpkg: holds Point; a protected area needs polygons around it",
+    ]
+    assert len(said) == len(wanted)
+    assert all(line.startswith(start) for line, start in zip(said, wanted, strict=True))
+    with pytest.raises(StructureError) as caught:
+        read_site(site).data()
+    assert len(caught.value.problems) == len(wanted)
+
+
+def test_several_layers_of_a_file_are_structures_and_areas(tmp_path):
+    text = (
+        "  - {file: inputs/town.gpkg, layer: houses}\n"
+        "  - {file: inputs/town.gpkg, layer: dam, protects: inputs/town.gpkg, protects_layer: behind}\n"
+    )
+    site = with_structures(tmp_path / "ramp", text)
+    write_layers(
+        site / "inputs" / "town.gpkg",
+        houses=(square(30, 12, 30.0), {"height": 20.0, "name": "house"}),
+        dam=(square(34, 12, 30.0), {"height": 20.0, "name": "dam"}),
+        behind=(square(39, 12, 30.0), {"height": 0.0}),
+    )  # fmt: skip
+    read = read_site(site)
+    assert read.member_arguments({})["structures"].names == ("house", "dam")
+    (area,) = read.structures.protected_areas(read.terrain()).values()
+    assert area.sum() == pytest.approx(900.0)
+    assert "protects_layer" not in str(read.computed()["structures"])
+
+
+def test_lines_stay_right_where_another_block_has_a_wrong_key(tmp_path):
+    text = "  - {file: inputs/houses.gpkg, height: -1}\n  - {file: inputs/houses.gpkg, layer: nope, height: 4}\n"
+    site = with_structures(tmp_path / "ramp", text, shapes=[square(30, 12, 30.0)], height=[20.0])
+    first = len((site / "site.yaml").read_text().splitlines()) - 1
+    one, two = map(str, check.inspect(site).problems)
+    assert "structures[0].height: -1 m is out of range" in one
+    assert two.startswith(f"site.yaml:{first + 1}: structures[1].file: ")
+
+
+def test_the_same_bodies_twice_are_refused(tmp_path):
+    text = "  - {file: inputs/houses.gpkg, height: 20}\n  - {file: inputs/houses.gpkg, height: 30}\n"
+    site = with_structures(tmp_path / "ramp", text, shapes=[square(30, 12, 30.0)])
+    with pytest.raises(ConfigError, match=r"structures\[1\]\.file: structures\[0\] states the same bodies; remove one of the two"):
+        read_site(site)
+
+
+def test_a_layer_of_protected_areas_needs_their_file(tmp_path):
+    text = "  - {file: inputs/houses.gpkg, height: 20, protects_layer: behind}\n"
+    site = with_structures(tmp_path / "ramp", text, shapes=[square(30, 12, 30.0)])
+    with pytest.raises(ConfigError, match=r"structures\[0\]\.protects_layer: has no meaning without protects; add protects"):
+        read_site(site)

@@ -11,7 +11,7 @@ from runout.errors import StructureError
 from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import walls_of
-from runout.structures.meshes import _volume
+from runout.structures.mesh_faults import volume
 from runout.structures.read import read_bodies, require_sound
 from runout.structures.solid import normals_and_areas
 from runout.structures.source import StructureSource, Top
@@ -33,7 +33,7 @@ def test_house_has_a_facade_for_each_wall_and_a_top(level, tmp_path):
     assert house.name == "school"
     assert set(house.facades) == {"south", "east", "north", "west", "top", "underside"}
     assert facade_area(house, "top") == pytest.approx(240)
-    assert _volume(house.vertices, house.faces) == pytest.approx(240 * (8 + 10))  # two cells into the ground
+    assert volume(house.vertices, house.faces) == pytest.approx(240 * (8 + 10))  # two cells into the ground
     assert house.box[1, 2] == pytest.approx(108)
     assert house.friction == pytest.approx(math.tan(math.radians(30)))
     made = build_structures([house], level, (2.0, 2.0, 2.0))
@@ -48,7 +48,7 @@ def test_a_courtyard_stays_open(level, tmp_path):
     assert facade_area(solid, "top") == pytest.approx(yard.area)
     assert {"inner north", "inner south", "inner east", "inner west"} <= set(solid.facades)
     assert facade_area(solid, "inner south") == pytest.approx(20 * 16)
-    assert _volume(solid.vertices, solid.faces) == pytest.approx(yard.area * 16)
+    assert volume(solid.vertices, solid.faces) == pytest.approx(yard.area * 16)
 
 
 def test_height_counts_from_the_mean_ground_or_a_base_or_along_the_ground(tmp_path):
@@ -157,4 +157,4 @@ def test_empty_names_and_frictions_are_those_of_the_source_and_several_parts_are
     assert (first.name, second.name) == ("shed", "hall")
     assert first.friction == pytest.approx(math.tan(math.radians(30)))
     assert {"south 1", "south 2"} <= set(first.facades)
-    assert _volume(first.vertices, first.faces) == pytest.approx((240 + 400) * 18)
+    assert volume(first.vertices, first.faces) == pytest.approx((240 + 400) * 18)
