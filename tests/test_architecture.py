@@ -26,7 +26,7 @@ LARGEST_REFERENCE = 480
 HOMES = {
     "numba": (
         *("runout/backends/scan/", "runout/backends/lanes/", "runout/backends/compile.py", "runout/backends/roofline.py"),
-        *("runout/structures/point_triangle.py", "runout/structures/lattice_distance.py"),
+        "runout/structures/lattice_distance.py",
     ),
     "warp": ("runout/backends/hash/", "runout/backends/compile.py"),
 }

@@ -11,7 +11,7 @@ from typing import Any
 
 from runout.physics.tensors import real, vec
 
-SAME = 0.01  # of a lattice cell by which two distances may differ
+SAME = 0.01  # by which two distances, in lattice cells, or two cosines may differ
 BETWEEN = 0.5  # part of a lattice cell from which the next node is the nearest
 
 
@@ -79,6 +79,15 @@ def is_closer(a: Any, b: Any, spacing: Any):
     plane is always closer.
     """
     return a < b - real(SAME) * spacing
+
+
+def faces_more(a: Any, b: Any):
+    """Whether a patch faces a contact more than another: ``a`` and ``b`` are the cosines between their normals and its normal.
+
+    At a convex edge two or three facades are equally near. The flow presses on the one that faces the contact most. Among patches
+    of one plane the nearest one stays.
+    """
+    return a > b + real(SAME)
 
 
 def contact_gap(distance: Any, radius: Any):

@@ -241,6 +241,7 @@ CASES = [
     Case(structures.separation_slopes, "tsss", "v", (between(-3.0, 3.0, 9), *IN_LATTICE_CELL)),
     Case(structures.outward_normal, "v", "v", (vector,)),
     Case(structures.is_closer, "sss", "b", (number, number, between(0.1, 1.0))),
+    Case(structures.faces_more, "ss", "b", (number, number)),
     Case(structures.contact_gap, "ss", "s", (number, between(0.01, 1.0))),
     Case(structures.entry_velocity, "sss", "s", (number, *(between(0.01, 1.0),) * 2)),
     Case(structures.stopping_impulse, "sss", "s", (number, number, between(0.01, 1.0))),

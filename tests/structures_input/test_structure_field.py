@@ -93,6 +93,20 @@ def test_a_node_has_a_patch_that_faces_it(level):
     assert np.linalg.norm(patches.centre[field.patch[south]][:, [0, 2]] - points[south][:, [0, 2]], axis=1).max() < 2.0
 
 
+def test_a_node_beside_an_edge_has_a_patch_of_the_face_that_it_lies_before(level):
+    centre, size = (100.0, 100.0, 105.0), (20.0, 10.0, 18.0)
+    field = build_structures([body(box(centre, size))], level, (2.0, 2.0, 2.0)).field
+    points = nodes(field)
+    beyond = np.abs(points - centre) - np.asarray(size) / 2
+    ordered = np.sort(beyond, axis=-1)
+    edge = (ordered[..., 1] > 0) & (ordered[..., 2] > ordered[..., 1] + 0.1) & (points[..., 2] > 101)
+    axis = beyond.argmax(-1)[edge]
+    faced = np.take_along_axis(field.patches.normal[field.patch[edge]], axis[:, None], 1)[:, 0]
+    outward = np.take_along_axis(np.sign(points - centre)[edge], axis[:, None], 1)[:, 0]
+    assert edge.sum() > 1000
+    np.testing.assert_allclose(faced, outward)
+
+
 def test_halving_edges_keeps_every_area():
     corners = np.random.default_rng(3).uniform(0, 50, (20, 3, 3))
     pieces, parent = bisected(corners, 4.0)

@@ -14,6 +14,7 @@ import warp as wp
 from runout.backends.hash.groups import BlockGroup, GroundGroup, SceneGroup, StatusGroup, StructureGroup
 from runout.backends.hash.layout import BESIDE, GROW, HALT, REACHED, Vector
 from runout.physics.structures import (
+    faces_more,
     is_closer,
     lattice_block,
     lattice_place,
@@ -50,32 +51,43 @@ def _cell(blocks: BlockGroup, scenes: SceneGroup, s: int, b: int, c: int):
     return wp.vec3i(x, y, 4 * blocks.coordinates[b, 2] + (c & 3))
 
 
-def _plane(structures: StructureGroup, s: int, k: int, q: wp.vec3d):
-    """Distance [m] of a point at ``q`` [lattice cells] from the plane of patch ``k`` of a scene."""
+def _normal_of(structures: StructureGroup, s: int, k: int):
+    """Outward normal of patch ``k`` of a scene."""
+    at = structures.fields[s, FIRST_PATCH] + k
+    return vec(real(structures.planes[at, 3]), real(structures.planes[at, 4]), real(structures.planes[at, 5]))
+
+
+def _plane(structures: StructureGroup, s: int, k: int, q: wp.vec3d, normal: Vector):
+    """Distance [m] of a point at ``q`` [lattice cells] from the plane of patch ``k`` of a scene with this ``normal``."""
     at = structures.fields[s, FIRST_PATCH] + k
     planes = structures.planes
     away = vec(real(q[0] - planes[at, 0]), real(q[1] - planes[at, 1]), real(q[2] - planes[at, 2]))
-    return dot(away, vec(real(planes[at, 3]), real(planes[at, 4]), real(planes[at, 5]))) * real(structures.lattices[s, 3])
+    return dot(away, normal) * real(structures.lattices[s, 3])
 
 
-def _take_plane(structures: StructureGroup, s: int, at: int, q: wp.vec3d, n: Vector, apart: Any, patch: int):
-    """Normal, distance [m] and patch: those of the closest plane where the trilinear distance ``apart`` is cut short.
+def _take_patch(structures: StructureGroup, s: int, at: int, q: wp.vec3d, n: Vector, apart: Any, nearest: int):
+    """Normal, distance [m] and patch that faces the contact most; where ``apart`` is cut short, those of the closest plane.
 
-    The planes are those of the nearest patch and of the patches of the eight nodes of the lattice cell at ``at``.
+    The patches are the ``nearest`` one and those of the eight nodes of the lattice cell at ``at``.
     """
     spacing = real(structures.lattices[s, 3])
-    closest = int(patch)
-    least = _plane(structures, s, patch, q)
+    closest, patch = int(nearest), int(nearest)
+    facing = _normal_of(structures, s, nearest)
+    least = _plane(structures, s, nearest, q, facing)
+    most = dot(facing, n)
     for corner in range(8):
         k = structures.patch[at + 81 * (corner >> 2) + 9 * ((corner >> 1) & 1) + (corner & 1)]
-        if k != closest:
-            plane = _plane(structures, s, k, q)
+        if k != closest and k != patch:
+            facing = _normal_of(structures, s, k)
+            plane = _plane(structures, s, k, q, facing)
             if is_closer(plane, least, spacing):
                 least = plane
                 closest = k
+            if faces_more(dot(facing, n), most):
+                most = dot(facing, n)
+                patch = k
     if is_closer(apart, least, spacing):
-        row = structures.fields[s, FIRST_PATCH] + closest
-        n = vec(real(structures.planes[row, 3]), real(structures.planes[row, 4]), real(structures.planes[row, 5]))
+        n = _normal_of(structures, s, closest)
         apart = least
         patch = closest
     return n, apart, patch
@@ -107,7 +119,7 @@ def _surface(structures: StructureGroup, s: int, cell: wp.vec3i, f: Vector, far:
         if apart <= far:  # a plane that takes its place is farther away
             n = outward_normal(separation_slopes(corners, fx, fy, fz))
             patch = structures.patch[LATTICE * row + nearest_place(place, fx, fy, fz)]
-            n, apart, patch = _take_plane(structures, s, at, q, n, apart, patch)
+            n, apart, patch = _take_patch(structures, s, at, q, n, apart, patch)
     return n, apart, patch
 
 

@@ -105,21 +105,23 @@ class StructureContacts:
         distance, gap, normal = np.zeros(len(near)), np.zeros(len(near)), np.zeros((len(near), 3))
         self.loops.measure_structures(corners, inside, place, distance, normal)
         patch, touches = patches[row, place], np.zeros(len(near), np.bool_)
-        self._take_planes(position[near], patches[of_nodes], distance, normal, patch)
+        self._take_patch(position[near], patches[of_nodes], distance, normal, patch)
         self.loops.touch_structures(p.velocity[near], p.radius[near], dt, self.band, distance, normal, gap, touches)
         return _Contacts(*(a[touches] for a in (near, distance, gap, normal, patch)))
 
-    def _take_planes(self, x: np.ndarray, nearest: np.ndarray, distance: np.ndarray, normal: np.ndarray, patch: np.ndarray) -> None:
-        """Put distance and normal of the closest plane where the trilinear distance is cut short.
+    def _take_patch(self, x: np.ndarray, nearest: np.ndarray, distance: np.ndarray, normal: np.ndarray, patch: np.ndarray) -> None:
+        """Put the patch that faces the contact most; where the trilinear distance is cut short, the closest plane.
 
         ``nearest`` (n, 9) are the patches of the nodes.
         """
         patches, spacing = self.field.patches, self.field.spacing
-        closest, least = patch.copy(), np.full(len(patch), np.inf)
-        for candidate in (patch, *nearest[:, :8].T):
+        closest, least, most = patch.copy(), np.full(len(patch), np.inf), (patches.normal[patch] * normal).sum(axis=1)
+        for candidate in (patch.copy(), *nearest[:, :8].T):
             plane = ((x - patches.centre[candidate]) * patches.normal[candidate]).sum(axis=1)
             closer = physics.is_closer(plane, least, spacing)
             closest[closer], least[closer] = candidate[closer], plane[closer]
+            more = physics.faces_more(facing := (patches.normal[candidate] * normal).sum(axis=1), most)
+            patch[more], most[more] = candidate[more], facing[more]
         short = physics.is_closer(distance, least, spacing)
         distance[short], patch[short], normal[short] = least[short], closest[short], patches.normal[closest[short]]
 

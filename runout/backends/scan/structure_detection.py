@@ -18,6 +18,7 @@ from runout.physics.contact import in_contact
 from runout.physics.moments import momentum_at
 from runout.physics.structures import (
     contact_gap,
+    faces_more,
     is_closer,
     lattice_block,
     lattice_place,
@@ -81,30 +82,36 @@ def _weights_of(rec, p):
 
 
 def _plane(field, k, x, y, z):
-    """Distance [m] of a point from the plane of a patch."""
-    centre, normal = field.centre, field.normal
+    """Distance [m] of a point from the plane of a patch, and its normal."""
+    centre = field.centre
     away = vec(real(x - centre[k, 0]), real(y - centre[k, 1]), real(z - centre[k, 2]))
-    return dot(away, vec(normal[k, 0], normal[k, 1], normal[k, 2])) * real(field.spacing[0])
+    normal = vec(field.normal[k, 0], field.normal[k, 1], field.normal[k, 2])
+    return dot(away, normal) * real(field.spacing[0]), normal
 
 
-def _take_plane(field, row, place, x, y, z, distance, n, patch):
-    """Distance [m], normal and patch: those of the closest plane where the trilinear ``distance`` is cut short.
+def _take_patch(field, row, place, x, y, z, distance, n, patch):
+    """Distance [m], normal and patch that faces the contact most; where ``distance`` is cut short, those of the closest plane.
 
     ``x``, ``y``, ``z`` are in cells of the lattice.
     """
-    normal, spacing = field.normal, real(field.spacing[0])
+    spacing = real(field.spacing[0])
     closest = patch
-    least = _plane(field, patch, x, y, z)
+    least, normal = _plane(field, patch, x, y, z)
+    most = dot(normal, n)
     for q in range(8):
         k = np.int64(field.patch[row, place + 81 * (q >> 2) + 9 * ((q >> 1) & 1) + (q & 1)])
-        if k == closest:
+        if k in (closest, patch):
             continue
-        plane = _plane(field, k, x, y, z)
+        plane, facing = _plane(field, k, x, y, z)
         if is_closer(plane, least, spacing):
             least = plane
+            normal = facing
             closest = k
+        if faces_more(dot(facing, n), most):
+            most = dot(facing, n)
+            patch = k
     if is_closer(distance, least, spacing):
-        return least, vec(normal[closest, 0], normal[closest, 1], normal[closest, 2]), closest
+        return least, normal, closest
     return distance, n, patch
 
 
@@ -137,7 +144,7 @@ def _measure(particles, b, p, blocks, field, touching, r, constants, search):
     if not in_contact(contact_gap(distance, radius), dot(v, n), dt, band):
         return False
     patch = np.int64(field.patch[row, nearest_place(place, fx, fy, fz)])
-    distance, n, patch = _take_plane(field, row, place, x, y, z, distance, n, patch)
+    distance, n, patch = _take_patch(field, row, place, x, y, z, distance, n, patch)
     gap = contact_gap(distance, radius)
     touching.slots[r] = p
     touching.patch[r] = patch
