@@ -10,15 +10,15 @@ from runout.config.fetch import locate
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.config.site_friction import SiteFriction
 from runout.config.site_structures import SiteStructures
-from runout.io.samples import sample_path
 from runout.io.side_files import files_of
-from runout.terrain.mesh import Overhangs, is_mesh, read_mesh_terrain
+from runout.io.source_kinds import is_mesh, sample_path
 
 if TYPE_CHECKING:
     from runout.model.friction import FrictionZones
     from runout.model.release import Release
     from runout.model.terrain import Terrain
     from runout.structures.solid import Solid
+    from runout.terrain.mesh import Overhangs
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,8 @@ class SiteFiles:
 
     def _mesh(self, extent: "Sequence[float] | None") -> "tuple[Terrain, Overhangs]":
         """Terrain of a mesh, and what overhangs it."""
+        from runout.terrain.mesh import read_mesh_terrain
+
         stated = self.settings.terrain
         edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
         return read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)

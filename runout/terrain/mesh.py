@@ -17,7 +17,6 @@ from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.terrain import prepare
 
-MESHES = (".obj", ".ply", ".stl")
 ASIDE = 1e-6  # of a cell, by which columns pass beside the edges of the mesh
 SAME = 1e-9  # of the relief, between crossings of one sheet
 AT_ONCE = 4_000_000  # pairs of triangle and column
@@ -40,11 +39,6 @@ class Overhangs:
     column: np.ndarray
     bottom: np.ndarray
     top: np.ndarray
-
-
-def is_mesh(path: Any) -> bool:
-    """Whether a file of elevations is a mesh, by its name."""
-    return isinstance(path, str | Path) and str(path).lower().endswith(MESHES)
 
 
 def read_mesh_terrain(

@@ -1,5 +1,6 @@
 """The libraries of the products are imported while other processes compute the members, and at no other time."""
 
+import gc
 import threading
 from contextlib import nullcontext
 
@@ -39,3 +40,12 @@ def test_products_are_imported_if_they_follow_and_this_process_waits(tmp_path, m
     monkeypatch.setattr(hazard_map, "_make", lambda study, stage: None)
     hazard_map.run(write_site(tmp_path / "ramp"), stages=stages, workers=workers)
     assert len(contexts) == times
+
+
+def test_garbage_is_collected_as_soon_as_a_stage_is_made(tmp_path):
+    gc.disable()
+    try:
+        hazard_map.run(write_site(tmp_path / "ramp"), stages=("terrain",))
+        assert gc.isenabled()
+    finally:
+        gc.enable()
