@@ -10,6 +10,7 @@ if ending.is_command():  # before slow imports
     ending.end_at_once()
 
 from importlib import import_module
+from importlib.machinery import PathFinder
 from typing import Any
 
 from runout.model.readers import declare_readers
@@ -89,6 +90,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'runout' has no attribute {name!r}")
     if name in _PACKAGES:
         return import_module(f"runout.{name}")
+    if name not in _HOME and name.islower() and PathFinder.find_spec(f"runout.{name}", __path__):
+        raise AttributeError(f"module 'runout' has no attribute {name!r} before it is imported")
     homes = _HOME if name in _HOME else _homes()
     if name == "__all__":
         return sorted([*homes, *_PACKAGES])

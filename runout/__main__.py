@@ -1,5 +1,6 @@
 """Entry point of the command ``runout``. From here on a signal ends the process with one line, also during imports."""
 
+import gc
 import sys
 
 from runout.ending import end_at_once
@@ -8,6 +9,7 @@ from runout.ending import end_at_once
 def main() -> int:
     """Exit code of the command of this process."""
     end_at_once()
+    gc.disable()  # imports leave no garbage to look for; it is enabled before work that takes longer
     from runout.cli import main as command
     from runout.without_dask import hide_dask
 

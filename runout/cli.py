@@ -1,5 +1,6 @@
 """The command ``runout``: parses arguments and delegates."""
 
+import gc
 import logging
 import sys
 from collections.abc import Callable, Sequence
@@ -48,6 +49,8 @@ def launch(
     command, bound, injected = _parsed(app, tokens)
     log.to_terminal(session.verbosity)
     sys.excepthook = partial(_unexpected, session)
+    if command not in sites.SHORT:
+        gc.enable()
     if "session" in injected:
         bound.arguments["session"] = session
     return command(*bound.args, **bound.kwargs) or ExitCode.OK

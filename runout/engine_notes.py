@@ -21,7 +21,7 @@ from runout.io.provenance import checksum
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS
 from runout.model.laws import LAWS
 
-DAY = 86_400.0  # [s] that a note counts
+DAY, SHORT = 86_400.0, 600.0  # [s] that a note counts, and one from a measurement that other work disturbed
 COMPILERS = ("numpy", "numba", "llvmlite", "warp-lang")
 SOURCES = ("backends", "physics", "model")  # packages whose change changes the kernels
 OF_KERNELS = ("backend", "device", "precision", "transfer", "f_bar")
@@ -40,16 +40,16 @@ class StepCost(NamedTuple):
 
 
 def known(name: str, of: Any) -> Any:
-    """Value noted under a name for ``of``, plain values that it depends on; None if there is none of the last day."""
+    """Value noted under a name for ``of``, plain values that it depends on; None if there is none that still counts."""
     noted = read_json(_file(name, of))
-    age = time.time() - noted["time"] if isinstance(noted.get("time"), int | float) else DAY
-    return noted.get("value") if 0.0 <= age < DAY else None
+    age, lasting = (time.time() - noted.get("time", 0.0), noted.get("lasting", 0.0)) if noted else (0.0, 0.0)
+    return noted.get("value") if 0.0 <= age < lasting else None
 
 
-def note(name: str, of: Any, value: Any) -> None:
-    """Note a value of plain types; nothing happens if the cache cannot be written."""
+def note(name: str, of: Any, value: Any, lasting: float = DAY) -> None:
+    """Note a value of plain types that counts for so long [s]; nothing happens if the cache cannot be written."""
     try:
-        write_json({"time": time.time(), "value": value}, _file(name, of))
+        write_json({"time": time.time(), "lasting": lasting, "value": value}, _file(name, of))
     except StorageError:
         return
 
@@ -104,9 +104,9 @@ def noted_step_cost(arguments: Mapping[str, Any]) -> StepCost | None:
     return StepCost(*noted) if noted else None
 
 
-def note_layer(arguments: Mapping[str, Any], cost: StepCost) -> None:
+def note_layer(arguments: Mapping[str, Any], cost: StepCost, *, undisturbed: bool = True) -> None:
     """Note the cost of a step of a small layer for all scenes with these kernels."""
-    note("layer", _of_kernels(arguments), list(cost))
+    note("layer", _of_kernels(arguments), list(cost), DAY if undisturbed else SHORT)
 
 
 def note_member(arguments: Mapping[str, Any], seconds: float, steps: float, particle_steps: float) -> None:

@@ -21,9 +21,9 @@ from runout.config.structures import COMPUTED_WITHOUT
 from runout.errors import ConfigError, InputError
 from runout.io.fingerprint import Unchanged
 from runout.io.known_files import KnownFiles
+from runout.io.source_kinds import is_mesh
 from runout.model.laws import LAWS
 from runout.model.limits import spacing_of
-from runout.terrain.mesh import is_mesh
 
 if TYPE_CHECKING:
     from runout.config.extent import DerivedExtent

@@ -9,9 +9,8 @@ from runout.config.fetch import locate
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.config.site_friction import SiteFriction
 from runout.config.site_structures import SiteStructures
-from runout.io.samples import sample_path
 from runout.io.side_files import files_of
-from runout.terrain.mesh import is_mesh, read_mesh_terrain
+from runout.io.source_kinds import is_mesh, sample_path
 
 if TYPE_CHECKING:
     from runout.model.friction import FrictionZones
@@ -43,13 +42,15 @@ class SiteFiles:
         DemError
             If they cannot be used.
         """
-        from runout.terrain.averaging import averaged
-        from runout.terrain.read import read_terrain
-
         stated = self.settings.terrain
         edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
         if is_mesh(stated.dem):
+            from runout.terrain.mesh import read_mesh_terrain
+
             return read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)[0]
+        from runout.terrain.averaging import averaged
+        from runout.terrain.read import read_terrain
+
         terrain = read_terrain(self._located(stated.dem), stated.crs, edges)
         return averaged(terrain, stated.resolution, self.file.name) if stated.resolution else terrain
 

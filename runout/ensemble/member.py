@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 
 from runout import __version__
 from runout.ensemble.design import Design, member_table
-from runout.ensemble.step_time import StepTimer
-from runout.ensemble.work_log import log_work
 from runout.errors import RunoutError
 from runout.io.atomic import whole_file
 from runout.io.provenance import checksum
@@ -180,6 +178,8 @@ def simulate_member(
     """
     if stored_key(member.file(results)) == member.key:
         return  # finished just before its worker died, and handed out again
+    from runout.ensemble.step_time import StepTimer
+
     if simulate is None:
         import runout
 
@@ -250,6 +250,8 @@ def simulate_together(
 
 def _write(site: "Site", member: Member, result: "Result", results: Path) -> None:
     """The file of a member, whole or not at all."""
+    from runout.ensemble.work_log import log_work
+
     attributes = {
         "member_key": member.key,
         "parameters": json.dumps(member.parameters),

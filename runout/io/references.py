@@ -7,11 +7,13 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from typing import TYPE_CHECKING, Any
 
 from runout.errors import InputError
 from runout.io.boundary import LARGEST_TEXT, require_regular, root_of
+
+if TYPE_CHECKING:
+    from xml.etree import ElementTree
 
 HEADER = 4096  # leading bytes from which GDAL recognises formats
 VRT_MARK = b"<VRTDataset"
@@ -90,7 +92,9 @@ def _plain(first: bytes) -> bool:
     return re.match(rb"\s*(ncols|nrows|xll|dsaa|north:)", first, re.IGNORECASE) is not None and not re.search(rb'[<{"]', first)
 
 
-def _parsed(path: Path, error: type[InputError]) -> ElementTree.Element:
+def _parsed(path: Path, error: type[InputError]) -> "ElementTree.Element":
+    from xml.etree import ElementTree
+
     if path.stat().st_size > LARGEST_TEXT:
         raise error(f"{path}: a VRT of {path.stat().st_size} bytes; {_as_tiff(path)}")
     text = path.read_bytes()
@@ -105,7 +109,7 @@ def _parsed(path: Path, error: type[InputError]) -> ElementTree.Element:
     return tree
 
 
-def _sources(tree: ElementTree.Element, path: Path, error: type[InputError]) -> Iterator[tuple[str, bool]]:
+def _sources(tree: "ElementTree.Element", path: Path, error: type[InputError]) -> Iterator[tuple[str, bool]]:
     """Name of every source and whether it is relative to the VRT. Elements that do more than copy bands are refused."""
     for element in tree.iter():
         kind = element.get("subClass")

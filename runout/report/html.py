@@ -2,6 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from runout.report import figures, probe_figures, sheets, tables
 from runout.report.maps import STYLES
 from runout.report.members import representative
-from runout.report.picture import MapPictures, png
+from runout.report.picture import MapPictures, encoded, png
 from runout.report.scores import counts_in_words, range_table, score_tables
 from runout.report.structures import structure_section
 from runout.report.study import Study, read_study
@@ -62,8 +63,8 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "heading": tables.heading(study),
         "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
-        "headline": [_printed(sheet, pictures) for sheet in headline],
-        "further": [_printed(sheet, pictures) for sheet in further],
+        "headline": _printed(headline, pictures),
+        "further": _printed(further, pictures),
         "legend": _legend(study),
         "observed": _observed(study, pictures),
         "structures": _structures(study),
@@ -112,7 +113,7 @@ def _observed(study: Study, pictures: MapPictures) -> dict[str, Any] | None:
         "scores": score_tables(whole["scores"]),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
         "members": range_table(whole["scores"], members) if len(members) > 1 else [],
-        "sheets": [_printed(sheet, pictures) for sheet in sheets.observed_sheets(study)],
+        "sheets": _printed(sheets.observed_sheets(study), pictures),
     }
 
 
@@ -145,9 +146,12 @@ def _plots(study: Study) -> dict[str, Any]:
     }
 
 
-def _printed(sheet: sheets.Sheet, pictures: MapPictures) -> dict[str, str | None]:
-    image = pictures.png(sheet.values, STYLES[sheet.style])
-    return {"title": sheet.title, "caption": sheet.caption, "image": embedded(image)}
+def _printed(drawn: list[sheets.Sheet], pictures: MapPictures) -> list[dict[str, str | None]]:
+    """Title, caption and picture of maps; each is compressed while the next is drawn."""
+    with ThreadPoolExecutor(1) as pool:
+        images = [pool.submit(encoded, pictures.pixels(sheet.values, STYLES[sheet.style])) for sheet in drawn]
+        texts = ({"title": sheet.title, "caption": sheet.caption} for sheet in drawn)
+        return [{**text, "image": embedded(image.result())} for text, image in zip(texts, images, strict=True)]
 
 
 def embedded(picture: bytes | None) -> str | None:

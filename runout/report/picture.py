@@ -1,6 +1,7 @@
 """Renders figures as PNG; the maps of one window share the rendering of their ground."""
 
-from io import BytesIO
+import struct
+import zlib
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,14 @@ from runout.report.maps import BAR, VALUES, Basemap, MapStyle, Window, blank_map
 DPI = 200
 RIM = 0.02  # [inch] above a colour bar, for its frame
 COMPRESSION = 4  # of zlib: 8 % larger files than with 6, in half the time
+ABOVE = 2  # filter of PNG: differences to the row above; the best filter for each row saves 2.5 % of the size in 1.6 times the time
 
 
 def png(figure: Any, dpi: int = DPI) -> bytes:
     """PNG of a figure; equal figures give equal bytes."""
     canvas = _canvas(figure, dpi)
     canvas.draw()
-    return _encoded(canvas)
+    return encoded(_colours(canvas))
 
 
 class MapPictures:
@@ -52,13 +54,17 @@ class MapPictures:
 
     def png(self, values: np.ndarray, style: MapStyle) -> bytes:
         """PNG of ``values`` (rows, columns) of the whole raster, equal to that of :func:`runout.report.maps.draw_map`."""
+        return encoded(self.pixels(values, style))
+
+    def pixels(self, values: np.ndarray, style: MapStyle) -> np.ndarray:
+        """The picture of :meth:`png` for :func:`encoded`: red, green and blue (rows, columns, 3)."""
         painted, shown = paint_values(self.axes, self.extent, values[self.window], style)
         self.canvas.restore_region(self.ground)
         for artist in (painted, *self.above):
             self.axes.draw_artist(artist)
         self._place_bar(painted, shown, style)
         painted.remove()
-        return _encoded(self.canvas)
+        return _colours(self.canvas)
 
     def _place_bar(self, painted: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
         """Draw the colour bar, or copy that of an earlier map; bars of stated steps are the same on all maps."""
@@ -80,9 +86,22 @@ def _canvas(figure: Any, dpi: int) -> Any:
     return FigureCanvasAgg(figure)
 
 
-def _encoded(canvas: Any) -> bytes:
-    from PIL import Image
+def _colours(canvas: Any) -> np.ndarray:
+    """Copy of what is drawn (rows, columns, 3), without transparency."""
+    return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
-    buffer = BytesIO()
-    Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(buffer, "png", compress_level=COMPRESSION)
-    return buffer.getvalue()
+
+def encoded(pixels: np.ndarray) -> bytes:
+    """PNG of red, green and blue (rows, columns, 3) of eight bits; other threads go on meanwhile."""
+    rows, columns, _ = pixels.shape
+    values = pixels.reshape(rows, -1)
+    lines = np.empty((rows, 1 + values.shape[1]), np.uint8)
+    lines[:, 0], lines[0, 1:] = ABOVE, values[0]
+    np.subtract(values[1:], values[:-1], out=lines[1:, 1:])
+    header = struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)  # eight bits of each colour, not interlaced
+    parts = (b"IHDR", header), (b"IDAT", zlib.compress(lines.data, COMPRESSION)), (b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(*part) for part in parts)
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))

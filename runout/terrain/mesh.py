@@ -21,7 +21,6 @@ from runout.model.terrain import Terrain
 from runout.terrain import prepare
 from runout.terrain.read import real_extent
 
-MESHES = (".obj", ".ply", ".stl")
 ASIDE = 1e-6  # of a cell, by which columns pass beside the edges of the mesh
 SAME = 1e-9  # of the relief, between crossings of one sheet
 BALANCED = 1e-6  # of the area in plan, by which faces up and faces down of a closed body differ
@@ -44,11 +43,6 @@ class Overhangs:
     column: np.ndarray
     bottom: np.ndarray
     top: np.ndarray
-
-
-def is_mesh(path: Any) -> bool:
-    """Whether a file of elevations is a mesh, by its name."""
-    return isinstance(path, str | Path) and str(path).lower().endswith(MESHES)
 
 
 def terrain_from_mesh(path: str | PathLike[str], cell_size: float, crs: Any = None, extent: Any = None) -> Terrain:

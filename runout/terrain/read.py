@@ -16,7 +16,7 @@ from runout.io.boundary import as_path, exists, kind_of, names_in
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.georeference import require_usable
 from runout.io.opening import PARTS, open_raster
-from runout.io.samples import sample_path
+from runout.io.source_kinds import sample_path
 from runout.io.window import Bounds
 from runout.model.arrays import real_array, real_pair, shown
 from runout.model.terrain import Terrain

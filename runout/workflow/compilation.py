@@ -3,9 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from runout import engine_notes
-from runout.model.scene import STANDARD_GRAVITY
-
 if TYPE_CHECKING:
     from runout.backends.protocol import Compilation
     from runout.config.site import Site
@@ -21,6 +18,10 @@ def compile_ahead(site: "Site") -> "Compilation | None":
     stated = site.settings.simulation
     if stated.backend != "scan" or stated.device != "cpu":
         return None
+    from runout import engine_notes
+    from runout.backends.protocol import start_compilation
+    from runout.model.scene import STANDARD_GRAVITY
+
     material = site.material().chosen(1.0, 1.0, STANDARD_GRAVITY)
     count = SEVERAL if len(site.settings.release) > 1 else 1
     choices: dict[str, Any] = {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed}
@@ -31,7 +32,6 @@ def compile_ahead(site: "Site") -> "Compilation | None":
     mark = engine_notes.known("kernels", of)
     if mark and Path(mark).exists():
         return None
-    from runout.backends.protocol import start_compilation
 
     def marked(file: Path) -> None:
         engine_notes.note("kernels", of, str(file))

@@ -1,8 +1,10 @@
 """The main workflow: terrain -> release -> ensemble -> hazard -> report; stages that are up to date are skipped."""
 
+import gc
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +19,7 @@ from runout.io.lock import exclusive
 from runout.io.part import remove_stale
 from runout.lifetime import end_workers
 from runout.model.facts import as_html, as_text
+from runout.workflow.ahead import imported_meanwhile
 from runout.workflow.compilation import compile_ahead
 from runout.workflow.stages import Stage
 from runout.workflow.study import PLAN, STAGES, Study
@@ -132,13 +135,24 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
             continue
         LOGGER.info("%s: %s (%s)", stage.name, stage.purpose, reason)
         started = time.perf_counter()
-        _make(study, stage)
+        with imported_meanwhile() if stage.name == "ensemble" and _waits_for_workers(study, stages) else nullcontext():
+            _make(study, stage)
         LOGGER.info("%s: done in %.1f s", stage.name, time.perf_counter() - started, extra={"stage": stage.name})
         done.append(stage.name)
     if not done:
         LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
     study.keep()
     return _outcome(study, stages, tuple(done))
+
+
+def _waits_for_workers(study: Study, stages: Sequence[Stage]) -> bool:
+    """Whether other processes compute the members and the stages of the products follow."""
+    from runout.ensemble.workers import share_of
+
+    if study.part is not None or not study.left or "hazard" not in [stage.name for stage in stages]:
+        return False
+    device = study.site.settings.simulation.device
+    return bool(study.cluster) or not share_of(device, len(study.left), study.workers, study.threads).in_process
 
 
 def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
@@ -157,6 +171,7 @@ def _inspected(site: "Site | Path") -> None:
 
 def _make(study: Study, stage: Stage) -> None:
     """Run a stage. It is not in the record while it runs, nor after it was killed; a range of members never is."""
+    gc.enable()
     if study.part is not None:
         make_members(study)
         study.require_inputs()

@@ -1,6 +1,6 @@
 """Processor time of a step on this machine, from a few steps of a small layer: the particles of the site are not made.
 
-It is measured once a day (:mod:`runout.engine_notes`), on a machine that other work does not slow down.
+It is measured once a day (:mod:`runout.engine_notes`), and anew after some minutes if other work disturbed the measurement.
 """
 
 import math
@@ -42,13 +42,10 @@ def step_cost(arguments: Mapping[str, Any]) -> StepCost:
     if device is not None and device.is_cuda:
         return StepCost(STEP_SECONDS, PARTICLE_SECONDS)
     noted = engine_notes.noted_step_cost(arguments)
-    return noted or _measured_and_noted(arguments)
-
-
-def _measured_and_noted(arguments: Mapping[str, Any]) -> StepCost:
+    if noted:
+        return noted
     cost, undisturbed = measured_step_cost(arguments)
-    if undisturbed:
-        engine_notes.note_layer(arguments, cost)
+    engine_notes.note_layer(arguments, cost, undisturbed=undisturbed)
     return cost
 
 

@@ -1,5 +1,6 @@
 """The command line starts quickly and says clearly what is wrong."""
 
+import gc
 import json
 import logging
 import subprocess
@@ -168,3 +169,17 @@ def test_no_thread_and_no_worker_are_refused_before_anything_runs(option, tmp_pa
 def test_a_benchmark_with_options_of_another_one_is_refused(options, capsys):
     assert cli.main(["bench", "--error", *options]) == ExitCode.CONFIGURATION
     assert options[0] in capsys.readouterr().err
+
+
+@pytest.fixture
+def no_collection():
+    """Garbage collection is off, as where the process of a command starts."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.parametrize(("command", "enabled"), [("check", False), ("status", False), ("run", False), ("simulate", True)])
+def test_garbage_is_collected_by_commands_that_work(command, enabled, tmp_path, no_collection, capsys):
+    assert cli.main([command, str(tmp_path / "nowhere")]) == ExitCode.CONFIGURATION
+    assert gc.isenabled() is enabled

@@ -1,14 +1,16 @@
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from matplotlib.text import Text
+from PIL import Image
 from shapely.geometry import Point, box
 
 from runout.report.maps import STYLES, Basemap, colour_scale, draw_location, draw_map, round_length
 from runout.report.marks import Mark
-from runout.report.picture import MapPictures, png
+from runout.report.picture import MapPictures, encoded, png
 
 N = 60
 
@@ -175,3 +177,10 @@ def test_maps_that_share_their_ground_equal_maps_drawn_alone(basemap):
     pictures = MapPictures(marked, window)
     for name in ("thickness", "probability", "pressure", "time", "thickness"):
         assert pictures.png(values, STYLES[name]) == png(draw_map(marked, values, STYLES[name], window))
+
+
+def test_compressed_pictures_hold_every_pixel():
+    pixels = np.random.default_rng(1).integers(0, 256, (7, 5, 3), dtype=np.uint8)
+    with Image.open(BytesIO(encoded(pixels))) as read:
+        assert read.format == "PNG"
+        assert np.array_equal(np.asarray(read), pixels)

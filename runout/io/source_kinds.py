@@ -1,7 +1,15 @@
-"""Finds the sample rasters that matplotlib ships, without importing it."""
+"""Kinds of elevation sources, by their names: meshes, and sample rasters that matplotlib ships. No library is imported for it."""
 
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
+
+MESHES = (".obj", ".ply", ".stl")
+
+
+def is_mesh(path: Any) -> bool:
+    """Whether a file of elevations is a mesh."""
+    return isinstance(path, str | Path) and str(path).lower().endswith(MESHES)
 
 
 def sample_path(source: str) -> Path | None:
