@@ -18,6 +18,7 @@ with interrupt.ended_at_once():  # it takes a moment
     from runout import log
     from runout.commands import probes, sites, slopes, studies, view
     from runout.commands.options import Session
+    from runout.commands.written import require_places
 
 LOGGER = logging.getLogger(__name__)
 INTERRUPTED = 130  # exit code of shells for a command that Ctrl-C ended
@@ -53,6 +54,7 @@ def launch(
         gc.enable()
     if "session" in injected:
         bound.arguments["session"] = session
+    require_places(command, bound.arguments, out)
     return command(*bound.args, **bound.kwargs) or ExitCode.OK
 
 

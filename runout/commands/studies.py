@@ -7,7 +7,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from runout.commands.options import Device, Injected
+from runout.commands.written import Written
 from runout.errors import ConfigError, ExitCode
+
+PICTURES = (".png", ".svg", ".pdf")
 
 
 def bench(
@@ -21,8 +24,8 @@ def bench(
     full: Annotated[
         bool, Parameter(negative="", help="Up to 1e7 particles (hours); with --error or --published finer grids (half an hour).")
     ] = False,
-    json: Annotated[Path | None, Parameter(help="Write all measurements to this file.")] = None,
-    figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf).")] = None,
+    json: Annotated[Path | None, Parameter(help="Write all measurements to this file."), Written()] = None,
+    figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf)."), Written(endings=PICTURES)] = None,
     against: Annotated[Path | None, Parameter(help="Prototype script to measure side by side.")] = None,
     device: Annotated[str, Parameter(help="cpu, or cuda:0.")] = "cpu",
     threads: Annotated[tuple[int, ...], Parameter(consume_multiple=True, negative="")] = (1, 2),
@@ -67,6 +70,7 @@ def verify(
     json: Annotated[
         list[Path] | None,
         Parameter(consume_multiple=(0, 1), negative="", help="Write JSON to this file, or print it when none is named."),
+        Written(),
     ] = None,
     slope: Annotated[float | None, Parameter(help="Slope of the sliding box's plane [deg].")] = None,
     azimuth: Annotated[float | None, Parameter(help="Azimuth of that plane, from east to north [deg].")] = None,

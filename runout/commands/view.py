@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from runout.commands.options import Device, Injected, SiteArgument
+from runout.commands.written import Written
 from runout.errors import ExitCode
 
 Member = Annotated[int, Parameter(help="Number of the member, as in `runout status`.")]
@@ -47,9 +48,13 @@ def animate(
     member: Member = 0,
     frames: Frames = None,
     output: Annotated[
-        Path | None, Parameter(help="Film .mp4 or .gif, or a folder for PNG [default: animations/ in the results folder].")
+        Path | None,
+        Parameter(help="Film .mp4 or .gif, or a folder for PNG [default: animations/ in the results folder]."),
+        Written(folder=None),
     ] = None,
-    vtk: Annotated[Path | None, Parameter(help="Folder for files of ParaView with the time of each frame.")] = None,
+    vtk: Annotated[
+        Path | None, Parameter(help="Folder for files of ParaView with the time of each frame."), Written(folder=True)
+    ] = None,
     colour: Colour = "thickness",
     show: Show = "surface",
     camera: Direction = "auto",

@@ -1,4 +1,4 @@
-"""QGIS styles of the layers of outlines.gpkg and of slopes/: lines and labels that leave the maps below them visible."""
+"""QGIS styles of the layers of outlines.gpkg, slopes/ and screen/: lines and labels that leave the maps below them visible."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -14,12 +14,16 @@ _OBSERVED = "#0b4fae"
 _STRUCTURE = "#3f4750"
 _PROBE = "#7a1fa2"
 _WATER = "#1f78b4"
+_BASELINE = "#b8460e"
+_STEP = "#d7263d"
 _PROBABILITY_RAMP = _PRESSURE_RAMP = "YlOrRd"
 _PRESSURES = (0.0, 1e3, 3e3, 1e4, 3e4, 1e5, math.inf)  # classes of the pressure on facades [Pa]
 _HIGHEST = 1e12  # [Pa] that stands for no limit
 _OBSTACLE_LABEL = "if(\"height_m\" < 0, '', '+') || \"height_m\" || ' m'"
 _REPLACED = "coalesce(round(\"basal_friction_angle_deg\", 1) || '°', attribute(@feature, 'parameters'))"
 _ZONE_LABEL = f'if("factor" is null, {_REPLACED}, \'friction times \' || "factor")'
+_BASELINE_LABEL = "'baseline: ' || \"thickness_m\" || ' m or more'"
+_PLACE_LABEL = 'coalesce(nullif("name", \'\'), "kind")'
 _PROPOSED_LABEL = "\"rank\" || ': ' || format_number(\"volume_m3\", 0) || ' m³'"
 
 
@@ -46,6 +50,22 @@ def slope_styles() -> dict[str, str]:
         "release": one_symbol(FILL, _outline(_RELEASE, "0.7"), _PROPOSED_LABEL, _RELEASE),
         "sinks": one_symbol(FILL, _filled("#a6cee3", _WATER)),
         "flow_paths": one_symbol(LINE, {"line_color": _WATER, "line_width": "0.4"}),
+    }
+
+
+def screen_styles() -> dict[str, str]:
+    """Text of the QGIS style of each layer that ``runout screen`` writes."""
+    markers = {
+        "steep step": {"color": _STEP, "name": "triangle"},
+        "leaves a channel": {"color": _WATER, "name": "diamond"},
+        "structure": {"color": _STRUCTURE, "name": "square"},
+        "obstacle": {"color": _OBSTACLE, "name": "square"},
+    }
+    shown = [(kind, kind, {"size": "3.2", **marker}) for kind, marker in markers.items()]
+    return {
+        "extent": one_symbol(FILL, _outline(_BASELINE, "0.6") | {"outline_style": "dash"}, _BASELINE_LABEL, _BASELINE),
+        "flow_path": one_symbol(LINE, {"line_color": _WATER, "line_width": "0.5"}),
+        "places": categories(MARKER, "kind", shown, _PLACE_LABEL, _STRUCTURE),
     }
 
 

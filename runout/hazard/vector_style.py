@@ -29,14 +29,19 @@ def one_symbol(kind: str, symbol: dict[str, str], label: str = "", colour: str =
     return _text(root)
 
 
-def categories(kind: str, attribute: str, shown: Sequence[tuple[float, str, dict[str, str]]]) -> str:
-    """Style with a symbol for each value of an attribute: value, label and symbol."""
-    root = _root(labels=True)
+def categories(
+    kind: str, attribute: str, shown: Sequence[tuple[float | str, str, dict[str, str]]], label: str = "", colour: str = "#000000"
+) -> str:
+    """Style with a symbol for each value of an attribute (value, words and symbol), and the QGIS expression ``label``."""
+    root = _root(labels=bool(label))
     renderer = SubElement(root, "renderer-v2", type="categorizedSymbol", attr=attribute, **_RENDERER)
     listed, symbols = SubElement(renderer, "categories"), SubElement(renderer, "symbols")
-    for k, (value, label, symbol) in enumerate(shown):
-        SubElement(listed, "category", value=f"{value:g}", symbol=str(k), label=label, render="true", type="double")
+    for k, (value, words, symbol) in enumerate(shown):
+        stated, form = (value, "string") if isinstance(value, str) else (f"{value:g}", "double")
+        SubElement(listed, "category", value=stated, symbol=str(k), label=words, render="true", type=form)
         _symbol(symbols, str(k), kind, symbol)
+    if label:
+        _labels(root, label, colour, kind)
     return _text(root)
 
 
@@ -68,9 +73,10 @@ def _symbol(parent: Element, name: str, kind: str, stated: dict[str, str]) -> No
 def _labels(root: Element, expression: str, colour: str, kind: str) -> None:
     settings = SubElement(SubElement(root, "labeling", type="simple"), "settings", calloutType="simple")
     text = SubElement(
-        settings, "text-style", fieldName=expression, isExpression="1", fontSize="9", fontSizeUnit="Point", textColor=_rgb(colour)
+        settings, "text-style", fieldName=expression, isExpression="1", fontSize="9", fontSizeUnit="Point", fontWeight="75",
+        textColor=_rgb(colour),
     )
-    SubElement(text, "text-buffer", bufferDraw="1", bufferSize="0.8", bufferSizeUnits="MM", bufferColor="255,255,255,255")
+    SubElement(text, "text-buffer", bufferDraw="1", bufferSize="1", bufferSizeUnits="MM", bufferColor="255,255,255,255")
     near: Any = {"dist": "1", "distUnits": "MM"} if kind == MARKER else {}
     SubElement(settings, "placement", placement=_PLACEMENTS[kind], centroidInside="1", layerType=_GEOMETRIES[kind], **near)
     SubElement(settings, "rendering", drawLabels="1", obstacle="0", displayAll="1")

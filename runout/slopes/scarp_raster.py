@@ -10,12 +10,14 @@ import numpy as np
 from runout import __version__, log
 from runout.config.schema import NAME
 from runout.errors import ConfigError, ExitCode
-from runout.io.atomic import write_json
+from runout.hazard.style import class_edges, qml
+from runout.io.atomic import write_json, write_text
 from runout.io.geotiff import write_cog
 from runout.io.netcdf import map_dataset
 from runout.slopes.choices import ScarpChoices, record
 from runout.slopes.place import read_place
 from runout.slopes.scarp import scarp_ellipsoid, scarp_planes
+from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
     from runout.model.release import Release
@@ -39,6 +41,8 @@ def command(path: Path, out: Path | None, choices: ScarpChoices) -> int:
     made = {"runout": __version__, "elevation": terrain.source, **record(choices), "volume_m3": volume}
     made |= {"area_m2": release.area, "largest_thickness_m": float(release.thickness.max())}
     write_cog(maps, "release_thickness", file)
+    edges = class_edges("release_thickness", (), 0.0, float(stored.max()))
+    write_text(qml(edges, VARIABLES["release_thickness"].printed[0], "release_thickness"), file.with_suffix(".qml"))
     write_json(made, file.with_suffix(".json"))
     console = log.output()
     console.print(f"volume: {volume:.9g} m3", markup=False)

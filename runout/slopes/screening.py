@@ -11,6 +11,7 @@ import numpy as np
 
 from runout import __version__, log
 from runout.errors import ConfigError, ExitCode
+from runout.hazard.outline_style import screen_styles
 from runout.io.atomic import whole_file, write_json
 from runout.io.vector import outline, write_layers
 from runout.report.picture import DPI, png
@@ -157,7 +158,7 @@ def _write(
     rows = [{**one.attributes(), "geometry": Point(one.easting, one.northing)} for one in places]
     reached = [] if extent.is_empty else [{"thickness_m": LEAST, "geometry": extent}]
     layers = {"extent": ("MultiPolygon", reached), "flow_path": ("LineString", path), "places": ("Point", rows)}
-    write_layers(folder / LAYERS, found.terrain, layers)
+    write_layers(folder / LAYERS, found.terrain, layers, screen_styles())
     write_json(record, folder / RECORD)
     with whole_file(folder / PICTURE) as temporary:
         temporary.write_bytes(picture(found, drained, way, places))

@@ -29,11 +29,11 @@ def kind_of(output: Path) -> str:
     """
     kind = output.suffix.lower()
     if kind not in KINDS:
-        raise ConfigError(f"output is {output.name}; its name must end in .mp4 or .gif, or name a folder for PNG")
+        raise ConfigError(f"--output {output}: its name must end in .mp4 or .gif, or be that of a folder for PNG")
     if kind == ".mp4" and not has_codec():
         raise RenderError(NO_CODEC)
     if not kind and output.exists() and not output.is_dir():
-        raise ConfigError(f"output is {output}; that is a file; name a folder for PNG, or a film .mp4 or .gif")
+        raise ConfigError(f"--output {output}: is a file; name a folder for PNG, or a film .mp4 or .gif")
     return kind
 
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from runout.hazard.outline_style import outline_styles, slope_styles
+from runout.hazard.outline_style import outline_styles, screen_styles, slope_styles
 from runout.hazard.style import below, class_colours, class_edges, qml
 from runout.io.vector import PROBABILITY_LEVELS
 
@@ -67,6 +67,25 @@ def test_points_lines_and_areas_have_symbols_of_their_kind():
         **dict.fromkeys(("probes", "gauges"), "marker"),
     }
     assert next(read(slope_styles()["release"]).iter("text-style")).get("fieldName").startswith('"rank"')
+
+
+def test_places_of_the_baseline_have_a_marker_for_each_kind_and_their_names():
+    styles = {name: read(text) for name, text in screen_styles().items()}
+    assert set(styles) == {"extent", "flow_path", "places"}
+    places = styles["places"]
+    shown = {c.get("value"): c.get("symbol") for c in places.iter("category")}
+    assert {c.get("type") for c in places.iter("category")} == {"string"}
+    assert set(shown) == {"steep step", "leaves a channel", "structure", "obstacle"}
+    forms = {s.get("name"): (options(s)["name"], options(s)["color"]) for s in places.iter("symbol")}
+    assert len({forms[symbol] for symbol in shown.values()}) == 4
+    assert next(places.iter("text-style")).get("fieldName") == 'coalesce(nullif("name", \'\'), "kind")'
+
+
+def test_labels_are_bold_and_only_where_there_are_some():
+    for name, text in (outline_styles() | slope_styles() | screen_styles()).items():
+        style = read(text)
+        assert style.get("labelsEnabled") == str(int(style.find("labeling") is not None)), name
+        assert {label.get("fontWeight") for label in style.iter("text-style")} <= {"75"}
 
 
 def test_classes_of_pressure_on_facades_join_without_gaps_and_get_wider():

@@ -2,6 +2,7 @@
 
 import json
 import math
+from xml.etree import ElementTree
 
 import geopandas
 import numpy as np
@@ -113,6 +114,8 @@ def test_command_writes_a_raster_with_the_printed_volume_that_a_site_takes(tmp_p
     printed = float(capsys.readouterr().out.split("volume: ")[1].split()[0])
     release = Release.from_raster(tmp_path / "scarp" / "east.tif", Terrain.from_raster(tmp_path / "dem.tif"), volume=printed)
     assert release.volume == pytest.approx(printed, rel=1e-8)
+    style = ElementTree.fromstring((tmp_path / "scarp" / "east.qml").read_text().split("\n", 1)[1])
+    assert next(style.iter("colorrampshader")).get("colorRampType") == "DISCRETE"
     assert json.loads((tmp_path / "scarp" / "east.json").read_text())["volume_m3"] == pytest.approx(printed, rel=1e-8)
 
 

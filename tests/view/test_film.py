@@ -57,5 +57,5 @@ def test_a_name_of_no_film_is_refused(frames, tmp_path):
     with pytest.raises(ConfigError, match=r"\.mp4 or \.gif"):
         film.write_film(frames, [0, 1, 2], tmp_path / "a.avi", 5.0)
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match="that is a file"):
+    with pytest.raises(ConfigError, match="is a file; name a folder"):
         film.write_film(frames, [0, 1, 2], tmp_path / "file", 5.0)

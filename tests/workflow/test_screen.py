@@ -46,6 +46,8 @@ def test_baseline_keeps_its_balance_and_has_the_variables_of_a_run(screened):
         with rasterio.open(screened / f"{name}.tif") as file:
             assert file.crs.to_epsg() == 32632
     assert set(geopandas.list_layers(screened / "screen.gpkg")["name"]) >= {"extent", "flow_path"}
+    styles = geopandas.read_file(screened / "screen.gpkg", layer="layer_styles")
+    assert set(styles["f_table_name"]) == set(geopandas.list_layers(screened / "screen.gpkg")["name"]) - {"layer_styles"}
     assert (screened / "screen.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -1,0 +1,67 @@
+"""Options that name what a command writes; a place that cannot be written is refused before any work."""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+from runout.errors import ConfigError
+from runout.io.boundary import SITE_FILE
+from runout.io.places import require_place
+
+READING = ("check", "status", "doctor", "new", "view")  # commands that write no results, or only if they have to simulate
+
+
+@dataclass(frozen=True)
+class Written:
+    """Mark of an option that names what a command writes.
+
+    Attributes
+    ----------
+    folder : bool or None
+        Whether that is a folder; None: if the name has no ending.
+    endings : tuple of str
+        Of the names of files; empty if any will do.
+    """
+
+    folder: bool | None = False
+    endings: tuple[str, ...] = ()
+
+
+def require_places(command: Callable[..., Any], given: Mapping[str, Any], out: Path | None) -> None:
+    """Raise ConfigError if the results folder or an option marked :class:`Written` names what cannot be written.
+
+    ``given`` are the arguments of the command by name, ``out`` is the stated results folder.
+    """
+    named = list(_written(command, given))
+    for name, mark, path in named:
+        folder = not path.suffix if mark.folder is None else mark.folder
+        if mark.endings and path.suffix.lower() not in mark.endings:
+            raise ConfigError(f"{name} {path}: its name must end in {' or '.join(mark.endings)}")
+        require_place(name, path, folder=folder)
+    if command.__name__ in READING or (named and command.__name__ == "animate"):
+        return
+    results = _results_of(given.get("site"))
+    if out is not None:
+        require_place("--out", out, folder=True)
+    elif results is not None:
+        require_place("--out [default]", results, folder=True)
+
+
+def _results_of(site: Any) -> Path | None:
+    """Usual results folder of a site that is there."""
+    if not isinstance(site, Path) or not (site.is_dir() or site.name == SITE_FILE):
+        return None
+    return (site if site.is_dir() else site.parent) / "results"
+
+
+def _written(command: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Written, Path]]:
+    """Name, mark and value of each option of a command that names what it writes."""
+    hints = get_type_hints(command, include_extras=True)
+    for name in inspect.signature(command).parameters:
+        mark = next((part for part in get_args(hints.get(name)) if isinstance(part, Written)), None)
+        value = given.get(name)
+        for path in value if isinstance(value, list) else [value]:
+            if mark is not None and isinstance(path, Path):
+                yield f"--{name.replace('_', '-')}", mark, path

@@ -1,0 +1,98 @@
+"""A place that an option names and that cannot be written is refused at once, by one line with the option."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[1] / "workflow"))
+from ramp_site import write_site
+
+from runout import cli
+from runout.errors import ConfigError, ExitCode
+from runout.io.places import require_place
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Working folder with a site and a file; it must stay as it is."""
+    write_site(tmp_path / "ramp")
+    (tmp_path / "note").write_text("a file")
+    (tmp_path / "film.gif").mkdir()
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    yield tmp_path
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def line(capsys, *tokens):
+    """What a refused command says."""
+    assert cli.main(tokens) == ExitCode.CONFIGURATION
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (said,) = captured.err.splitlines()
+    return said.removeprefix("error: ")
+
+
+COMMANDS = [
+    ("run", "ramp"), ("ensemble", "ramp"), ("hazard", "ramp"), ("simulate", "ramp"), ("animate", "ramp"), ("probe", "ramp"),
+    ("profile", "ramp", "--line", "note"), ("screen", "ramp"), ("suggest-release", "ramp"), ("scarp", "ramp"),
+    ("compare", "ramp", "ramp"), ("verify", "U6"), ("validate", "columns"), ("stress",), ("bench", "--error"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+def test_every_command_refuses_results_in_a_file(folder, capsys, command):
+    assert line(capsys, "--out", "note", *command) == "--out note: is a file; name a folder"
+    beyond = f"--out note/results: {folder / 'note'} is a file, not a folder; name another place"
+    assert line(capsys, "--out", "note/results", *command) == beyond
+
+
+@pytest.mark.parametrize(
+    ("option", "path", "said"),
+    [
+        ("--output", "note", "is a file; name a folder"),
+        ("--output", "film.gif", "is a folder; name a file in it"),
+        ("--output", "note/film.mp4", "{folder}/note is a file, not a folder; name another place"),
+        ("--vtk", "note", "is a file; name a folder"),
+        ("--vtk", "note/files", "{folder}/note is a file, not a folder; name another place"),
+    ],
+)
+def test_films_and_files_for_paraview_are_refused_by_their_option(folder, capsys, option, path, said):
+    assert line(capsys, "animate", "ramp", option, path) == f"{option} {path}: {said.format(folder=folder)}"
+
+
+def test_files_of_studies_are_refused_by_their_option(folder, capsys):
+    assert line(capsys, "verify", "U6", "--json", "film.gif") == "--json film.gif: is a folder; name a file in it"
+    assert line(capsys, "bench", "--json", "note/a.json").startswith("--json note/a.json: ")
+    assert line(capsys, "bench", "--figure", "a.abc") == "--figure a.abc: its name must end in .png or .svg or .pdf"
+
+
+def test_the_usual_results_folder_is_checked_too(folder, capsys):
+    results = folder / "ramp" / "results"
+    results.write_text("a file")
+    assert line(capsys, "screen", "ramp") == "--out [default] ramp/results: is a file; name a folder"
+    assert cli.main(["status", "ramp"]) is not None  # a command that only reads says what it finds
+    results.unlink()
+
+
+def test_a_missing_folder_is_made_later_and_nothing_is_left_by_the_check(tmp_path):
+    require_place("--out", tmp_path / "a" / "b", folder=True)
+    require_place("--json", tmp_path / "a" / "b.json", folder=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("/proc/results", "nothing can be written in /proc"),
+        ("/dev/null", "is a device; name another place"),
+        ("a" * 300, "File name too long"),
+        ("a\0b", "no name holds a null character"),
+    ],
+)
+def test_places_that_the_system_refuses_are_named(path, said):
+    with pytest.raises(ConfigError) as caught:
+        require_place("--json", Path(path), folder=False)
+    assert str(caught.value).startswith("--json ")
+    assert said in str(caught.value)
