@@ -14,6 +14,11 @@ PROBE = "#6a1b9a"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
 WIDE = 0.33  # half the mean width of a letter over its size, with a reserve: the axes may still shrink
+GAP = 2.0  # between a mark and the label beside it [pt]
+BESIDE = (  # places of labels: corner or middle of a side of a mark, and direction from there to the label, east and north
+    *(((0, 1), (0, 1)), ((0, -1), (0, -1)), ((1, 0), (1, 0)), ((-1, 0), (-1, 0))),
+    *(((1, 1), (-1, 1)), ((1, -1), (-1, -1)), ((-1, 1), (1, 1)), ((-1, -1), (1, -1))),
+)
 UNKNOWN_GROUND, UNKNOWN_HATCH, HATCH = "#d3d7db", "#8b939b", "\\\\\\"  # hatched unlike obstacles
 
 
@@ -37,8 +42,9 @@ def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zo
         axes.plot(x, y, color=RELEASE, linewidth=1.3, zorder=4)
     marks = [*((obstacle, OBSTACLE) for obstacle in obstacles), *((zone, INK) for zone in zones)]
     taken: list[np.ndarray] = []
-    for mark, colour in _largest(marks) if labels else ():
-        _label(axes, mark, colour, taken=taken)
+    clear = [_box_of(axes, o.geometry) for o in obstacles if not _visible(axes, o.geometry).is_empty]
+    for mark, colour in _in_order(axes, marks) if labels else ():
+        _label(axes, mark, colour, taken=taken, kept_clear=clear if colour == OBSTACLE else None)
 
 
 def draw_observed(axes: Any, observed: Sequence[Mark], labels: bool = True) -> None:
@@ -93,8 +99,14 @@ def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, flo
     legend.set_zorder(6)
 
 
-def _largest(marks: list[tuple[Mark, str]]) -> list[tuple[Mark, str]]:
-    return sorted(marks, key=lambda pair: -pair[0].geometry.area)[:MOST_LABELS]
+def _in_order(axes: Any, marks: list[tuple[Mark, str]]) -> list[tuple[Mark, str]]:
+    """The largest marks by the order of their labels: zones and those that hold theirs, then the others, the smallest first."""
+    largest = sorted(marks, key=lambda pair: -pair[0].geometry.area)[:MOST_LABELS]
+    seen = [(mark, colour) for mark, colour in largest if not _visible(axes, mark.geometry).is_empty]
+    beside = [colour == OBSTACLE and not _fits(axes, mark.label, mark.geometry) for mark, colour in seen]
+    return [pair for pair, small in zip(seen, beside, strict=True) if not small] + [
+        pair for pair, small in zip(seen[::-1], beside[::-1], strict=True) if small
+    ]
 
 
 def _hatched(geometry: Any) -> Any:
@@ -107,35 +119,89 @@ def _hatched(geometry: Any) -> Any:
 
 
 def _label(
-    axes: Any, mark: Mark, colour: str, offset: tuple[float, float] = (0, 0), taken: list[np.ndarray] | None = None
-) -> None:
-    """Write a label inside the visible part of a mark, or ``offset`` [pt] from there; not over one of ``taken``."""
-    from matplotlib.patheffects import withStroke
-    from shapely import box
+    axes: Any, mark: Mark, colour: str, offset: tuple[float, float] = (0, 0), taken: list[np.ndarray] | None = None,
+    kept_clear: Sequence[np.ndarray] | None = None,
+) -> None:  # fmt: skip
+    """Write a label inside the visible part of a mark, or ``offset`` [pt] from there.
 
-    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    shown = mark.geometry.intersection(box(west, south, east, north))
+    With ``taken``, boxes (4,) of the labels before, it is written where it covers none of these. With ``kept_clear`` it is written
+    beside a mark that is too small for it, clear of these boxes too if there is such a place.
+    """
+    from matplotlib.patheffects import withStroke
+
+    shown = _visible(axes, mark.geometry)
     if shown.is_empty:
         return
-    place = shown.representative_point()
-    if taken is not None and not _has_room(axes, mark.label, (place.x, place.y), taken):
-        return
-    halo = [withStroke(linewidth=2.5, foreground="white")]
+    place, side = shown.representative_point().coords[0], (0, 0)
+    if taken is not None:
+        free = _free_place(axes, mark.label, shown, taken, kept_clear)
+        if free is None:
+            return
+        place, side = free
+        offset = side[0] * GAP, side[1] * GAP
     axes.annotate(
-        mark.label, (place.x, place.y), offset, textcoords="offset points", ha="center", va="center", fontsize=LABEL_SIZE,
-        color=colour, path_effects=halo, zorder=6,
+        mark.label, place, offset, textcoords="offset points", ha=("center", "left", "right")[side[0]],
+        va=("center", "bottom", "top")[side[1]], fontsize=LABEL_SIZE, color=colour, zorder=6,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip
 
 
-def _has_room(axes: Any, label: str, place: tuple[float, float], taken: list[np.ndarray]) -> bool:
-    """Whether a label at a place overlaps none of those before, whose boxes (left, bottom, right, top) [pixel] are ``taken``."""
-    half = LABEL_SIZE * axes.figure.dpi / 72.0 * np.array([WIDE * max(len(line) for line in label.splitlines() or [""]), 0.6])
-    middle = axes.transData.transform(place)
-    box = np.concatenate([middle - half, middle + half])
-    if any((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all() for other in taken):
-        return False
+def _visible(axes: Any, geometry: Any) -> Any:
+    """The part of a geometry within the limits of the axes."""
+    from shapely import box
+
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    return geometry.intersection(box(west, south, east, north))
+
+
+def _free_place(
+    axes: Any, label: str, shown: Any, taken: list[np.ndarray], kept_clear: Sequence[np.ndarray] | None
+) -> tuple[tuple[float, float], tuple[int, int]] | None:
+    """Place of a label in map coordinates and the side of it on which the label lies; None where all would cover another label.
+
+    Boxes (left, bottom, right, top) [pixel] are those of :func:`_box_of`; that of the label is added to ``taken``.
+    """
+    half, gap, whole = _half(axes, label), GAP * axes.figure.dpi / 72.0, axes.bbox.extents
+    west, south, east, north = shown.bounds
+    inside = (shown.representative_point().coords[0], (0, 0))
+    for corner, near in () if kept_clear is None or _fits(axes, label, shown) else BESIDE:
+        place = ((west + east) / 2 + corner[0] * (east - west) / 2, (south + north) / 2 + corner[1] * (north - south) / 2)
+        box = _around(axes.transData.transform(place) + np.array(near) * (half + gap), half)
+        within = (box[:2] >= whole[:2]).all() and (box[2:] <= whole[2:]).all()
+        if within and not any(_overlap(box, other) for other in (*taken, *(kept_clear or ()))):
+            taken.append(box)
+            return place, near
+    box = _around(axes.transData.transform(inside[0]), half)
+    if any(_overlap(box, other) for other in taken):
+        return None
     taken.append(box)
-    return True
+    return inside
+
+
+def _box_of(axes: Any, geometry: Any) -> np.ndarray:
+    """Box around the visible part of a geometry: left, bottom, right, top [pixel]."""
+    bounds = np.array(_visible(axes, geometry).bounds)
+    return axes.transData.transform(bounds.reshape(2, 2)).ravel()  # type: ignore[no-any-return]
+
+
+def _half(axes: Any, label: str) -> np.ndarray:
+    """Half the width and height of a label [pixel]."""
+    letters = max(len(line) for line in label.splitlines() or [""])
+    return LABEL_SIZE * axes.figure.dpi / 72.0 * np.array([WIDE * letters, 0.6])  # type: ignore[no-any-return]
+
+
+def _fits(axes: Any, label: str, geometry: Any) -> bool:
+    """Whether a label is smaller than the box around the visible part of a geometry."""
+    box = _box_of(axes, geometry)
+    return bool((box[2:] - box[:2] >= 2.0 * _half(axes, label)).all())
+
+
+def _around(middle: np.ndarray, half: np.ndarray) -> np.ndarray:
+    return np.concatenate([middle - half, middle + half])
+
+
+def _overlap(box: np.ndarray, other: np.ndarray) -> bool:
+    return bool((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all())
 
 
 def _rings(polygons: Sequence[Any]) -> Iterator[tuple[Any, Any]]:

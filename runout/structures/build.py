@@ -10,10 +10,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from runout.errors import CapacityError
-from runout.model.structures import CELLS, Patches, StructureField, Structures
+from runout.model.structures import CELLS, StructureField, Structures
 from runout.model.terrain import Terrain
 from runout.structures.lattice_distance import NODES, mark_inside, nearest_in_blocks
-from runout.structures.pieces import BESIDE, Pieces, cut_pieces, joined_patches
+from runout.structures.patches import joined_patches, measured_patches, nearest_patches
+from runout.structures.pieces import BESIDE, Pieces, cut_pieces
 from runout.structures.solid import Solid, as_arrays, discs_around, normals_and_areas
 from runout.structures.store import STRUCTURES, structures_key
 
@@ -50,14 +51,14 @@ def _made(solids: Sequence[Solid], terrain: Terrain, spacing: tuple[float, float
     near = (distance < band).any((1, 2, 3))
     low, blocks, distance = low[near], blocks[near], distance[near]
     normals = normals_and_areas(surface)[0][nearest[near]]
-    patch = _nearest_patches(foot[near], normals, patches, max(spacing))
+    patch = nearest_patches(foot[near], normals, patches, max(spacing))
     inside = _inside(low, lattice, solids, distance, BESIDE * min(spacing))
     table = np.full(blocks.max(0) + 1, -1, np.int32)
     table[tuple(blocks.T)] = np.arange(len(blocks))
     signed = np.where(inside, -distance, distance).astype(np.float32)
     origin = tuple(float(x) for x in first * (CELLS * lattice))
     found = StructureField(lattice, origin, table, signed, patch, band, patches)  # type: ignore[arg-type]
-    return _named(solids, found)
+    return _named(solids, measured_patches(found, pieces, spacing))
 
 
 def _named(solids: Sequence[Solid], field: StructureField) -> Structures:
@@ -105,13 +106,6 @@ def _nearest(
     discs = discs_around(corners)
     _in_threads(lambda part: nearest_in_blocks(part, low, lattice, corners, discs, distance, index, foot), groups)
     return distance, index, foot
-
-
-def _nearest_patches(foot: np.ndarray, normal: np.ndarray, patches: Patches, length: float) -> np.ndarray:
-    """Patch nearest to points on the surface among those that face the same way: a turn counts as much as ``length`` [m]."""
-    faced = cKDTree(np.concatenate([patches.centre, length * patches.normal], axis=1))
-    points = np.concatenate([foot, length * normal], axis=-1)
-    return faced.query(points.reshape(-1, 6), workers=-1)[1].reshape(points.shape[:-1]).astype(np.int32)  # type: ignore[no-any-return]
 
 
 def _inside(low: np.ndarray, lattice: float, solids: Sequence[Solid], distance: np.ndarray, gap: float) -> np.ndarray:

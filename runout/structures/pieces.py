@@ -1,11 +1,10 @@
-"""Cuts the surfaces of bodies into pieces of about a grid cell, and joins what is visible above ground to patches for forces."""
+"""Cuts the surfaces of bodies into pieces of about a grid cell."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from runout.model.structures import Patches
 from runout.model.terrain import Terrain
 from runout.structures.ground import elevation_at
 from runout.structures.lattice_distance import points_inside
@@ -112,27 +111,3 @@ def _covered(pieces: Pieces, row: int, solids: Sequence[Solid], cell: float) -> 
         if other != row:
             covered |= points_inside(inner.reshape(-1, 3), as_arrays(solids[other])).reshape(-1, 4).all(1)
     return covered
-
-
-def joined_patches(pieces: Pieces, spacing: Sequence[float], frictions: np.ndarray) -> Patches:
-    """Patches of the visible pieces, those of one facade in one grid cell that face the same way along the axes together.
-
-    ``frictions`` (solids,) are the Coulomb coefficients of the bodies; areas of patches are those of their pieces.
-    """
-    seen = pieces[pieces.visible]
-    cells = np.floor(seen.centre / np.asarray(spacing)).astype(np.int64)
-    normals, areas = normals_and_areas(seen.corners)
-    axis = np.abs(normals).argmax(1)
-    facing = 2 * axis + (np.take_along_axis(normals, axis[:, None], 1)[:, 0] > 0)
-    _, first, patch = np.unique(np.column_stack([seen.facade, facing, cells]), axis=0, return_index=True, return_inverse=True)
-    patch = patch.ravel()
-    area = np.bincount(patch, areas, len(first))
-    centre, normal = (_sums(patch, areas[:, None] * values, len(first)) for values in (seen.centre, normals))
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    unit = np.where(length > 0, normal / np.where(length > 0, length, 1.0), normals[first])
-    return Patches(centre / area[:, None], unit, area, seen.facade[first], frictions[seen.solid[first]])
-
-
-def _sums(rows: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sums (count, 3) of values (n, 3) by their rows (n,)."""
-    return np.stack([np.bincount(rows, values[:, k], count) for k in range(3)], axis=1)

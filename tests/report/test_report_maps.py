@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 from PIL import Image
 from shapely.geometry import Point, box
 
@@ -112,10 +113,23 @@ def test_obstacles_and_zones_are_drawn_with_their_labels_where_they_are_in_the_w
     figure = draw_map(marked, np.zeros((N, N)), STYLES["thickness"])
     placed = {text.get_text(): text.xy for text in figure.axes[0].texts if text.get_text() in ("+8 m", "friction 8°", "elsewhere")}
     assert set(placed) == {"+8 m", "friction 8°"}
-    assert dam.contains(Point(placed["+8 m"]))
+    assert dam.touches(Point(placed["+8 m"]))  # too small for its label, which is beside it
     assert zone.contains(Point(placed["friction 8°"]))
     plain = draw_map(basemap, np.zeros((N, N)), STYLES["thickness"])
     assert np.abs(rgb_at(figure, 5400.0, 8700.0) - rgb_at(plain, 5400.0, 8700.0)).max() > 0.1
+
+
+def test_labels_of_small_structures_cover_no_structure_and_no_other_label(basemap):
+    places = [(5180, 8700), (5310, 8660), (5320, 8540)]
+    houses = [Mark(box(x, y, x + 40, y + 40), f"house {x}") for x, y in places]
+    marked = replace(basemap, obstacles=[*houses, Mark(box(5390, 8500, 5410, 8780), "dam")])
+    figure = draw_map(marked, np.zeros((N, N)), STYLES["thickness"])
+    figure.canvas.draw()
+    axes, drawn = figure.axes[0], {mark.label for mark in marked.obstacles}
+    labels = [text.get_window_extent() for text in axes.texts if text.get_text() in drawn]
+    marks = [axes.transData.transform_bbox(Bbox.from_extents(*mark.geometry.bounds)) for mark in marked.obstacles]
+    assert len(labels) == len(marks)
+    assert not [1 for k, label in enumerate(labels) for other in (*labels[:k], *marks) if label.overlaps(other)]
 
 
 @pytest.mark.parametrize("width", [0.3, 1.0, 3.0])

@@ -74,7 +74,7 @@ def test_patches_have_the_area_above_ground_and_about_the_size_of_a_cell(level):
     made = build_structures([body(box((100, 100, 105), (20, 10, 18)))], level, (2.0, 2.0, 2.0))
     patches = made.field.patches
     assert patches.area.sum() == pytest.approx(2 * (20 + 10) * 14 + 200)
-    assert patches.area.max() <= 8.0
+    assert patches.area.max() <= 10.0  # two cells, and half of one that joined
     assert np.median(patches.area) > 2.0
     assert np.abs(np.linalg.norm(patches.normal, axis=1) - 1).max() < 1e-12
     assert (patches.centre[:, 2] > 100).all()

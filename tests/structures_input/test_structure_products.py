@@ -77,7 +77,8 @@ def test_the_report_has_a_section_on_structures(walled):
     site, _ = walled
     page = (site / "results" / "report.html").read_text()
     assert '<section id="structures">' in page
-    assert "<td>wall</td><td>west</td>" in page
+    assert '<td data-label="Structure">wall</td><td data-label="Facade">west</td>' in page
+    assert 'data-label="Area [m²]"' in page  # narrow screens show the headings beside the values
     assert "Overtopping" in page
     assert "Force over time" in page
 
