@@ -319,6 +319,19 @@ def cache_folder(key: str) -> Iterator[None]:
         config.CACHE_DIR = before
 
 
+@contextlib.contextmanager
+def threads_at_most(count: int) -> Iterator[None]:
+    """Scope in which parallel loops of numba take at most ``count`` threads, but one at least."""
+    import numba
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(max(1, min(before, count)))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
+
+
 @cache
 def cache_root() -> Path:
     """Folder of all code that numba has compiled; a temporary one where the user's cache cannot be written."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from runout.backends import column_peaks, spreading
-from runout.backends.compile import numba_binding
+from runout.backends.compile import numba_binding, threads_at_most
 from runout.backends.protocol import RasterSums
 from runout.map_quantities import peak_quantities
 from runout.model.particles import Particles
@@ -115,14 +115,8 @@ def loops() -> SimpleNamespace:
 
 def loop(name: str, cells: int, *arguments: Any) -> None:
     """Run one of the compiled loops over so many cells, in as many threads as are worth their start: small windows take one."""
-    import numba
-
-    threads = numba.get_num_threads()
-    numba.set_num_threads(max(1, min(threads, cells // CELLS_OF_A_THREAD)))
-    try:
+    with threads_at_most(cells // CELLS_OF_A_THREAD):
         getattr(loops(), name)(*arguments)
-    finally:
-        numba.set_num_threads(threads)
 
 
 def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: float, density: float = 0.0) -> RasterSums:
