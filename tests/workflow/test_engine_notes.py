@@ -1,6 +1,7 @@
 """What is known of the kernels is kept for a day, and for some minutes if other work disturbed the measurement."""
 
 import json
+import os
 from types import SimpleNamespace
 
 import pytest
@@ -43,6 +44,14 @@ def test_a_disturbed_measurement_counts_for_some_minutes(arguments, measured, no
     noted = json.loads(file.read_text())
     file.write_text(json.dumps({**noted, "time": noted["time"] - 1.01 * engine_notes.SHORT}))
     assert step_cost.step_cost(arguments) == StepCost(1e-3, 1e-6)
+
+
+def test_notes_of_earlier_days_are_removed(arguments, notes):
+    engine_notes.note_layer(arguments, StepCost(1e-3, 1e-6))
+    (old,) = notes.glob("*.json")
+    os.utime(old, (0, 0))
+    engine_notes.note_layer(arguments | {"precision": "float64"}, StepCost(1e-3, 1e-6))
+    assert old not in set(notes.glob("*.json"))
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"value": [1, 2]}'])
