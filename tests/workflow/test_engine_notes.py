@@ -70,10 +70,11 @@ def test_other_kernels_have_notes_of_their_own(arguments, measured, change):
 
 def member(arguments, seconds, monkeypatch, *, first=0.0, mass=(1.0, 1.0)):
     """Tell a timer of a member of 100 steps and 1000 particles that took so much processor time [s]."""
-    clock = iter([5.0, 5.0 + seconds])
+    clock = iter([5.0, 5.0, 5.0 + seconds])
     monkeypatch.setattr("runout.ensemble.step_time.time", SimpleNamespace(process_time=lambda: next(clock)))
     timer = StepTimer()
     timer(first)
+    timer(1.0)
     timer.note(arguments, SimpleNamespace(series={"mass": mass}, steps=100, n_particles=1000))
 
 
