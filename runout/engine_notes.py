@@ -8,6 +8,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -48,10 +49,11 @@ def known(name: str, of: Any) -> Any:
 
 def note(name: str, of: Any, value: Any, lasting: float = DAY) -> None:
     """Note a value of plain types that counts for so long [s]; nothing happens if the cache cannot be written."""
-    try:
+    with suppress(StorageError, OSError):
         write_json({"time": time.time(), "lasting": lasting, "value": value}, _file(name, of))
-    except StorageError:
-        return
+        for file in _folder().glob("*.json"):
+            if file.stat().st_mtime < time.time() - DAY:
+                file.unlink(missing_ok=True)
 
 
 def remembered(name: str, of: Any, make: Callable[[], Any]) -> Any:

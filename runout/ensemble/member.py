@@ -191,8 +191,8 @@ def simulate_member(
     timer = StepTimer(progress)
     offered = {"checkpoint": member.checkpoint_file(results), "progress": timer}
     result = simulate(**arguments, **{name: value for name, value in offered.items() if name in taken})
-    timer.note(arguments, result)
     _write(site, member, result, results)
+    timer.note(arguments, result)
 
 
 def simulate_alone(

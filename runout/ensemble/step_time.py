@@ -21,17 +21,18 @@ class StepTimer:
     def __init__(self, progress: Callable[[float], None] | None = None):
         self.progress = progress
         self.first: float | None = None
-        self.started = 0.0
+        self.started = self.seconds = 0.0
 
     def __call__(self, fraction: float) -> None:
         if self.first is None:
             self.first, self.started = fraction, time.process_time()
+        self.seconds = time.process_time() - self.started
         if self.progress:
             self.progress(fraction)
 
     def note(self, arguments: Mapping[str, Any], result: Any) -> None:
         """Note the result's cost of a step, if the member ran as a whole on one thread of the CPU and its mass stayed."""
-        seconds, mass = time.process_time() - self.started, getattr(result, "series", {}).get("mass", ())
-        alone = arguments["device"] == "cpu" and arguments["threads"] == 1 and not arguments["sleep_speed"]
+        mass = getattr(result, "series", {}).get("mass", ())
+        alone = arguments.get("device", "cpu") == "cpu" and arguments["threads"] == 1 and not arguments.get("sleep_speed")
         if alone and self.first == 0.0 and len(mass) and mass[-1] >= STAYED * mass[0]:
-            engine_notes.note_member(arguments, seconds, result.steps, result.steps * result.n_particles)
+            engine_notes.note_member(arguments, self.seconds, result.steps, result.steps * result.n_particles)

@@ -1,6 +1,7 @@
 """Cloud-optimised GeoTIFFs of single maps."""
 
 import os
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,9 +59,15 @@ def write_cog(dataset: "xr.Dataset", name: str, path: str | os.PathLike[str], **
 
 def raster_crs(dataset: "xr.Dataset") -> "CRS | None":
     """Coordinate reference system of a dataset; None for a local one."""
+    return _crs(dataset["crs"].attrs["crs_wkt"]) if "crs" in dataset.variables else None
+
+
+@cache
+def _crs(wkt: str) -> "CRS":
+    """System of a text. It takes a millisecond, and a dataset has many maps."""
     from rasterio.crs import CRS
 
-    return CRS.from_wkt(dataset["crs"].attrs["crs_wkt"]) if "crs" in dataset.variables else None
+    return CRS.from_wkt(wkt)
 
 
 def raster_transform(dataset: "xr.Dataset") -> "Affine":

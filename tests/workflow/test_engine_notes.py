@@ -1,6 +1,7 @@
 """What is known of the kernels is kept for a day, and for some minutes if other work disturbed the measurement."""
 
 import json
+import os
 from types import SimpleNamespace
 
 import pytest
@@ -45,6 +46,14 @@ def test_a_disturbed_measurement_counts_for_some_minutes(arguments, measured, no
     assert step_cost.step_cost(arguments) == StepCost(1e-3, 1e-6)
 
 
+def test_notes_of_earlier_days_are_removed(arguments, notes):
+    engine_notes.note_layer(arguments, StepCost(1e-3, 1e-6))
+    (old,) = notes.glob("*.json")
+    os.utime(old, (0, 0))
+    engine_notes.note_layer(arguments | {"precision": "float64"}, StepCost(1e-3, 1e-6))
+    assert old not in set(notes.glob("*.json"))
+
+
 @pytest.mark.parametrize("text", ["{", "[]", '{"value": [1, 2]}'])
 def test_a_damaged_note_counts_as_absent(arguments, measured, notes, text):
     measured += [(StepCost(1e-3, 1e-6), True), (StepCost(2e-3, 1e-6), True)]
@@ -61,10 +70,11 @@ def test_other_kernels_have_notes_of_their_own(arguments, measured, change):
 
 def member(arguments, seconds, monkeypatch, *, first=0.0, mass=(1.0, 1.0)):
     """Tell a timer of a member of 100 steps and 1000 particles that took so much processor time [s]."""
-    clock = iter([5.0, 5.0 + seconds])
+    clock = iter([5.0, 5.0, 5.0 + seconds])
     monkeypatch.setattr("runout.ensemble.step_time.time", SimpleNamespace(process_time=lambda: next(clock)))
     timer = StepTimer()
     timer(first)
+    timer(1.0)
     timer.note(arguments, SimpleNamespace(series={"mass": mass}, steps=100, n_particles=1000))
 
 
