@@ -59,9 +59,12 @@ def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
 
 
 def terrain_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
-    """A key that only a mesh has, beside a raster."""
+    """A key that only a mesh has beside a raster, or a mesh without its cells."""
     dem, key = given.get("dem"), "overhang_friction_angle_deg"
-    if key in given and not (isinstance(dem, str) and dem.lower().endswith(SURFACES)):
+    is_mesh = isinstance(dem, str) and dem.lower().endswith(SURFACES)
+    if is_mesh and "resolution" not in given:
+        yield "resolution", "required key is missing for a mesh", "add resolution: the size of the cells that are made of it [m]"
+    if key in given and not is_mesh:
         yield key, "has no meaning with a raster, which has no overhangs", "remove it, or give a mesh (OBJ, PLY, STL)"
 
 

@@ -17,6 +17,7 @@ MESHES = (".obj", ".ply", ".stl", ".glb")
 OTHER_MESHES = (".gltf", ".off", ".dae", ".fbx", ".3ds", ".3mf", ".blend", ".ifc", ".step", ".stp", ".stpz", ".wrl", ".skp")
 DECIMALS = 8  # of coordinates; vertices that agree to so many are one
 STL_HEADER, STL_FACE, PLY_HEADER = 84, 50, 1 << 16  # bytes
+FAR, MOST_FAR, FEWEST = 1000.0, 3, 16  # ratio of extents; positions that are left out, and of how many each is one
 UNREADABLE = (
     ValueError, LookupError, TypeError, AttributeError, AssertionError, OSError, ArithmeticError, MemoryError, RuntimeError,
     NameError, ImportError, struct.error,
@@ -142,7 +143,7 @@ def _placed(name: str, matrix: np.ndarray, mesh: Any, path: Path) -> MeshPart:
 
 
 def _sound(part: MeshPart, path: Path, again: str, error: type[InputError]) -> MeshPart:
-    """The part; refused if faces or vertices are no such."""
+    """The part; refused if its faces have other vertices, or vertices are not finite or far away."""
     count = len(part.vertices)
     wrong = ((part.faces < 0) | (part.faces >= count)).any(1)
     if wrong.any():
@@ -154,7 +155,28 @@ def _sound(part: MeshPart, path: Path, again: str, error: type[InputError]) -> M
         raise error(
             f"{path}: {lost.sum()} of {count} vertices are no finite numbers, the first is ({x:.10g}, {y:.10g}, {z:.10g}); {again}"
         )
+    far = _far_vertices(part)
+    if len(far):
+        x, y, z = far[0]
+        many = f"{len(far)} {'vertex lies' if len(far) == 1 else 'vertices lie'}"
+        where = f"the first at ({x:.10g}, {y:.10g}, {z:.10g})"
+        raise error(f"{path}: {many} far from all others, {where}; remove what is there, or {again}")
     return part
+
+
+def _far_vertices(part: MeshPart) -> np.ndarray:
+    """Vertices (n, 3) at up to three positions along an axis of the plan without which the mesh is ``FAR`` times smaller."""
+    vertices = part.vertices[np.unique(part.faces)]
+    for axis in (0, 1):
+        places = np.unique(vertices[:, axis])
+        for count in range(1, min(MOST_FAR, len(places) // FEWEST) + 1):
+            spans = places[len(places) - 1 - count :] - places[: count + 1]
+            first = int(spans.argmin())
+            if FAR * spans[first] < places[-1] - places[0]:
+                last = places[len(places) - 1 - count + first]
+                beyond = (vertices[:, axis] < places[first]) | (vertices[:, axis] > last)
+                return np.unique(vertices[beyond], axis=0)  # type: ignore[no-any-return]
+    return np.empty((0, 3))
 
 
 def _ply_header(path: Path) -> bytes:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from runout.errors import ReleaseError, StructureError
+from runout.io import crs as coordinate_systems
 from runout.io.layer_crs import to_terrain
 from runout.io.mesh_files import DECIMALS
 from runout.model.terrain import Terrain
@@ -32,7 +33,7 @@ def on_terrain(vertices: np.ndarray, source: StructureSource, terrain: Terrain) 
     ------
     StructureError
         If no units are stated, or all vertices lie beyond the terrain.
-    ReleaseError
+    InputError
         If the coordinate system is not understood.
     """
     path = source.path
@@ -45,6 +46,8 @@ def on_terrain(vertices: np.ndarray, source: StructureSource, terrain: Terrain) 
             f"{path}: its coordinates of up to {np.abs(metres).max():.3g} m are rounded to {rounding:.2g} m by single precision; "
             "export it near the origin and state offset"
         )
+    if source.crs is not None:
+        coordinate_systems.parse(source.crs, str(path))  # named as an option here, not as that of the file
     placed, sentences = _moved(metres + np.asarray(source.offset), source, source.crs or terrain.crs, terrain)
     if not _meets(placed, terrain):
         raise StructureError(f"{path}: {_beyond(placed, terrain)}; {_remedy(vertices, source, terrain)}")

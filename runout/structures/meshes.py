@@ -11,7 +11,7 @@ from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.structures.facades import face_pairs, mesh_facades
 from runout.structures.mesh_faults import mesh_faults, volume
-from runout.structures.mesh_place import on_terrain, rounding_of
+from runout.structures.mesh_place import COARSE, on_terrain, rounding_of
 from runout.structures.solid import Solid
 from runout.structures.source import Read, StructureSource
 
@@ -29,9 +29,11 @@ def read_meshes(source: StructureSource, terrain: Terrain) -> Read:
         placed, said = on_terrain(np.concatenate([part.vertices for part in parts]), source, terrain)
         changes += said
         rounding = rounding_of(source, np.concatenate([part.vertices for part in parts]))
+        cause = f" (single precision rounds its coordinates to {rounding:.2g} m: export it near the origin and state offset)"
+        note = cause if rounding > COARSE else ""
         for part, vertices in zip(parts, np.split(placed, np.cumsum([len(part.vertices) for part in parts])[:-1]), strict=True):
             for solid in _bodies(vertices, part.faces, replace(source, name=part.name), float(friction)):
-                found = list(mesh_faults(solid, terrain, 2.0 * rounding))
+                found = [fault + note for fault in mesh_faults(solid, terrain, 2.0 * rounding)]
                 problems += found
                 solids += [] if found else [_outward(solid, changes)]
     except InputError as error:

@@ -106,7 +106,7 @@ def structures_from_overhangs(
 
 
 def structures_from_sources(
-    sources: Sequence[StructureSource],
+    sources: Sequence[StructureSource] | StructureSource,
     terrain: Terrain,
     cell_size: float | tuple[float, float, float],
     *,
@@ -115,6 +115,10 @@ def structures_from_sources(
     releases: Sequence[Release] = (),
 ) -> Structures:
     """Structures of several files for a grid; see :meth:`runout.Structures.from_sources`."""
+    sources = [sources] if isinstance(sources, StructureSource) else sources
+    for number, source in enumerate(sources):
+        if not isinstance(source, StructureSource):
+            raise StructureError(f"sources[{number}] is {source!r}; give a runout.StructureSource of the file")
     spacing, bodies = spacing_of(cell_size), read_bodies(sources, terrain)
     if overhangs is not None:
         bodies = bodies.and_more(read_overhangs(overhangs, terrain, overhang_friction_angle_deg))

@@ -1,12 +1,15 @@
 """What is stated of the structures of a file, and what reading it gives."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from runout.errors import StructureError, member_of
 from runout.io.boundary import as_path
-from runout.io.mesh_files import MESHES
+from runout.io.mesh_files import MESHES, OTHER_MESHES
 from runout.structures.solid import Solid
 
 CONCRETE = 20.0  # friction angle [deg] of a smooth wall where none is stated
@@ -51,7 +54,7 @@ class StructureSource:
     Raises
     ------
     StructureError
-        If the path is none, or another top is stated.
+        With all that is stated wrongly, or has no meaning with the kind of the file.
     """
 
     path: Path
@@ -69,6 +72,23 @@ class StructureSource:
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", as_path(self.path, StructureError))
         object.__setattr__(self, "top", member_of(Top, self.top, "top", StructureError))
+        faults = [f"{self.path}: {fault}" for fault in self._faults()]
+        if faults:
+            raise StructureError(faults)
+
+    def _faults(self) -> Iterator[str]:
+        for key in ("layer", "name", "units"):
+            stated = getattr(self, key)
+            if not isinstance(stated, str) and (stated is not None or key == "name"):
+                yield f"{key} is {stated!r}; give text"
+        parts = np.ravel(np.asarray(self.offset, object)).tolist()
+        if len(parts) != 3 or not all(isinstance(x, int | float) and np.isfinite(x) for x in parts):
+            yield f"offset is {self.offset!r}; give three finite numbers in m: easting, northing, elevation"
+        if self.path.suffix.lower() in OTHER_MESHES:  # refused when it is read
+            return
+        of_others = {"height": self.height, "base": self.base, "layer": self.layer} if self.is_mesh else {"units": self.units}
+        kind = "a mesh" if self.is_mesh else "footprints"
+        yield from (f"{key} has no meaning with {kind}; leave it out" for key, stated in of_others.items() if stated is not None)
 
     @property
     def is_mesh(self) -> bool:

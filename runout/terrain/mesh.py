@@ -75,6 +75,10 @@ def read_mesh_terrain(
     if resolution is None:
         raise DemError(f"{path}: a mesh has no cells; state terrain.resolution, the size of the cells that are made of it [m]")
     step = checked("resolution", resolution, place=str(path), error=DemError)
+    system = None if crs is None else coordinate_systems.parse(crs, str(path))
+    if system is not None and system.is_geographic:
+        remedy = "export it in a projected system, and state that"
+        raise DemError(f"{path}: its crs {system.name} has degrees, a mesh has metres; {remedy}")
     corners, turned = _surface(path)
     first, (rows, columns) = _cells(corners, step, extent, path)
     column, z, up = _crossings(corners, first * step, step, (rows, columns))

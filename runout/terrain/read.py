@@ -15,6 +15,7 @@ from runout.io import crs as coordinate_systems
 from runout.io.boundary import as_path, exists, kind_of, names_in
 from runout.io.elevation_raster import ElevationRaster, Header
 from runout.io.georeference import require_usable
+from runout.io.mesh_files import MESHES, OTHER_MESHES
 from runout.io.opening import PARTS, open_raster
 from runout.io.source_kinds import sample_path
 from runout.io.window import Bounds
@@ -23,7 +24,7 @@ from runout.model.terrain import Terrain
 from runout.terrain import prepare
 
 SAMPLE = "matplotlib:jacksboro_fault_dem"
-SURFACES = (".obj", ".ply", ".stl", ".glb", ".gltf")  # of meshes
+SURFACES = (*MESHES, *OTHER_MESHES)
 NETCDF_SUFFIXES = (".nc", ".nc4", ".cdf")
 
 

@@ -155,6 +155,13 @@ def test_faces_that_cross_each_other_are_named(level, tmp_path):
     assert said.startswith("body 'structure': faces of the mesh cross each other at easting 500100.57, northing 5000080.38")
 
 
+def test_faults_that_single_precision_may_have_made_say_so(level, tmp_path):
+    ball = trimesh.creation.icosphere(4, radius=3.0)
+    ball.apply_translation(CENTRE)
+    said = refused(write(tmp_path / "ball.stl", ball.vertices, ball.faces), level)
+    assert said.endswith("(single precision rounds its coordinates to 0.3 m: export it near the origin and state offset)")
+
+
 def test_faces_with_two_equal_corners_are_left_out_and_said(level, tmp_path):
     read = read_bodies([StructureSource(write(tmp_path / "odd.obj", VERTICES, np.vstack([FACES, [[0, 0, 1]]])), units="m")], level)
     assert len(read.solids[0].faces) == 12
@@ -191,6 +198,27 @@ def test_a_mesh_beyond_the_terrain_is_refused_with_what_would_place_it(level, tm
     assert said.startswith("lies beyond the terrain array, at easting ")
     assert "; the terrain has easting 500000 to 500200, northing 5000000 to 5000200; " in said
     assert said.split("; ")[2].startswith(remedy)
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "stl"])
+def test_a_vertex_far_from_all_others_is_named(level, tmp_path, kind):
+    ball = trimesh.creation.icosphere(2, radius=6.0)
+    vertices = ball.vertices + np.array([100.0, 80.0, 103.0])
+    vertices[5, 1] = 5e6
+    path = write(tmp_path / f"spike.{kind}", vertices, ball.faces)
+    x, _, z = vertices[5].astype(np.float32 if kind == "stl" else np.float64)
+    where = f"the first at ({x:.10g}, 5000000, {z:.10g})"
+    assert refused(path, level) == f"1 vertex lies far from all others, {where}; remove what is there, or {AGAIN}"
+    with pytest.raises(DemError, match="far from all others"):
+        read_mesh_terrain(path, 1.0)
+
+
+def test_a_long_dam_and_a_mast_have_no_vertex_far_from_others(level, tmp_path):
+    dam, mast = box(CENTRE, (190, 2, 10)), trimesh.creation.cone(2.0, 90.0)
+    mast.apply_translation((CENTRE[0], CENTRE[1] + 40, 98.0))
+    both = trimesh.util.concatenate([dam, mast])
+    read = read_bodies([StructureSource(write(tmp_path / "both.obj", both.vertices, both.faces), units="m")], level)
+    assert len(read.solids) == 2
 
 
 def test_degrees_are_told_from_coordinates_of_an_own_origin(level, tmp_path):

@@ -85,6 +85,19 @@ def test_a_mesh_without_resolution_is_refused(tmp_path):
         read_mesh_terrain(tmp_path / "slope.ply", None)
 
 
+def test_a_mesh_in_degrees_is_refused(tmp_path):
+    sheet(SLOPE).export(tmp_path / "slope.ply")
+    with pytest.raises(DemError, match=r"its crs WGS 84 has degrees, a mesh has metres; export it in a projected system"):
+        read_mesh_terrain(tmp_path / "slope.ply", 5.0, "EPSG:4326")
+
+
+def test_a_site_on_a_mesh_without_resolution_is_refused_with_its_line(tmp_path):
+    site = write_site(tmp_path / "cave", SITE.replace("inputs/dem.tif", "inputs/cave.obj"))
+    sheet(CAVE).export(site / "inputs" / "cave.obj")
+    with pytest.raises(ConfigError, match=r"site.yaml:3: terrain.resolution: required key is missing for a mesh; add resolution"):
+        read_site(site)
+
+
 def test_a_site_on_a_mesh_gets_its_overhang_as_a_structure(tmp_path):
     text = SITE.replace("inputs/dem.tif", "inputs/cave.obj\n  resolution: 5\n  crs: EPSG:32632")
     text = text.replace("cell_size: 10", "cell_size: 5")
@@ -176,7 +189,7 @@ def test_friction_of_overhangs_has_no_meaning_with_a_raster(tmp_path):
         read_site(site)
 
 
-@pytest.mark.parametrize("name", ["cliff.obj", "cliff.glb"])
+@pytest.mark.parametrize("name", ["cliff.obj", "cliff.glb", "cliff.dae"])
 def test_a_mesh_in_place_of_a_raster_says_where_meshes_are_given(tmp_path, name):
     (tmp_path / name).write_bytes(b"")
     with pytest.raises(DemError, match="is a mesh, not a raster; give a mesh as OBJ, PLY or STL in site"):

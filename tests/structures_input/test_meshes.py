@@ -7,7 +7,7 @@ from structure_bodies import SOUTH, WEST, box
 
 from runout.errors import StructureError
 from runout.structures.mesh_faults import volume
-from runout.structures.read import read_bodies
+from runout.structures.read import read_bodies, structures_from_sources
 from runout.structures.source import StructureSource
 
 CENTRE = (WEST + 100.0, SOUTH + 80.0, 103.0)
@@ -82,6 +82,34 @@ def test_units_must_be_stated_and_a_hanging_mesh_its_clearance(level, tmp_path):
     with pytest.raises(StructureError, match=r"floats 15 m above the ground, at easting 500100.0.*state clearance"):
         bodies(tmp_path / "bridge.obj", level)
     assert bodies(tmp_path / "bridge.obj", level, clearance=15.0).solids
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"offset": (1.0, 2.0)}, "offset is (1.0, 2.0); give three finite numbers in m: easting, northing, elevation"),
+        ({"offset": (1.0, 2.0, np.nan)}, "give three finite numbers in m"),
+        ({"offset": "abc"}, "give three finite numbers in m"),
+        ({"units": 3}, "units is 3; give text"),
+        ({"name": None}, "name is None; give text"),
+        ({"height": 4.0, "layer": "a"}, "height has no meaning with a mesh; leave it out\nhouse.obj: layer has no meaning"),
+    ],
+)
+def test_what_is_stated_wrongly_of_a_mesh_is_named_at_once(stated, said):
+    with pytest.raises(StructureError) as caught:
+        StructureSource("house.obj", **stated)
+    assert str(caught.value).startswith("house.obj: ")
+    assert said in str(caught.value)
+
+
+def test_sources_and_systems_that_are_none_are_named(level, tmp_path):
+    box(CENTRE, (12, 8, 10)).export(tmp_path / "house.obj")
+    with pytest.raises(StructureError, match=r"sources\[0\] is 'house.obj'; give a runout.StructureSource of the file"):
+        structures_from_sources(["house.obj"], level, 2.0)
+    with pytest.raises(StructureError, match=r"house.obj: crs 'nowhere' is not known .*; write for example EPSG:32632"):
+        bodies(tmp_path / "house.obj", level, crs="nowhere")
+    with pytest.raises(StructureError, match=r"b.gpkg: units has no meaning with footprints"):
+        StructureSource("b.gpkg", units="m")
 
 
 def test_a_roof_on_posts_does_not_float(level, tmp_path):
