@@ -74,6 +74,19 @@ def test_momentum_of_a_bed_that_sleeps_is_that_of_gravity_and_the_ground():
     assert abs(energy - stored) < 1e-3 * first.potential_energy
 
 
+@pytest.mark.parametrize(("precision", "tolerance"), [("float64", 1e-12), ("float32", 1e-6)])
+def test_momentum_balance_closes_to_rounding_while_a_part_sleeps(precision, tolerance):
+    """Sleeping blocks beside moving ones share nodes with them; some wake, and some fall asleep."""
+    a_scene, p = hit_bed(precision=precision)
+    start, engine, dt = p.mass @ p.velocity, None, 0.9 * a_scene.stable_step(12.0)
+    for k in range(1, 4):
+        engine = run(a_scene, p, 110, engine)
+        row, time = engine.ledger(), 110 * k * dt
+        assert 0 < engine.totals.sleepers < row.active_blocks
+        received = np.array([0.0, 0.0, -row.mass * GRAVITY * time]) + row.basal_impulse
+        np.testing.assert_allclose(row.momentum - start, received, rtol=0, atol=tolerance * row.mass * GRAVITY * time)
+
+
 def test_a_fall_wakes_what_it_hits_and_what_lies_far_sleeps_on():
     a_scene, p = hit_bed()
     engine = run(a_scene, p, 110)

@@ -26,8 +26,11 @@ def slide(engine, a_scene, steps=STEPS):
 
 
 def step(engine, steps):
+    engine.time = getattr(engine, "time", 0.0)
     for _ in range(steps):
-        engine.step(engine.stable_step())
+        dt = engine.stable_step()
+        engine.step(dt)
+        engine.time += dt
     return engine
 
 
@@ -123,6 +126,9 @@ def test_resting_mass_sleeps_away_from_a_wall_and_presses_on_it_as_without_sleep
     assert asleep.totals.sleepers > 5
     assert not asleep.workspace.sleep.asleep[near].any()
     assert asleep.index.blocks.held[near].any()
+    row, weight = asleep.ledger(), np.array([0.0, 0.0, 9.81 * particles.mass.sum() * asleep.time])
+    received = row.basal_impulse - weight - asleep.structure_impulses().sum(axis=0)
+    np.testing.assert_allclose(row.momentum, received, rtol=0, atol=1e-12 * weight[2])
     expected, pressed = ((engine.structure_impulses() - engine.before).sum(axis=0)[0] for engine in found)
     assert pressed == pytest.approx(expected, rel=0.01)
     assert expected > 1e3

@@ -97,8 +97,8 @@ def _touches(
     rec = particles.rec
     v = vec(rec[MOMENTUM, p], rec[MOMENTUM + 1, p], rec[MOMENTUM + 2, p]) / rec[MASS, p]
     far = reach(particles.radius[p], wp.sqrt(dot(v, v)), dt, constants.band)
-    n, apart, patch = _surface(structures, s, cell, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), far)
-    return patch >= 0 and in_contact(contact_gap(apart, particles.radius[p]), dot(v, n), dt, constants.band)
+    n, apart, _patch = _surface(structures, s, cell, vec(rec[OFFSET, p], rec[OFFSET + 1, p], rec[OFFSET + 2, p]), far)
+    return in_contact(contact_gap(apart, particles.radius[p]), dot(v, n), dt, constants.band)
 
 
 def _given_by_structures(structures: StructureGroup, n: int, stamp: Any, dt: Any):

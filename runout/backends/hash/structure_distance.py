@@ -77,7 +77,7 @@ def _take_patch(structures: StructureGroup, s: int, at: int, q: wp.vec3d, n: Vec
     most = dot(facing, n)
     for corner in range(8):
         k = structures.patch[at + 81 * (corner >> 2) + 9 * ((corner >> 1) & 1) + (corner & 1)]
-        if k != closest and k != patch:
+        if k != closest:
             facing = _normal_of(structures, s, k)
             plane = _plane(structures, s, k, q, facing)
             if is_closer(plane, least, spacing):
@@ -96,7 +96,7 @@ def _take_patch(structures: StructureGroup, s: int, at: int, q: wp.vec3d, n: Vec
 def _surface(structures: StructureGroup, s: int, cell: wp.vec3i, f: Vector, far: Any):
     """Outward normal, distance [m] and nearest patch of a particle at an offset in a cell.
 
-    The patch is -1 beyond ``far`` [m], where the normal is not that of contact, and where no structure is near.
+    The patch is -1 beyond ``far`` [m], where the normal is not that of contact, and where no structure is near, at distance inf.
     """
     q = wp.vec3d()
     for axis in range(3):
@@ -104,7 +104,7 @@ def _surface(structures: StructureGroup, s: int, cell: wp.vec3i, f: Vector, far:
     i, j, k = int(wp.floor(q[0])), int(wp.floor(q[1])), int(wp.floor(q[2]))
     row = _row_of(structures, s, lattice_block(i), lattice_block(j), lattice_block(k))
     n = vec(real(0.0), real(0.0), real(1.0))
-    apart = real(0.0)
+    apart = real(wp.inf)
     patch = int(-1)
     if row >= 0:
         fx, fy, fz = real(q[0] - wp.float64(i)), real(q[1] - wp.float64(j)), real(q[2] - wp.float64(k))

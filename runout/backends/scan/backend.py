@@ -191,12 +191,14 @@ class ScanBackend:
             nodes, speed = self.workspace.grid, self.totals.max_speed
             self.structures.solve(self.k, s, self.index.blocks, nodes, self.tables, steps, speed)
         clock("contact")
+        if self.scene.sleep_speed:
+            sleep.hold_sleepers(self.k, dt, s, self.index.blocks, self.workspace, self.tables, self.totals)
         self._to_particles(dt)
         clock("g2p")
         self._sort()
         if self.scene.sleep_speed:
             parts = s, self.index.blocks, self.workspace, self.tables, self.totals
-            sleep.after_step(self.k, self.scene.sleep_speed, dt, *parts, self.structures)
+            sleep.after_step(self.k, self.scene.sleep_speed, *parts, self.structures)
         clock("sort")
 
     def pass_second_half(self, dt: float) -> None:

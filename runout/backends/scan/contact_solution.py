@@ -130,12 +130,12 @@ def _spread_block(contacts, ready, arenas, a, b):
 
 
 def _total_ground(work, touching, asleep, nown, total):
-    """Sums of the rows of the blocks that have contacts and do not sleep."""
+    """Work on the blocks that do not sleep, and impulse on all blocks that have contacts."""
     for k in range(4):
         total[k] = 0.0
     for b in range(nown):
-        if touching[b] > 0 and not asleep[b]:
-            for k in range(4):
+        if touching[b] > 0:
+            for k in range(1 if asleep[b] else 0, 4):
                 total[k] += work[b, k]
 
 
@@ -168,8 +168,8 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, basal, grid, a
     """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
     ``basal`` are the records of friction. ``particles.force`` gets the ``stamp`` of this step and the force of the ground,
-    ``contacts.work`` the work and the impulse of each block, ``total`` their sums over the blocks that are not ``asleep``. A node
-    that is due is read by no later strip, since each block that reads it also adds to it.
+    ``contacts.work`` the work and the impulse of each block, ``total`` their sums: of the work over the blocks that are not
+    ``asleep``. A node that is due is read by no later strip, since each block that reads it also adds to it.
     """
     rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
     cursors = arenas.cursors

@@ -1,8 +1,10 @@
 """Kernels of blocks that sleep: which may sleep, which wake, and how particles come to rest (:mod:`runout.backends.scan.sleep`)."""
 
+import numpy as np
 from numba import prange
 
 from runout.backends.scan.observe import _add_stress, _moduli, _strain_of
+from runout.physics.bspline import weights
 from runout.physics.elastic import kirchhoff_stress, log_strain
 from runout.physics.moments import moment_slope
 from runout.physics.tensors import real
@@ -77,6 +79,48 @@ def share_work(blocks, sleep):
                 s = around[b, q]
                 if s >= 0 and held[s] > 0 and not asleep[s]:
                     giving[b] = held[b]
+
+
+def _velocity_of_nodes(nodes, up, b, c, wx, wy, wz):
+    """Velocity [m/s] that the nodes give to a particle in cell ``c`` of a block."""
+    ux = real(0.0)
+    uy = real(0.0)
+    uz = real(0.0)
+    for i in range(3):
+        x = (np.int64(c) >> 4) + i
+        for j in range(3):
+            y = ((np.int64(c) >> 2) & 3) + j
+            for k in range(3):
+                z = (np.int64(c) & 3) + k
+                o = up[b, (x >> 2) * 4 + (y >> 2) * 2 + (z >> 2)]
+                a = 4 * (((x & 3) << 4) | ((y & 3) << 2) | (z & 3))
+                s = wx[i] * wy[j] * wz[k]
+                ux += s * nodes[o, a + 1]
+                uy += s * nodes[o, a + 2]
+                uz += s * nodes[o, a + 3]
+    return ux, uy, uz
+
+
+def sum_held(particles, blocks, sleep, nodes, held):
+    """Fill ``held`` (nown, 4): mass [kg] of the sleeping particles of each block that give to nodes, and their momentum [kg m/s].
+
+    The momentum is that of the nodes, which these particles do not take.
+    """
+    rec, order, cell, first, up = particles.rec, particles.order, particles.cell, blocks.first, blocks.up
+    asleep, giving = sleep.asleep, sleep.giving
+    for b in prange(blocks.nown):
+        for k in range(4):
+            held[b, k] = 0.0
+        if not asleep[b]:
+            continue
+        for t in range(first[b], first[b] + giving[b]):
+            p = np.int64(order[t])
+            u = _velocity_of_nodes(nodes, up, b, cell[p], weights(rec[p, 4]), weights(rec[p, 8]), weights(rec[p, 12]))
+            mass = np.float64(rec[p, 0])
+            held[b, 0] += mass
+            held[b, 1] += mass * np.float64(u[0])
+            held[b, 2] += mass * np.float64(u[1])
+            held[b, 3] += mass * np.float64(u[2])
 
 
 def put_to_rest(particles, blocks, falling, moduli, dt, h):

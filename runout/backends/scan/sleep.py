@@ -2,8 +2,9 @@
 
 A block falls asleep when it and its neighbours have been slower than the ``sleep_speed`` of the scene for some steps. Static
 friction of the ground takes the rest of its momentum, which is booked as impulse of the ground. A sleeping block beside a block
-awake still gives mass and stress to their common nodes; one among sleeping blocks does nothing. A block wakes when a particle
-enters it, or when a neighbour holds one twice as fast. Blocks near structures stay awake: resting mass presses on them. A scene
+awake still gives mass and stress to their common nodes; one among sleeping blocks does nothing. The ground takes the momentum that
+the common nodes would give to sleeping particles, and holds the others against gravity. A block wakes when a particle enters it, or
+when a neighbour holds one twice as fast. Blocks near structures stay awake: resting mass presses on them. A scene
 without ``sleep_speed`` calls nothing of this.
 """
 
@@ -30,16 +31,27 @@ def carry_over(before: Sleep, held: np.ndarray, numbers: np.ndarray, after: Slee
     after.calm[numbers[used]] = before.calm[used]
 
 
+def hold_sleepers(
+    k: SimpleNamespace, dt: float, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals
+) -> None:
+    """Book the impulse of the ground on sleeping blocks in a step of ``dt`` [s], before nodes give to particles.
+
+    Gravity and contact of those that give to nodes are in the momentum of the nodes; the ground holds the others against gravity.
+    """
+    if not totals.sleepers:
+        return
+    held = np.empty((blocks.nown, 4))
+    k.sum_held(store.particles, blocks, workspace.sleep, workspace.grid.nodes, held)
+    mass, *momentum = held.sum(axis=0)
+    totals.basal_impulse -= dt * (totals.sleeping_mass - mass) * tables.constants.gravity + momentum
+
+
 def after_step(
-    k: SimpleNamespace, slow: float, dt: float, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals,
+    k: SimpleNamespace, slow: float, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals,
     structures: Structures | None = None,
 ) -> None:
-    """Let blocks fall asleep and wake after a step of ``dt`` [s]; blocks are slow below ``slow`` [m/s].
-
-    The ground holds sleeping blocks against gravity.
-    """
-    sleep, moves, mass = workspace.sleep, workspace.moves, totals.sleeping_mass
-    totals.basal_impulse -= dt * mass * tables.constants.gravity
+    """Let blocks fall asleep and wake after a step; blocks are slow below ``slow`` [m/s]."""
+    sleep, moves = workspace.sleep, workspace.moves
     if not totals.moved:
         moves.arrivals.fill(0)
     woken = bool((sleep.asleep[: blocks.nown] & (moves.arrivals > 0)).any())
