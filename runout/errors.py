@@ -109,6 +109,12 @@ class DeviceError(RunoutError):
     """A device that does not exist or cannot be used."""
 
 
+class DeviceNameError(DeviceError):
+    """A name that no device can have."""
+
+    exit_code = ExitCode.CONFIGURATION
+
+
 class LibraryError(RunoutError):
     """A library of an optional extra that is not installed or cannot be imported; states the command that installs it."""
 

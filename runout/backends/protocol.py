@@ -1,6 +1,7 @@
 """Interface of all backends; only :func:`get_backend` imports them."""
 
 import ctypes
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -10,7 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from runout.backends.state import State
-from runout.errors import DeviceError
+from runout.errors import DeviceError, DeviceNameError
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction_laws import FrictionLaw
 from runout.model.materials import Material
@@ -297,6 +298,8 @@ def find_device(wanted: str) -> str:
     """
     if wanted == "cpu":
         return wanted
+    if wanted != "auto" and not re.fullmatch(r"cuda(:\d+)?", wanted):
+        raise DeviceNameError(f"device is {wanted!r}; choose cpu, auto, or a GPU such as cuda:0")
     there = _cuda_devices()
     if wanted == "auto":
         return (*there, "cpu")[0]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from runout.report.wording import MINUS, THIN, UNKNOWN, number, quantity, unit
-from runout.scores.definitions import DEFINITIONS
+from runout.scores.definitions import DEFINITIONS, printed
 from runout.variables import PRINTED
 
 CHANGES = ("erosion_volume_bias", "deposition_volume_bias", "deposition_csi")
@@ -54,7 +54,7 @@ def column(name: str, units: str) -> tuple[str, str, str]:
 def cell(score: Mapping[str, Any]) -> str:
     """Value and numerical error bar."""
     divisor = PRINTED.get(score["units"], ("", 1.0))[1]
-    value = number_of(None if score["value"] is None else score["value"] / divisor)
+    value = number_of(None if score["value"] is None else printed(score["value"] / divisor))
     error = score.get("numerical_error")
     return value if error is None or value == UNKNOWN else f"{value}{THIN}±{THIN}{number(error / divisor, 2)}"
 

@@ -145,6 +145,8 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
         remedy = "exchange the two" if b.flow is not None else "name a product with maps"
         raise ObservationError(f"{a.path}: holds no maps, and the first of the two is the one that is scored; {remedy}")
     _require_metres(a.flow.grid)
+    if b.flow is not None and choices.layer is not None:
+        raise ObservationError(f"--layer {choices.layer}: {b.path} has maps, not layers; leave the option out")
     vector = None
     if b.flow is None:
         vector = read_vector(b.path, a.flow.grid.terrain(), choices.layer)
@@ -158,7 +160,7 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
     flows = _flows(a, b, grid, ground if choices.slope_normal else None, choices)
     setting, said = _setting(a, b, grid, ground, release, choices)
     found = _scored(flows, vector, grid, setting, choices)
-    said = (*changes, *said)
+    said = tuple(dict.fromkeys((*changes, *said)))
     normal = choices.slope_normal
     return Comparison(a, b, grid, flows, ground, release, vector, found, tuple(setting.thresholds), setting, said, normal)
 

@@ -7,6 +7,7 @@ from typing import Any
 from runout.io.provenance import plain
 
 WILKS = "Wilks 2011, sec. 8.2"
+ROUNDING = 1e-6  # in the printed unit: of maps in single precision
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,11 @@ DEFINITIONS = {
     "erosion_csi": Definition("erosion CSI", "1", 0, 1, 1, "CSI of the area that is lowered", WILKS),
     "deposition_csi": Definition("deposition CSI", "1", 0, 1, 1, "CSI of the area that is raised", WILKS),
 }
+
+
+def printed(value: float) -> float:
+    """A value as it is printed: 0 where it is smaller than :data:`ROUNDING`."""
+    return 0.0 if abs(value) < ROUNDING else value
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ class ErrorBars:
     relative L1, volume bias        sum of abs(d), sum of d, over the observed sum
     at points                       root mean square of d where either grid has a flow
     arrival                         mean and root mean square of d where both grids have an arrival
+    missed arrivals                 share of the cells with an arrival on one grid alone, times the observed arrivals
     ==============================  ===========================================================================================
 
     A root mean square moves by at most the root mean square of the difference, and a mean of absolute values likewise.
@@ -108,10 +109,11 @@ class ErrorBars:
         root = None if square is None else math.sqrt(square)
         return {"bias": root, "rmse": root}
 
-    def of_arrival(self) -> Bars:
-        """Errors of the scores of arrival times [s]."""
-        mean, root = (_number(self._field("arrival"), name) for name in ("mean", "root_mean_square"))
-        return {"arrival_bias": None if mean is None else abs(mean), "arrival_rmse": root}
+    def of_arrival(self, observed: int) -> Bars:
+        """Errors of the scores of ``observed`` arrival times [s]."""
+        mean, root, alone = (_number(self._field("arrival"), name) for name in ("mean", "root_mean_square", "alone"))
+        missed = None if alone is None else alone * observed
+        return {"arrival_bias": None if mean is None else abs(mean), "arrival_rmse": root, "missed_arrivals": missed}
 
     def _changed(self, table: Contingency, quantity: str, threshold: float) -> float | None:
         """Area [m2] in which the two finest grids differ, for the modelled area of a table."""

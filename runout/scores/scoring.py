@@ -90,10 +90,10 @@ class Ground:
 
 def arrival_scores(of: str, errors: PointErrors, bars: ErrorBars = NO_BARS) -> Iterator[Score]:
     """Errors of the arrival times at points."""
-    half = bars.of_arrival()
+    half = bars.of_arrival(errors.points + errors.missed)
     yield Score(of, "arrival_bias", errors.bias, numerical_error=half["arrival_bias"])
     yield Score(of, "arrival_rmse", errors.rmse, numerical_error=half["arrival_rmse"])
-    yield Score(of, "missed_arrivals", float(errors.missed))
+    yield Score(of, "missed_arrivals", float(errors.missed), numerical_error=half["missed_arrivals"])
 
 
 def point_scores(of: str, errors: PointErrors, units: str, bars: ErrorBars = NO_BARS, quantity: str = "") -> Iterator[Score]:

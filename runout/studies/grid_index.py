@@ -107,9 +107,14 @@ def compared(
 
 
 def common_differences(field: np.ndarray, reference: np.ndarray) -> dict[str, float | None]:
-    """Mean and root mean square difference of two maps on the cells that both know; None where there are none."""
-    bias, rms, _ = differences(*(one[np.isfinite(field) & np.isfinite(reference)] for one in (field, reference)))
-    return {"mean": _known(bias), "root_mean_square": _known(rms)}
+    """Mean and root mean square difference of two maps on the cells that both have; None where there are none.
+
+    And the share [1] of cells that one has alone, among those that either has.
+    """
+    one, other = np.isfinite(field), np.isfinite(reference)
+    bias, rms, _ = differences(field[one & other], reference[one & other])
+    alone, either = int((one ^ other).sum()), int((one | other).sum())
+    return {"mean": _known(bias), "root_mean_square": _known(rms), "alone": alone / either if either else None}
 
 
 def _known(value: float) -> float | None:

@@ -44,10 +44,12 @@ def lines(found: "Assessment") -> Iterator[str]:
 
 
 def _shown(score: "Score") -> str:
+    from runout.scores.definitions import printed
+
     units, divisor = PRINTED.get(score.units, (score.units, 1.0))
     error = "" if score.numerical_error is None else f" +- {score.numerical_error / divisor:.2g}"
     unit = "" if units == "1" else f" {units.replace('m s-1', 'm/s')}"
-    return f"{score.definition.title} {score.value / divisor:.3g}{error}{unit}"
+    return f"{score.definition.title} {printed(score.value / divisor):.3g}{error}{unit}"
 
 
 def _unit(name: str) -> str:

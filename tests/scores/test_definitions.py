@@ -139,11 +139,11 @@ def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
         "width_bias": pytest.approx(changed / (50.0 * 20.0)),
     }
     fields = [
-        {"level": 1, "map": "arrival", "mean": -0.4, "root_mean_square": 0.9},
+        {"level": 1, "map": "arrival", "mean": -0.4, "root_mean_square": 0.9, "alone": 0.1},
         {"level": 1, "map": "speed", "squared_sum": 400.0, "reached_area": 100.0},
     ]
     bars = scores.ErrorBars({"fields": fields})
-    arrivals = scoring.arrival_scores("gauges", scores.arrival_errors([1.0, 2.0], [1.0, 3.0]), bars)
-    assert [s.numerical_error for s in arrivals] == [0.4, 0.9, None]
+    arrivals = scoring.arrival_scores("gauges", scores.arrival_errors([1.0, 2.0, np.inf], [1.0, 3.0, 4.0]), bars)
+    assert [s.numerical_error for s in arrivals] == [0.4, 0.9, pytest.approx(0.3)]  # of three arrivals
     speeds = scoring.point_scores("gauges", scores.point_errors([1.0], [2.0]), "m s-1", bars, "speed")
     assert [s.numerical_error for s in speeds] == [2.0, 2.0]

@@ -218,6 +218,7 @@ def test_what_cannot_be_compared_gets_one_line(name, members, tmp_path, capsys):
         (("--half-width", "0"), "--half-width is 0 m"),
         (("--thalweg", "nowhere.gpkg"), "nowhere.gpkg: no such file"),
         (("--nodata", "dry"), "nodata"),
+        (("--layer", "flow"), "has maps, not layers; leave the option out"),
     ],
 )
 def test_wrong_options_get_one_line(options, message, members, capsys):
@@ -230,6 +231,25 @@ def test_a_probability_whose_percentile_is_not_there_names_those_that_are(finish
     code, _, error = compare(capsys, finished_site[0], finished_site[0], "--probability", "0.05")
     assert code == ExitCode.CONFIGURATION
     assert "holds no percentile 95, which the probability 0.05 needs; choose one of 0.5" in " ".join(error.split())
+
+
+def test_what_is_changed_in_both_is_stated_once(members, tmp_path, capsys):
+    write_raster(tmp_path / "flow.tif", thickness_of(members[0]))
+    with rasterio.open(tmp_path / "flow.tif", "r+") as file:
+        file.scales = (0.5,)
+    code, _, error = compare(capsys, tmp_path / "flow.tif", tmp_path / "flow.tif")
+    assert code == ExitCode.OK
+    assert error.count("warning:") == 1
+
+
+def test_differences_below_rounding_are_printed_as_none(members, tmp_path, capsys):
+    values = thickness_of(members[0])
+    write_raster(tmp_path / "flow.tif", values)
+    write_raster(tmp_path / "near.tif", values * (1.0 + 1e-7))
+    _, found, _ = compare(capsys, tmp_path / "near.tif", tmp_path / "flow.tif")
+    line = found["flow, whole map"]
+    assert "e-" not in line
+    assert scores(line)["bias"] == scores(line)["RMSE"] == 0.0
 
 
 def test_the_file_of_a_run_and_a_raster_in_kilopascals_are_read(members, finished_site, tmp_path, capsys):

@@ -113,3 +113,8 @@ def test_a_backend_takes_the_device_that_it_can_use(gpus):
         get_backend("scan", "cuda")
     with pytest.raises(DeviceError, match=r"backend is 'fast'; choose one of .*scan.*, auto"):
         get_backend("fast")
+
+
+def test_a_name_that_no_device_can_have_is_a_wrong_option(ramp, gpus, capsys):
+    assert cli.main(["check", str(ramp), "--device", "gpu"]) == ExitCode.CONFIGURATION
+    assert "device is 'gpu'; choose cpu, auto, or a GPU such as cuda:0" in " ".join(capsys.readouterr().err.split())
