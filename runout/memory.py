@@ -124,7 +124,8 @@ def expected_memory(
     if on_device:
         backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar, field, friction)
         return MemoryForecast(backend, host, True)
-    backend = bytes_on_host(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
+    counts = extent.particles, extent.held, extent.owners, extent.nodes
+    backend = bytes_on_host(*counts, precision, transfer, f_bar, friction)
     return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)
 
 
