@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from runout import __version__
 from runout.caches import compiled_code
@@ -21,6 +21,9 @@ from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
 from runout.model.friction_laws import DEFAULT_FRICTION, FRICTIONS
 from runout.model.laws import LAWS
+
+if TYPE_CHECKING:
+    from runout.model.basal_friction import BasalFriction
 
 DAY, SHORT = 86_400.0, 600.0  # [s] that a note counts, and one from a measurement that other work disturbed
 COMPILERS = ("numpy", "numba", "llvmlite", "warp-lang")
@@ -92,9 +95,12 @@ def _version(package: str) -> str:
 
 def laws_of(arguments: Mapping[str, Any]) -> list[str]:
     """Checksums of the laws of a run with these arguments of :func:`runout.simulate`."""
-    basal = arguments.get("basal_friction")
-    friction = FRICTIONS.find(basal.law if basal else DEFAULT_FRICTION)
-    return [LAWS.find(arguments["material"].law).fingerprint, friction.fingerprint]
+    return [LAWS.find(arguments["material"].law).fingerprint, friction_fingerprint(arguments.get("basal_friction"))]
+
+
+def friction_fingerprint(basal: "BasalFriction | None") -> str:
+    """Checksum of the law of a friction, by default of that of an angle alone."""
+    return FRICTIONS.find(basal.law if basal else DEFAULT_FRICTION).fingerprint
 
 
 def noted_step_cost(arguments: Mapping[str, Any]) -> StepCost | None:

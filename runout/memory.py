@@ -127,7 +127,8 @@ def expected_memory(
     if on_device:
         backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar, field, friction)
         return MemoryForecast(backend, host, True)
-    backend = host_bytes(extent.particles, extent.held, extent.owners, extent.nodes, precision, transfer, f_bar)
+    counts = extent.particles, extent.held, extent.owners, extent.nodes
+    backend = host_bytes(*counts, precision, transfer, f_bar, friction)
     return MemoryForecast(backend + (structure_bytes(field, extent, precision) if field else 0), host)
 
 

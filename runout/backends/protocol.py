@@ -271,11 +271,12 @@ def get_backend(
 
 
 def bytes_on_host(
-    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False
-) -> int:
+    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False,
+    friction: BasalFriction | FrictionLaw | None = None,
+) -> int:  # fmt: skip
     """Memory [byte] that the scan backend takes (see :func:`runout.backends.scan.forecast.bytes_needed`)."""
     forecast = import_module("runout.backends.scan.forecast")
-    return forecast.bytes_needed(particles, held, owners, nodes, precision, transfer, f_bar)  # type: ignore[no-any-return]
+    return forecast.bytes_needed(particles, held, owners, nodes, precision, transfer, f_bar, friction)  # type: ignore[no-any-return]
 
 
 def bytes_on_device(

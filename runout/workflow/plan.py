@@ -201,8 +201,9 @@ def _member_memory(site: "Site", member: "Member") -> MemoryForecast:
 
 
 def _noted_bytes(*of: Any) -> int:
-    """:func:`runout.backends.protocol.bytes_on_host`, from the notes of the day if they hold it."""
-    return int(engine_notes.remembered("memory", of, lambda: bytes_on_host(*of)))
+    """:func:`runout.backends.protocol.bytes_on_host`, from the notes of the day if they hold it; the friction is the last."""
+    plain = *of[:-1], engine_notes.friction_fingerprint(of[-1])
+    return int(engine_notes.remembered("memory", plain, lambda: bytes_on_host(*of)))
 
 
 def _planned(site: "Site", left: Sequence[int], workers: int | None) -> "tuple[list[Member], Member, int]":

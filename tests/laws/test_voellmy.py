@@ -15,6 +15,7 @@ from runout import DruckerPrager, Voellmy, VoellmyBase
 from runout.backends.plan_areas import contact_areas
 from runout.backends.protocol import get_backend
 from runout.backends.reference import backend
+from runout.backends.scan.warm_up import side_wall
 from runout.errors import ConfigError
 from runout.model.friction_laws import FRICTIONS
 from runout.studies.verification_cases.basal_laws import VOELLMY, WEAK, WEAK_START, Layer, voellmy_speed, weakening_time
@@ -169,9 +170,19 @@ def test_backends_move_a_spreading_mass_alike(name, law):
     np.testing.assert_allclose(other.basal_impulse, book.basal_impulse, rtol=1e-9)
 
 
-def moved(engine, precision="float64", law=FULL):
+@pytest.mark.parametrize("more", [{"f_bar": True}, {"structures": side_wall()}], ids=["f_bar", "structures"])
+def test_columns_slow_down_alike_where_other_kernels_read_the_nodes(more):
+    """Particles take the change of velocity from the nodes then; the wall lies far away."""
+    expected, book = moved(engine_of("reference"), law=COLUMN, **more)
+    found, other = moved(engine_of("scan"), law=COLUMN, **more)
+    order = np.argsort(found.identity)
+    np.testing.assert_allclose(found.velocity[order], expected.velocity, atol=1e-9 * np.abs(expected.velocity).max())
+    assert other.basal_dissipation == pytest.approx(book.basal_dissipation, rel=1e-10)
+
+
+def moved(engine, precision="float64", law=FULL, **more):
     """Particles and ledger of a slab that slides and spreads over a plane across the grid."""
-    choices = {"strength": (0.5,), "precision": precision}
+    choices = {"strength": (0.5,), "precision": precision, **more}
     a_scene = scene(plane(-0.4, 0.1, 30.0), materials=(SAND,), friction=(law,), **choices)
     p = box((8.0, 36.0, 0.0), (9.0, 6.0, 2.0), (1.0, 1.0, 1.0), SAND.density, surface=a_scene.surface)
     p.velocity[:] = 3.0, 0.0, -1.2

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runout import DruckerPrager, Release, Terrain
+from runout import DruckerPrager, Release, Terrain, Voellmy, VoellmyBase
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError
 from runout.memory import GIGABYTE, MemoryForecast, expected_extent, expected_memory
@@ -48,6 +48,20 @@ def test_forecast_agrees_with_what_the_scan_backend_holds(case, precision):
     assert extent.particles == pytest.approx(len(particles), rel=0.05)
     forecast = expected_memory(extent, terrain.elevation.size, precision)
     assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
+
+
+@pytest.mark.parametrize("friction", [Voellmy(mu=0.2, xi=1000.0), VoellmyBase(mu=0.2, xi=1000.0)], ids=["column", "base"])
+def test_forecast_counts_ground_areas_and_drag(friction):
+    terrain, release = valley(10.0, 4.0)
+    seen = []
+    scene, particles = build_scene(terrain, release, SAND, 20.0, 3.0, 8, accept=seen.append)
+    engines = [get_backend("scan", threads=1) for _ in range(2)]
+    for engine, law in zip(engines, (0.2, friction), strict=True):
+        engine.load(replace(scene, friction=(law,)), particles)
+    plain, held = (sum(engine.memory().values()) for engine in engines)
+    forecasts = [expected_memory(seen[0], terrain.elevation.size, "float32", friction=law).backend for law in (None, friction)]
+    assert forecasts[1] == pytest.approx(held, rel=0.15)
+    assert forecasts[1] - forecasts[0] == pytest.approx(held - plain, rel=0.2)
 
 
 def test_forecast_of_aflip_counts_its_rows_and_its_second_grid():

@@ -92,6 +92,7 @@ _define(operator.le, lambda b, x, y: b.fcmp_ordered("<=", x, y), lambda v: Mask(
 _define(operator.gt, lambda b, x, y: b.fcmp_ordered(">", x, y), lambda v: Mask(v.lanes))
 _define(operator.ge, lambda b, x, y: b.fcmp_ordered(">=", x, y), lambda v: Mask(v.lanes))
 _define(operator.ne, lambda b, x, y: b.fcmp_unordered("!=", x, y), lambda v: Mask(v.lanes))
+_define(min, lambda b, x, y: b.select(b.fcmp_ordered("<", x, y), x, y))
 
 
 @intrinsic

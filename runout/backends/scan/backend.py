@@ -22,12 +22,10 @@ import numpy as np
 from runout.backends.loading import surveyed
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.scan import checkpoint, grid, grid_to_particles, sleep
-from runout.backends.scan.column_drag import node_columns_of
 from runout.backends.scan.constants import Tables
-from runout.backends.scan.contact_area import columns_of
 from runout.backends.scan.gradient_transfer import GradientTransfer, uses_gradient_transfer, without_gradients
 from runout.backends.scan.index import Index
-from runout.backends.scan.kernels import entries_for
+from runout.backends.scan.kernels import entries_for, reads_nodes
 from runout.backends.scan.raster_sums import Summed
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.state import SELDOM, Store, capacity, reserve, stamp_of
@@ -144,12 +142,8 @@ class ScanBackend:
         b, k, ground, t = self.index.blocks, self.k, self.scene.ground, self.tables
         schedule = Schedule.of(b, self.workers.threads, not self.gradients)
         contacts = former.contacts if former else None
-        self.workspace = w = Workspace.of(b, schedule, self.scene.dtype, t.domain, self.scene.sleep_speed > 0, contacts)
+        self.workspace = w = Workspace.of(b, schedule, self.scene, t.domain, contacts)
         self.workers.fit(k.total_held(b)[1], self.scene.dtype)
-        if self.scene.basal.law.uses_area:
-            w.columns = columns_of(b, self.scene.dtype)
-        if self.scene.basal.law.drags_column:
-            w.node_columns = node_columns_of(b)
         if self.structures:
             self.structures.find_near(b, t.constants)
         if ground is not None:
@@ -230,27 +224,24 @@ class ScanBackend:
 
     def _solve_contacts(self) -> None:
         parts, c = (self.k, self.store, self.index.blocks, self.workspace, self.tables), self.tables.constants
+        law, w = self.scene.basal.law, self.workspace
         if self.totals.contact_particles == 0:
+            w.columns.slowed[:] = False
             return
         if self.tables.zones:
-            blocks, contacts = self.index.blocks, self.workspace.contacts
-            self.k.take_zones(self.store.particles, blocks, contacts, c.corner, c.spacing, self.tables.zones)
-        if self.workspace.columns:
-            self._take_areas()
+            self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, c.corner, c.spacing, self.tables.zones)
+        if law.uses_area:
+            self.k.sum_columns(w.grid.shared, w.columns)
         grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))
-        if self.workspace.node_columns:
+        if law.drags_column:
             self._slow_columns()
-
-    def _take_areas(self) -> None:
-        """Ground area of each contact."""
-        contacts, columns, size = self.workspace.contacts, self.workspace.columns, self.scene.spacing
-        self.k.sum_columns(contacts, columns)
-        self.k.take_areas(self.index.blocks, contacts, columns, self.scene.dtype(size[0] * size[1]))
 
     def _slow_columns(self) -> None:
         """Drag on the columns of nodes."""
         w, total = self.workspace, np.zeros(4)
-        self.k.slow_columns(self.index.blocks, w.arenas.reached, w.grid, w.node_columns, self.tables.step.dt, total)
+        self.k.slow_columns(w.grid.shared, w.columns, self.tables.step.dt, total)
+        if reads_nodes(self.scene):
+            self.k.change_nodes(w.columns, w.grid.nodes)
         self.totals.basal_dissipation -= float(total[0])
         self.totals.basal_impulse += total[1:]
 
@@ -259,8 +250,8 @@ class ScanBackend:
         parts = self.k, self.store, b, w, t
         gradients = self.gradients.take_rates(*parts) if self.gradients else without_gradients(self.scene.dtype)
         speed2, step, lost, refused, self.totals.moved = self.k.grid_to_particles(
-            self.store.particles, b, w.schedule.cuts, w.sleep.moving, w.arenas.reached, w.grid.nodes, w.moves, t.domain,
-            t.step, gradients, self.workers.buffers,
+            self.store.particles, b, w.schedule.cuts, w.sleep.moving, w.arenas.reached, w.grid.nodes, w.columns, w.moves,
+            t.domain, t.step, gradients, self.workers.buffers,
         )  # fmt: skip
         if refused > 0:
             raise StabilityError(

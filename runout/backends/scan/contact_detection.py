@@ -320,7 +320,9 @@ def _share_strip(contacts, begins, arenas, row, share, low, end):
     return row, share
 
 
-def particles_to_nodes_over_ground(particles, blocks, schedule, giving, arenas, contacts, ground, grid, constants, search, dt):
+def particles_to_nodes_over_ground(
+    particles, blocks, schedule, giving, arenas, contacts, ground, grid, columns, constants, search, dt
+):  # fmt: skip
     """Fill the arenas, find the particles that touch the ground, and sum the nodes that are due.
 
     Each strip of owners is searched for contacts while it is in the cache. Fills the ``contacts`` but for the velocities that
@@ -347,7 +349,9 @@ def particles_to_nodes_over_ground(particles, blocks, schedule, giving, arenas, 
                 cursors[thread, ROWS] = ((next_row + 15) & ~15) - thread * rows
                 cursors[thread, SHARED] = next_share - thread * places
             for k in range(schedule.due[s], schedule.due[s + 1]):
-                _update_block_over_ground(arenas, contacts, grid, blocks.down, np.int64(schedule.nodes[k]), constants.dv)
+                _update_block_over_ground(
+                    arenas, contacts, grid, columns, blocks.down, np.int64(schedule.nodes[k]), constants.dv
+                )
             _leave_arenas(schedule, arenas, thread, s, giving, arenas.number)
     total = 0
     for t in range(len(cursors)):

@@ -1,10 +1,10 @@
 """Phase "contact solution": the impulses of the ground on particles, and through them on nodes (:mod:`runout.physics.contact`).
 
-The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`, with ground areas of
+The rows of contacts are those of :mod:`runout.backends.scan.contact_detection`. They get ground areas from the columns of
 :mod:`runout.backends.scan.contact_area` where the law of friction uses them. The nodes already hold the impulses ``given``;
 they get the differences from these.
 
-    grid.nodes --gather--> felt[r]     compliance | velocity
+    grid.nodes --gather--> felt[r]     compliance | velocity                and columns --gather--> given[r, 0]     area
     felt, measured, given --impulse--> felt[r]     drag | change of the impulse     given[r]    work | impulse
     felt --scatter--> arenas.values[lent[b]]    drag | change of the impulse  --sum, times inverse mass--> grid.nodes
 
@@ -17,6 +17,7 @@ import numpy as np
 from numba import prange
 
 from runout.backends.lanes import in_double, load4, load16, local_array, record_vectors, row_vectors, store
+from runout.backends.scan.contact_area import _area, _load_plan, local_plan
 from runout.backends.scan.contact_detection import BEFORE, FRICTION, GAP, NORMAL
 from runout.backends.scan.particles_to_grid import _leave_arenas, _push_block, _start, _strip_of, _take_arena, four_zeros
 from runout.backends.scan.schedule import STRIP
@@ -43,8 +44,9 @@ from runout.backends.scan.stencil import (
 from runout.physics.contact import column_drag, impulse, work
 from runout.physics.tensors import real, vec
 
-ONE_NUMBER = True  # whether a contact holds the friction itself, not the row of a record; the binding decides, and these three
-DRAGS_COLUMN = False  # whether drag slows whole columns (column_drag.py); the binding decides
+ONE_NUMBER = True  # whether a contact holds the friction itself, not the row of a record; the binding decides, and these four
+USES_AREA = False  # whether the law of friction uses ground areas
+DRAGS_COLUMN = False  # whether drag slows whole columns (column_drag.py)
 record = None  # makes a record of the numbers of a law of friction
 local_columns = local_array((4, 16))
 load_felt, store_felt = record_vectors(4)
@@ -66,12 +68,20 @@ def _weighted_mean(ready, w, rows):
     return first_group(s) + second_group(s)
 
 
-def _meet_grid(rows, ready, felt, nodes, row, n):
-    """Compliance and velocity that the grid would give to each contact of a block; ``ready`` are the weights of the first."""
+def _meet_grid(contacts, ready, nodes, plan, plan_area, row, n):
+    """Compliance and velocity that the grid would give to each contact of a block; ``ready`` are the weights of the first.
+
+    Where the law uses it, the ground area of the contact from the ``plan`` of the block too.
+    """
+    rows, felt, measured, given = contacts.rows, contacts.felt, contacts.measured, contacts.given
     for r in range(np.uint64(row), np.uint64(row + n)):
         _weigh_four(rows, (r + np.uint64(1)) * np.uint64(4), ready, _place_of(r + np.uint64(1)))
-        around = _load_rows(nodes, _first_node(np.int64(rows[r, 0])))
+        cell = np.int64(rows[r, 0])
+        around = _load_rows(nodes, _first_node(cell))
         store(felt, r * np.uint64(4), _weighted_mean(ready, _place_of(r), around))
+        if USES_AREA:
+            upward = measured[r >> np.uint64(4), NORMAL + 2, r & np.uint64(15)]
+            given[r, 0] = _area(plan, cell, ready, _place_of(r), plan_area, upward)
 
 
 def _basal(number, table):
@@ -139,9 +149,10 @@ def _total_ground(work, touching, asleep, nown, total):
                 total[k] += work[b, k]
 
 
-def _solve_strip(contacts, basal, grid, up, dt, low, end, count):
+def _solve_strip(contacts, columns, basal, grid, up, dt, low, end, count):
     """Work and impulse of the ``count`` contacts of the owners ``low`` to ``end``, in ``given``; in ``felt`` their changes."""
     rows, felt, given, touching, pressed = contacts.rows, contacts.felt, contacts.given, contacts.touching, contacts.pressed
+    plan = local_plan(rows)
     nodes = local_nodes(rows)
     _clear(nodes, 0, EVERY)
     row = contacts.place[low]
@@ -153,7 +164,9 @@ def _solve_strip(contacts, basal, grid, up, dt, low, end, count):
             if later < end:
                 _expect_nodes(grid, up, later, pressed[later])
             _load_nodes(nodes, grid, up, b, pressed[b])
-            _meet_grid(rows, ready, felt, nodes, contacts.place[b], touching[b])
+            if USES_AREA:
+                _load_plan(plan, columns, up, b)
+            _meet_grid(contacts, ready, nodes, plan, columns.plan_area, contacts.place[b], touching[b])
     t = local_columns(rows)
     begun = local_columns(rows)
     for g in range(row >> 4, (row + count + 15) >> 4):
@@ -164,12 +177,19 @@ def _solve_strip(contacts, basal, grid, up, dt, low, end, count):
         store_felt(given, 64 * g, load_4_rows(begun, 0))
 
 
-def solve_contacts(particles, blocks, schedule, arenas, contacts, basal, grid, asleep, dt, stamp, total):
+def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal, grid, asleep, dt, stamp, total):
     """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
+<<<<<<< HEAD
     ``basal`` are the records of friction. ``particles.force`` gets the ``stamp`` of this step and the force of the ground,
     ``contacts.work`` the work and the impulse of each block, ``total`` their sums: of the work over the blocks that are not
     ``asleep``. A node that is due is read by no later strip, since each block that reads it also adds to it.
+=======
+    ``basal`` are the records of friction, ``columns`` the columns of nodes that areas come from. ``particles.force`` gets the
+    ``stamp`` of this step and the force of the ground, ``contacts.work`` the work and the impulse of each block, ``total`` their
+    sums over the blocks that are not ``asleep``. A node that is due is read by no later strip, since each block that reads it also
+    adds to it.
+>>>>>>> b24
     """
     rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
     cursors = arenas.cursors
@@ -183,7 +203,7 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, basal, grid, a
             for b in range(low, end):
                 count += touching[b]
             if count > 0:
-                _solve_strip(contacts, basal, grid.nodes, blocks.up, dt, low, end, count)
+                _solve_strip(contacts, columns, basal, grid.nodes, blocks.up, dt, low, end, count)
                 ready = local_weights(rows)
                 _weigh_four(rows, np.uint64(4 * place[low]), ready, _place_of(np.uint64(place[low])))
                 for b in range(low, end):
@@ -195,6 +215,6 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, basal, grid, a
             for k in range(schedule.due[s], schedule.due[s + 1]):
                 n = np.int64(schedule.nodes[k])
                 if grid.shared[n]:
-                    _push_block(arenas.values, lent, contacts.pressed, blocks.down, n, grid.nodes, grid.inverse)
+                    _push_block(arenas.values, lent, contacts.pressed, blocks.down, n, grid, columns)
             _leave_arenas(schedule, arenas, thread, s, touching, lent)
     _total_ground(contacts.work, touching, asleep, blocks.nown, total)

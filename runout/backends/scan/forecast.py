@@ -11,15 +11,19 @@ from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.slots import _spacious
 from runout.backends.scan.state import Store, bytes_of, capacity, empty_slots
 from runout.backends.scan.workspace import Workspace
+from runout.model.basal_friction import BasalFriction
+from runout.model.friction_laws import FrictionLaw
 from runout.model.materials import Material
 from runout.model.scene import Raster, Scene
 
 SAMPLE = 4096  # slots or blocks that are made to learn their size
+LEVELS = 4  # blocks of nodes above each other: of a flow of some cells, and what it may enter below and above
 
 
 def bytes_needed(
-    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False
-) -> int:
+    particles: int, held: int, owners: int, nodes: int, precision: str, transfer: str = "mls", f_bar: bool = False,
+    friction: BasalFriction | FrictionLaw | None = None,
+) -> int:  # fmt: skip
     """Memory [byte] of a loaded backend.
 
     Parameters
@@ -31,10 +35,13 @@ def bytes_needed(
         "float32" or "float64".
     transfer, f_bar : str, bool
         As of :class:`runout.model.scene.Scene`.
+    friction : BasalFriction or FrictionLaw, optional
+        The law on the ground; without one, one that needs no areas.
     """
     rock = Material(density=2000.0, youngs_modulus=1e6)
+    law = friction.example if isinstance(friction, FrictionLaw) else friction or 0.5
     scene = Scene(
-        (1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (0.5,), precision=precision, transfer=transfer, f_bar=f_bar
+        (1.0, 1.0, 1.0), None, Raster(1, 1, (1.0, 1.0)), (rock,), (law,), precision=precision, transfer=transfer, f_bar=f_bar
     )
     full = particles // max(held, 1)
     slots = capacity(held * _spacious(full))
@@ -62,8 +69,9 @@ def _blocks(held: int, owners: int, nodes: int, scene: Scene) -> int:
     """Bytes of the index and of what belongs to its blocks."""
     blocks = Index.of_size(owners, nodes).blocks
     blocks.bxyz[:] = 0
+    blocks.bxyz[:, 0] = np.arange(nodes) // LEVELS
     blocks.held[:held] = 1
     blocks.up[:] = blocks.down[:] = 0
     schedule, domain = Schedule.of(blocks, 1, at_once=False), domain_of(scene, np.zeros(3))
-    workspace = Workspace.of(blocks, schedule, scene.dtype, domain, scene.sleep_speed > 0)
+    workspace = Workspace.of(blocks, schedule, scene, domain)
     return sum(workspace.memory(blocks).values())

@@ -59,8 +59,8 @@ def fill_over_ground(
     def run(schedule: Pass) -> Any:
         w = workspace
         return k.particles_to_nodes_over_ground(
-            store.particles, blocks, schedule, w.sleep.giving, w.arenas, w.contacts, w.ground, w.grid, tables.constants, search,
-            tables.step.dt,
+            store.particles, blocks, schedule, w.sleep.giving, w.arenas, w.contacts, w.ground, w.grid, w.columns,
+            tables.constants, search, tables.step.dt,
         )  # fmt: skip
 
     while _lacks_memory(workspace, *(found := run(workspace.schedule.early))[:3]):
@@ -94,8 +94,8 @@ def push(
     w = workspace
     for schedule in (w.schedule.early, w.schedule.late) if w.schedule.waits else (w.schedule.early,):
         k.solve_contacts(
-            store.particles, blocks, schedule, w.arenas, w.contacts, tables.basal, w.grid, w.sleep.asleep, tables.step.dt, stamp,
-            w.total,
+            store.particles, blocks, schedule, w.arenas, w.contacts, w.columns, tables.basal, w.grid, w.sleep.asleep,
+            tables.step.dt, stamp, w.total,
         )  # fmt: skip
     totals.basal_dissipation -= float(w.total[0])
     totals.basal_impulse += w.total[1:4]

@@ -26,6 +26,7 @@ from runout.backends.lanes import (
     store,
     whole,
 )
+from runout.backends.scan.column_drag import _add_changes
 from runout.backends.scan.domain import _lies_in_domain
 from runout.backends.scan.stencil import (
     AHEAD,
@@ -74,6 +75,7 @@ HERE = 13  # as destination: the block itself
 OUTSIDE = 32  # added to a destination out of the domain
 ONE_MATERIAL = True
 GRADIENT_TRANSFER = False
+CHANGES = False  # whether columns of nodes change their velocity here (column_drag.py)
 stays = constant([float(STAYS)] * 16)
 halves = constant([0.5] * 16)
 
@@ -311,10 +313,11 @@ def _total_motion(motion, changed, nown):
     return speed, move, lost, refused, moved
 
 
-def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, moves, domain, step, gradients, buffers):
+def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, columns, moves, domain, step, gradients, buffers):
     """One step of all particles; afterwards the particles of a block lie in the order of the cells in which they started.
 
-    ``nodes`` (nall, 256) hold the new velocities. Fills ``moves`` and lists the particles that change their cell. Returns sums.
+    ``nodes`` (nall, 256) hold the new velocities, but for the changes of the ``columns``. Fills ``moves`` and lists the particles
+    that change their cell. Returns sums.
     """
     rec, state, particle_index, label = particles.rec, particles.state, particles.particle_index, particles.label
     mats, s, cells, averaged, keeps = step.mats, step.slopes, step.cells, gradients.averaged, gradients.keeps
@@ -335,6 +338,8 @@ def grid_to_particles(particles, blocks, cuts, moving, reached, nodes, moves, do
             if held == 0:
                 continue
             _load_nodes(around, nodes, blocks.up, b, reached[b])
+            if CHANGES:
+                _add_changes(around, columns, blocks.up, b, reached[b])
             f = blocks.first[b]
             _expect_list(particles.order, particle_index, blocks.first, moving, b, blocks.nown)
             _gather_block(particles, held, np.uint64(f), around, records, states, labels, of_cell)

@@ -19,6 +19,7 @@ from runout.backends.scan import (
     groups,
     index,
     lattice_sums,
+    node_columns,
     observe,
     particles_to_grid,
     precompile,
@@ -41,6 +42,7 @@ from runout.model.scene import Scene
 
 COMMON = (
     groups,
+    node_columns,
     stencil,
     workspace,
     ground,
@@ -57,7 +59,10 @@ COMMON = (
     rest,
     zones,
 )  # know no law
-CONTACT = (groups, stencil, particles_to_grid, contact_detection, contact_solution)  # follow a law of friction
+# follow a law of friction
+CONTACT = (groups, node_columns, stencil, ground, particles_to_grid, contact_detection, contact_area, contact_solution)
+MOTION = (groups, node_columns, stencil, column_drag, domain, tile, grid_to_particles)  # follow a law of materials
+OF_FRICTION = ("solve_contacts", "particles_to_nodes_over_ground")  # the second one for laws that sum columns of nodes
 LANES = (vectors, shuffles, memory)
 BY_GRADIENTS = (
     groups,
@@ -123,6 +128,11 @@ def sources_of(scene: Scene) -> tuple[ModuleType, ...]:
     return (*SOURCES, *more, *BY_STRUCTURES) if scene.structures else (*SOURCES, *more)
 
 
+def reads_nodes(scene: Scene) -> bool:
+    """Whether kernels read the velocities of nodes after the ground has acted and before particles gather them."""
+    return scene.structures is not None or uses_gradient_transfer(scene)
+
+
 def _bound(scene: Scene) -> SimpleNamespace:
     binding = numba_binding(scene.dtype)
     common = binding.kernels(*COMMON, sources=(*LANES, domain, tile, grid_to_particles))
@@ -132,19 +142,22 @@ def _bound(scene: Scene) -> SimpleNamespace:
         "column_drag": friction.column_drag,
         "record": friction.record,
         "ONE_NUMBER": len(scene.basal.law.fields) == 1,
+        "USES_AREA": scene.basal.law.uses_area,
         "DRAGS_COLUMN": scene.basal.law.drags_column,
     }
-    solution = binding.kernels(*CONTACT, sources=LANES, **of_contact).solve_contacts
+    contact = vars(binding.kernels(*CONTACT, sources=LANES, **of_contact))
+    own_of_contact = {name: contact[name] for name in (OF_FRICTION if scene.basal.law.uses_area else OF_FRICTION[:1])}
     names = {
         "law_update": law.step,
         "law_update_small": law.step_small,
         "ONE_MATERIAL": len(scene.materials) == 1,
         "GRADIENT_TRANSFER": uses_gradient_transfer(scene),
+        "CHANGES": scene.basal.law.drags_column and not reads_nodes(scene),
     }
-    own = binding.kernels(groups, stencil, domain, tile, grid_to_particles, sources=LANES, **names)
+    own = binding.kernels(*MOTION, sources=LANES, **names)
     more = binding.kernels(*BY_GRADIENTS, sources=LANES) if uses_gradient_transfer(scene) else SimpleNamespace()
     structures = _of_structures(binding) if scene.structures else SimpleNamespace()
-    return SimpleNamespace(**(vars(more) | vars(common) | vars(own) | vars(structures) | {"solve_contacts": solution}))
+    return SimpleNamespace(**(vars(more) | vars(own) | vars(common) | vars(structures) | own_of_contact))
 
 
 def _of_structures(binding: NumbaBinding) -> SimpleNamespace:

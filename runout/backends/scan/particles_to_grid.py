@@ -23,7 +23,7 @@ written; nodes there keep finite numbers, and their weight is zero.
 import numpy as np
 from numba import prange
 
-from runout.backends.lanes import constant, load4, load8, load16, local_array, permutation, prefetch, select, store
+from runout.backends.lanes import constant, lane_sum, load4, load8, load16, local_array, permutation, prefetch, select, store
 from runout.backends.scan.schedule import STRIP
 from runout.backends.scan.stencil import (
     AHEAD,
@@ -53,7 +53,9 @@ LOWER = EVERY & ~UPPER
 LEAST_MASS = 1e-37  # [kg] of a node that moves: the inverse of less overflows in float32; its weight to particles is as small
 ROW_OF_SHARES, PLANE_OF_SHARES = 6, 36  # numbers in a row of six nodes, and in six rows, where a node has one number
 SHARES = 232  # six planes and padding
+PLAN = 16  # columns of nodes of a block
 ROWS, SHARED, TOUCH, TAKEN, FREE = range(5)  # cursors of a thread: rows, shares, contacts, arenas, arenas free again
+USES_AREA, DRAGS_COLUMN = False, False  # whether columns of nodes are summed (node_columns.py); the binding decides
 masses = permutation(in_groups((0, 4, 8, 12)))
 heads = permutation((0, 4, 8, 12))
 least_masses, four_least_masses = constant([LEAST_MASS] * 16), constant([LEAST_MASS] * 4)
@@ -61,6 +63,8 @@ four_ones, four_zeros = constant([1.0] * 4), constant([0.0] * 4)
 local_places = local_array((8,))
 widened = permutation([*range(8), *[8] * 8])
 lower_two = permutation((0, 1, 4, 4))
+lower_half, upper_half = permutation(range(8)), permutation(range(8, 16))
+lower_group, upper_group, four_times_first = permutation(range(4)), permutation(range(4, 8)), permutation((0, 0, 0, 0))
 
 
 def _octant(c):
@@ -225,16 +229,24 @@ def _update_block(arenas, number, reached, down, b, grid, dv):
                 store(grid, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
-def _update_block_over_ground(arenas, contacts, grid, down, b, dv):
+def _sum_of_nodes(s):
+    """Sum of the four numbers of each of four nodes along z."""
+    s = lower_half(s) + upper_half(s)
+    return lower_group(s) + upper_group(s)
+
+
+def _update_block_over_ground(arenas, contacts, grid, columns, down, b, dv):
     """The same; where contacts reach, their compliance takes the place of the mass: sum of their weights over mass [1/kg].
 
     ``contacts.shares`` are arenas with these weights, ``grid.shared`` notes whether any contact reaches the block, and
-    ``grid.inverse`` keeps the inverse mass [1/kg] of its nodes.
+    ``grid.inverse`` keeps the inverse mass [1/kg] of its nodes. ``columns`` get what the law of friction uses of them.
     """
     values, shares, shared = arenas.values, contacts.shares, grid.shared
     shared[b] = False
     place = local_places(down)
     there = _find_arenas(place, values, arenas.number, arenas.reached, down, b)
+    if DRAGS_COLUMN:
+        columns.filled[b] = there != 0
     if there == 0:
         return
     sharing = local_places(down)
@@ -244,6 +256,9 @@ def _update_block_over_ground(arenas, contacts, grid, down, b, dv):
             s = _sum_all(values, place, there, i, j)
             one_over = _inverse(s)
             v = _node_velocities(s, one_over, dv)
+            if DRAGS_COLUMN:
+                moving = _sum_of_nodes(s)
+                store(columns.moving, b * 64 + (i * 4 + j) * 4, moving + four_times_first(moving) * load4(dv, 0))
             if shared[b]:
                 w = _sum_filled(shares, sharing, i, j, four_zeros(shares), _row_of_shares)
                 felt = w > four_zeros(w)
@@ -251,19 +266,24 @@ def _update_block_over_ground(arenas, contacts, grid, down, b, dv):
                 kept = select(felt, compliance / select(felt, w, four_ones(w)), one_over)
                 store(grid.inverse, b * 64 + (i * 4 + j) * 4, kept)
                 s = in_all_four(compliance)
+                if USES_AREA:
+                    columns.weights[b, i * 4 + j] = lane_sum(w)
             store(grid.nodes, b * 256 + (i * 4 + j) * 16, heads_and_tails(s, v))
 
 
-def _push_block(arenas, number, pressed, down, b, grid, inverse):
+def _push_block(arenas, number, pressed, down, b, grid, columns):
     """Add the impulses to the velocities of the nodes of a block that contacts reach; their first number becomes the drag."""
+    nodes = grid.nodes
     place = local_places(down)
     _find_arenas(place, arenas, number, pressed, down, b)
     for i in range(4):
         for j in range(4):
             o = b * 256 + (i * 4 + j) * 16
             push = _sum_filled(arenas, place, i, j, zeros(arenas), _row_of_arena)
-            one_over = load4(inverse, b * 64 + (i * 4 + j) * 4)
-            store(grid, o, heads_and_tails(push, velocity_after(load16(grid, o), push, in_all_four(one_over))))
+            one_over = load4(grid.inverse, b * 64 + (i * 4 + j) * 4)
+            store(nodes, o, heads_and_tails(push, velocity_after(load16(nodes, o), push, in_all_four(one_over))))
+            if DRAGS_COLUMN:
+                store(columns.pushed, b * 64 + (i * 4 + j) * 4, _sum_of_nodes(push))
 
 
 def _strip_of(owner):

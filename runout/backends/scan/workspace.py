@@ -4,7 +4,7 @@ The groups of arrays are those of :mod:`runout.backends.scan.groups`.
 
     arenas, contacts, ground, moves, sleep    by owner block
     grid                                      by node block
-    columns, node_columns                     by block column, where the law of friction uses ground areas, and drag slows columns
+    columns                                   by node block and block column, as far as the law of friction uses columns of nodes
     sums[b], total                            sums over the particles of block b, and over all blocks
 """
 
@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from runout.backends.scan.column_drag import NodeColumns
-from runout.backends.scan.contact_area import Columns
 from runout.backends.scan.domain import blocks_at_edge
 from runout.backends.scan.groups import Arenas, Blocks, Contacts, Domain, Grid, Ground, Moves, Sleep
+from runout.backends.scan.node_columns import NodeColumns, node_columns_of
 from runout.backends.scan.particles_to_grid import SHARES
 from runout.backends.scan.schedule import Schedule
 from runout.backends.scan.state import PADDING, _zeros, bytes_of
 from runout.backends.scan.stencil import ARENA
+from runout.model.scene import Scene
 
 SUMS = 7  # mass, momentum, kinetic, potential and elastic energy
 
@@ -37,8 +37,7 @@ class Workspace:
         See :mod:`runout.backends.scan.groups`.
     sums, total : (nown, 7), (7,)
         What :mod:`runout.backends.scan.observe` adds up, by block and in all.
-    columns : Columns, optional
-    node_columns : NodeColumns, optional
+    columns : NodeColumns
     """
 
     schedule: Schedule
@@ -50,26 +49,21 @@ class Workspace:
     sleep: Sleep
     sums: np.ndarray
     total: np.ndarray
-    columns: Columns | None = None
-    node_columns: NodeColumns | None = None
+    columns: NodeColumns
 
     @classmethod
     def of(
-        cls, blocks: Blocks, schedule: Schedule, real: Any, domain: Domain, sleeps: bool, former: Contacts | None = None
+        cls, blocks: Blocks, schedule: Schedule, scene: Scene, domain: Domain, former: Contacts | None = None
     ) -> "Workspace":
         """Arrays for the blocks of an index.
 
         Parameters
         ----------
-        blocks, schedule, domain
-        real : type
-            Of numbers.
-        sleeps : bool
-            Whether blocks may sleep.
+        blocks, schedule, scene, domain
         former : Contacts, optional
             Those of the index before, whose sizes are kept: with less memory the next step would run twice.
         """
-        n = blocks.nown
+        n, real = blocks.nown, scene.dtype
         threads, capacity = len(schedule.cuts) - 1, _roomy(schedule.most_arenas(blocks.held))
         held = blocks.held
         count, byte, number = (partial(np.zeros, n, kind) for kind in (np.int64, np.uint8, np.int32))
@@ -88,9 +82,9 @@ class Workspace:
             ground=Ground(np.empty((n, 36), real), np.empty((n, 48), real), np.empty((n, 2), real)),
             moves=Moves(count(), count(), count(), count(), count(), blocks_at_edge(domain, blocks.bxyz[:n]), np.zeros((n, 4))),
             sleep=Sleep(
-                np.zeros(n, np.bool_), *((count(), count(), held.copy(), held.copy()) if sleeps else (held, held, held, held))
+                np.zeros(n, np.bool_), *((count(), count(), held.copy(), held.copy()) if scene.sleep_speed else 4 * (held,))
             ),
-            sums=np.zeros((n, SUMS)), total=np.zeros(SUMS),
+            sums=np.zeros((n, SUMS)), total=np.zeros(SUMS), columns=node_columns_of(blocks, scene.basal.law, scene.spacing, real),
         )  # fmt: skip
 
     def make_arenas(self, wanted: int) -> None:
@@ -110,8 +104,7 @@ class Workspace:
 
     def memory(self, blocks: Blocks) -> dict[str, int]:
         """Bytes by array, with those of the index."""
-        parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep]
-        parts += [columns for columns in (self.columns, self.node_columns) if columns]
+        parts: list[Any] = [self.arenas, self.grid, self.contacts, self.ground, self.moves, self.sleep, self.columns]
         rest = {"sums": self.sums, "total": self.total, **vars(self.schedule)}
         return bytes_of(blocks, *parts, **rest)
 
