@@ -25,7 +25,7 @@ SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots 
 VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
     "plain": ({},),
     "gradient_transfer": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
-    "sleeping": ({}, {"sleep_speed": 1e3, "gravity": (0.0, 0.0, 0.0)}),
+    "sleeping": ({}, {"sleep_speed": 1e3, "gravity": (0.0, 0.0, 0.0), "structures": None}),  # beside which nothing sleeps
 }
 
 
