@@ -53,6 +53,26 @@ def test_a_slab_that_goes_twelve_times_its_length_down_a_smooth_slope_comes_to_r
     assert 0.95 < expected.steps / result.steps < 1.35
 
 
+LAWS = {  # settings of the law, the parameter that members vary, and its range
+    "weakening": ("law: velocity_weakening, static_friction: 0.84, dynamic_friction: 0.11", "dynamic_friction", 0.11, 0.3),
+    "drag": ("law: voellmy, mu: 0.1, xi: 300", "mu", 0.1, 0.2),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_steps_against_friction_that_depends_on_the_speed_are_forecast_within_a_factor_of_one_and_a_half(tmp_path, law):
+    settings, name, *ends = LAWS[law]
+    text = AUTO.replace("basal_friction_angle_deg: 20", f"basal_friction: {{{settings}}}")
+    text = text.replace("basal_friction_angle_deg: {", f"basal_{name}: {{").replace("end_time: 20", "end_time: 200")
+    text = text.replace("low: 12, high: 22", "low: {}, high: {}".format(*ends)).replace("members: 4", "members: 2")
+    site = runout.read_site(write_site(tmp_path / "ramp", text))
+    members = plan_members(site)
+    for member, expected in zip(members, flow_forecast.member_steps(site, members), strict=True):
+        result = runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1})
+        assert result.stop_reason == "at rest"
+        assert 1 / 1.5 < expected.steps / result.steps < 1.5
+
+
 def test_a_thin_flow_with_drag_in_a_channel_is_forecast_within_a_factor_of_one_and_a_half(tmp_path):
     """The mass gathers in the channel and stretches: it is faster than its mean thickness says, and its tail stops sooner."""
     easting, northing = 10.0 * np.arange(170) + 5.0, 10.0 * np.arange(24)[:, None] - 115.0
