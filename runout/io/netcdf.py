@@ -1,5 +1,6 @@
 """Reads and writes NetCDF: CF-1.11, north up for GIS, with metadata from the table of variables."""
 
+import logging
 import os
 import threading
 from collections.abc import Iterator, Mapping
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import __version__
-from runout.errors import StorageError
+from runout.errors import DiskFullError, StorageError
 from runout.io.acdd import STANDARD_NAMES, vertical_attributes
 from runout.io.atomic import storage_error, whole_file
 from runout.io.grid import extent_attributes, grid_coordinates
@@ -22,6 +23,7 @@ from runout.variables import VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
+LOGGER = logging.getLogger(__name__)
 LOCK = threading.RLock()  # the netCDF library is not thread-safe, even for different files
 MAP_DIMS = ("y", "x")
 CONVENTIONS = "CF-1.11, ACDD-1.3"
@@ -110,14 +112,25 @@ def write(
     StorageError
         If the disk is full or the folder cannot be written; an older file stays as it is.
     """
+    try:
+        _write_whole(dataset, path, groups or {})
+    except StorageError as error:
+        if isinstance(error, DiskFullError) or not isinstance(error.__cause__, RuntimeError):
+            raise
+        LOGGER.info("%s: written again, since the netCDF library failed (%s)", path, error.__cause__)
+        _write_whole(dataset, path, groups or {})  # its error may have been a passing one
+    return Path(path)
+
+
+def _write_whole(dataset: "xr.Dataset", path: str | os.PathLike[str], groups: "Mapping[str, xr.Dataset]") -> None:
+    """Write the file, whole or not at all."""
     with LOCK, whole_file(path) as temporary:
         try:
             _write_maps(_write_without_maps(_encoded(dataset), temporary), temporary)
-            for group, content in (groups or {}).items():
+            for group, content in groups.items():
                 _store(_encoded(content), temporary, mode="a", group=group)
-        except RuntimeError as cause:  # error of the netCDF library on a full disk
+        except RuntimeError as cause:  # error of the netCDF library, also on a full disk
             raise storage_error(path, cause) from cause
-    return Path(path)
 
 
 def _write_without_maps(encoded: "xr.Dataset", path: Path) -> "dict[str, xr.DataArray]":

@@ -160,3 +160,23 @@ def test_unreadable_files_are_named_with_a_remedy(terrain: Terrain, maps: dict, 
         member.layer("max_speed", None)
     with pytest.raises(StorageError, match=r"m\.nc: group ledger cannot be read"):
         netcdf.read(path, "ledger")
+
+
+@pytest.mark.parametrize(("failures", "written"), [(1, True), (2, False)])
+def test_a_passing_error_of_the_library_is_tried_once_more(failures, written, tmp_path, monkeypatch):
+    terrain, left, write = Terrain(np.zeros((3, 4)), (2.0, 2.0)), iter(range(failures)), netcdf._write_maps
+
+    def fragile(*given):
+        if next(left, None) is not None:
+            raise RuntimeError("NetCDF: Attribute not found")
+        write(*given)
+
+    monkeypatch.setattr(netcdf, "_write_maps", fragile)
+    dataset = netcdf.map_dataset(terrain, {"max_speed": np.ones(terrain.shape)}, title="t")
+    if written:
+        netcdf.write(dataset, tmp_path / "a.nc")
+        assert netcdf.unreadable(tmp_path / "a.nc") is None
+        return
+    with pytest.raises(StorageError, match="Attribute not found"):
+        netcdf.write(dataset, tmp_path / "a.nc")
+    assert list(tmp_path.iterdir()) == []
