@@ -4,10 +4,10 @@ import sys
 
 SBATCH = """\
 #!{python}
-import shutil, subprocess, sys
+import os, shutil, subprocess, sys
 from pathlib import Path
 here = Path(__file__).parent
-script = here / f"job-{{len(list(here.glob('job-*.sh')))}}.sh"
+script = here / f"job-{{os.getpid()}}.sh"
 shutil.copy(sys.argv[-1], script)
 with open(script.with_suffix(".log"), "w") as log:
     job = subprocess.Popen(["bash", str(script)], stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
