@@ -154,6 +154,14 @@ def test_each_constructor_passes_what_its_reader_takes(constructor, home):
     assert [p.name for p in passed if p.kind is not p.VAR_KEYWORD and p.name not in {*taken, "self"}] == []
 
 
+def test_no_file_keeps_the_marks_of_a_merge():
+    """Inside a docstring, no compiler or linter finds them."""
+    marked = re.compile(r"^(<{7}|>{7}) ", re.MULTILINE)
+    texts = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "tests").rglob("*.py")]
+    files = [*SOURCES, *texts]
+    assert [place(p) for p in files if marked.search(p.read_text(encoding="utf-8"))] == []
+
+
 @pytest.mark.parametrize("compiler", HOMES)
 def test_compiler_is_imported_only_where_it_belongs(compiler):
     strays = [f"{place(p)}:{line}" for p in SOURCES for line, name in imported(p) if name == compiler]

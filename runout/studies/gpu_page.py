@@ -19,8 +19,6 @@ OPENING = """# Speed on a GPU
 
 Backend `hash` in single precision with everything on: index, sort, contact, material law.
 
-{note}
-
 ## Throughput
 
 A Drucker-Prager layer slides down a plane with a Courant number of 0.4. Throughput counts whole steps, sorts
@@ -103,7 +101,6 @@ def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
     layers = [r for r in gpu["records"] if "members" not in r]
     differences = whole["records"][1]["against_cpu"].items()
     text = OPENING.format(
-        note=gpu.get("note", ""),
         gpu=gpu,
         whole=whole,
         error=error,

@@ -180,16 +180,10 @@ def _solve_strip(contacts, columns, basal, grid, up, dt, low, end, count):
 def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal, grid, asleep, dt, stamp, total):
     """Solve for one impulse per contact, and add the changes of the impulses to the velocities of the nodes that are due.
 
-<<<<<<< HEAD
-    ``basal`` are the records of friction. ``particles.force`` gets the ``stamp`` of this step and the force of the ground,
-    ``contacts.work`` the work and the impulse of each block, ``total`` their sums: of the work over the blocks that are not
-    ``asleep``. A node that is due is read by no later strip, since each block that reads it also adds to it.
-=======
     ``basal`` are the records of friction, ``columns`` the columns of nodes that areas come from. ``particles.force`` gets the
     ``stamp`` of this step and the force of the ground, ``contacts.work`` the work and the impulse of each block, ``total`` their
-    sums over the blocks that are not ``asleep``. A node that is due is read by no later strip, since each block that reads it also
-    adds to it.
->>>>>>> b24
+    sums: of the work over the blocks that are not ``asleep``. A node that is due is read by no later strip, since each block that
+    reads it also adds to it.
     """
     rows, given, place, touching = contacts.rows, contacts.given, contacts.place, contacts.touching
     cursors = arenas.cursors
