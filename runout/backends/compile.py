@@ -95,11 +95,11 @@ def _bind_law(
 def _bind_friction(
     law: FrictionLaw, names: Mapping[str, Any], compiled: Mapping[FunctionType, Any], compile_one: Callable[[FunctionType], Any]
 ) -> SimpleNamespace:
-    """``resistance`` of a law of basal friction, as it is and ``at_base``, and ``impulse`` and ``column_drag`` of a contact."""
-    of_contact = law.limited, law.at_base, law.impulse, law.column_drag
+    """``resistance`` of a law of basal friction, as it is and ``at_base``, and what contacts and columns make of it."""
+    of_contact = law.limited, law.at_base, law.impulse, law.column_drag, law.free_column_drag
     functions: list[Any] = list(dict.fromkeys([*functions_of_law(law.resistance), *of_contact]))
     own = _bind_own(law, functions, names, compiled, compile_one)
-    wanted = "resistance", "at_base", "impulse", "column_drag"
+    wanted = "resistance", "at_base", "impulse", "column_drag", "free_column_drag"
     return SimpleNamespace(**{name: own[getattr(law, name)] for name in wanted})
 
 

@@ -62,15 +62,63 @@ def column_drags(
     return np.array([drag(push, felt, n, a, dt, record) for push, felt, n, a, record in contacts]).reshape(-1, 1)
 
 
-def slow_columns(mass: np.ndarray, velocity: np.ndarray, drag: np.ndarray, dt: float, height: int) -> tuple[float, np.ndarray]:
-    """Change nodal velocities (nodes, 3) [m/s] by the ``drag`` (nodes, 1) [kg/m] on columns of ``height`` nodes as a whole.
+def slow_columns(
+    scene: Scene, p: Particles, stencils: Any, mass: np.ndarray, velocity: np.ndarray, drags: np.ndarray, dt: float
+) -> tuple[float, np.ndarray]:
+    """Change nodal velocities (nodes, 3) [m/s] by the drag on columns of nodes as a whole.
 
-    Returns the work [J] and the impulse (3,) [N s].
+    ``p`` are all particles, ``mass`` (nodes, 1) [kg], ``drags`` (nodes, 1) [kg/m] those of the contacts. Returns the work [J] and the
+    impulse (3,) [N s].
     """
-    total, drags = (a.reshape(-1, height).sum(axis=1) for a in (mass, drag))
-    momentum, change, work = (mass * velocity).reshape(-1, height, 3).sum(axis=1), np.zeros((len(total), 3)), 0.0
-    for c in np.flatnonzero((drags > 0.0) & (total > 0.0)):
-        change[c] = contact.column_slowing(total[c], momentum[c], drags[c], dt)
+    total, drag, momentum = (_over_z(stencils, values) for values in (mass, drags, mass * velocity))
+    total, drag = total[:, 0], _with_free_drag(scene, p, stencils, (total[:, 0], momentum), drag[:, 0], dt)
+    change, work = np.zeros((len(total), 3)), 0.0
+    for c in np.flatnonzero((drag > 0.0) & (total > 0.0)):
+        change[c] = contact.column_slowing(total[c], momentum[c], drag[c], dt)
         work += contact.column_work(total[c], momentum[c], change[c])
-    velocity += np.repeat(change, height, axis=0)
+    velocity += np.repeat(change, stencils.height, axis=0)
     return float(work), total @ change
+
+
+def _over_z(stencils: Any, values: np.ndarray) -> np.ndarray:
+    """Sums (columns, k) of nodal values (nodes, k) over the columns of nodes."""
+    return values.reshape(-1, stencils.height, values.shape[1]).sum(axis=1)  # type: ignore[no-any-return]
+
+
+def _with_free_drag(
+    scene: Scene, p: Particles, stencils: Any, moving: tuple[np.ndarray, np.ndarray], drag: np.ndarray, dt: float
+) -> np.ndarray:
+    """The ``drag`` (columns,) [kg/m], and that of columns in flight (:func:`runout.physics.contact.free_column_drag`) where it is 0.
+
+    ``moving`` are mass (columns,) [kg] and momentum (columns, 3) [kg m/s].
+    """
+    total, momentum = moving
+    free = np.flatnonzero((drag == 0.0) & (total > 0.0))
+    area = scene.spacing[0] * scene.spacing[1] * _covered_shares(total.reshape(stencils.shape[:2])).ravel()
+    i, j = np.unravel_index(free, stencils.shape[:2])
+    x, y = (stencils.first[0] + i) * scene.spacing[0], (stencils.first[1] + j) * scene.spacing[1]
+    table, law, gravity = scene.basal.table().view(np.recarray), scene.basal.law.free_column_drag, math.hypot(*scene.gravity)
+    drag = drag.astype(np.float64)  # sums over no contacts are whole numbers
+    for release, share in enumerate(_release_shares(scene, p, stencils)):
+        records = table[scene.basal.rows(np.full(len(free), release), x, y)]
+        for c, record in zip(free, records, strict=True):
+            drag[c] += share[c] * law(total[c], momentum[c], area[c], gravity, dt, record)
+    return drag
+
+
+def _covered_shares(total: np.ndarray) -> np.ndarray:
+    """Shares (nx, ny) [1] of their ground that columns of nodes with a mass (nx, ny) [kg] cover; 0 without mass."""
+    padded = np.pad(total, 1)
+    window = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    around, squares = window.sum(axis=(2, 3)), (window**2).sum(axis=(2, 3))
+    covered = array_binding().contact.covered_share(total, around, np.where(total > 0.0, squares, 1.0))
+    return np.where(total > 0.0, covered, 0.0)
+
+
+def _release_shares(scene: Scene, p: Particles, stencils: Any) -> np.ndarray:
+    """Shares (releases, columns) [1] of the releases in the mass of columns of nodes; one row of ones if all have one friction."""
+    if scene.basal.alike:
+        return np.ones((1, stencils.size // stencils.height))
+    own = np.where(p.release[:, None] == np.arange(len(scene.materials)), p.mass[:, None], 0.0)
+    masses = _over_z(stencils, stencils.scatter(own)).T
+    return np.divide(masses, masses.sum(axis=0), out=np.zeros(masses.shape), where=masses.sum(axis=0) > 0.0)

@@ -93,6 +93,11 @@ class FrictionLaw(RegisteredLaw[BasalFriction]):
         """:func:`runout.physics.contact.column_drag` with the resistance of this law, in plain Python."""
         return calling(contact.column_drag, law_resistance=self.resistance)
 
+    @cached_property
+    def free_column_drag(self) -> FunctionType:
+        """:func:`runout.physics.contact.free_column_drag` with the resistance of this law, in plain Python."""
+        return calling(contact.free_column_drag, law_resistance=self.resistance)
+
 
 FRICTIONS: Registry[FrictionLaw] = Registry("friction law", PACKAGE, "runout.friction", ConfigError)
 

@@ -1,6 +1,7 @@
 """Friction of the ground on the releases of a scene, as contact reads it: a table of records, and which of them counts where."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,12 @@ class GroundFriction:
     def size(self) -> np.ndarray:
         """Size of the cells of :attr:`kind`, east and north [m]."""
         return np.array(self._size)
+
+    @cached_property
+    def alike(self) -> bool:
+        """Whether all releases have the same friction on each kind of ground."""
+        by_release = self.table().reshape(-1, self.kinds)
+        return bool((by_release == by_release[:1]).all())
 
     def table(self, real: Any = np.float64, arithmetic: Any = None) -> np.ndarray:
         """Structured array (releases times kinds,) of the records that contact reads.

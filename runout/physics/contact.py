@@ -172,6 +172,27 @@ def column_drag(push: Any, u: Any, n: Any, area: Any, dt: Any, basal: Any):
     return drag
 
 
+def covered_share(mass: Any, around: Any, squares: Any):
+    """Share [1] of the ground below a column of nodes that the column covers, where no contact says it.
+
+    ``around`` [kg] is the sum of the masses of the 3 x 3 columns around, ``squares`` [kg2] that of their squares, so that
+    squares / around is the mass of a usual column there. A column that holds half of it is covered whole, one at the rim in
+    proportion to its mass: its mass by area, and so its drag, is that of the flow beside it.
+    """
+    return min(real(1.0), real(2.0) * mass * around / squares)
+
+
+def free_column_drag(mass: Any, momentum: Any, area: Any, gravity: Any, dt: Any, basal: Any):
+    """Drag [kg/m] on a column of nodes that no contact slows, over an ``area`` [m2] in plan.
+
+    Depth-averaged models, which state the drag, let no mass leave the ground. Mass in flight has the drag that it would have if
+    it pressed on the ground with its own weight; ``gravity`` [m/s2] is the magnitude. It has no friction.
+    """
+    speed = math.sqrt(dot(momentum, momentum)) / mass
+    _, drag = law_resistance(mass * gravity * dt, speed, area, dt, basal)
+    return drag
+
+
 def column_slowing(mass: Any, momentum: Any, drag: Any, dt: Any):
     """Change of velocity [m/s] of a column as a whole in a step, by the ``drag`` [kg/m] of all contacts below it.
 

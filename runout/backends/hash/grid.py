@@ -42,7 +42,7 @@ def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> t
 def bytes_of_areas(friction: BasalFriction | FrictionLaw, particles: int, blocks: int, number: int) -> int:
     """Memory [byte] of the ground areas, and of the drag on columns of nodes, with numbers of ``number`` bytes."""
     areas = blocks * (4 + 16 * number) * friction.uses_area
-    return areas + friction.drags_column * number * (particles + blocks * (36 + 16 * 4))
+    return areas + friction.drags_column * (number * particles + blocks * (9 * 4 + number * (36 + 16 * (4 + 4 + 1))))
 
 
 class NodeArrays:
@@ -64,7 +64,7 @@ class NodeArrays:
 
     def __init__(
         self, index: Index, store: Store, number: Any, kept: bool = False, averaged: bool = False, areas: bool = False,
-        structured: bool = False, dragged: bool = False,
+        structured: bool = False, dragged: int = 0,
     ):  # fmt: skip
         capacity, particles, ordered = index.capacity, store.size, index.ordered
         self.number, self.kept, self.averaged, self.generation, self.slots, self.places = number, kept, averaged, 0, -1, -1
@@ -80,9 +80,8 @@ class NodeArrays:
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)
         self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
         self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(16 * capacity * areas, dtype=number)
-        self.drags = wp.zeros(particles * dragged, dtype=number)
-        self.block_drags = wp.zeros(36 * capacity * dragged, dtype=number)
-        self.column_book = wp.zeros(16 * capacity * dragged, dtype=self.vec4)
+        self.drags = wp.zeros(particles * (dragged > 0), dtype=number)
+        self.column_group = self._columns(capacity, dragged)
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
         self.near = wp.full(capacity, -1, dtype=wp.int32)
         self.ground_slopes = wp.zeros(capacity, dtype=self.vec4)
@@ -90,6 +89,15 @@ class NodeArrays:
         self.booked = wp.zeros((capacity, 6), dtype=wp.float64)
         self.grid_group = filled(self.types.GridGroup, self, nodes=self.grid)
         self.make_room(0, 0)
+
+    def _columns(self, capacity: int, releases: int) -> Any:
+        """Columns of nodes that drag slows; ``releases`` is the number of those with a friction of their own, 0 without such drag."""
+        real, dragged = self.number, capacity * (releases > 0)
+        self.block_drags, self.drag = wp.zeros(36 * dragged, dtype=real), wp.zeros(16 * dragged, dtype=real)
+        self.moving, self.book = (wp.zeros(16 * dragged, dtype=self.vec4) for _ in range(2))
+        self.beside = wp.full((dragged, 9), -1, dtype=wp.int32)
+        self.masses = wp.zeros(36 * releases * capacity * (releases > 1), dtype=real)
+        return filled(self.types.ColumnGroup, self)
 
     def scratch(self, shape: int | tuple[int, int], kind: Any) -> Any:
         """The memory of the grid for something else, while it holds nothing; it must be zero again for the next step."""

@@ -112,6 +112,17 @@ class ContactGroup:
     approach_speeds: Reals  # (2 blocks,) largest speed [m/s] of the nodes of each half of a block towards the ground
 
 
+class ColumnGroup:
+    """Columns of nodes that drag slows, else empty; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
+
+    block_drags: Reals  # (36 blocks,) drag of the contacts of a block on the 6 x 6 columns of nodes that they reach [kg/m]
+    beside: Table2  # (blocks, 9) of a first block of a column: those of the columns around, -1 for none; first axis east
+    moving: Nodes  # (16 blocks,) by the first block: mass [kg] and momentum [kg m/s] of a column of nodes
+    drag: Reals  # (16 blocks,) likewise: drag of the contacts [kg/m]
+    book: Nodes  # (16 blocks,) likewise: work [J] and impulse [N s]
+    masses: Reals  # (36 releases blocks,) mass of each release on the 6 x 6 columns of nodes [kg], where friction differs; else empty
+
+
 class StatusGroup:
     """Numbers that the host reads; owned by :class:`runout.backends.hash.device_status.DeviceStatus`."""
 
@@ -134,6 +145,7 @@ class SceneGroup:
     shift: Ints  # (scenes,) nodes from the origin of the index north to that of the scene
     limits: Doubles2  # (scenes, 2) extent of the domain east and north [cells]
     density: Doubles  # (releases,) [kg/m3]
+    first_release: Ints  # (scenes,) first release of a scene among those of all
     first_friction: Ints  # (releases,) record of friction of a release on its first kind of ground
     zones: Table2  # (scenes, cells) kind of ground by cell of the raster
     lattice: Doubles2  # (scenes, 4) cells of the raster east and north, and their sizes [cells of the grid]
@@ -210,8 +222,8 @@ class Search:
 
 
 GROUPS = (
-    ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, StatusGroup, SceneGroup, SurfaceGroup,
-    StructureGroup, SumGroup, Constants,
+    ParticleGroup, BlockGroup, KeyGroup, GridGroup, GroundGroup, ContactGroup, ColumnGroup, StatusGroup, SceneGroup,
+    SurfaceGroup, StructureGroup, SumGroup, Constants,
 )  # fmt: skip
 
 

@@ -79,7 +79,8 @@ def _common_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
     real = _number(precision)
     names: dict[str, Any] = {"Frictions": wp.array(dtype=law_record(friction, real)), "AREAS": friction.uses_area}
     of_contact = _physics(real).friction(friction)
-    names |= {"impulse": of_contact.impulse, "column_drag": of_contact.column_drag, "DRAGS_COLUMN": friction.drags_column}
+    names |= {name: getattr(of_contact, name) for name in ("impulse", "column_drag", "free_column_drag")}
+    names["DRAGS_COLUMN"] = friction.drags_column
     return names | argument_types(real) | _local_types(real) | natives.of(precision)
 
 

@@ -44,7 +44,8 @@ class Parts:
     def make_nodes(self) -> None:
         """New arrays by block for the present index."""
         scenes = self.scenes.scenes
-        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area, self.structures is not None, self.drags_column
+        dragged = self.drags_column * self.scenes.mixed
+        choices = any(s.keeps for s in scenes), scenes[0].f_bar, self.uses_area, self.structures is not None, dragged
         self.nodes = NodeArrays(self.index, self.store, self.scenes.number, *choices)
         if self.structures:
             self.structures.make_nodes(self.index, self.store, self.nodes)

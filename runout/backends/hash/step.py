@@ -40,6 +40,8 @@ def move_nodes(parts: Parts) -> None:
     i, k, n = parts.index, parts.k, parts.nodes
     status, blocks, groups = parts.status.group, i.block_group, (n.grid_group, n.ground_group, n.contact_group)
     if parts.ground is not None:
+        if parts.drags_column and parts.scenes.mixed > 1:
+            weigh_releases(parts)
         arguments = status, parts.store.group, blocks, *groups, parts.scenes.group, parts.scenes.constants
         solution = *arguments, parts.scenes.friction
         for round_, (kernel, inputs) in enumerate(((k.find_contacts, arguments), (k.solve_contacts, solution))):
@@ -54,13 +56,22 @@ def move_nodes(parts: Parts) -> None:
     run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)
 
 
+def weigh_releases(parts: Parts) -> None:
+    """Masses of the releases in the blocks."""
+    i, scenes = parts.index, parts.scenes
+    groups = parts.status.group, parts.store.group, i.block_group, parts.nodes.column_group, scenes.group
+    run(parts.k.weigh_releases, i.capacity * PLAN * scenes.mixed, *groups, scenes.mixed)
+
+
 def slow_columns(parts: Parts) -> None:
     """Drag on the columns of nodes."""
-    i, k, n, status = parts.index, parts.k, parts.nodes, parts.status.group
-    groups = i.block_group, n.grid_group, n.ground_group, n.contact_group
-    run(k.sum_drags, n.places * PLAN, status, parts.store.group, n.contact_group, n.block_drags)
-    run(k.slow_columns, i.capacity * COLUMNS, status, *groups, parts.scenes.group, n.block_drags, n.column_book)
-    run(k.book_columns, i.capacity, status, n.grid_group, n.contact_group, n.column_book)
+    i, k, n, scenes, status = parts.index, parts.k, parts.nodes, parts.scenes, parts.status.group
+    contacts, columns, blocks = n.contact_group, n.column_group, i.block_group
+    law = scenes.group, scenes.constants, scenes.friction
+    run(k.sum_drags, n.places * PLAN, status, parts.store.group, contacts, columns)
+    run(k.sum_moving, i.capacity * COLUMNS, status, blocks, n.grid_group, n.ground_group, contacts, scenes.group, columns)
+    run(k.slow_columns, i.capacity * COLUMNS, status, blocks, n.grid_group, contacts, *law, columns, scenes.mixed)
+    run(k.book_columns, i.capacity, status, n.grid_group, contacts, columns)
 
 
 def touch_structures(parts: Parts) -> None:

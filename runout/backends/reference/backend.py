@@ -192,7 +192,7 @@ class ReferenceBackend:
         self._basal_impulse += impulses.sum(axis=0)
         if self.scene.basal.law.drags_column:
             drags = column_drags(self.scene, u, normal[chosen], impulses, basal, area, dt)
-            done, push = slow_columns(mass, velocity, stencils.scatter(drags, chosen), dt, stencils.height)
+            done, push = slow_columns(self.scene, self._p, stencils, mass, velocity, stencils.scatter(drags, chosen), dt)
             self._basal, self._basal_impulse = self._basal - done, self._basal_impulse + push
 
     def _slips(self, stencils: Stencils, given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,15 +15,15 @@ STENCIL = np.array([(i, j, k) for i in range(3) for j in range(3) for k in range
 class Stencils:
     """The 27 nodes that each particle sees on a dense grid that repeats after ``period`` (3,) nodes, and its weights there.
 
-    ``size`` is the number of nodes of the grid, ``height`` that of a column, ``first`` (3,) its first one, which may be negative.
-    ``node`` (n, 27) are places in the flattened grid, ``weight`` (n, 27) [1], ``arm`` (n, 27, 3) [m] vectors from the particle to
-    the nodes, ``slope`` (n, 27, 3) [1/m] gradients of the weights.
+    ``shape`` (3,) is the size of the grid, ``size`` its number of nodes, ``height`` that of a column, ``first`` (3,) its first
+    node, which may be negative. ``node`` (n, 27) are places in the flattened grid, ``weight`` (n, 27) [1], ``arm`` (n, 27, 3) [m]
+    vectors from the particle to the nodes, ``slope`` (n, 27, 3) [1/m] gradients of the weights.
     """
 
     def __init__(self, particles: Particles, spacing: np.ndarray, period: np.ndarray):
         self.first = particles.node.min(axis=0).astype(np.int64)
         shape = np.minimum(particles.node.max(axis=0) + 3 - self.first, period)
-        self.size, self.height = int(np.prod(shape)), int(shape[2])
+        self.shape, self.size, self.height = tuple(shape.tolist()), int(np.prod(shape)), int(shape[2])
         if self.size > LARGEST_GRID:
             raise CapacityError(f"the reference backend would need {self.size} nodes, at most {LARGEST_GRID} fit; use 'scan'")
         i, j, k = np.moveaxis(((particles.node - self.first)[:, None, :] + STENCIL) % period, -1, 0)

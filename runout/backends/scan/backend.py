@@ -225,21 +225,25 @@ class ScanBackend:
     def _solve_contacts(self) -> None:
         parts, c = (self.k, self.store, self.index.blocks, self.workspace, self.tables), self.tables.constants
         law, w = self.scene.basal.law, self.workspace
-        if self.totals.contact_particles == 0:
-            w.columns.slowed[:] = False
-            return
-        if self.tables.zones:
-            self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, c.corner, c.spacing, self.tables.zones)
-        if law.uses_area:
-            self.k.sum_columns(w.grid.shared, w.columns)
-        grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))
-        if law.drags_column:
+        if self.totals.contact_particles > 0:
+            if self.tables.zones:
+                self.k.take_zones(self.store.particles, self.index.blocks, w.contacts, c.corner, c.spacing, self.tables.zones)
+            if law.uses_area:
+                self.k.sum_columns(w.grid.shared, w.columns)
+            grid.push(*parts, self.totals, self.scene.dtype(stamp_of(self.counters.steps)))
+        if law.drags_column and self.scene.surface is not None:
             self._slow_columns()
+
+    def share_releases(self) -> None:
+        """Call the kernel that mixes the friction of releases: of a scene where all are alike, to compile it."""
+        self.k.share_releases(self.store.particles, self.index.blocks, self.workspace.columns)
 
     def _slow_columns(self) -> None:
         """Drag on the columns of nodes."""
-        w, total = self.workspace, np.zeros(4)
-        self.k.slow_columns(w.grid.shared, w.columns, self.tables.step.dt, total)
+        w, t, total = self.workspace, self.tables, np.zeros(4)
+        if not self.scene.basal.alike:
+            self.share_releases()
+        self.k.slow_columns(self.index.blocks, w.grid.shared, w.columns, t.free_drag, t.step.dt, total)
         if reads_nodes(self.scene):
             self.k.change_nodes(w.columns, w.grid.nodes)
         self.totals.basal_dissipation -= float(total[0])

@@ -1,5 +1,6 @@
 """Constants of a run, and of its present time step, as the kernels take them."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from runout.backends.scan.domain import domain_of
 from runout.backends.scan.groups import Constants, Domain, TimeStep, Zones
+from runout.backends.scan.node_columns import FreeDrag
 from runout.model.scene import Scene
 from runout.physics import moments
 
@@ -29,6 +31,8 @@ class Tables:
     zones : Zones, optional
     basal : (releases times kinds of ground,) record
         Records of basal friction. No group has them, so that few kernels depend on the law of friction.
+    free_drag : FreeDrag
+        What mass in flight takes of them.
     particle_volume : float
         Mean volume of a particle [m3].
     """
@@ -40,6 +44,7 @@ class Tables:
     domain: Domain
     zones: Zones | None
     basal: np.ndarray
+    free_drag: FreeDrag
     particle_volume: float
 
     @classmethod
@@ -56,7 +61,8 @@ class Tables:
         mats = scene.law.table(scene.materials, real)
         moduli = np.stack([mats[name] for name in MODULI], axis=1)
         step, domain = TimeStep(mats, real(0), none, none), domain_of(scene, corner)
-        return cls(constants, step, moduli, 0.0, domain, zones, basal, particle_volume)
+        free = _free_drag(scene, basal, constants)
+        return cls(constants, step, moduli, 0.0, domain, zones, basal, free, particle_volume)
 
     def set_step(self, scene: Scene, dt: float) -> Any:
         """Set the constants of steps of ``dt`` [s]; returns by how much longer [s] the step is with which records are packed."""
@@ -70,6 +76,13 @@ class Tables:
         slopes = tuple(real(moments.moment_slope(dt, h)) if scene.packed else real(0) for h in scene.spacing)
         self.step = TimeStep(mats, real(dt), slopes, tuple(real(dt / h) for h in scene.spacing))  # type: ignore[arg-type]
         return longer
+
+
+def _free_drag(scene: Scene, table: np.ndarray, constants: Constants) -> FreeDrag:
+    basal, gravity = scene.basal, scene.dtype(math.hypot(*scene.gravity))
+    kind = np.zeros((1, 1), np.int32) if basal.kind is None else basal.kind
+    size = np.full(2, np.inf) if basal.kind is None else basal.size
+    return FreeDrag(table, kind, size, basal.kinds, constants.corner, constants.spacing, gravity)
 
 
 def _frictions(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, Zones | None]:

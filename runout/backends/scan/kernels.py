@@ -60,9 +60,20 @@ COMMON = (
     zones,
 )  # know no law
 # follow a law of friction
-CONTACT = (groups, node_columns, stencil, ground, particles_to_grid, contact_detection, contact_area, contact_solution)
+CONTACT = (
+    groups,
+    node_columns,
+    stencil,
+    ground,
+    particles_to_grid,
+    contact_detection,
+    contact_area,
+    column_drag,
+    contact_solution,
+)
 MOTION = (groups, node_columns, stencil, column_drag, domain, tile, grid_to_particles)  # follow a law of materials
-OF_FRICTION = ("solve_contacts", "particles_to_nodes_over_ground")  # the second one for laws that sum columns of nodes
+# kernels of contact that follow the law: the second for laws that sum columns of nodes, the third for those that slow them
+OF_FRICTION = ("solve_contacts", "particles_to_nodes_over_ground", "slow_columns")
 LANES = (vectors, shuffles, memory)
 BY_GRADIENTS = (
     groups,
@@ -140,13 +151,15 @@ def _bound(scene: Scene) -> SimpleNamespace:
     of_contact = {
         "impulse": friction.impulse,
         "column_drag": friction.column_drag,
+        "free_column_drag": friction.free_column_drag,
         "record": friction.record,
         "ONE_NUMBER": len(scene.basal.law.fields) == 1,
         "USES_AREA": scene.basal.law.uses_area,
         "DRAGS_COLUMN": scene.basal.law.drags_column,
     }
     contact = vars(binding.kernels(*CONTACT, sources=LANES, **of_contact))
-    own_of_contact = {name: contact[name] for name in (OF_FRICTION if scene.basal.law.uses_area else OF_FRICTION[:1])}
+    used = 1 + scene.basal.law.uses_area + scene.basal.law.drags_column
+    own_of_contact = {name: contact[name] for name in OF_FRICTION[:used]}
     names = {
         "law_update": law.step,
         "law_update_small": law.step_small,

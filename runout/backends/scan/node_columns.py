@@ -3,7 +3,7 @@
 A block column is all node blocks with the same coordinates east and north; it has 16 columns of nodes.
 
     particles to grid, contact solution    by node block      weights[b, 16]    moving[b, 64]    pushed[b, 64]
-      --sum over the blocks of a column--> by block column    sums[c, 16], inverse[c, 16]        changes[c, 64]
+      --sum over the blocks of a column--> by block column    sums[c, 16], inverse[c, 16]        plans[c, 6, 16]    changes[c, 64]
 
 Each block writes its own part where its nodes are summed anyway, and threads take block columns, so that the bits do not depend on
 the number of threads.
@@ -15,7 +15,10 @@ import numpy as np
 
 from runout.backends.scan.groups import Blocks
 from runout.backends.scan.particles_to_grid import PLAN
-from runout.model.friction_laws import FrictionLaw
+from runout.model.scene import Scene
+
+
+REACHED = 36  # columns of nodes that the particles of a block reach
 
 
 class NodeColumns(NamedTuple):
@@ -39,6 +42,14 @@ class NodeColumns(NamedTuple):
         Mass [kg] and momentum [kg m/s], with gravity, in each column of nodes of these blocks.
     pushed : (nall, 64) real
         Drag [kg/m] and changes of the impulses [N s] of the contacts in each column of nodes of a block that contacts reach.
+    beside : (columns, 9) int32
+        Block columns around each and itself, first axis east; the number of all where there is none.
+    plans : (columns + 1, 6, 16) real
+        Mass [kg], momentum [kg m/s], drag [kg/m] and work [J] of each column of nodes; the last one stays empty.
+    masses : (nown, 36, releases) float64
+        Mass [kg] that each release in a block gives to 6 x 6 columns of nodes, where the friction of releases differs.
+    shares : (columns, 16, releases) real
+        Shares of the releases in the mass of a column of nodes [1].
     slowed : (columns,) bool
         Block columns whose velocities change.
     changes : (columns, 64) real
@@ -57,23 +68,68 @@ class NodeColumns(NamedTuple):
     filled: np.ndarray
     moving: np.ndarray
     pushed: np.ndarray
+    beside: np.ndarray
+    plans: np.ndarray
+    masses: np.ndarray
+    shares: np.ndarray
     slowed: np.ndarray
     changes: np.ndarray
     booked: np.ndarray
 
 
-def node_columns_of(blocks: Blocks, law: FrictionLaw, spacing: tuple[float, ...], real: type) -> NodeColumns:
-    """The columns of nodes of an index, as far as a law uses them."""
+class FreeDrag(NamedTuple):
+    """What the drag on columns of nodes takes that no contact slows.
+
+    Attributes
+    ----------
+    basal : (releases times kinds of ground,) record
+        Records of basal friction.
+    kind, cell_size : (nx, ny) int32, (2,) float64
+        Kind of ground on the cells of the raster, and their size [m]; one cell without end where there are no zones.
+    kinds : int
+    corner, spacing : (3,) int64, (3,) float64
+        Node from which blocks are counted; spacing of the nodes [m].
+    gravity : real
+        Magnitude of gravity [m/s2].
+    """
+
+    basal: np.ndarray
+    kind: np.ndarray
+    cell_size: np.ndarray
+    kinds: int
+    corner: np.ndarray
+    spacing: np.ndarray
+    gravity: Any
+
+
+def node_columns_of(blocks: Blocks, scene: Scene) -> NodeColumns:
+    """The columns of nodes of an index, as far as the law of friction of a scene uses them."""
+    law, spacing, real, releases = scene.basal.law, scene.spacing, scene.dtype, len(scene.materials)
     nodes = blocks.nall if law.uses_area else 0
-    _, column = np.unique(blocks.bxyz[:nodes, :2], axis=0, return_inverse=True)
+    places, column = np.unique(blocks.bxyz[:nodes, :2], axis=0, return_inverse=True)
     column = column.ravel().astype(np.int32)
     order = np.argsort(column, kind="stable").astype(np.int32)
     start = np.searchsorted(column[order], np.arange(column.max(initial=-1) + 2))
     count = len(start) - 1
-    dragged, slowed = (nodes, count) if law.drags_column else (0, 0)
+    dragged, slowed, owners = (nodes, count, blocks.nown) if law.drags_column else (0, 0, 0)
+    owners *= not scene.basal.alike
+    shares = np.zeros((slowed, PLAN, releases), real)
+    shares[:, :, :1] = 1.0
     return NodeColumns(
         column, start, order, real(spacing[0] * spacing[1]),
         np.zeros((nodes, PLAN), real), np.zeros((count, PLAN), real), np.zeros((count, PLAN), real),
         np.zeros(dragged, np.bool_), np.zeros((dragged, 4 * PLAN), real), np.zeros((dragged, 4 * PLAN), real),
+        _beside(places[:slowed]), np.zeros((slowed + 1, 6, PLAN), real), np.zeros((owners, REACHED, releases)), shares,
         np.zeros(slowed, np.bool_), np.zeros((slowed, 4 * PLAN), real), np.zeros((slowed, 4)),
     )  # fmt: skip
+
+
+def _beside(places: np.ndarray) -> np.ndarray:
+    """Rows (n, 9) of the ``places`` (n, 2) around each of them, n where there is none; ``places`` are sorted."""
+    count = len(places)
+    found = np.full((count, 9), count, np.int32)
+    rows = {place: row for row, place in enumerate(map(tuple, places.tolist()))}
+    for q in range(9):
+        around = (places + (q // 3 - 1, q % 3 - 1)).tolist()
+        found[:, q] = [rows.get((x, y), count) for x, y in around]
+    return found

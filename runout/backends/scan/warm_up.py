@@ -65,6 +65,8 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
         engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
         if k % 8 == 0:
             engine.ledger(), engine.columns(), engine.flow_columns(), engine.lattice_columns()
+    if scene.basal.law.drags_column and len(scene.materials) > 1:
+        engine.share_releases()
     if engine.structures:
         engine.structures.stop(engine.k, engine.store, engine.workspace.grid, engine.tables)
     engine.particles()

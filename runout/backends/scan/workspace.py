@@ -84,7 +84,7 @@ class Workspace:
             sleep=Sleep(
                 np.zeros(n, np.bool_), *((count(), count(), held.copy(), held.copy()) if scene.sleep_speed else 4 * (held,))
             ),
-            sums=np.zeros((n, SUMS)), total=np.zeros(SUMS), columns=node_columns_of(blocks, scene.basal.law, scene.spacing, real),
+            sums=np.zeros((n, SUMS)), total=np.zeros(SUMS), columns=node_columns_of(blocks, scene),
         )  # fmt: skip
 
     def make_arenas(self, wanted: int) -> None:
