@@ -67,8 +67,8 @@ def slow_columns(
 ) -> tuple[float, np.ndarray]:
     """Change nodal velocities (nodes, 3) [m/s] by the drag on columns of nodes as a whole.
 
-    ``p`` are all particles, ``mass`` (nodes, 1) [kg], ``drags`` (nodes, 1) [kg/m] those of the contacts. Returns the work [J] and the
-    impulse (3,) [N s].
+    ``p`` are all particles, ``mass`` (nodes, 1) [kg], ``drags`` (nodes, 1) [kg/m] those of the contacts. Returns the work [J] and
+    the impulse (3,) [N s].
     """
     total, drag, momentum = (_over_z(stencils, values) for values in (mass, drags, mass * velocity))
     total, drag = total[:, 0], _with_free_drag(scene, p, stencils, (total[:, 0], momentum), drag[:, 0], dt)
@@ -88,7 +88,7 @@ def _over_z(stencils: Any, values: np.ndarray) -> np.ndarray:
 def _with_free_drag(
     scene: Scene, p: Particles, stencils: Any, moving: tuple[np.ndarray, np.ndarray], drag: np.ndarray, dt: float
 ) -> np.ndarray:
-    """The ``drag`` (columns,) [kg/m], and that of columns in flight (:func:`runout.physics.contact.free_column_drag`) where it is 0.
+    """The ``drag`` (columns,) [kg/m], and where it is 0 that of mass in flight (:func:`runout.physics.contact.free_column_drag`).
 
     ``moving`` are mass (columns,) [kg] and momentum (columns, 3) [kg m/s].
     """

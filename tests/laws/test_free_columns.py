@@ -19,6 +19,7 @@ DRAG = Voellmy(mu=0.2, xi=300.0)
 STRONG = Voellmy(mu=0.3, xi=60.0, forest_drag=0.02)
 FAST = (20.0, 5.0, 1.0)
 STEP = 5e-3
+FALL = np.array([0.0, 0.0, GRAVITY * STEP])  # speed that gravity takes from the upward one in a step
 
 
 def lifted(corner=(10.0, 30.0, 6.0), size=(12.0, 12.0, 2.0), velocity=FAST):
@@ -52,7 +53,7 @@ def in_flight(velocity, thickness, law, steps=4):
     """Velocity (3,) of a wide layer in flight: gravity, then s + k s^2 = s_0 with k = g dt / (xi H) + c dt / H, in each step."""
     v, k = np.array(velocity), STEP / thickness * (GRAVITY / law.xi + law.forest_drag)
     for _ in range(steps):
-        v = v - (0.0, 0.0, STEP * GRAVITY)
+        v = v - FALL
         speed = np.linalg.norm(v)
         v = v * (math.sqrt(1.0 + 4.0 * k * speed) - 1.0) / (2.0 * k * speed)
     return v
@@ -72,8 +73,8 @@ def test_layer_in_flight_slows_as_one_on_the_ground(name, law):
 def test_no_part_of_a_mass_in_flight_stops_before_the_others(name):
     """The rim has the mass by area of its neighbours: what it loses is at most twice as much, where half a column is covered."""
     p, _ = moved(name, lifted(), (STRONG,), steps=20)
-    lost = np.linalg.norm(FAST) - np.linalg.norm(p.velocity + (0.0, 0.0, 20 * STEP * GRAVITY), axis=1)
-    expected = np.linalg.norm(FAST) - np.linalg.norm(in_flight(FAST, 2.0, STRONG, 20) + (0.0, 0.0, 20 * STEP * GRAVITY))
+    lost = np.linalg.norm(FAST) - np.linalg.norm(p.velocity + 20 * FALL, axis=1)
+    expected = np.linalg.norm(FAST) - np.linalg.norm(in_flight(FAST, 2.0, STRONG, 20) + 20 * FALL)
     assert lost.min() > 0.9 * expected
     assert lost.max() < 2.0 * expected
 
@@ -81,7 +82,7 @@ def test_no_part_of_a_mass_in_flight_stops_before_the_others(name):
 @BACKENDS
 def test_flight_without_drag_over_the_column_is_free(name):
     p, row = moved(name, lifted(), (VoellmyBase(mu=0.2, xi=60.0),))
-    np.testing.assert_allclose(p.velocity.mean(axis=0), np.array(FAST) - (0.0, 0.0, 4 * STEP * GRAVITY), rtol=1e-9)
+    np.testing.assert_allclose(p.velocity.mean(axis=0), np.array(FAST) - 4 * FALL, rtol=1e-9)
     assert row.basal_dissipation == 0.0
 
 
@@ -89,7 +90,7 @@ def test_flight_without_drag_over_the_column_is_free(name):
 def test_ledger_books_what_flight_loses(name):
     start = lifted()
     p, row = moved(name, start, steps=1)
-    lost = (p.mass[:, None] * (p.velocity - start.velocity)).sum(axis=0) + (0.0, 0.0, p.mass.sum() * STEP * GRAVITY)
+    lost = (p.mass[:, None] * (p.velocity - start.velocity)).sum(axis=0) + p.mass.sum() * FALL
     np.testing.assert_allclose(row.basal_impulse, lost, rtol=1e-6)
     assert row.basal_dissipation == pytest.approx(-(lost @ FAST), rel=0.01)
 

@@ -48,7 +48,8 @@ def bytes_of_areas(friction: BasalFriction | FrictionLaw, particles: int, blocks
 class NodeArrays:
     """Arrays by block on the device of the scope.
 
-    Its arrays are those of :class:`runout.backends.hash.groups.GridGroup`, ``GroundGroup`` and ``ContactGroup``, except:
+    Its arrays are those of :class:`runout.backends.hash.groups.GridGroup`, ``GroundGroup``, ``ContactGroup`` and ``ColumnGroup``,
+    except:
 
     Attributes
     ----------
@@ -91,7 +92,7 @@ class NodeArrays:
         self.make_room(0, 0)
 
     def _columns(self, capacity: int, releases: int) -> Any:
-        """Columns of nodes that drag slows; ``releases`` is the number of those with a friction of their own, 0 without such drag."""
+        """Columns of nodes that drag slows; ``releases`` have a friction of their own, 0 without such drag."""
         real, dragged = self.number, capacity * (releases > 0)
         self.block_drags, self.drag = wp.zeros(36 * dragged, dtype=real), wp.zeros(16 * dragged, dtype=real)
         self.moving, self.book = (wp.zeros(16 * dragged, dtype=self.vec4) for _ in range(2))

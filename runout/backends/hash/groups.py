@@ -120,7 +120,7 @@ class ColumnGroup:
     moving: Nodes  # (16 blocks,) by the first block: mass [kg] and momentum [kg m/s] of a column of nodes
     drag: Reals  # (16 blocks,) likewise: drag of the contacts [kg/m]
     book: Nodes  # (16 blocks,) likewise: work [J] and impulse [N s]
-    masses: Reals  # (36 releases blocks,) mass of each release on the 6 x 6 columns of nodes [kg], where friction differs; else empty
+    masses: Reals  # (36 releases blocks,) mass of each release on 6 x 6 columns of nodes [kg], where friction differs; else empty
 
 
 class StatusGroup:

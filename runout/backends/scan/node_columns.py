@@ -17,7 +17,6 @@ from runout.backends.scan.groups import Blocks
 from runout.backends.scan.particles_to_grid import PLAN
 from runout.model.scene import Scene
 
-
 REACHED = 36  # columns of nodes that the particles of a block reach
 
 
@@ -130,6 +129,6 @@ def _beside(places: np.ndarray) -> np.ndarray:
     found = np.full((count, 9), count, np.int32)
     rows = {place: row for row, place in enumerate(map(tuple, places.tolist()))}
     for q in range(9):
-        around = (places + (q // 3 - 1, q % 3 - 1)).tolist()
-        found[:, q] = [rows.get((x, y), count) for x, y in around]
+        east, north = q // 3 - 1, q % 3 - 1
+        found[:, q] = [rows.get((x + east, y + north), count) for x, y in rows]
     return found
