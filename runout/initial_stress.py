@@ -3,20 +3,18 @@
 from collections.abc import Callable
 from enum import StrEnum
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
-from runout.backends.compile import array_binding
+from runout.backends import resting_loops
+from runout.backends.resting_particles import Press, loops
 from runout.errors import ConfigError, member_of
 from runout.model.materials import Material
 from runout.model.particles import Particles
 from runout.model.release import Release
 from runout.model.scene import STANDARD_GRAVITY, Scene
 from runout.terrain.free_surface import FreeSurface, free_surface
-
-AT_ONCE = 2**15  # particles per chunk; its arrays fit into the cache
-
-Press = Callable[[Particles, np.ndarray, int], None]
 
 
 class InitialStress(StrEnum):
@@ -40,19 +38,47 @@ def pressed_by(scene: Scene, releases: list[Release]) -> Press | None:
         return None
 
     @cache
-    def surface_of(number: int) -> FreeSurface:
-        return free_surface(releases[number], scene.spacing[:2])
+    def slopes_of(number: int) -> Callable[[Particles], tuple[np.ndarray, np.ndarray]]:
+        return _surface_slopes(free_surface(releases[number], scene.spacing[:2]), scene.spacing)
 
     def press(particles: Particles, depth: np.ndarray, number: int) -> None:
-        surface = surface_of(number)
-        x, y, _ = particles.position(np.array(scene.spacing)).T
-        for first in range(0, len(particles), AT_ONCE):
-            part = slice(first, first + AT_ONCE)
-            friction = scene.friction_at(np.full(len(x[part]), number), x[part], y[part])
-            slopes = surface.slopes(x[part], y[part])
-            particles.strain[part] = strain_at_rest(scene.materials[number], depth[part], slopes, friction)
+        friction = _friction_below(particles, scene, number)
+        particles.strain = strain_at_rest(scene.materials[number], depth, slopes_of(number)(particles), friction)
 
     return press
+
+
+def _surface_slopes(
+    surface: FreeSurface, spacing: tuple[float, float, float]
+) -> Callable[[Particles], tuple[np.ndarray, np.ndarray]]:
+    """Function that returns the slopes east and north (n,) [1] of a free surface at particles (:meth:`FreeSurface.slopes`)."""
+    ground, thickness = surface.ground, surface.thickness_slopes
+    lattice = np.ascontiguousarray(ground.coefficients), ground.origin, ground.spacing
+    cells = surface.origin, surface.cell_size, np.zeros((2, 0, 0)) if thickness is None else np.ascontiguousarray(thickness)
+
+    def slopes(particles: Particles) -> tuple[np.ndarray, np.ndarray]:
+        n = len(particles)
+        begins, room, found = np.empty(n, np.int64), np.empty((resting_loops.ROWS, n)), np.empty((2, n))
+        loops().meet_free_surface(particles.node, particles.offset, spacing, *lattice, *cells, begins, room, found[0], found[1])
+        return found[0], found[1]
+
+    return slopes
+
+
+def _friction_below(particles: Particles, scene: Scene, number: int) -> np.ndarray:
+    """Friction coefficients at rest (n,) [1] below particles of release ``number`` (:meth:`Scene.friction_at`)."""
+    basal, n = scene.basal, len(particles)
+    own = basal.at_rest()[number * basal.kinds : (number + 1) * basal.kinds]
+    if basal.kind is None:
+        return np.full(n, own[0])
+    friction, size = np.empty(n), (float(basal.size[0]), float(basal.size[1]))
+    loops().meet_friction(particles.node, particles.offset, scene.spacing, size, basal.kind, own, friction)
+    return friction
+
+
+class _Elasticity(NamedTuple):
+    lame_lambda: float  # [Pa]
+    shear_modulus: float  # [Pa]
 
 
 def strain_at_rest(
@@ -70,26 +96,9 @@ def strain_at_rest(
     friction : ndarray (n,)
         Friction coefficient that acts at the base [1].
     """
-    law = array_binding()
-    geostatic, elastic = law.geostatic, law.elastic
-    east, north = slopes
-    weight = material.density * STANDARD_GRAVITY * np.maximum(depth, 0.0)
-    slope, intercept = material.yield_cone
-    tangent = np.hypot(east, north)
-    normal = np.maximum(weight / (1.0 + tangent**2), 1e-12)
-    cohesion = intercept / normal
-    limit = np.minimum(friction, geostatic.shear_strength(slope, cohesion))
-    share = geostatic.mobilised_share(tangent, limit)
-    ratio = geostatic.lateral_ratio(material.rest_ratio, share * tangent, slope, cohesion)
-    h = elastic.strain_of_stress(geostatic.slope_stress(weight, east, north, share, ratio), material)
-    small = elastic.is_small(4.0 * law.tensors.contracted(h, h))
-    strain = np.empty((len(depth), 6))
-    for chosen, exponential in ((small, _series), (~small, elastic.strain_scaled)):
-        if chosen.any():
-            strain[chosen] = np.stack(exponential(tuple(c[chosen] for c in h)), axis=-1)
+    strain, room = np.empty((len(depth), 6)), np.empty((resting_loops.ROWS, len(depth)))
+    weight, (slope, intercept) = material.density * STANDARD_GRAVITY, material.yield_cone
+    numbers = float(weight), float(slope), float(intercept), float(material.rest_ratio)
+    elasticity = _Elasticity(float(material.lame_lambda), float(material.shear_modulus))
+    loops().press_at_rest(depth, *slopes, friction, *numbers, elasticity, room, strain)
     return strain
-
-
-def _series(h: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-    elastic = array_binding().elastic
-    return elastic.strain_series(tuple(2.0 * c for c in h))  # type: ignore[no-any-return]

@@ -1,7 +1,9 @@
 """Particles in the form that backends exchange: float64 arrays, with one table of types."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +27,7 @@ ARRAYS = {  # name: (dtype, trailing shape)
     "release": (np.int32, ()),
     "identity": (np.int64, ()),
 }
+PLACED = ("node", "offset", "mass", "volume", "radius")  # what particles at rest have without stress, beside their numbers
 
 
 class Sums(NamedTuple):
@@ -85,6 +88,20 @@ class Particles:
         return cls(**arrays)
 
     @classmethod
+    def at_rest(cls, n: int) -> "Particles":
+        """``n`` numbered particles of release 0 without stress, history, motion and forces; the other arrays have no content.
+
+        The zeros are shared and cannot be written.
+        """
+        zero = _zeros(1 << n.bit_length())
+        arrays = {name: np.empty((n, *shape), dtype) for name, (dtype, shape) in ARRAYS.items() if name in PLACED}
+        for name in ARRAYS.keys() - set(PLACED):
+            shape = (n, *ARRAYS[name][1])
+            arrays[name] = zero[: math.prod(shape)].reshape(shape)
+        arrays["release"], arrays["identity"] = np.zeros(n, np.int32), np.arange(n, dtype=np.int64)
+        return cls(**arrays)
+
+    @classmethod
     def at(cls, position: np.ndarray, spacing: np.ndarray) -> "Particles":
         """Particles at local positions (n, 3) [m] on a grid of ``spacing`` (3,) [m]; other arrays are zero."""
         q = np.asarray(position, np.float64) / np.asarray(spacing, np.float64)
@@ -124,6 +141,14 @@ class Particles:
         arrays = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ARRAYS}
         arrays["identity"] = np.arange(len(arrays["mass"]), dtype=np.int64)
         return Particles(**arrays)
+
+
+@lru_cache(maxsize=4)
+def _zeros(n: int) -> np.ndarray:
+    """Zeros for the arrays of ``n`` particles that nobody may write."""
+    zero = np.zeros(9 * n)
+    zero.flags.writeable = False
+    return zero
 
 
 def require_index_range(node: np.ndarray, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
