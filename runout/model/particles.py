@@ -114,6 +114,12 @@ class Particles:
     def __len__(self) -> int:
         return len(self.mass)
 
+    @property
+    def rests(self) -> bool:
+        """Whether velocity, affine matrix, history and force of the ground are the zeros of :meth:`at_rest`."""
+        zero = _zeros(1 << len(self).bit_length())
+        return all(values.base is zero for values in (self.velocity, self.affine, self.history, self.ground_force))
+
     def position(self, spacing: np.ndarray) -> np.ndarray:
         """Local positions (n, 3) [m], float64."""
         return (self.node + self.offset) * np.asarray(spacing, np.float64)
@@ -151,6 +157,12 @@ def _zeros(n: int) -> np.ndarray:
     return zero
 
 
+def node_range(node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest of at least one node (n, 3) along each axis, (3,) int64."""
+    low, high = ([int(extreme(node[:, axis])) for axis in range(3)] for extreme in (np.min, np.max))  # faster than by rows
+    return np.array(low), np.array(high)
+
+
 def require_index_range(node: np.ndarray, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
     """Raise an error unless block indices from the node ``origin`` (3,), by default the lowest, cover particles of nodes (n, 3).
 
@@ -161,7 +173,7 @@ def require_index_range(node: np.ndarray, spacing: tuple[float, float, float], o
     """
     if not len(node):
         return
-    low, high = (end.astype(np.int64) for end in (node.min(axis=0), node.max(axis=0)))
+    low, high = node_range(node)
     start = low if origin is None else origin
     cells = np.maximum(np.abs(low - start), np.abs(high - start))
     worst = int(np.argmax(cells))
