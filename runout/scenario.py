@@ -49,8 +49,8 @@ def build_scene(
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
     """
     from runout import stiffness
+    from runout.backends.initial_stress import InitialStress, pressed_by
     from runout.backends.resting_particles import ReleaseParticles, settled_in
-    from runout.initial_stress import InitialStress, pressed_by
     from runout.release.arrangement import default_particles
     from runout.release.sample import Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare, sdf

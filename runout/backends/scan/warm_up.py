@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends.initial_stress import InitialStress, pressed_by
 from runout.backends.resting_particles import ReleaseParticles, settled_in
 from runout.backends.scan.backend import ScanBackend
 from runout.backends.scan.precompile import WARM_UP
-from runout.initial_stress import InitialStress, pressed_by
 from runout.lifetime import end_with_parent
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
