@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from enum import StrEnum
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -76,11 +75,6 @@ def _friction_below(particles: Particles, scene: Scene, number: int) -> np.ndarr
     return friction
 
 
-class _Elasticity(NamedTuple):
-    lame_lambda: float  # [Pa]
-    shear_modulus: float  # [Pa]
-
-
 def strain_at_rest(
     material: Material, depth: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], friction: np.ndarray
 ) -> np.ndarray:
@@ -99,6 +93,6 @@ def strain_at_rest(
     strain, room = np.empty((len(depth), 6)), np.empty((resting_loops.ROWS, len(depth)))
     weight, (slope, intercept) = material.density * STANDARD_GRAVITY, material.yield_cone
     numbers = float(weight), float(slope), float(intercept), float(material.rest_ratio)
-    elasticity = _Elasticity(float(material.lame_lambda), float(material.shear_modulus))
+    elasticity = resting_loops.Elasticity(float(material.lame_lambda), float(material.shear_modulus))
     loops().press_at_rest(depth, *slopes, friction, *numbers, elasticity, room, strain)
     return strain

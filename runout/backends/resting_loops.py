@@ -5,6 +5,7 @@ Each loop does one thing to all particles of a chunk, on arrays in a row, so tha
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,13 @@ from runout.physics.heightfield import surface_at
 from runout.physics.tensors import contracted, scaled
 
 ROWS = 8  # of ``room``
+
+
+class Elasticity(NamedTuple):
+    """Record of a material; here, since the cache of compiled code names its module."""
+
+    lame_lambda: float  # [Pa]
+    shear_modulus: float  # [Pa]
 
 
 def spread_columns(rows, centre, share, column, jitter, size, plan, above, depth, volume, mass, radius):
