@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,10 +49,10 @@ def build_scene(
     particles are made when a backend loads them (:class:`runout.model.particle_source.ParticleSource`).
     """
     from runout import stiffness
-    from runout.initial_stress import InitialStress, pressed_by
+    from runout.backends.initial_stress import InitialStress, pressed_by
+    from runout.backends.resting_particles import ReleaseParticles, settled_in
     from runout.release.arrangement import default_particles
-    from runout.release.known import onto_known_ground
-    from runout.release.sample import ReleaseParticles, Sampling, particles_per_axis
+    from runout.release.sample import Sampling, particles_per_axis
     from runout.terrain import open_edge, prepare, sdf
     from runout.terrain.crest_window import Mass
 
@@ -85,7 +84,6 @@ def build_scene(
         structures=structures.field if isinstance(structures, Structures) else structures,
     )  # fmt: skip
     how = Sampling(spacing, per_axis, seed)
-    particles = ReleaseParticles(
-        releases, materials, surface, how, press=pressed_by(scene, releases), settle=partial(onto_known_ground, scene=scene)
-    )
+    press = pressed_by(scene, releases)
+    particles = ReleaseParticles(releases, materials, surface, how, press=press, settle=settled_in(scene))
     return scene, particles if in_chunks else gathered(particles)

@@ -183,18 +183,21 @@ class NumbaBinding:
             self._compiled[function] = numba.njit(**self.inlined)(rebound(function, self.names, self._compiled))
         return self._compiled[function]
 
-    def kernels(self, *modules: ModuleType, sources: tuple[ModuleType, ...] = (), **names: Any) -> SimpleNamespace:
+    def kernels(
+        self, *modules: ModuleType, sources: tuple[ModuleType, ...] = (), nogil: bool = False, **names: Any
+    ) -> SimpleNamespace:
         """Functions of kernel modules, compiled in order.
 
         Names that start with an underscore are inlined, the others are kernels: parallel if they call ``prange``,
         and cached on disk. ``names`` replace globals of the modules (the law, for one). Later modules see the
-        kernels of earlier ones. ``sources`` are further modules whose change makes compiled code stale.
+        kernels of earlier ones. ``sources`` are further modules whose change makes compiled code stale. With ``nogil``, other
+        threads of Python run meanwhile.
         """
         import numba
 
         labels = (f"contract={self.contract}", *(f"{k}={_label(v)}" for k, v in sorted(names.items())))
         key = source_key((*PHYSICS, *modules, *sources), self.real.__name__, *labels)
-        own: dict[str, Any] = {**self.options, "cache": True, "no_cfunc_wrapper": True}  # called from Python, never from C
+        own: dict[str, Any] = {**self.options, "cache": True, "no_cfunc_wrapper": True, "nogil": nogil}  # never called from C
         inline = numba.njit(**self.inlined)
         compiled = dict(self._compiled)
         space = SimpleNamespace()

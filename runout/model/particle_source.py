@@ -84,7 +84,7 @@ class CompactParticles:
         """The particles in their order."""
         first = 0
         for arrays, release in self.parts:
-            chunk = Particles.zeros(len(arrays["mass"]))
+            chunk = Particles.at_rest(len(arrays["mass"]))
             for name, values in arrays.items():
                 setattr(chunk, name, values)
             chunk.release[:], chunk.identity[:] = release, chunk.identity + first

@@ -1,7 +1,9 @@
 """Particles in the form that backends exchange: float64 arrays, with one table of types."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +27,7 @@ ARRAYS = {  # name: (dtype, trailing shape)
     "release": (np.int32, ()),
     "identity": (np.int64, ()),
 }
+PLACED = ("node", "offset", "mass", "volume", "radius")  # what particles at rest have without stress, beside their numbers
 
 
 class Sums(NamedTuple):
@@ -85,6 +88,20 @@ class Particles:
         return cls(**arrays)
 
     @classmethod
+    def at_rest(cls, n: int) -> "Particles":
+        """``n`` numbered particles of release 0 without stress, history, motion and forces; the other arrays have no content.
+
+        The zeros are shared and cannot be written.
+        """
+        zero = _zeros(1 << n.bit_length())
+        arrays = {name: np.empty((n, *shape), dtype) for name, (dtype, shape) in ARRAYS.items() if name in PLACED}
+        for name in ARRAYS.keys() - set(PLACED):
+            shape = (n, *ARRAYS[name][1])
+            arrays[name] = zero[: math.prod(shape)].reshape(shape)
+        arrays["release"], arrays["identity"] = np.zeros(n, np.int32), np.arange(n, dtype=np.int64)
+        return cls(**arrays)
+
+    @classmethod
     def at(cls, position: np.ndarray, spacing: np.ndarray) -> "Particles":
         """Particles at local positions (n, 3) [m] on a grid of ``spacing`` (3,) [m]; other arrays are zero."""
         q = np.asarray(position, np.float64) / np.asarray(spacing, np.float64)
@@ -96,6 +113,12 @@ class Particles:
 
     def __len__(self) -> int:
         return len(self.mass)
+
+    @property
+    def rests(self) -> bool:
+        """Whether velocity, affine matrix, history and force of the ground are the zeros of :meth:`at_rest`."""
+        zero = _zeros(1 << len(self).bit_length())
+        return all(values.base is zero for values in (self.velocity, self.affine, self.history, self.ground_force))
 
     def position(self, spacing: np.ndarray) -> np.ndarray:
         """Local positions (n, 3) [m], float64."""
@@ -126,6 +149,20 @@ class Particles:
         return Particles(**arrays)
 
 
+@lru_cache(maxsize=4)
+def _zeros(n: int) -> np.ndarray:
+    """Zeros for the arrays of ``n`` particles that nobody may write."""
+    zero = np.zeros(9 * n)
+    zero.flags.writeable = False
+    return zero
+
+
+def node_range(node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest of at least one node (n, 3) along each axis, (3,) int64."""
+    low, high = ([int(extreme(node[:, axis])) for axis in range(3)] for extreme in (np.min, np.max))  # faster than by rows
+    return np.array(low), np.array(high)
+
+
 def require_index_range(node: np.ndarray, spacing: tuple[float, float, float], origin: np.ndarray | None = None) -> None:
     """Raise an error unless block indices from the node ``origin`` (3,), by default the lowest, cover particles of nodes (n, 3).
 
@@ -136,7 +173,7 @@ def require_index_range(node: np.ndarray, spacing: tuple[float, float, float], o
     """
     if not len(node):
         return
-    low, high = (end.astype(np.int64) for end in (node.min(axis=0), node.max(axis=0)))
+    low, high = node_range(node)
     start = low if origin is None else origin
     cells = np.maximum(np.abs(low - start), np.abs(high - start))
     worst = int(np.argmax(cells))

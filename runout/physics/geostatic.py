@@ -12,6 +12,7 @@ No function branches, so that all accept arrays as well.
 import math
 from typing import Any
 
+from runout.physics.elastic import strain_of_stress
 from runout.physics.tensors import real, sym
 
 
@@ -73,3 +74,20 @@ def slope_stress(weight: Any, east: Any, north: Any, share: Any, ratio: Any):
     c = -normal * cos2 * (real(1.0) - ratio + real(2.0) * share * square)
     pressed = normal * ratio
     return sym(a * east * east - pressed, a * north * north - pressed, c - pressed, a * east * north, b * north, b * east)
+
+
+def strain_at_rest(
+    weight: Any, east: Any, north: Any, tangent: Any, friction: Any, slope: Any, intercept: Any, rest: Any, mat: Any
+):
+    """Hencky strain h [1] of a mass under its own weight, below a free surface.
+
+    ``weight`` [Pa], ``east`` and ``north`` [1] as in :func:`slope_stress`; ``tangent`` [1] is the length of both slopes. The
+    ``friction`` coefficient [1] acts at the base; ``slope`` and ``intercept`` [Pa] are M and q_c of the yield cone; ``rest`` is the
+    ratio K [1] at rest.
+    """
+    normal = max(weight / (real(1.0) + tangent * tangent), real(1.0e-12))
+    cohesion = intercept / normal
+    limit = min(friction, shear_strength(slope, cohesion))
+    share = mobilised_share(tangent, limit)
+    ratio = lateral_ratio(rest, share * tangent, slope, cohesion)
+    return strain_of_stress(slope_stress(weight, east, north, share, ratio), mat)

@@ -11,9 +11,9 @@ from test_friction_zones import CELLS, UNIT, random_zones, zones
 
 import runout
 from runout.backends.compile import array_binding
+from runout.backends.initial_stress import strain_at_rest
 from runout.backends.protocol import get_backend
 from runout.errors import ConfigError
-from runout.initial_stress import strain_at_rest
 from runout.model import basal_strength
 from runout.run import Run, RunControl
 from runout.scenario import build_scene

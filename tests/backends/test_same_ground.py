@@ -5,7 +5,7 @@ import pytest
 from scenes import SAND, at, loaded, scene
 
 from runout import Placement, Release, Terrain
-from runout.release.sample import sample_particles
+from runout.backends.resting_particles import sample_particles
 from runout.terrain import sdf
 from runout.terrain.crest_window import Mass
 

@@ -178,6 +178,7 @@ CASES = [
     Case(geostatic.acting_friction, "ss", "s", (angle, angle)),
     Case(geostatic.mobilised_share, "ss", "s", (angle, angle)),
     Case(geostatic.lateral_ratio, "ssss", "s", (angle, between(0.0, 0.4), between(0.7, 1.7), between(0.0, 0.1))),
+    Case(geostatic.strain_at_rest, "ssssssssm", "y", (modulus, number, number, angle, angle, between(0.7, 1.7), modulus, angle)),
     Case(geostatic.slope_stress, "sssss", "y", (modulus, number, number, angle, angle)),
     Case(contact.in_contact, "ssss", "b", (between(-0.1, 0.1), between(-5.0, 5.0), step, between(0.001, 0.02))),
     Case(contact.normal_target, "sss", "s", (between(-5.0, 5.0), between(-0.1, 0.1), between(1e-3, 1e-2))),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from symmetric import matrix
 
 from runout import DruckerPrager, Elastic, GranularFlow
-from runout.initial_stress import strain_at_rest
+from runout.backends.initial_stress import strain_at_rest
 from runout.materials.drucker_prager import Cone
 from runout.model.laws import LAWS, law_of
 from runout.physics import elastic, geostatic

@@ -7,13 +7,13 @@ import pytest
 
 from runout import Release, Terrain
 from runout.accuracy import PARTICLES_PER_CELL
+from runout.backends.resting_particles import sample_particles
 from runout.materials.drucker_prager import DruckerPrager
 from runout.materials.elastic import Elastic
 from runout.materials.granular_flow import GranularFlow
 from runout.model.friction import FrictionZones
 from runout.model.surface import Surface
 from runout.release.arrangement import LEVEL, default_particles, particles_for
-from runout.release.sample import sample_particles
 
 SAND = DruckerPrager(density=2000.0, youngs_modulus=8e6, friction_angle=30.0)
 CELL, SIDE, DEPTH = 2.0, 40, 10.0  # [m], cells of the raster, thickness of the mass [m]

@@ -144,7 +144,7 @@ def test_a_run_that_cannot_fit_is_refused_before_anything_is_calibrated(tmp_path
     def refused(*arguments):
         pytest.fail("particles were made")
 
-    monkeypatch.setattr("runout.release.sample.sample_particles", refused)
+    monkeypatch.setattr("runout.backends.resting_particles.sample_particles", refused)
     fine = SITE.replace("cell_size: 10", "cell_size: 0.25")
     code, out = said(capsys, "check", write_site(tmp_path / "budget", fine + "budget: {memory_gb: 2}\n"))
     assert code == ExitCode.OVER_BUDGET
@@ -157,7 +157,8 @@ def test_a_run_that_cannot_fit_is_refused_before_anything_is_calibrated(tmp_path
 
 
 def test_check_makes_no_particles(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("runout.release.sample.ReleaseParticles.chunks", lambda *given: pytest.fail("particles were made"))
+    made = "runout.backends.resting_particles.ReleaseParticles.chunks"
+    monkeypatch.setattr(made, lambda *given: pytest.fail("particles were made"))
     code, out = said(capsys, "check", write_site(tmp_path / "ramp"))
     assert code == ExitCode.OK
     assert out.startswith("particles 288 in the member with the largest volume")

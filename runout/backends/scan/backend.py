@@ -38,7 +38,7 @@ from runout.backends.scan.workspace import Workspace
 from runout.backends.state import State, put_arrays
 from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particle_source import ParticleSource, slices
-from runout.model.particles import Particles, require_index_range
+from runout.model.particles import Particles, node_range, require_index_range
 from runout.model.scene import Scene
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
@@ -76,7 +76,7 @@ class ScanBackend:
         self.gradients = GradientTransfer(scene) if uses_gradient_transfer(scene) else None
         self.workers.divide(len(nodes))
         self.totals = Totals(speed)
-        corner = nodes.min(0).astype(np.int64) if len(nodes) else np.zeros(3, np.int64)
+        corner = node_range(nodes)[0] if len(nodes) else np.zeros(3, np.int64)
         self.tables = Tables.of(scene, particles.sums(scene.densities).mean_volume, corner)
         require_index_range(nodes, scene.spacing, corner)
         nodes -= corner.astype(np.int32)
@@ -110,7 +110,7 @@ class ScanBackend:
         slot += np.repeat((b.first - before).astype(np.int32), b.held)
         self.store = Store.of(capacity(end), end, n, self.scene)
         for part, chunk in slices(particles):
-            self.store.put(rank[part], slot[rank[part]], chunk, self.scene)
+            self.store.put(rank[part], slot, chunk, self.scene)
         self.store.share_radius()
         self._rebuild(found)
         self.k.mark_slots(self.store.particles, self.index.blocks)

@@ -20,6 +20,7 @@ from numba import prange
 
 from runout.backends.scan.groups import Blocks
 from runout.errors import CapacityError, ConfigError
+from runout.model.particles import node_range
 from runout.physics.blocks import block_of
 
 OWNER = 1
@@ -65,7 +66,7 @@ class Index:
         rank = np.zeros(len(node), np.int32)
         if not len(node):
             return rank, cls.of_size(0, 0)
-        low, high = node.min(0) >> 2, node.max(0) >> 2
+        low, high = (end >> 2 for end in node_range(node))
         _require_table(((high + 1) >> 3) - ((low - 1) >> 3) + 1)
         shape = high - low + 1
         keys = _keys(node, low, shape)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+from runout.backends import resting_loops
 from runout.backends.compile import PHYSICS, NumbaBinding, numba_binding
 from runout.backends.lanes import memory, shuffles, vectors
 from runout.backends.scan import (
@@ -24,6 +25,7 @@ from runout.backends.scan import (
     particles_to_grid,
     precompile,
     raster_sums,
+    records,
     rest,
     slots,
     sort,
@@ -85,7 +87,7 @@ BY_GRADIENTS = (
     gradients,
 )  # of transfers other than the packed one, and of F-bar
 BY_STRUCTURES = (structure_groups, structure_detection, structure_solution)
-SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, tile, grid_to_particles, *LANES, precompile)
+SOURCES = (*PHYSICS, *COMMON, contact_solution, domain, tile, grid_to_particles, *LANES, precompile, resting_loops, records)
 BY_TYPES = ("cut_tiles",)  # take arrays of the scene, whose types are looked up in each call
 _MADE: dict[tuple[str, Law, FrictionLaw, bool, str], SimpleNamespace] = {}
 

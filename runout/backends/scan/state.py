@@ -11,14 +11,16 @@ A block owns a range of slots, in which its particles lie in any order.
 """
 
 from dataclasses import dataclass
+from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from runout.backends.scan import groups
-from runout.model.particles import Particles
+from runout.backends.compile import numba_binding
+from runout.backends.scan import groups, records
+from runout.model.particles import ARRAYS, Particles
 from runout.model.scene import Scene
-from runout.physics.moments import momentum_at
 
 PADDING = 64  # slots after the last that vectors may read and write
 LONGEST_LIST = 1024  # of holes between the slots of blocks
@@ -81,15 +83,14 @@ class Store:
         )
         return cls(particles, radius, n, end, np.zeros((LONGEST_LIST, 2), np.int64), 0, 0, 0, n, 0.0)
 
-    def put(self, particle_index: np.ndarray, slot: np.ndarray, p: Particles, scene: Scene) -> None:
-        """Put particles with some indices (m,) into slots (m,); the records hold no stress yet (time step 0)."""
-        particles = self.particles
-        particles.force[particle_index, 1:] = p.ground_force
-        particles.label[particle_index, 0], particles.label[particle_index, 1] = p.release, p.identity
-        particles.particle_index[slot] = particle_index
-        _fill(particles, slot, p, scene)
-        self.radius[particle_index] = p.radius
-        self.largest_radius = max(self.largest_radius, float(p.radius.max(initial=0.0)))
+    def put(self, particle_index: np.ndarray, slots: np.ndarray, p: Particles, scene: Scene) -> None:
+        """Put particles with some indices (m,) into the ``slots`` of all; the records hold no stress yet (time step 0)."""
+        names = "release", "identity", "mass", "volume", "radius", "offset", "strain"
+        radius = _loops().put_particles(self.particles, particle_index, slots, *(_plain(p, name) for name in names))
+        self.largest_radius = max(self.largest_radius, radius)
+        if not p.rests:
+            moving = (_plain(p, name) for name in ("mass", "offset", "velocity", "affine", "history", "ground_force"))
+            _loops().set_in_motion(self.particles, particle_index, slots, *moving, scene.spacing)
 
     def share_radius(self) -> None:
         """Once all particles are there: one number for all radii if they are the same."""
@@ -136,16 +137,15 @@ def _slots(slots: int, width: tuple[int, ...], kind: Any) -> np.ndarray:
     return _zeros(slots + PADDING, width[0], kind) if width else np.zeros(slots + PADDING, kind)
 
 
-def _fill(particles: groups.Particles, slot: np.ndarray, p: Particles, scene: Scene) -> None:
-    """Write records and states of particles into slots (n,)."""
-    rec, state = particles.rec, particles.state
-    rec[slot, 0] = p.mass
-    slopes = [p.mass * p.affine[:, :, j].T * scene.spacing[j] for j in range(3)]
-    for j, slope in enumerate(slopes):
-        rec[slot, 4 + 4 * j] = p.offset[:, j]
-        rec[slot, 5 + 4 * j : 8 + 4 * j] = slope.T
-    rec[slot, 1:4] = np.column_stack(momentum_at(p.mass * p.velocity.T, slopes[0], slopes[1], slopes[2], 1.0 - p.offset.T))
-    state[slot, :6], state[slot, 6], state[slot, 7] = p.strain, p.history, p.volume
+@cache
+def _loops() -> SimpleNamespace:
+    """The compiled loops of :mod:`runout.backends.scan.records`."""
+    return numba_binding(np.float64, contract=False).kernels(records, nogil=True)
+
+
+def _plain(p: Particles, name: str) -> np.ndarray:
+    """An array of particles in the one form that compiled loops take."""
+    return np.require(getattr(p, name), ARRAYS[name][0], ("C", "W"))
 
 
 def bytes_of(*parts: Any, **arrays: np.ndarray) -> dict[str, int]:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from runout.backends.initial_stress import InitialStress, pressed_by
+from runout.backends.resting_particles import ReleaseParticles, settled_in
 from runout.backends.scan.backend import ScanBackend
 from runout.backends.scan.precompile import WARM_UP
 from runout.lifetime import end_with_parent
@@ -15,9 +17,12 @@ from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.particles import Particles
+from runout.model.release import Release
 from runout.model.scene import Raster, Scene
 from runout.model.structures import Patches, StructureField
 from runout.model.surface import Surface
+from runout.model.terrain import Terrain
+from runout.release.sample import Sampling
 
 CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
@@ -53,6 +58,7 @@ def warm_up_ahead() -> None:
     The first process finds them in the cache.
     """
     scene, _, kind = _job()
+    _fill_release(scene)
     engine = ScanBackend(threads=1)
     engine.load(replace(scene, **VARIANTS[kind.split()[0]][0]), Particles.zeros(0))
     engine.pass_second_half(scene.stable_step(SPEED))
@@ -75,6 +81,17 @@ def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
     dense.load(replace(scene, surface=None) if free else scene, particles)
     if free:
         dense.step(dense.stable_step())
+
+
+def _fill_release(scene: Scene) -> None:
+    """Make the particles of a small release."""
+    terrain = Terrain(np.zeros((CELLS, CELLS)), scene.raster.cell_size)
+    release, ground = Release(np.ones((CELLS, CELLS)), terrain), scene.ground
+    assert ground is not None
+    how, settle = Sampling(scene.spacing, (1, 1, 1)), settled_in(scene)
+    press = pressed_by(replace(scene, initial_stress=InitialStress.AT_REST), [release])
+    for _ in ReleaseParticles([release], scene.materials[:1], ground, how, press=press, settle=settle).chunks():
+        pass
 
 
 def side_wall() -> StructureField:
