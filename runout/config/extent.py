@@ -10,6 +10,7 @@ import numpy as np
 from runout import __version__
 from runout.config.fetch import locate
 from runout.config.friction import ANGLE, KEY, sampled_ranges
+from runout.config.stated_at import stated_at
 from runout.errors import DemError
 from runout.io.opening import BYTES_PER_CELL
 from runout.io.provenance import checksum
@@ -73,7 +74,8 @@ def needed_extent(site: "Site") -> DerivedExtent | None:
     from runout.terrain.read import read_header
 
     stated = site.settings.terrain
-    header = read_header(locate(stated.dem, site.folder), stated.crs)
+    with stated_at(site.file, "terrain", "dem"):
+        header = read_header(locate(stated.dem, site.folder), stated.crs)
     if header.cells <= LARGEST_WHOLE:
         return None
     boxes = [release_bounds(release, site.folder, header) for release in site.settings.release]

@@ -76,6 +76,9 @@ def own_parameters(attributes: bool) -> Callable[[Any, ValidationInfo], Any]:
         fields = own_model(law).model_fields
         named = {key for key, value in block.items() if attributes and isinstance(value, str) and key in fields}
         numbers = own_model(law).model_validate({key: value for key, value in block.items() if key not in named})
+        empty = next((key for key, value in block.items() if value is None), None)
+        if empty is not None:
+            raise refuse("has no value; a number is needed", "write it, or remove the key", empty)
         return {key: value if key in named else getattr(numbers, key) for key, value in block.items()}
 
     return checked

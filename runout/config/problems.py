@@ -1,14 +1,14 @@
 """Converts errors of pydantic into problems in terms of site.yaml: place, value, remedy."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from runout.config.distributions import DISTRIBUTIONS
-from runout.config.document import Document, Location
-from runout.config.friction import BLOCK, KEY, own_model, stated_law
+from runout.config.document import Document, Location, dotted
+from runout.config.friction import BLOCK, KEY, PREFIX, own_model, stated_law
 from runout.config.law_block import LawSettings
 from runout.config.material import known_law, parameters_model, sampled_ranges, settings_of
 from runout.config.remote import RemoteFile
@@ -52,7 +52,7 @@ def _problem(details: Mapping[str, Any], document: Document) -> Problem:
     if kind == "missing":
         return document.problem(location, "required key is missing", _missing_fix(field))
     if kind == "extra_forbidden":
-        return document.problem(location, "unknown key", _unknown_fix(str(location[-1]), model, document))
+        return document.problem(location, "unknown key", _unknown_fix(location, model, document))
     if kind == "union_tag_invalid":
         return _not_chosen(location, context, value, document)
     message, fix = _wrong_value(kind, context, value, details["msg"], field)
@@ -103,17 +103,51 @@ def _missing_fix(field: FieldInfo | None) -> str:
     return f"add it: {field.description}" + (f" [{unit}]" if unit else "")
 
 
-def _unknown_fix(word: str, model: type[BaseModel], document: Document) -> str:
-    near = nearest(word, model.model_fields)
+def _unknown_fix(location: Location, model: type[BaseModel], document: Document) -> str:
+    word, fields = str(location[-1]), _possible(location, model, document)
+    long = word.removeprefix(f"{KEY}_")  # also with the name of the block before it
+    near = next((key for key in fields if {PREFIX + word, PREFIX + long, word.removeprefix(PREFIX)} & {key}), None)
+    near = near or nearest(word, fields)
     if near:
         return f"did you mean {near!r}?"
     laws = _laws_with(word, model)
     if laws:
         return f"it belongs to law: {laws[0]}; state that law, or remove the key"
-    homes = [section for section, fields in _sections(document).items() if word in fields]
+    inside = [dotted((*location[:-1], key)) for key, inner in _blocks_of(model).items() if word in inner.model_fields]
+    if inside and len(location) > 1:
+        return f"it belongs under {' or '.join(map(repr, inside))}"
+    homes = [section for section, keys in _sections(document).items() if word in keys and _may_move(location, section)]
     if homes:
         return f"it belongs under {homes[0]!r}" if homes[0] else "it belongs to the top of the file, without indentation"
-    return f"choose among {', '.join(model.model_fields)}"
+    return f"choose among {', '.join(fields)}"
+
+
+def _possible(location: Location, model: type[BaseModel], document: Document) -> list[str]:
+    """Keys of a model; of sampled parameters only those of the laws of the file."""
+    if location[:-1] != ("ensemble", "parameters"):
+        return list(model.model_fields)
+    return list(sampled_ranges(known_law(document.value(("material",))), stated_law(document.values)))
+
+
+def _may_move(location: Location, section: str) -> bool:
+    """Whether a key at a location can have slipped out of a section: into the top of the file, or from one block into another.
+
+    The entries of lists, and the blocks inside of other blocks, have keys of common names such as ``file``.
+    """
+    block = SiteSettings.model_fields.get(section)
+    is_list = block is not None and _is_list(block.annotation)
+    return len(location) == 1 or (len(location) == 2 and not is_list and (bool(section) or location[-1] != "name"))
+
+
+def _is_list(annotation: Any) -> bool:
+    """Whether a type is a list, or a union with one."""
+    return get_origin(annotation) is list or any(_is_list(part) for part in get_args(annotation))
+
+
+def _blocks_of(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
+    """Models of the keys of a model that are blocks or lists of blocks."""
+    inner = {key: inner_model(field.annotation) for key, field in model.model_fields.items()}
+    return {key: found for key, found in inner.items() if found}
 
 
 def _laws_with(word: str, model: type[BaseModel]) -> list[str]:

@@ -105,17 +105,17 @@ def _contradictions(document: Document) -> Iterator[Problem]:
     names = [r.get("name", "release") for r in releases]
     simulation = document.value(("simulation",))
     for conflicts in (device_conflicts, accuracy_conflicts) if isinstance(simulation, dict) else ():
-        for key, message, fix in conflicts(simulation):
+        for key, message, fix in conflicts({k: v for k, v in simulation.items() if v is not None}):
             yield document.problem(("simulation", key) if key else ("simulation",), message, fix)
     for i, release in enumerate(releases):
-        for key, message, fix in release_conflicts({k: v for k, v in release.items() if v is not None}):
+        for key, message, fix in release_conflicts({k: v for k, v in release.items() if v is not None}) if release else ():
             yield document.problem(("release", i, key) if key else ("release", i), message, fix)
         if names[i] in names[:i]:
             place: Location = ("release", i, "name")
             yield document.problem(place, f"two releases are called {names[i]!r}", "give each its own name")
         yield from _own_friction(document, ("release", i), release, sampled)
     for i, zone in enumerate(_overlays(document, "friction_zones")):
-        for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}):
+        for key, message, fix in zone_conflicts({k: v for k, v in zone.items() if v is not None}) if zone else ():
             yield document.problem(("terrain", "friction_zones", i, key) if key else ("terrain", "friction_zones", i), message, fix)
         yield from _own_friction(document, ("terrain", "friction_zones", i), zone, {})
     for i, structure in enumerate(_blocks(document, ("structures",))):

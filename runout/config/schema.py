@@ -46,8 +46,8 @@ def zone_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
     """Conflicts between keys of a friction zone."""
     stated = [key for key in ("factor", ANGLE, KEY) if key in given]
     if len(stated) != 1:
-        said = f"{stated[0]} and {stated[1]} are both given" if stated else f"neither factor nor {ANGLE} is given"
-        yield "", said, f"give one of them: factor multiplies the friction of the mass, the angle or {KEY} replaces it"
+        said = f"{stated[0]} and {stated[1]} are both given" if stated else f"none of factor, {ANGLE} and {KEY} is given"
+        yield "", said, f"give one of them: factor multiplies the friction of the mass, {ANGLE} or {KEY} replaces it"
 
 
 def friction_conflicts(given: Mapping[str, Any]) -> Iterator["Conflict"]:
@@ -305,7 +305,7 @@ class SimulationSettings(Settings):
             return validated(stated)
         chosen = PRESETS.get(stated["accuracy"]) if isinstance(stated.get("accuracy"), str) else None
         made = validated(stated if chosen is None else {"cfl": chosen.cfl, **stated})
-        _raise_first(accuracy_conflicts(stated))
+        _raise_first(accuracy_conflicts({key: value for key, value in stated.items() if value is not None}))
         return made
 
     @model_validator(mode="after")

@@ -287,7 +287,7 @@ class Site:
     @property
     def observed(self) -> SiteObservations:
         """What site.yaml says of observations. Members do not depend on them."""
-        return SiteObservations(self.settings.observations, self.folder)
+        return SiteObservations(self.settings.observations, self.file)
 
     def observation_checksums(self) -> list[tuple[str, str]]:
         """Names and checksums of the files of the observations, and of the areas behind dams.

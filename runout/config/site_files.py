@@ -1,6 +1,6 @@
 """The input files of a site, read as site.yaml states: elevations, obstacles, friction zones and releases."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +9,7 @@ from runout.config.fetch import locate
 from runout.config.schema import ReleaseSettings, SiteSettings
 from runout.config.site_friction import SiteFriction
 from runout.config.site_structures import SiteStructures
+from runout.config.stated_at import release_number, stated_at
 from runout.io.side_files import files_of
 from runout.io.source_kinds import is_mesh, sample_path
 
@@ -42,6 +43,10 @@ class SiteFiles:
         DemError
             If they cannot be used.
         """
+        with stated_at(self.file, "terrain", "dem"):
+            return self._elevations(extent)
+
+    def _elevations(self, extent: "Sequence[float] | None") -> "Terrain":
         stated = self.settings.terrain
         edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
         if is_mesh(stated.dem):
@@ -69,8 +74,9 @@ class SiteFiles:
         DemError
             If obstacles cannot be used.
         """
-        for obstacle in self.settings.terrain.obstacles or []:
-            terrain = terrain.with_obstacles(self._located(obstacle.polygons), obstacle.height, obstacle.layer)
+        for i, obstacle in enumerate(self.settings.terrain.obstacles or []):
+            with stated_at(self.file, "terrain", "obstacles", i):
+                terrain = terrain.with_obstacles(self._located(obstacle.polygons), obstacle.height, obstacle.layer)
         return terrain
 
     def friction_zones(self, terrain: "Terrain") -> "FrictionZones | None":
@@ -84,15 +90,28 @@ class SiteFiles:
         stated, rasters = self.settings.terrain.friction_zones, self.settings.terrain.friction_rasters
         if not stated and not rasters:
             return None
-        from runout.terrain.friction_rasters import read_friction_rasters
-        from runout.terrain.zones import read_zones, together
+        from runout.terrain.zones import together
 
-        law = SiteFriction(self.settings).law.name
-        paths = {key: self._located(path) for key, path in (rasters or {}).items()}
-        gridded = read_friction_rasters(paths, terrain, law=law) if paths else None
-        given = [(z, z.model_dump(exclude={"polygons"})) for z in stated or []]
-        zones = [read_zones(self._located(z.polygons), terrain, law=law, **choices) for z, choices in given]
+        gridded = self._friction_rasters(rasters, terrain) if rasters else None
+        zones = [self._zones(i, terrain) for i in range(len(stated or []))]
         return together(zones, gridded) if zones else gridded
+
+    def _friction_rasters(self, rasters: Mapping[str, str], terrain: "Terrain") -> "FrictionZones":
+        from runout.terrain.friction_rasters import read_friction_rasters
+
+        paths = {key: self._located(path) for key, path in rasters.items()}
+        with stated_at(self.file, "terrain", "friction_rasters"):
+            return read_friction_rasters(paths, terrain, law=SiteFriction(self.settings).law.name)
+
+    def _zones(self, number: int, terrain: "Terrain") -> "FrictionZones":
+        """The friction zones of one entry."""
+        from runout.terrain.zones import read_zones
+
+        assert self.settings.terrain.friction_zones is not None
+        stated = self.settings.terrain.friction_zones[number]
+        law, choices = SiteFriction(self.settings).law.name, stated.model_dump(exclude={"polygons"})
+        with stated_at(self.file, "terrain", "friction_zones", number):
+            return read_zones(self._located(stated.polygons), terrain, law=law, **choices)
 
     def obstacles(self, terrain: "Terrain") -> list[tuple[Any, float]]:
         """Polygons (shapely, map coordinates) of the obstacles on the terrain, each with its height [m].
@@ -116,7 +135,12 @@ class SiteFiles:
         ReleaseError
             If a release cannot be used.
         """
-        return [self._release(stated, terrain) for stated in self.settings.release]
+        return [self._placed_release(stated, terrain) for stated in self.settings.release]
+
+    def _placed_release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
+        key = "raster" if stated.polygons is None else "polygons"
+        with stated_at(self.file, "release", release_number(self.file, stated.name), key):
+            return self._release(stated, terrain)
 
     def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
         from runout.release.read import read_raster, read_vector

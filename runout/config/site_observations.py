@@ -9,6 +9,7 @@ import numpy as np
 
 from runout.config.fetch import locate
 from runout.config.observations import FILE_KEYS, DepositSettings, DifferenceSettings, ObservationSettings
+from runout.config.stated_at import stated_at
 from runout.errors import InputError
 from runout.io.side_files import files_of
 
@@ -25,12 +26,12 @@ class SiteObservations:
     ----------
     settings : ObservationSettings or None
         What site.yaml states.
-    folder : Path
-        Folder of the site.
+    file : Path
+        The site.yaml; other paths are relative to its folder.
     """
 
     settings: ObservationSettings | None
-    folder: Path
+    file: Path
 
     def paths(self) -> list[Path]:
         """All files with their side files; public files are downloaded.
@@ -71,7 +72,8 @@ class SiteObservations:
         problems = []
         for name, _ in self._stated():
             try:
-                found, said = readers[name](getattr(self.settings, name), terrain)
+                with stated_at(self.file, "observations", name):
+                    found, said = readers[name](getattr(self.settings, name), terrain)
                 parts |= found
                 changes += said
             except InputError as error:
@@ -130,4 +132,4 @@ class SiteObservations:
                 yield name, getattr(stated, key)
 
     def _located(self, source: Any) -> Path:
-        return Path(locate(source, self.folder))
+        return Path(locate(source, self.file.parent))

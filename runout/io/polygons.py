@@ -1,6 +1,7 @@
 """Reads and checks the polygons of a vector file and transforms them to the map coordinates of the terrain."""
 
 import difflib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,7 +99,9 @@ class PolygonLayer:
 
     def lacks(self, attribute: str, what: str) -> str:
         """Message on an attribute that the layer does not have, with the nearest that it has."""
-        return f"{self.source}: no attribute {attribute!r} for the {what}{self._nearest(attribute)}"
+        number = re.match(r"\s*[-+]?\d+([.,]\d+)?", attribute)
+        meant = f"; for a number write {number[0].strip().replace(',', '.')}, without a unit" if number else ""
+        return f"{self.source}: no attribute {attribute!r} for the {what}{meant or self._nearest(attribute)}"
 
     def _nearest(self, attribute: str) -> str:
         near = difflib.get_close_matches(attribute, map(str, self.attributes.columns), n=1, cutoff=0.4)
@@ -169,7 +172,7 @@ def _require_polygons(path: Path, geometry: np.ndarray, what: str) -> None:
         raise ReleaseError(f"{path}: feature {empty[0] + 1} has no geometry; delete it or draw its polygon")
     other = sorted({g.geom_type for g in geometry} - {"Polygon", "MultiPolygon"})
     if other:
-        raise ReleaseError(f"{path}: holds {' and '.join(other)}; a {what} needs polygons around it")
+        raise ReleaseError(f"{path}: holds {' and '.join(other)}; draw polygons around the {what}")
 
 
 def _crossed(path: Path, geometry: np.ndarray) -> dict[int, str]:

@@ -129,7 +129,7 @@ class Basemap:
         return slice(0, len(self.northing)), slice(0, len(self.easting))
 
     def window(self, reached: np.ndarray, margin: float = 0.18) -> Window:
-        """Window (rows, columns) around the cells of ``reached`` and the releases, with a margin and a common aspect ratio."""
+        """Window (rows, columns) around what was reached, released and observed, with a margin and a common aspect ratio."""
         west, east, south, north = self._bounds(reached)
         dx, dy = self.cell_size
         width = max((east - west) * (1 + 2 * margin), FEWEST_CELLS * dx)
@@ -140,7 +140,7 @@ class Basemap:
         return rows, columns
 
     def _bounds(self, reached: np.ndarray) -> tuple[float, float, float, float]:
-        boxes = [o.bounds for o in self.outlines]
+        boxes = [o.bounds for o in self.outlines] + self._observed_boxes()
         if reached.any():
             x, y = self.easting[reached.any(axis=0)], self.northing[reached.any(axis=1)]
             boxes.append((x.min(), y.min(), x.max(), y.max()))
@@ -149,6 +149,14 @@ class Basemap:
             return west, east, south, north
         low, high = np.min(boxes, axis=0), np.max(boxes, axis=0)
         return float(low[0]), float(high[2]), float(low[1]), float(high[3])
+
+    def _observed_boxes(self) -> list[tuple[float, float, float, float]]:
+        """Bounds of observed outlines and points on the raster; a thalweg may go on far beyond the flow."""
+        from shapely import box
+
+        west, east, south, north = self.extent(self.whole)
+        seen = [mark.geometry.intersection(box(west, south, east, north)) for mark in self.observed]
+        return [shape.bounds for shape in seen if not shape.is_empty and "Line" not in shape.geom_type]
 
 
 def _centred(middle: float, length: float, available: int) -> slice:

@@ -43,8 +43,12 @@ class Sheet:
 
 
 def reached_window(study: Study) -> Window:
-    """Window around all cells that any member reaches, and the releases."""
-    return study.basemap.window(study.hazard["members_reached"].fillna(0).values > 0)
+    """Window around all cells that any member reaches, the releases and what was observed."""
+    shown = study.hazard["members_reached"].fillna(0).values > 0
+    for name in ("observed_deposit_thickness", "observed_elevation_change"):
+        if name in study.hazard:
+            shown = shown | (study.hazard[name].fillna(0).values != 0)
+    return study.basemap.window(shown)
 
 
 def location(study: Study, window: Window) -> bytes | None:

@@ -261,6 +261,9 @@ def _common(flows: tuple[Flow, Flow], choices: Choices) -> list[str]:
         held = " and ".join(f"[{', '.join(flow.maps) or 'none'}]" for flow in flows)
         wanted = f"the quantity {choices.quantity}" if choices.quantity else "a quantity"
         raise ObservationError(f"the two do not share {wanted}: they have {held}; choose one that both have with --quantity")
+    known = [(~np.isnan(flows[0].maps[name]) & ~np.isnan(flows[1].maps[name])).any() for name in chosen]
+    if not any(known):
+        raise ObservationError(f"{chosen[0]}: no cell is known in both of the two; check nodata, or declare it dry: --nodata zero")
     return chosen
 
 

@@ -114,7 +114,7 @@ class FakeSite:
     @property
     def observed(self) -> SiteObservations:
         """None."""
-        return SiteObservations(None, self.folder)
+        return SiteObservations(None, self.folder / "site.yaml")
 
     def inputs(self) -> list[Path]:
         """The elevation raster."""

@@ -7,7 +7,7 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from PIL import Image
-from shapely.geometry import Point, box
+from shapely.geometry import LineString, Point, box
 
 from runout.report.maps import STYLES, Basemap, colour_scale, draw_location, draw_map, round_length
 from runout.report.marks import Mark
@@ -105,6 +105,18 @@ def test_a_probability_on_a_bound_is_in_the_class_above_as_files_hold_it():
     colours = [scale["norm"](float(np.float32(k / 10))) for k in range(10)]
     inside = [scale["norm"](k / 10 + 0.05) for k in range(10)]
     assert colours == inside
+
+
+def test_window_holds_what_was_observed_where_no_member_came(basemap):
+    reached = np.zeros((N, N), dtype=bool)
+    away, beyond = box(5400, 8800, 5450, 8850), Point(99_000.0, 8700.0)
+    line = LineString([(5000.0, 8500.0), (5590.0, 8500.0)])
+    window = replace(basemap, observed=[Mark(away, ""), Mark(beyond, "gauge"), Mark(line, "")]).window(reached)
+    west, east, south, north = basemap.extent(window)
+    assert box(west, south, east, north).contains(away)
+    assert east - west < 590
+    before = basemap.extent(basemap.window(reached))
+    assert before[1] < 5400
 
 
 def test_obstacles_and_zones_are_drawn_with_their_labels_where_they_are_in_the_window(basemap):

@@ -176,6 +176,7 @@ BAD = {
     "two.gpkg": r"two.gpkg: holds 2 layers \(a, b\); name the one with the observation",
     "note.nc": "cannot be read as NetCDF",
     "empty": "holds no hazard.nc; run `runout run",
+    "unknown.tif": "thickness: no cell is known in both of the two",
     "degrees.tif": r"degrees.tif: is in WGS 84, which is not in metres",
 }
 
@@ -193,6 +194,7 @@ def make_bad(folder):
         file.write(values.astype("f4"), 1)
     values[3, 3] = -3.0
     write_raster(folder / "negative.tif", values)
+    write_raster(folder / "unknown.tif", np.full((24, 50), np.nan))
     (folder / "note.nc").write_text("no numbers")
     (folder / "empty").mkdir()
 

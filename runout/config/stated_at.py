@@ -1,0 +1,43 @@
+"""Places of site.yaml in the messages of readers of its input files."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from runout.config.document import Location, dotted, read_document
+from runout.errors import ConfigError, InputError, StructureError
+
+
+@contextmanager
+def stated_at(file: Path, *place: str | int) -> Iterator[None]:
+    """Context that puts line and key of site.yaml before the message of an input that cannot be used.
+
+    Parameters
+    ----------
+    file : Path
+        The site.yaml.
+    *place : str or int
+        Keys and list positions of the setting that names the input.
+    """
+    try:
+        yield
+    except (ConfigError, StructureError):  # their problems state their places
+        raise
+    except InputError as error:
+        if str(error).startswith(f"{file.name}:"):  # it is placed already, more closely
+            raise
+        error.args = (f"{_before(file, place)}: {error}",)
+        raise
+
+
+def release_number(file: Path, name: str) -> int:
+    """Position of the release of a name in the list of site.yaml, of which settings may hold a part; 0 if it is not there."""
+    listed = read_document(file).value(("release",)) if file.is_file() else None
+    named = [entry.get("name", "release") if isinstance(entry, dict) else None for entry in listed or []]
+    return named.index(name) if name in named else 0
+
+
+def _before(file: Path, place: Location) -> str:
+    """``site.yaml:4: terrain.dem``; without the line if the file is gone."""
+    line = f":{read_document(file).line(place)}" if file.is_file() else ""
+    return f"{file.name}{line}: {dotted(place)}"
