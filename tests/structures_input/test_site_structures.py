@@ -204,12 +204,10 @@ def test_an_empty_file_is_named_once_with_its_line_and_key(tmp_path):
     for name in ("houses.gpkg", "dam.ply", "area.gpkg"):
         (site / "inputs" / name).write_bytes(b"")
     first = len((site / "site.yaml").read_text().splitlines()) - 1
-    problems = list(map(str, check.inspect(site).problems))
-    assert problems == [
+    empty = [(first, 0, "file", "houses.gpkg"), (first + 1, 1, "file", "dam.ply"), (first + 1, 1, "protects", "area.gpkg")]
+    assert list(map(str, check.inspect(site).problems)) == [
         f"site.yaml:{line}: structures[{number}].{key}: 'inputs/{name}' is empty (0 bytes); copy or export it again"
-        for line, number, key, name in (
-            (first, 0, "file", "houses.gpkg"), (first + 1, 1, "file", "dam.ply"), (first + 1, 1, "protects", "area.gpkg"),
-        )  # fmt: skip
+        for line, number, key, name in empty
     ]
 
 
