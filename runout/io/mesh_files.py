@@ -161,7 +161,8 @@ def _sound(part: MeshPart, path: Path, again: str, error: type[InputError]) -> M
     huge = np.abs(part.vertices).max(1) > HUGE
     if huge.any():
         x, y, z = part.vertices[huge.argmax()]
-        raise error(f"{path}: {huge.sum()} of {count} vertices lie beyond the Earth, the first at ({x:.4g}, {y:.4g}, {z:.4g}); {again}")
+        where = f"the first at ({x:.4g}, {y:.4g}, {z:.4g})"
+        raise error(f"{path}: {huge.sum()} of {count} vertices lie beyond the Earth, {where}; {again}")
     far = _far_vertices(part)
     if len(far):
         x, y, z = far[0]

@@ -40,8 +40,8 @@ class Search:
         started = time.monotonic()
         points, searched, edges = np.empty((0, 3)), 0, 3 * len(solid.faces) // 2
         if self.seconds > 0 and len(solid.faces) <= MOST_FACES:
-            for found, searched, edges in _searched(solid, rounding):
-                points = np.concatenate([points, found])
+            for part in _searched(solid, rounding):
+                points, searched, edges = np.concatenate([points, part[0]]), *part[1:]
                 if time.monotonic() - started > self.seconds:
                     break
         self.seconds -= time.monotonic() - started

@@ -284,7 +284,7 @@ def test_an_extent_beside_the_mesh_is_refused(tmp_path):
 
 @pytest.mark.parametrize("kind", ["obj", "ply"])
 def test_vertices_beyond_the_earth_are_named(level, tmp_path, kind):
-    for value, said in ((5e7, "elevation 50000000; remove what is there"), (1e300, "beyond the Earth, the first at (5.001e+05, 5e+06, 1e+300)")):
+    for value, said in ((5e7, "elevation 50000000; remove what is there"), (1e300, "the first at (5.001e+05, 5e+06, 1e+300)")):
         vertices = VERTICES.copy()
         vertices[3, 2] = value
         found = refused(write(tmp_path / f"odd.{kind}", vertices, FACES), level)
@@ -329,9 +329,9 @@ def crowded(count):
     way = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
     side = np.column_stack([-np.sin(angle), np.cos(angle), np.zeros(count)]) * 1e-3
     height = np.column_stack([np.zeros((count, 2)), 4.0 * np.arange(count) / count])
-    corners = np.stack([-9 * way + height, 9 * way + height, side + height, height + [0, 0, 1e-4]], 1)
+    corners = np.stack([-9 * way + height, 9 * way + height, side + height, height + np.array([0, 0, 1e-4])], 1)
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
-    return corners.reshape(-1, 3) + [100, 80, 102], (faces + 4 * np.arange(count)[:, None, None]).reshape(-1, 3)
+    return corners.reshape(-1, 3) + np.array([100, 80, 102]), (faces + 4 * np.arange(count)[:, None, None]).reshape(-1, 3)
 
 
 def test_the_search_for_crossing_faces_ends_and_says_what_it_left_out(level, tmp_path, monkeypatch):
