@@ -127,9 +127,10 @@ class Structures:
     def _facts(self) -> dict[str, str]:
         names = ", ".join(self.names[:NAMED]) + (f" and {len(self.names) - NAMED} more" if len(self.names) > NAMED else "")
         patches, height = self.field.patches, self.field.patches.centre[:, 2]
+        area = short(float(patches.area.sum()), "m2")
         return {
             "structures": f"{len(self.names)}: {names}",
-            "facades": f"{len(self.facades)} of {short(float(patches.area.sum()), 'm2')} above ground, in {len(patches.area)} patches",
+            "facades": f"{len(self.facades)} of {area} above ground, in {len(patches.area)} patches",
             "elevation": f"{height.min():.1f} to {height.max():.1f} m" if len(height) else "unknown",
             "distance field": f"lattice of {short(self.field.spacing, 'm')}, {short(self.field.nbytes / 1e6, 'MB')}",
         }

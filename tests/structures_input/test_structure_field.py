@@ -131,7 +131,8 @@ def test_structures_tell_what_they_are_in_a_line_and_in_a_table(level):
     solids = [body(box((20 + 25 * k, 60, 103), (10, 10, 10)), f"house <{k}>") for k in range(7)]
     made = build_structures(solids, level, (2.0, 2.0, 2.0))
     line, table = repr(made), made._repr_html_()
-    assert line.startswith("Structures(structures: 7: house <0>, house <1>, house <2>, house <3>, house <4> and 2 more, facades: 7 of ")
+    assert line.startswith("Structures(structures: 7: house <0>, house <1>, house <2>, house <3>, house <4> and 2 more, ")
+    assert ", facades: 7 of " in line
     assert len(line) < 600
     area = float(made.field.patches.area.sum())
     assert area == pytest.approx(7 * (4 * 80 + 100), rel=0.02)  # 8 m of the walls, and the tops
