@@ -23,7 +23,8 @@ found = {"all": 0, "structures": 0}
 if backend == "scan":
     from numba.core.dispatcher import Dispatcher
 
-    made = [Path(one.py_func.__code__.co_filename).stem for one in gc.get_objects() if isinstance(one, Dispatcher) and one.signatures]
+    every = [one for one in gc.get_objects() if isinstance(one, Dispatcher) and one.signatures]
+    made = [Path(one.py_func.__code__.co_filename).stem for one in every]
 else:
     import warp
 
