@@ -1,6 +1,6 @@
 """Overtopping against the height of a dam: copies of a site -> ensembles -> table and figure.
 
-    python pipelines/dam_height.py sites/dam_demo study 4 6 8
+    python pipelines/dam_height.py sites/dam_demo study 3 4 5 6 8
 
 Heights [m] replace that of the first structure with `protects`. The members have the same samples at each height.
 """

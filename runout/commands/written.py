@@ -8,7 +8,7 @@ from typing import Any, get_args, get_type_hints
 
 from runout.errors import ConfigError
 from runout.io.boundary import SITE_FILE
-from runout.io.places import require_place
+from runout.io.places import require_place, require_results
 
 READING = ("check", "status", "doctor", "new", "view")  # commands that write no results, or only if they have to simulate
 
@@ -44,9 +44,9 @@ def require_places(command: Callable[..., Any], given: Mapping[str, Any], out: P
         return
     results = _results_of(given.get("site"))
     if out is not None:
-        require_place("--out", out, folder=True)
+        require_results("--out", out)
     elif results is not None:
-        require_place("--out [default]", results, folder=True)
+        require_results("--out [default]", results)
 
 
 def _results_of(site: Any) -> Path | None:

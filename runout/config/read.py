@@ -51,7 +51,7 @@ def load(path: Path | str) -> SiteSettings:
             settings = SiteSettings.model_validate(document.values, context=laws)
         except ValidationError as error:
             problems += problems_of(error, document)
-        problems += [*_contradictions(document), *_missing_files(document, file.parent), *_coordinate_system(document)]
+        problems += [*_contradictions(document), *_unusable_files(document, file.parent), *_coordinate_system(document)]
         told = {problem.key for problem in document.problems}
         problems = document.problems + [problem for problem in problems if problem.key not in told]
     elif not problems:
@@ -167,7 +167,7 @@ def _blocks(document: Document, place: Location) -> list[dict[str, Any]]:
     return [part if isinstance(part, dict) else {} for part in stated] if isinstance(stated, list) else []
 
 
-def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
+def _unusable_files(document: Document, folder: Path) -> Iterator[Problem]:
     for location, name in _local_files(document):
         path = folder / name
         if name.startswith("matplotlib:"):
@@ -180,6 +180,8 @@ def _missing_files(document: Document, folder: Path) -> Iterator[Problem]:
             yield document.problem(location, f"there is no file {name!r}", fix)
         elif kind_of(path):
             yield document.problem(location, f"{name!r} is {kind_of(path)}, not a file", "copy its content to a file and name that")
+        elif path.is_file() and path.stat().st_size == 0:
+            yield document.problem(location, f"{name!r} is empty (0 bytes)", "copy or export it again")
 
 
 def files_outside(settings: SiteSettings, folder: Path) -> list[str]:

@@ -3,6 +3,7 @@
 import logging
 import re
 import struct
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ OTHER_MESHES = (".gltf", ".off", ".dae", ".fbx", ".3ds", ".3mf", ".blend", ".ifc
 DECIMALS = 8  # of coordinates; vertices that agree to so many are one
 STL_HEADER, STL_FACE, PLY_HEADER = 84, 50, 1 << 16  # bytes
 FAR, MOST_FAR, FEWEST = 1000.0, 3, 16  # ratio of extents; positions that are left out, and of how many each is one
+HUGE = 1e40  # coordinates beyond which the volume of a body is no number
 UNREADABLE = (
     ValueError, LookupError, TypeError, AttributeError, AssertionError, OSError, ArithmeticError, MemoryError, RuntimeError,
     NameError, ImportError, struct.error,
@@ -118,9 +120,11 @@ def _loaded(path: Path, again: str, error: type[InputError]) -> Iterator[MeshPar
     if fault:
         raise error(f"{path}: {fault}; {again}")
     try:
-        scene = trimesh.load_scene(path, process=False, skip_materials=True)
-        placed = [(str(node), *scene.graph[node]) for node in scene.graph.nodes_geometry]
-        parts = [_placed(node, matrix, scene.geometry[name], path) for node, matrix, name in placed]
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # on numbers that are refused later
+            scene = trimesh.load_scene(path, process=False, skip_materials=True)
+            placed = [(str(node), *scene.graph[node]) for node in scene.graph.nodes_geometry]
+            parts = [_placed(node, matrix, scene.geometry[name], path) for node, matrix, name in placed]
     except UNREADABLE as cause:
         fault = _obj_fault(path) if path.suffix.lower() == ".obj" else ""
         said = fault or f"cannot be read as a mesh ({' '.join(str(cause).split())[:120] or type(cause).__name__})"
@@ -134,8 +138,7 @@ def _placed(name: str, matrix: np.ndarray, mesh: Any, path: Path) -> MeshPart:
     """A geometry of trimesh, in the place of its node, with z up: y is up in GLB files (glTF 2.0, 3.3)."""
     vertices = np.asarray(mesh.vertices, np.float64).reshape(-1, 3)
     if not np.array_equal(matrix, np.eye(4)):
-        with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
-            vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     faces = np.asarray(getattr(mesh, "faces", ()), np.int64).reshape(-1, 3)
     if path.suffix.lower() == ".glb":
         vertices = np.column_stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]])
@@ -155,6 +158,11 @@ def _sound(part: MeshPart, path: Path, again: str, error: type[InputError]) -> M
         raise error(
             f"{path}: {lost.sum()} of {count} vertices are no finite numbers, the first is ({x:.10g}, {y:.10g}, {z:.10g}); {again}"
         )
+    huge = np.abs(part.vertices).max(1) > HUGE
+    if huge.any():
+        x, y, z = part.vertices[huge.argmax()]
+        where = f"the first at ({x:.4g}, {y:.4g}, {z:.4g})"
+        raise error(f"{path}: {huge.sum()} of {count} vertices lie beyond the Earth, {where}; {again}")
     far = _far_vertices(part)
     if len(far):
         x, y, z = far[0]

@@ -8,6 +8,8 @@ from runout.errors import ConfigError
 from runout.io.boundary import exists, kind_of
 
 ELSEWHERE = "name another place"
+RESULT_FILES = (".nc", ".gpkg", ".html", ".json", ".log", ".tif", ".csv", ".png", ".svg")  # endings in a results folder
+RESULT_FOLDERS = ("members", "maps", "probes", "profiles", "simulations", "animations", "scarp")
 
 
 def require_place(option: str, path: Path, *, folder: bool) -> None:
@@ -18,6 +20,38 @@ def require_place(option: str, path: Path, *, folder: bool) -> None:
     fault = _fault(path, folder)
     if fault:
         raise ConfigError(f"{option} {path}: {fault}")
+
+
+def require_results(option: str, results: Path) -> None:
+    """Raise ConfigError, which names the option, unless a results folder can be made or its files replaced."""
+    require_place(option, results, folder=True)
+    fault = fault_in_results(results)
+    if fault:
+        raise ConfigError(f"{option} {fault}")
+
+
+def fault_in_results(results: Path) -> str:
+    """What lies in the place of a results folder, of one of its files or folders, with the remedy; empty if nothing does."""
+    if exists(results) and not results.is_dir():
+        return f"{results}: is a file; name a folder"
+    places = [results, *(results / name for name in RESULT_FOLDERS if (results / name).is_dir())]
+    found = [path for place in places for path in _strange(place)]
+    if not found:
+        return ""
+    kind, wanted = ("folder", "file") if found[0].is_dir() else ("file", "folder")
+    more = f", and {len(found) - 1} more" if len(found) > 1 else ""
+    return f"{found[0]}: is a {kind} where results have a {wanted}{more}; remove it, or choose another folder with --out"
+
+
+def _strange(folder: Path) -> list[Path]:
+    """Folders of a results folder that have the ending of a file, and files that have the name of a folder."""
+    try:
+        with os.scandir(folder) as entries:
+            listed = [(entry.name, entry.is_dir()) for entry in entries]
+    except OSError:  # it is missing or cannot be read; the first access reports it
+        return []
+    strange = [n for n, is_folder in listed if (Path(n).suffix in RESULT_FILES if is_folder else n in RESULT_FOLDERS)]
+    return [folder / name for name in sorted(strange)]
 
 
 def _fault(path: Path, folder: bool) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import ConfigError
+from runout.model.facts import as_html, as_text, short
 from runout.model.readers import reader
 from runout.model.terrain import Terrain
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from runout.model.release import Release
 
 FINEST, WIDEST = 0.5, 2.0  # largest spacing of the lattice and least band, in the smallest and the largest spacing of the grid
+NAMED = 5  # structures that a summary names
 CELLS = 8  # of the lattice along an edge of a block; a block has CELLS + 1 nodes along it, shared with its neighbours
 
 
@@ -101,7 +103,7 @@ class StructureField:
             raise ConfigError(f"the distance of structures is known within {self.band:g} m; {least}, are needed")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Structures:
     """Structures by name, with their facades and the field that backends use.
 
@@ -121,6 +123,23 @@ class Structures:
     facades: tuple[str, ...]
     structure: np.ndarray
     field: StructureField
+
+    def _facts(self) -> dict[str, str]:
+        names = ", ".join(self.names[:NAMED]) + (f" and {len(self.names) - NAMED} more" if len(self.names) > NAMED else "")
+        patches, height = self.field.patches, self.field.patches.centre[:, 2]
+        area = short(float(patches.area.sum()), "m2")
+        return {
+            "structures": f"{len(self.names)}: {names}",
+            "facades": f"{len(self.facades)} of {area} above ground, in {len(patches.area)} patches",
+            "elevation": f"{height.min():.1f} to {height.max():.1f} m" if len(height) else "unknown",
+            "distance field": f"lattice of {short(self.field.spacing, 'm')}, {short(self.field.nbytes / 1e6, 'MB')}",
+        }
+
+    def __repr__(self) -> str:
+        return as_text("Structures", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html("Structures", self._facts())
 
     @classmethod
     def from_file(

@@ -15,6 +15,8 @@ OPPOSITE = -0.8  # cosine of the angle between the two sides of a wall
 ON_EDGE = 1e-6  # of a triangle, beyond which a line misses it
 ROUNDING = 1e-6  # relative, of the thickness
 FEW, ROWS = 4000, 256  # pieces that are all measured; pieces whose surroundings are looked at together
+HIGHEST, DEEPEST = 2000.0, 10_000.0  # that a structure may reach above and below the ground [m]
+SAME = 4  # decimals of positions [m] that agree in equal bodies
 APART = 0.25  # cells of the grid between a structure and what bears it
 
 
@@ -35,6 +37,19 @@ def placement_problems(solids: Sequence[Solid], terrain: Terrain) -> list[str]:
     return problems
 
 
+def repeated_bodies(solids: Sequence[Solid]) -> list[str]:
+    """Structures that are the same body as another before them."""
+    known: dict[bytes, str] = {}
+    problems = []
+    for solid in solids:
+        corners = np.round(solid.corners.reshape(-1, 3), SAME) + 0.0
+        key = corners[np.lexsort(corners.T)].tobytes()
+        if key in known:
+            problems.append(f"{solid.place}: is the same body as {known[key]}; remove one of the two")
+        known.setdefault(key, solid.place)
+    return problems
+
+
 def _heights(solid: Solid, terrain: Terrain) -> np.ndarray:
     """Heights above ground [m] of points all over a body, NaN beyond the terrain."""
     pieces, _ = bisected(solid.corners, max(2 * min(terrain.cell_size), float(np.ptp(solid.box, axis=0).max()) / 64))
@@ -48,6 +63,10 @@ def _placed(solid: Solid, height: np.ndarray, stands: bool, terrain: Terrain) ->
         beyond = "wholly" if np.isnan(height).all() else "partly"
         where = f"lies {beyond} beyond the terrain {terrain.source} or its known cells, {at}"
         yield f"{solid.place}: {where}; move it, or use a larger DEM"
+    elif height.max() > HIGHEST or height.min() < -DEEPEST:
+        above, limit = (height.max(), HIGHEST) if height.max() > HIGHEST else (height.min(), DEEPEST)
+        reach = f"reaches {abs(above):.4g} m {'above' if above > 0 else 'below'} the ground, {at}"
+        yield f"{solid.place}: {reach}, and may reach {limit:.0f} m; check its elevation, units, offset and base"
     elif height.max() <= 0:
         yield f"{solid.place}: is buried, its top lies {-height.max():.3g} m below the ground, {at}; raise it, or remove it"
     elif solid.clearance is None and not stands:

@@ -1,5 +1,6 @@
 """What is wrong with the mesh of a body, with the place: holes, edges of three faces, faces without area, faces that cross."""
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,8 +11,9 @@ from runout.structures.solid import Solid, normals_and_areas
 
 FLAT = 1e-9  # volume of the cube of its length, and area of the square of its edge, below which a body or a face is flat
 CROSSED = 1e-6  # of the length of an edge, that lies on either side of a face that it crosses
-MOST_FACES = 200_000  # of a body whose faces are searched for crossings
-AT_ONCE = 4096  # faces whose neighbours are looked up together
+SEARCH_SECONDS = 30.0  # that the faces of a file are searched for crossings
+MOST_FACES = 4_000_000  # of a body whose faces are searched at all: the tree of so many takes several seconds
+AT_ONCE, MOST_PAIRS = 4096, 2_000_000  # edges whose neighbours are looked up together, and neighbours that are aimed at
 
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
@@ -20,14 +22,46 @@ def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     return float((corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
 
 
-def mesh_faults(solid: Solid, terrain: Terrain, rounding: float) -> Iterator[str]:
+class Search:
+    """Search for crossing faces of the bodies of a file, that ends after a time.
+
+    Parameters
+    ----------
+    seconds : float
+        That it may take in all.
+    """
+
+    def __init__(self, seconds: float = SEARCH_SECONDS):
+        self.seconds = seconds
+        self.left: list[str] = []  # sentences on what was not searched
+
+    def crossings(self, solid: Solid, rounding: float) -> np.ndarray:
+        """Places (n, 3) of crossings that were found, see :func:`crossings`."""
+        started = time.monotonic()
+        points, searched, edges = np.empty((0, 3)), 0, 3 * len(solid.faces) // 2
+        if self.seconds > 0 and len(solid.faces) <= MOST_FACES:
+            for part in _searched(solid, rounding):
+                points, searched, edges = np.concatenate([points, part[0]]), *part[1:]
+                if time.monotonic() - started > self.seconds:
+                    break
+        self.seconds -= time.monotonic() - started
+        if searched < edges:
+            self.left.append(
+                f"{solid.place}: crossing faces were searched at {searched} of its {edges} edges; the search ends after "
+                f"{SEARCH_SECONDS:.0f} s and leaves out bodies of more than {MOST_FACES} faces: simplify the mesh, or check it in "
+                "MeshLab or Blender"
+            )
+        return points
+
+
+def mesh_faults(solid: Solid, terrain: Terrain, rounding: float, search: Search) -> Iterator[str]:
     """What makes a body one without inside and outside; ``rounding`` of its coordinates [m] crosses no faces."""
     found = _named_fault(solid, terrain)
     if found:
         yield f"{solid.place}: {found}"
     elif abs(volume(solid.vertices, solid.faces)) <= FLAT * np.ptp(solid.box, axis=0).max() ** 3:
         yield f"{solid.place}: the mesh has no volume; export a body, not a surface"
-    elif len(solid.faces) <= MOST_FACES and len(points := crossings(solid, rounding)):
+    elif len(points := search.crossings(solid, rounding)):
         where = _place(points, terrain, "place")
         yield f"{solid.place}: faces of the mesh cross each other at {where}; move them apart, or cut them there (MeshLab, Blender)"
 
@@ -65,6 +99,11 @@ def _flat(corners: np.ndarray) -> np.ndarray:
 
 def crossings(solid: Solid, rounding: float = 0.0) -> np.ndarray:
     """Places (n, 3) where edges of a closed body run through a face that is none of theirs, by more than ``rounding`` [m]."""
+    return np.concatenate([np.empty((0, 3)), *(points for points, _, _ in _searched(solid, rounding))])
+
+
+def _searched(solid: Solid, rounding: float) -> Iterator[tuple[np.ndarray, int, int]]:
+    """Crossings (n, 3) of some edges after some others, the number of edges until then, and that of all."""
     import shapely
 
     corners, faces = solid.corners, solid.faces
@@ -72,16 +111,18 @@ def crossings(solid: Solid, rounding: float = 0.0) -> np.ndarray:
     ends = solid.vertices[edges]
     low, high = corners.min(1), corners.max(1)
     tree = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
-    found = [np.empty((0, 3))]
-    for start in range(0, len(edges), AT_ONCE):
-        part = ends[start : start + AT_ONCE]
+    start, count = 0, min(AT_ONCE, 1 + MOST_PAIRS // len(faces))
+    while start < len(edges):
+        part = ends[start : start + count]
         first, last = part.min(1), part.max(1)
         edge, face = tree.query(shapely.box(first[:, 0], first[:, 1], last[:, 0], last[:, 1]))
+        pairs = len(edge)
         near = (first[edge, 2] <= high[face, 2]) & (last[edge, 2] >= low[face, 2])
         near &= ~(edges[start + edge][:, :, None] == faces[face][:, None, :]).any((1, 2))
         edge, face = edge[near], face[near]
-        found.append(_through(part[edge], corners[face], rounding))
-    return np.concatenate(found)
+        start += len(part)
+        yield _through(part[edge], corners[face], rounding), start, len(edges)
+        count = int(np.clip(count * MOST_PAIRS / max(pairs, 1), max(1, count // 8), min(2 * count, AT_ONCE)))
 
 
 def _through(ends: np.ndarray, corners: np.ndarray, rounding: float) -> np.ndarray:

@@ -14,6 +14,7 @@ from runout.structures.source import StructureSource
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 SINGLE = 2.0**-24  # relative rounding of coordinates in float32
 COARSE = 0.05  # rounding of coordinates [m] that is reported
+EARTH = 4.1e7  # circumference [m], beyond which no map has coordinates
 LOCAL = 1e5  # coordinates [m] that may count from an origin of the mesh's own
 
 
@@ -51,6 +52,12 @@ def on_terrain(vertices: np.ndarray, source: StructureSource, terrain: Terrain) 
     placed, sentences = _moved(metres + np.asarray(source.offset), source, source.crs or terrain.crs, terrain)
     if not _meets(placed, terrain):
         raise StructureError(f"{path}: {_beyond(placed, terrain)}; {_remedy(vertices, source, terrain)}")
+    lost = np.abs(placed).max(1) > EARTH
+    if lost.any():
+        x, y, z = placed[lost.argmax()]
+        remedy = "remove what is there, or check units and offset of the mesh"
+        where = f"the first at easting {x:.8g}, northing {y:.8g}, elevation {z:.8g}"
+        raise StructureError(f"{path}: {lost.sum()} of {len(placed)} vertices lie beyond the Earth, {where}; {remedy}")
     said += [] if source.crs else [f"{path}: states no crs; its coordinates are taken as the terrain's"]
     return terrain.frame.to_local(placed), [*said, *(sentences if source.crs else ())]
 

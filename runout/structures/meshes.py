@@ -10,7 +10,7 @@ from runout.io.mesh_files import MeshPart, read_mesh
 from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.structures.facades import face_pairs, mesh_facades
-from runout.structures.mesh_faults import mesh_faults, volume
+from runout.structures.mesh_faults import Search, mesh_faults, volume
 from runout.structures.mesh_place import COARSE, on_terrain, rounding_of
 from runout.structures.solid import Solid
 from runout.structures.source import Read, StructureSource
@@ -31,11 +31,15 @@ def read_meshes(source: StructureSource, terrain: Terrain) -> Read:
         rounding = rounding_of(source, np.concatenate([part.vertices for part in parts]))
         cause = f" (single precision rounds its coordinates to {rounding:.2g} m: export it near the origin and state offset)"
         note = cause if rounding > COARSE else ""
+        search, faults = Search(), []
         for part, vertices in zip(parts, np.split(placed, np.cumsum([len(part.vertices) for part in parts])[:-1]), strict=True):
             for solid in _bodies(vertices, part.faces, replace(source, name=part.name), float(friction)):
-                found = [fault + note for fault in mesh_faults(solid, terrain, 2.0 * rounding)]
-                problems += found
+                found = [fault + note for fault in mesh_faults(solid, terrain, 2.0 * rounding, search)]
+                faults += found
                 solids += [] if found else [_outward(solid, changes)]
+        more = f" (and {len(faults) - 1} more of its bodies have faults)" if len(faults) > 1 else ""
+        problems += [fault + more for fault in faults[:1]]
+        changes += search.left
     except InputError as error:
         problems.append(str(error))
     return Read(tuple(solids), tuple(problems), tuple(dict.fromkeys(changes)))

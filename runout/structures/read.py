@@ -13,7 +13,7 @@ from runout.model.terrain import Terrain
 from runout.structures.build import build_structures
 from runout.structures.facades import numbered
 from runout.structures.footprints import read_footprints
-from runout.structures.inspection import placement_problems, release_overlaps, thin_walls
+from runout.structures.inspection import placement_problems, release_overlaps, repeated_bodies, thin_walls
 from runout.structures.meshes import read_meshes
 from runout.structures.overhangs import read_overhangs
 from runout.structures.solid import Solid
@@ -48,7 +48,7 @@ def read_bodies(sources: Sequence[StructureSource], terrain: Terrain, keys: Sequ
     begin = [f"{key}: " for key in keys] or [""] * len(read)
     solids = [replace(solid, place=key + solid.place) for key, one in zip(begin, read, strict=True) for solid in one.solids]
     problems = [key + problem for key, one in zip(begin, read, strict=True) for problem in one.problems]
-    problems += placement_problems(solids, terrain)
+    problems += repeated_bodies(solids) + placement_problems(solids, terrain)
     if problems:
         raise StructureError(problems)
     changes = [change for one in read for change in one.changes]

@@ -19,6 +19,7 @@ import numpy as np
 
 from runout.errors import RenderError
 from runout.interrupt import at_end
+from runout.view import software_gl
 from runout.view.renderer import PACKAGE_MISSING
 from runout.view.scene import FlowScene
 
@@ -29,8 +30,8 @@ POLL_SECONDS = 0.2
 INSTALL = "pip install 'runout[view]'"
 NO_PACKAGE = f"3D pictures need pyvista: {INSTALL}"
 NO_OPENGL = (
-    "3D pictures need OpenGL, and VTK found none on this machine: install a software driver (Debian, Ubuntu: apt install libegl1 "
-    "libgl1-mesa-dri) or draw on another machine; the run is complete without them"
+    f"3D pictures need OpenGL, and VTK found none on this machine: {software_gl.INSTALL} (Linux x86-64), or install a driver "
+    "(Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri); the run is complete without them"
 )
 
 
@@ -92,7 +93,7 @@ def _run(folder: Path, limit: float | None, progress: Callable[[float], None] | 
     started = time.monotonic()
     with open(folder / "messages.txt", "wb") as messages:
         streams = {"stdout": messages, "stderr": messages, "stdin": subprocess.DEVNULL}
-        process = subprocess.Popen([*COMMAND, str(folder)], env=_environment(), **streams)  # type: ignore[call-overload]
+        process = subprocess.Popen([*COMMAND, str(folder)], env=_environment(folder), **streams)  # type: ignore[call-overload]
         with at_end(process.kill):
             try:
                 while True:
@@ -113,10 +114,11 @@ def _tell(folder: Path, progress: Callable[[float], None] | None, frames: int) -
         progress(sum(1 for _ in (folder / "made").iterdir()) / max(1, frames))
 
 
-def _environment() -> dict[str, str]:
-    """Environment in which the process finds this package."""
+def _environment(folder: Path) -> dict[str, str]:
+    """Environment in which the process finds this package and OpenGL."""
     home, before = str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")
-    return {**os.environ, "PYTHONPATH": f"{home}{os.pathsep}{before}" if before else home}
+    python_path = f"{home}{os.pathsep}{before}" if before else home
+    return {**os.environ, **software_gl.environment(folder), "PYTHONPATH": python_path}
 
 
 def _reason(folder: Path, code: int, task: str) -> str:

@@ -41,9 +41,10 @@ class Findings:
     stiffness: "list[Stiffness]" = field(default_factory=list)  # of the site as stated, then of each member
 
     def note(self, error: RunoutError) -> None:
-        """Add an error, or each of the problems that it lists."""
+        """Add an error, or each of the problems that it lists; what was found before is not repeated."""
         listed = error.problems if isinstance(error, ConfigError | StructureError) else []
-        self.problems += map(str, listed) if listed else [str(error)]
+        problems = map(str, listed) if listed else [str(error)]
+        self.problems += [problem for problem in dict.fromkeys(problems) if problem not in self.problems]
 
 
 def inspect(checked: "Path | Site") -> Findings:

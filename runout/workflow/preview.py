@@ -25,11 +25,14 @@ def check_site(site_path: Path, out: Path | None = None, device: str | None = No
     """
     from rich.text import Text
 
+    from runout.io.places import fault_in_results
     from runout.workflow.check import inspect
 
     console = log.output()
     with log.muted():
         found = inspect(_counted(console, site_path) or site_path)
+    results = out or (site_path if site_path.is_dir() else site_path.parent) / "results"
+    found.problems += filter(None, [fault_in_results(results)])
     for problem in found.problems:
         console.print(Text.assemble(("problem ", "bold red"), problem))
     for warning in found.warnings:

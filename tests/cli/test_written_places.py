@@ -10,7 +10,7 @@ from ramp_site import write_site
 
 from runout import cli
 from runout.errors import ConfigError, ExitCode
-from runout.io.places import require_place
+from runout.io.places import require_place, require_results
 
 
 @pytest.fixture
@@ -96,3 +96,39 @@ def test_places_that_the_system_refuses_are_named(path, said):
         require_place("--json", Path(path), folder=False)
     assert str(caught.value).startswith("--json ")
     assert said in str(caught.value)
+
+
+IN_THE_WAY = [
+    ("results", "file", "results: is a file; name a folder"),
+    ("results/report.html", "folder", "results/report.html: is a folder where results have a file; remove it"),
+    ("results/structures.nc", "folder", "results/structures.nc: is a folder where results have a file; remove it"),
+    ("results/maps", "file", "results/maps: is a file where results have a folder; remove it"),
+    ("results/members/0000.nc", "folder", "results/members/0000.nc: is a folder where results have a file; remove it"),
+]
+
+
+@pytest.mark.parametrize(("name", "kind", "said"), IN_THE_WAY, ids=[name for name, _, _ in IN_THE_WAY])
+def test_what_lies_in_the_place_of_results_is_refused_before_the_work(tmp_path, capsys, monkeypatch, name, kind, said):
+    write_site(tmp_path / "ramp")
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "ramp" / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if kind == "file":
+        path.write_text("a file")
+    else:
+        path.mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    assert line(capsys, "run", "ramp").startswith(f"--out [default] ramp/{said}")
+    assert cli.main(["check", "ramp"]) == ExitCode.CONFIGURATION
+    listed = [row for row in capsys.readouterr().out.replace("\n  ", " ").splitlines() if row.startswith("problem ")]
+    assert len(listed) == 1
+    assert said.split(" ")[0] in listed[0]
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_several_things_in_the_place_of_results_are_counted(tmp_path):
+    for name in ("hazard.nc", "report.html", "maps"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "run.log").write_text("")
+    with pytest.raises(ConfigError, match=r"hazard\.nc: is a folder where results have a file, and 1 more; remove it"):
+        require_results("--out", tmp_path)

@@ -8,8 +8,10 @@ import trimesh
 from structure_bodies import SOUTH, WEST, box
 
 from runout.errors import DemError, StructureError
-from runout.structures.mesh_faults import crossings, volume
+from runout.structures import mesh_faults
+from runout.structures.mesh_faults import Search, crossings, volume
 from runout.structures.read import read_bodies
+from runout.structures.solid import Solid
 from runout.structures.source import StructureSource
 from runout.terrain.mesh import read_mesh_terrain
 
@@ -278,3 +280,77 @@ def test_an_extent_beside_the_mesh_is_refused(tmp_path):
     path = write(tmp_path / "roof.ply", VERTICES, FACES[(VERTICES[FACES][:, :, 2] > 103).all(1)])
     with pytest.raises(DemError, match=r"none of 10 x 10 cells of 1 m has its centre on a face; check terrain\.extent"):
         read_mesh_terrain(path, 1.0, extent=(WEST, SOUTH, WEST + 10, SOUTH + 10))
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+def test_vertices_beyond_the_earth_are_named(level, tmp_path, kind):
+    for value, said in ((5e7, "elevation 50000000; remove what is there"), (1e300, "the first at (5.001e+05, 5e+06, 1e+300)")):
+        vertices = VERTICES.copy()
+        vertices[3, 2] = value
+        found = refused(write(tmp_path / f"odd.{kind}", vertices, FACES), level)
+        assert found.startswith("1 of 8 vertices lie beyond the Earth, the first at ")
+        assert said in found
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"),
+    [
+        (98, 2150, "reaches 2050 m above the ground, at easting 500100.0, northing 5000080.0, and may reach 2000 m"),
+        (-9950, 108, "reaches 1.005e+04 m below the ground, at easting 500100.0, northing 5000080.0, and may reach 10000 m"),
+    ],
+)
+def test_bodies_far_above_or_below_the_ground_are_named(level, tmp_path, low, high, said):
+    vertices = np.column_stack([VERTICES[:, :2], np.where(VERTICES[:, 2] > 103, high, low)])
+    assert refused(write(tmp_path / "odd.obj", vertices, FACES), level).startswith(f"body 'structure': {said}")
+    inside = np.column_stack([VERTICES[:, :2], np.where(VERTICES[:, 2] > 103, 2050, 98)])
+    assert len(read_bodies([StructureSource(write(tmp_path / "mast.obj", inside, FACES), units="m")], level).solids) == 1
+
+
+def test_a_body_that_is_there_twice_is_named(level, tmp_path):
+    one, other = (write(tmp_path / name, VERTICES, FACES) for name in ("one.obj", "other.ply"))
+    with pytest.raises(StructureError) as caught:
+        read_bodies([StructureSource(one, units="m"), StructureSource(other, units="m")], level)
+    same = f"{other}: body 'structure': is the same body as {one}: body 'structure'; remove one of the two"
+    assert caught.value.problems == [same]
+
+
+def test_many_open_bodies_of_a_file_are_one_line(level, tmp_path):
+    shifts = [np.array([0.0, 20.0 * k, 0.0]) for k in range(4)]
+    vertices = np.concatenate([VERTICES + shift for shift in shifts])
+    faces = np.concatenate([FACES[1:] + 8 * k for k in range(4)])
+    said = refused(write(tmp_path / "odd.obj", vertices, faces), level)
+    assert "the mesh is open at easting" in said
+    assert said.endswith(" (and 3 more of its bodies have faults)")
+
+
+def crowded(count):
+    """A closed body of needles that all cross the same place in plan, so that each edge has all faces in its box."""
+    angle = np.linspace(0.0, np.pi, count, endpoint=False)
+    way = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+    side = np.column_stack([-np.sin(angle), np.cos(angle), np.zeros(count)]) * 1e-3
+    height = np.column_stack([np.zeros((count, 2)), 4.0 * np.arange(count) / count])
+    corners = np.stack([-9 * way + height, 9 * way + height, side + height, height + np.array([0, 0, 1e-4])], 1)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    return corners.reshape(-1, 3) + np.array([100, 80, 102]), (faces + 4 * np.arange(count)[:, None, None]).reshape(-1, 3)
+
+
+def test_the_search_for_crossing_faces_ends_and_says_what_it_left_out(level, tmp_path, monkeypatch):
+    vertices, faces = crowded(500)
+    solid = Solid("a", vertices, faces, np.zeros(len(faces), int), ("surface",), 0.4, "a.ply: body 'a'")
+    monkeypatch.setattr(mesh_faults, "MOST_PAIRS", 5000)
+    whole = Search(60.0)
+    assert len(whole.crossings(solid, 0.0)) == len(crossings(solid))
+    assert whole.left == []
+    ended = Search(0.01)
+    ended.crossings(solid, 0.0)
+    assert [line.split(";")[0].split(" of its ")[1] for line in ended.left] == ["3000 edges"]
+    monkeypatch.setattr(mesh_faults, "SEARCH_SECONDS", 0.0)
+    monkeypatch.setattr(mesh_faults.Search.__init__, "__defaults__", (0.0,))
+    read = read_bodies([StructureSource(write(tmp_path / "house.obj", VERTICES, FACES), units="m")], level)
+    assert [change for change in read.changes if "crossing faces were searched at 0 of its 18 edges" in change]
+
+
+def test_a_body_of_more_faces_than_are_searched_says_so(level, tmp_path, monkeypatch):
+    monkeypatch.setattr(mesh_faults, "MOST_FACES", 11)
+    read = read_bodies([StructureSource(write(tmp_path / "house.obj", VERTICES, FACES), units="m")], level)
+    assert [change for change in read.changes if "crossing faces were searched at 0 of its 18 edges" in change]

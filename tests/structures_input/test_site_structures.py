@@ -196,3 +196,23 @@ def test_a_layer_of_protected_areas_needs_their_file(tmp_path):
     site = with_structures(tmp_path / "ramp", text, shapes=[square(30, 12, 30.0)])
     with pytest.raises(ConfigError, match=r"structures\[0\]\.protects_layer: has no meaning without protects; add protects"):
         read_site(site)
+
+
+def test_an_empty_file_is_named_once_with_its_line_and_key(tmp_path):
+    text = "  - {file: inputs/houses.gpkg, height: 8}\n  - {file: inputs/dam.ply, units: m, protects: inputs/area.gpkg}\n"
+    site = with_structures(tmp_path / "ramp", text)
+    for name in ("houses.gpkg", "dam.ply", "area.gpkg"):
+        (site / "inputs" / name).write_bytes(b"")
+    first = len((site / "site.yaml").read_text().splitlines()) - 1
+    empty = [(first, 0, "file", "houses.gpkg"), (first + 1, 1, "file", "dam.ply"), (first + 1, 1, "protects", "area.gpkg")]
+    assert list(map(str, check.inspect(site).problems)) == [
+        f"site.yaml:{line}: structures[{number}].{key}: 'inputs/{name}' is empty (0 bytes); copy or export it again"
+        for line, number, key, name in empty
+    ]
+
+
+def test_findings_name_a_problem_once():
+    found = check.Findings()
+    for error in (InputError("dem.tif: is cut off"), StructureError(["a", "b", "a"]), InputError("dem.tif: is cut off")):
+        found.note(error)
+    assert found.problems == ["dem.tif: is cut off", "a", "b"]

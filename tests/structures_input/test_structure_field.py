@@ -125,3 +125,19 @@ def test_structures_too_far_apart_for_the_table_are_refused():
     far = [body(box((1e4, 1e4, 3), (10, 10, 10))), body(box((9e4, 9e4, 3), (10, 10, 10)))]
     with pytest.raises(CapacityError, match="larger cells"):
         build_structures(far, wide, (1.0, 1.0, 1.0))
+
+
+def test_structures_tell_what_they_are_in_a_line_and_in_a_table(level):
+    solids = [body(box((20 + 25 * k, 60, 103), (10, 10, 10)), f"house <{k}>") for k in range(7)]
+    made = build_structures(solids, level, (2.0, 2.0, 2.0))
+    line, table = repr(made), made._repr_html_()
+    assert line.startswith("Structures(structures: 7: house <0>, house <1>, house <2>, house <3>, house <4> and 2 more, ")
+    assert ", facades: 7 of " in line
+    assert len(line) < 600
+    area = float(made.field.patches.area.sum())
+    assert area == pytest.approx(7 * (4 * 80 + 100), rel=0.02)  # 8 m of the walls, and the tops
+    assert f"facades: 7 of {area:.4g} m2 above ground, in {len(made.field.patches.area)} patches" in line
+    assert "distance field: lattice of 1 m, " in line
+    assert table.startswith("<table>")
+    assert "<b>Structures</b>" in table
+    assert "house &lt;4&gt; and 2 more" in table

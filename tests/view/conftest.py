@@ -1,13 +1,10 @@
-"""Scenes, and whether anything can be drawn here."""
+"""Scenes."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from ramp_scene import ramp_scene
-
-from runout.errors import RenderError
-from runout.view import process
 
 
 @pytest.fixture
@@ -26,13 +23,3 @@ def crowded(scene):
     faces = np.array([[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     mesh = (corners + np.array([*scene.origin, 0.0]), faces)
     return replace(scene, particles=particles, meshes={"dam": mesh})
-
-
-@pytest.fixture(scope="session")
-def opengl():
-    """Skips a test where nothing can be drawn."""
-    pytest.importorskip("pyvista", reason="pyvista is not installed (extra view)")
-    try:
-        process.drawn_by()
-    except RenderError as error:
-        pytest.skip(f"nothing can be drawn here: {error}")

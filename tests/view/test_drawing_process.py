@@ -1,6 +1,7 @@
 """The process that draws, and how it fails."""
 
 import ctypes.util
+import os
 import sys
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import pytest
 from PIL import Image
 
 from runout.errors import RenderError
-from runout.view import process
+from runout.view import process, software_gl
 
 SMALL = {"size": (240, 160)}
 
@@ -50,25 +51,54 @@ def test_particles_structures_and_an_image_are_drawn(crowded, tmp_path):
     assert ((image[..., 1] > 60) & (image[..., 0] < 30)).mean() > 0.1
 
 
+@pytest.mark.usefixtures("drawable")
 def test_a_process_that_vtk_ends_becomes_one_line(scene, tmp_path, monkeypatch):
-    pytest.importorskip("pyvista")
     instead(monkeypatch, "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     with pytest.raises(RenderError, match=r"need OpenGL.*the run is complete without them"):
         process.make("frames", scene, SMALL, tmp_path)
 
 
+@pytest.mark.usefixtures("drawable")
 @pytest.mark.skipif(sys.platform != "linux", reason="VTK chooses its window by this variable on Linux")
 @pytest.mark.skipif(ctypes.util.find_library("OSMesa") is not None, reason="OSMesa is installed, so that VTK can draw")
 def test_vtk_without_opengl_becomes_one_line(scene, tmp_path, monkeypatch):
-    pytest.importorskip("pyvista")
     monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
+    monkeypatch.setattr(software_gl, "library", lambda: None)
     with pytest.raises(RenderError) as caught:
         process.make("frames", scene.frames(1), SMALL, tmp_path)
     assert str(caught.value) == process.NO_OPENGL
 
 
+@pytest.mark.usefixtures("opengl")
+def test_the_extra_software_gl_draws_without_display_and_driver(scene, tmp_path, monkeypatch):
+    if software_gl.library() is None:
+        pytest.skip("lavavu-osmesa is not installed (extra software-gl), or has no wheel for this machine")
+    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")  # what VTK takes where nothing else is found
+    monkeypatch.delenv("LD_LIBRARY_PATH", raising=False)
+    made = process.make("frames", scene.frames(1), SMALL, tmp_path)
+    assert "llvmpipe" in (tmp_path / "made" / "renderer.txt").read_text()
+    assert len(np.unique(pixels(made[0]).reshape(-1, 3), axis=0)) > 100
+
+
+def test_a_library_path_of_the_user_comes_before_the_extra(tmp_path, monkeypatch):
+    (tmp_path / "wheel").mkdir()
+    osmesa = tmp_path / "wheel" / "libOSMesa-1234.so.8"
+    osmesa.write_bytes(b"")
+    monkeypatch.setattr(software_gl, "library", lambda: osmesa)
+    monkeypatch.setenv("LD_LIBRARY_PATH", "/of/the/user")
+    job = tmp_path / "job"
+    job.mkdir()
+    assert software_gl.environment(job) == {"LD_LIBRARY_PATH": os.pathsep.join(["/of/the/user", str(job), str(osmesa.parent)])}
+    assert (job / software_gl.NAME).resolve() == osmesa
+
+
+def test_without_the_extra_the_library_path_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(software_gl, "DISTRIBUTION", "no-such-distribution")
+    assert software_gl.environment(tmp_path) == {}
+
+
+@pytest.mark.usefixtures("drawable")
 def test_a_process_that_hangs_is_ended(scene, tmp_path, monkeypatch):
-    pytest.importorskip("pyvista")
     instead(monkeypatch, "import time; time.sleep(60)")
     monkeypatch.setattr(process, "START_SECONDS", 0.3)
     monkeypatch.setattr(process, "FRAME_SECONDS", 0.0)
@@ -76,8 +106,8 @@ def test_a_process_that_hangs_is_ended(scene, tmp_path, monkeypatch):
         process.make("frames", scene, SMALL, tmp_path)
 
 
+@pytest.mark.usefixtures("drawable")
 def test_an_error_of_the_process_is_named(scene, tmp_path, monkeypatch):
-    pytest.importorskip("pyvista")
     instead(monkeypatch, "raise OSError(28, 'No space left on device')")
     with pytest.raises(RenderError, match="No space left on device"):
         process.make("frames", scene, SMALL, tmp_path)
@@ -89,8 +119,8 @@ def test_without_pyvista_one_line_says_what_to_install(scene, tmp_path, monkeypa
         process.make("frames", scene, SMALL, tmp_path)
 
 
+@pytest.mark.usefixtures("drawable")
 def test_a_pyvista_that_cannot_be_imported_is_told_with_its_reason(scene, tmp_path, monkeypatch):
-    pytest.importorskip("pyvista")
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "pyvista.py").write_text("raise ImportError('libXrender.so.1 is missing')")
     program = "import sys; sys.path.insert(0, sys.argv[1] + '/../broken'); from pathlib import Path; "

@@ -35,11 +35,6 @@ def keeping_site(tmp_path_factory):
     return folder, outcome
 
 
-@pytest.fixture(scope="module")
-def drawable():
-    pytest.importorskip("pyvista", reason="pyvista is not installed (extra view)")
-
-
 @pytest.mark.usefixtures("drawable")
 def test_a_member_without_frames_is_simulated_apart_from_the_ensemble(finished_site, tmp_path, monkeypatch):
     folder, _ = finished_site
