@@ -28,7 +28,7 @@ class Thalweg:
     Raises
     ------
     ObservationError
-        If there are fewer than two different points, or one is not finite.
+        If there are fewer than two different points, one is not finite, or the line crosses itself.
     """
 
     points: np.ndarray
@@ -42,6 +42,19 @@ class Thalweg:
         if moved.sum() < 2:
             raise ObservationError("thalweg: fewer than two different points; draw it from above the release to beyond the front")
         object.__setattr__(self, "points", points[moved])
+        self._require_simple()
+
+    def _require_simple(self) -> None:
+        """Raise an error with the place if the line crosses itself: a place there would have two lengths along it."""
+        import shapely
+
+        line = shapely.LineString(self.points)
+        if shapely.is_simple(line):
+            return
+        ends = shapely.get_coordinates(shapely.boundary(shapely.get_parts(shapely.node(line))))
+        crossings = [end for end in ends if not (end == self.points[[0, -1]]).all(axis=1).any()]
+        where = "{:.6g} east, {:.7g} north".format(*(crossings or [self.points[0]])[0])
+        raise ObservationError(f"thalweg: the line crosses itself at {where}; draw it without a loop")
 
     @cached_property
     def vertex_s(self) -> np.ndarray:
@@ -111,7 +124,7 @@ class ThalwegErrors:
     lateral_shift : float
         Mean displacement [m] of the middle between the edges, positive to the left; 0 is best.
     width_bias : float
-        Modelled over observed mean width on that stretch [1]; 1 is best.
+        Modelled over observed mean width on that stretch [1], each by the area of the cells; 1 is best.
     stretch : float
         Length [m] of that stretch; the three are NaN if it is 0.
     outside : int
@@ -171,14 +184,15 @@ def thalweg_errors(
     s, across = thalweg.coordinates(easting[columns], northing[rows])
     near = np.abs(across) <= half_width
     flows = [(s[near & one[rows, columns]], across[near & one[rows, columns]]) for one in reach]
-    cell = np.hypot(np.diff(easting[:2])[0], np.diff(northing[:2])[0])
+    cell = float(np.diff(easting[:2])[0]), float(np.diff(northing[:2])[0])
     fronts = [float(s.max()) if s.size else math.nan for s, _ in flows]
-    error, shift, bias, stretch, width = _sides(flows, spacing or 2.0 * float(cell))
+    error, shift, bias, stretch, cells = _sides(flows, spacing or 2.0 * math.hypot(*cell))
+    width = cells * abs(cell[0] * cell[1]) / stretch if stretch else math.nan
     return ThalwegErrors(fronts[0], fronts[1], error, shift, bias, stretch, int((~near).sum()), width)
 
 
 def _sides(flows: list[tuple[np.ndarray, np.ndarray]], spacing: float) -> tuple[float, float, float, float, float]:
-    """Lateral error, shift, width bias and length of the common stretch of two flows (s, l), and the second one's mean width."""
+    """Lateral error, shift, width bias and length of the common stretch of two flows (s, l), and the cells of the second there."""
     edges = [_edges(s, across, spacing) for s, across in flows]
     common = sorted(set(edges[0]) & set(edges[1]))
     if not common:
@@ -186,9 +200,9 @@ def _sides(flows: list[tuple[np.ndarray, np.ndarray]], spacing: float) -> tuple[
     (ml, mr), (ol, orr) = (np.array([e[k] for k in common]).T for e in edges)
     error = 0.5 * float(np.abs(ml - ol).mean() + np.abs(mr - orr).mean())
     shift = 0.5 * float((ml + mr - ol - orr).mean())
-    observed = float((ol - orr).mean())
-    bias = float((ml - mr).mean()) / observed if observed else math.nan
-    return error, shift, bias, spacing * len(common), observed
+    first, last = max(s.min() for s, _ in flows), min(s.max() for s, _ in flows)
+    cells = [float(((s >= first) & (s <= last)).sum()) for s, _ in flows]
+    return error, shift, cells[0] / cells[1] if cells[1] else math.nan, spacing * len(common), cells[1]
 
 
 def _edges(s: np.ndarray, across: np.ndarray, spacing: float) -> dict[int, tuple[float, float]]:

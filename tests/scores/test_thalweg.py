@@ -86,13 +86,27 @@ def test_lines_of_one_place_and_spacings_of_nothing_are_refused():
         EAST.resampled(0.0)
 
 
+def test_widths_are_those_of_cells_not_of_their_centres():
+    """Three cells beside five have 0.6 of the width, along the grid and across it."""
+    three, five = tongue(102, 8, -3), tongue(102, 13, -8)
+    assert (three.sum(axis=0).max(), five.sum(axis=0).max()) == (3, 5)
+    assert errors(three, five).width_bias == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("loop", [[[0, 0], [100, 0], [100, 50], [40, -30]], [[0, 0], [50, 50], [100, 0], [50, 50], [50, 100]]])
+def test_a_line_that_crosses_itself_is_refused_with_the_place(loop):
+    with pytest.raises(ObservationError, match=r"crosses itself at [0-9.]+ east, [0-9.]+ north; draw it without a loop"):
+        scores.Thalweg(np.array(loop, float))
+
+
 def test_front_and_sides_of_a_tongue_that_is_longer_wider_and_aside():
     found = errors(tongue(152, 42, -16), tongue(102, 22, -22))
     assert found.modelled_front == 147.5
     assert found.front_error == pytest.approx(50.0)
     assert found.lateral_error == pytest.approx((20.0 + 5.0) / 2)
     assert found.lateral_shift == pytest.approx((20.0 + 5.0) / 2)
-    assert found.width_bias == pytest.approx(50.0 / 35.0)
+    assert found.width_bias == pytest.approx(55.0 / 40.0)
+    assert found.observed_width == pytest.approx(40.0, rel=0.1)
     assert found.outside == 0
 
 
