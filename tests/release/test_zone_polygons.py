@@ -80,7 +80,7 @@ def test_polygons_of_different_friction_must_not_overlap_and_lines_are_no_zones(
     same = FrictionZones.from_vector(write_polygons(over), terrain, factor=1.5)
     assert same.factor.max() == pytest.approx(1.5)
     assert "count once" in same.changes[0]
-    with pytest.raises(ZoneError, match="a friction zone needs polygons around it"):
+    with pytest.raises(ZoneError, match="draw polygons around the friction zone"):
         FrictionZones.from_vector(write_polygons([shapely.LineString([(0, 0), (20, 20)])]), terrain, factor=1.5)
 
 

@@ -147,7 +147,7 @@ def test_problems_of_all_files_come_at_once_with_their_lines_of_site_yaml(tmp_pa
         f"site.yaml:{first + 4}: structures[4].file: town.gpkg: feature 1: floats 900 m above the ground",
         f"site.yaml:{first}: structures[0].protects: town.gpkg: holds 5 layers ({names}); name the one with the protected area, "
         "for example protects_layer: houses",
-        f"site.yaml:{first + 2}: structures[2].protects: town.gpkg: holds Point; a protected area needs polygons around it",
+        f"site.yaml:{first + 2}: structures[2].protects: town.gpkg: holds Point; draw polygons around the protected area",
     ]
     assert len(said) == len(wanted)
     assert all(line.startswith(start) for line, start in zip(said, wanted, strict=True))

@@ -44,6 +44,7 @@ from runout.backends.hash.layout import (
     TOUCHED,
     ZONED,
     Frictions,
+    Ints,
     Vector,
     node4,
     node_at,
@@ -138,7 +139,7 @@ def number_beside(status: StatusGroup, blocks: BlockGroup, contacts: ContactGrou
 
 
 def weigh_releases(
-    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, columns: ColumnGroup, scenes: SceneGroup, releases: int
+    status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, columns: ColumnGroup, first_release: Ints, releases: int
 ):
     """Mass that each release in a block gives to the columns of nodes that it reaches; a thread takes one column of one release.
 
@@ -150,7 +151,7 @@ def weigh_releases(
     q = t % PLAN
     if status.flags[HALT] != 0 or b >= status.tally[BLOCKS]:
         return
-    wanted = scenes.first_release[blocks.member[b]] + r
+    wanted = first_release[blocks.member[b]] + r
     total = real(0.0)
     for c in range(64):
         i = q // 6 - (c >> 4)
@@ -234,7 +235,7 @@ def _mass_of_release(
 
 def _free_drag(
     status: StatusGroup, blocks: BlockGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
-    friction: Frictions, columns: ColumnGroup, first: int, n: int, releases: int,
+    friction: Frictions, columns: ColumnGroup, first: int, n: int, first_release: int, releases: int,
 ):  # fmt: skip
     """Drag [kg/m] on column ``n`` of a block column in flight."""
     g = node_at(columns.moving, COLUMNS * first + n)
@@ -252,7 +253,7 @@ def _free_drag(
         if releases > 1:
             weight = _mass_of_release(status, contacts, columns, first, n, r, releases)
         if weight > real(0.0):
-            basal = friction[scenes.first_friction[scenes.first_release[s] + r] + kind]
+            basal = friction[scenes.first_friction[first_release + r] + kind]
             gravity = real(wp.length(constants.gravity))
             p = vec(g[1], g[2], g[3])
             drag += weight * free_column_drag(g[0], p, area, gravity, scenes.clock[s, 0], basal)
@@ -262,11 +263,11 @@ def _free_drag(
 
 def slow_columns(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
-    friction: Frictions, columns: ColumnGroup, releases: int,
+    friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int,
 ):  # fmt: skip
     """Change the momentum of the nodes by the drag on their columns; a thread takes one column.
 
-    ``releases`` is the number of releases of a scene whose friction differs, 1 if it does not.
+    ``first_release`` are the first ones of the scenes; ``releases`` is how many of a scene differ in friction, 1 if none do.
     """
     t = wp.tid()
     first = t // COLUMNS
@@ -281,7 +282,8 @@ def slow_columns(
     if mass > real(0.0):
         drag = columns.drag[t]
         if drag <= real(0.0):
-            drag = _free_drag(status, blocks, contacts, scenes, constants, friction, columns, first, n, releases)
+            r = first_release[blocks.member[first]]
+            drag = _free_drag(status, blocks, contacts, scenes, constants, friction, columns, first, n, r, releases)
         change = column_slowing(mass, momentum, drag, scenes.clock[blocks.member[first], 0])
         b = int(first)
         while b < many and contacts.columns[wp.min(b, many - 1)] == first:

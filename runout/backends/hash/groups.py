@@ -145,7 +145,6 @@ class SceneGroup:
     shift: Ints  # (scenes,) nodes from the origin of the index north to that of the scene
     limits: Doubles2  # (scenes, 2) extent of the domain east and north [cells]
     density: Doubles  # (releases,) [kg/m3]
-    first_release: Ints  # (scenes,) first release of a scene among those of all
     first_friction: Ints  # (releases,) record of friction of a release on its first kind of ground
     zones: Table2  # (scenes, cells) kind of ground by cell of the raster
     lattice: Doubles2  # (scenes, 4) cells of the raster east and north, and their sizes [cells of the grid]

@@ -42,6 +42,8 @@ class SceneArrays:
         Parameters of the law, on the host and on the device.
     friction : (releases times kinds of ground,) records
         Basal friction of the releases.
+    releases : (scenes,) int32
+        First release of each scene, on the device.
     mixed : int
         Most releases of a scene if the friction of those of any scene differs, else 1.
     group : SceneGroup
@@ -64,6 +66,7 @@ class SceneArrays:
         self.shifts = 4 * self.rows * np.arange(many)
         zones = Zones(scenes, kernels.friction_record)
         self.friction = zones.friction
+        self.releases = wp.array(self.first_release[:-1].astype(np.int32), dtype=wp.int32)
         self.mixed = 1 if all(scene.basal.alike for scene in scenes) else max(len(scene.materials) for scene in scenes)
         steps, packed = (wp.zeros(many, dtype=self.number) for _ in range(2))
         left, step_counts = (wp.zeros(many, dtype=wp.int32) for _ in range(2))
@@ -71,7 +74,6 @@ class SceneArrays:
             kernels.groups.SceneGroup, self, clock=wp.zeros((many, CLOCK), dtype=self.number), left=left, steps=steps,
             step_counts=step_counts, packed=packed, shift=wp.array(self.shifts.astype(np.int32), dtype=wp.int32),
             limits=wp.array(limits, dtype=wp.float64), density=wp.array(np.array([m.density for m in materials]), dtype=wp.float64),
-            first_release=wp.array(self.first_release[:-1].astype(np.int32), dtype=wp.int32),
             first_friction=zones.first_friction, zones=zones.zones, lattice=zones.lattice,
         )  # fmt: skip
         h = wp.types.vector(length=3, dtype=self.number)(*first.spacing)

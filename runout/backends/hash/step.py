@@ -59,8 +59,8 @@ def move_nodes(parts: Parts) -> None:
 def weigh_releases(parts: Parts) -> None:
     """Masses of the releases in the blocks."""
     i, scenes = parts.index, parts.scenes
-    groups = parts.status.group, parts.store.group, i.block_group, parts.nodes.column_group, scenes.group
-    run(parts.k.weigh_releases, i.capacity * PLAN * scenes.mixed, *groups, scenes.mixed)
+    groups = parts.status.group, parts.store.group, i.block_group, parts.nodes.column_group
+    run(parts.k.weigh_releases, i.capacity * PLAN * scenes.mixed, *groups, scenes.releases, scenes.mixed)
 
 
 def slow_columns(parts: Parts) -> None:
@@ -70,7 +70,7 @@ def slow_columns(parts: Parts) -> None:
     law = scenes.group, scenes.constants, scenes.friction
     run(k.sum_drags, n.places * PLAN, status, parts.store.group, contacts, columns)
     run(k.sum_moving, i.capacity * COLUMNS, status, blocks, n.grid_group, n.ground_group, contacts, scenes.group, columns)
-    run(k.slow_columns, i.capacity * COLUMNS, status, blocks, n.grid_group, contacts, *law, columns, scenes.mixed)
+    run(k.slow_columns, i.capacity * COLUMNS, status, blocks, n.grid_group, contacts, *law, columns, scenes.releases, scenes.mixed)
     run(k.book_columns, i.capacity, status, n.grid_group, contacts, columns)
 
 
