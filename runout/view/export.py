@@ -1,4 +1,4 @@
-"""Writes a scene for ParaView: surfaces (VTS), particles (VTP) and collections with the time of each file (PVD).
+"""Writes a scene for ParaView: surfaces (VTS), maps (VTI), particles (VTP), and collections with the time of each file (PVD).
 
 Positions are local metres, so that single precision on a graphics card resolves them; the field ``map_origin`` of every file
 holds the easting and northing of the local origin. Only the process that draws imports this module.
@@ -21,10 +21,12 @@ HEAD = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_ord
 
 
 def export(scene: FlowScene, folder: Path) -> list[Path]:
-    """Write ``terrain.vts``, ``flow.pvd``, the frames and, where the scene has them, ``particles.pvd`` and structures."""
+    """Write ``terrain.vts``, ``flow.pvd``, ``maps.pvd``, the frames and, where there are any, ``particles.pvd`` and structures."""
     written = [_saved(_ground(scene), scene, folder / "terrain.vts")]
     flow = [_saved(_flow(scene, k), scene, folder / f"flow_{k:04d}.vts") for k in range(len(scene.times))]
     written += [*flow, _collection(scene.times, flow, folder / "flow.pvd")]
+    maps = [_saved(_map(scene, k), scene, folder / f"map_{k:04d}.vti") for k in range(len(scene.times))]
+    written += [*maps, _collection(scene.times, maps, folder / "maps.pvd")]
     if scene.particles is not None:
         clouds = [_saved(_cloud(scene, k), scene, folder / f"particles_{k:04d}.vtp") for k in range(len(scene.times))]
         written += [*clouds, _collection(scene.times, clouds, folder / "particles.pvd")]
@@ -55,6 +57,18 @@ def _flow(scene: FlowScene, frame: int) -> pv.StructuredGrid:
     grid.point_data["thickness"] = _of_points(np.nan_to_num(scene.thickness[frame]))
     grid.point_data["speed"] = _of_points(np.nan_to_num(scene.speed[frame]))
     return _hidden(grid, ~surfaces.covered(scene, frame))
+
+
+def _map(scene: FlowScene, frame: int) -> pv.ImageData:
+    """Thickness, speed and ground on the cells, flat at 0 m: for sums and sections over areas."""
+    rows, columns = scene.ground.shape
+    east, north = scene.cell_size
+    shape, corner = (columns + 1, rows + 1, 1), (-0.5 * east, -0.5 * north, 0.0)
+    raster = pv.ImageData(dimensions=shape, spacing=(east, north, 1.0), origin=corner)
+    fields = {"thickness": scene.thickness[frame], "speed": scene.speed[frame], "elevation": scene.ground}
+    for name, values in fields.items():
+        raster.cell_data[name] = (values if name == "elevation" else np.nan_to_num(values))[::-1].ravel()
+    return raster
 
 
 def _hidden(grid: pv.StructuredGrid, cells: np.ndarray) -> pv.StructuredGrid:

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -128,9 +129,9 @@ def _reason(folder: Path, code: int, task: str) -> str:
     if code == PACKAGE_MISSING:
         cause = (folder / "reason.txt").read_text(encoding="utf-8")
         return f"3D pictures: pyvista cannot be imported ({cause}); repair it with {INSTALL}"
-    last = messages.strip().splitlines()[-1:] or [""]
-    if code == 1 and "Error" in last[0]:
-        return f"3D pictures: {last[0]}; -v shows more"
+    errors = re.findall(r"^[\w.]*Error\b.*", messages, re.MULTILINE)
+    if code == 1 and errors:
+        return f"3D pictures: {errors[-1]}; -v shows more"
     return NO_OPENGL
 
 

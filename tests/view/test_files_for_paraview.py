@@ -37,6 +37,18 @@ def test_the_collection_has_the_times_and_the_surfaces(folder, scene):
         assert list(grid.field_data["map_origin"]) == list(scene.origin)
 
 
+def test_maps_lie_flat_with_a_value_for_each_cell(folder, scene):
+    reader = pv.get_reader(folder / "maps.pvd")
+    assert reader.time_values == [0.0, 2.5, 7.0]
+    reader.set_active_time_value(2.5)
+    raster = reader.read()[0]
+    assert raster.bounds == pytest.approx((-5, 395, -5, 235, 0, 0))
+    for name, values in (("thickness", scene.thickness[1]), ("speed", scene.speed[1]), ("elevation", scene.ground)):
+        np.testing.assert_allclose(raster[name].reshape(values.shape)[::-1], np.nan_to_num(values), err_msg=name)
+    volume = raster.compute_cell_sizes()["Area"] @ raster["thickness"]
+    assert volume == pytest.approx(100.0 * scene.thickness[1].sum())
+
+
 def test_particles_have_a_collection_of_their_own(folder):
     reader = pv.get_reader(folder / "particles.pvd")
     assert reader.time_values == [0.0, 2.5, 7.0]

@@ -43,7 +43,7 @@ def test_a_member_without_frames_is_simulated_apart_from_the_ensemble(finished_s
     assert cli.main([*command, "--vtk", str(tmp_path / "vtk")]) == ExitCode.OK
     assert {path: path.stat().st_mtime_ns for path in (folder / "results").rglob("*")} == before
     assert (tmp_path / "out" / "simulations" / "0001.nc").is_file()
-    assert sorted(p.name for p in (tmp_path / "vtk").iterdir() if p.suffix == ".pvd") == ["flow.pvd", "particles.pvd"]
+    assert sorted(p.name for p in (tmp_path / "vtk").iterdir() if p.suffix == ".pvd") == ["flow.pvd", "maps.pvd", "particles.pvd"]
 
     monkeypatch.setattr(single_member, "run", lambda *_, **__: pytest.fail("simulated again"))
     scene = seeing.scene_of(folder, tmp_path / "out", seeing.Choices(member=1, frames=3))
