@@ -131,5 +131,5 @@ def test_a_pyvista_that_cannot_be_imported_is_told_with_its_reason(scene, tmp_pa
 
 
 def test_an_error_of_several_lines_is_told_by_its_first_one(tmp_path):
-    (tmp_path / "messages.txt").write_text("Traceback (most recent call last):\n  File\nvtk.MissingError: no grid\n    use another\n")
+    (tmp_path / "messages.txt").write_text("Traceback:\n  File\nvtk.MissingError: no grid\n    use another\n")
     assert process._reason(tmp_path, 1, "files") == "3D pictures: vtk.MissingError: no grid; -v shows more"
