@@ -40,6 +40,7 @@ class Structures:
         self.force = np.zeros((particles, 4), real)
         self.impulses, self.dissipation = np.zeros((len(field.patches.area), 3)), 0.0
         self.contacts = self.stopped = 0
+        self._blocks_before = np.pad(np.cumsum(np.cumsum(np.cumsum(field.blocks >= 0, 0), 1), 2), ((1, 0),) * 3)
 
     def checkpoint(self, prefix: str) -> State:
         """What the next step needs, by name."""
@@ -48,7 +49,7 @@ class Structures:
     def find_near(self, blocks: Blocks, constants: Constants) -> None:
         """Find the blocks near structures, of a new index."""
         n, field = blocks.nown, self.scene_field
-        owners = np.flatnonzero(_meets(field, blocks.bxyz[:n], constants)).astype(np.int32)
+        owners = np.flatnonzero(_meets(field, self._blocks_before, blocks.bxyz[:n], constants)).astype(np.int32)
         nodes = np.unique(blocks.up[owners])
         row_of = np.full(n + 1, -1, np.int32)  # the last one stands for no block
         row_of[owners] = np.arange(len(owners))
@@ -66,6 +67,9 @@ class Structures:
     ) -> None:
         """Add the impulses of the structures to the velocities of the nodes, in step number ``steps``, and book them."""
         near, dt, real = self.near, tables.step.dt, self.force.dtype.type
+        if not len(near.owners):
+            self.contacts = 0
+            return
         rows = k.place_structure_rows(near, blocks.held, self.touching.place)
         if rows > len(self.touching.slots):
             made = _rows(rows + rows // 4, self.force.dtype)
@@ -117,17 +121,22 @@ def _rows(n: int, real: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
     return np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros((n, 8), real), np.zeros((n, 4), real), np.zeros((n, 4), real)
 
 
-def _meets(field: StructureField, bxyz: np.ndarray, constants: Constants) -> np.ndarray:
-    """Whether the particles of blocks (n, 3) may lie in a block of the lattice."""
-    first, size = (constants.corner + 4 * bxyz.astype(np.int64)), CELLS * field.spacing
-    shape = np.array(field.blocks.shape)
+def _meets(field: StructureField, before: np.ndarray, bxyz: np.ndarray, constants: Constants) -> np.ndarray:
+    """Whether the particles of blocks (n, 3) may lie in a block of the lattice; ``before`` counts its blocks below each corner."""
+    size, shape = CELLS * field.spacing, np.array(field.blocks.shape)
+    most, least = (4 * extreme + constants.corner for extreme in (bxyz.max(0, initial=0), bxyz.min(0, initial=0)))
+    outside = ((least + LOWEST) * constants.spacing > field.origin + size * shape) | (
+        (most + HIGHEST) * constants.spacing < np.array(field.origin)
+    )
+    if outside.any():
+        return np.zeros(len(bxyz), np.bool_)
+    first = constants.corner + 4 * bxyz.astype(np.int64)
     low, high = (
         np.clip(np.floor(((first + by) * constants.spacing - field.origin) / size).astype(np.int64) + more, 0, shape)
         for by, more in ((LOWEST, 0), (HIGHEST, 1))
     )
-    filled = np.pad(np.cumsum(np.cumsum(np.cumsum(field.blocks >= 0, axis=0), axis=1), axis=2), ((1, 0),) * 3)
     count = np.zeros(len(bxyz), np.int64)
     for q in range(8):
         corner = [np.where(q >> a & 1, high[:, a], low[:, a]) for a in range(3)]
-        count += (1 if q.bit_count() % 2 else -1) * filled[tuple(corner)]
+        count += (1 if q.bit_count() % 2 else -1) * before[tuple(corner)]
     return count > 0
