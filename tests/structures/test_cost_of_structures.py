@@ -4,9 +4,16 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
+from scenes import ROCK
+
+from runout import Voellmy
+from runout.backends.protocol import get_backend
+from runout.backends.scan.warm_up import side_wall, small_slope
 
 HERE = Path(__file__).parent
 COUNT = """
@@ -37,7 +44,7 @@ print(json.dumps(found))
 def counted(backend, structured):
     """Number of kernels (scan) or modules (hash) that a run compiled or loaded, in all and of structures."""
     path = os.pathsep.join([str(HERE), str(HERE.parent / "backends"), str(HERE.parents[1])])
-    environment = {**os.environ, "PYTHONPATH": path}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([path, os.environ.get("PYTHONPATH", "")])}
     command = [sys.executable, "-c", COUNT, backend, str(structured)]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr
@@ -53,3 +60,16 @@ def test_a_run_without_structures_compiles_no_code_of_structures(backend):
     assert bare["all"] > 0
     assert structured["structures"] > 0  # else nothing was counted
     assert structured["all"] > bare["all"]
+
+
+def test_no_kernel_of_structures_runs_where_no_mass_is_near():
+    slope, particles = small_slope((ROCK,), Voellmy(mu=0.2, xi=500.0), "float64")
+    calls = []
+    for origin in ((0.0, 0.0, -8.0), (4000.0, 4000.0, -8.0)):
+        engine = get_backend("scan", threads=1)
+        engine.load(replace(slope, structures=replace(side_wall(), origin=origin)), particles)
+        with patch.object(engine.k, "find_structure_contacts", wraps=engine.k.find_structure_contacts) as find:
+            for _ in range(3):
+                engine.step(engine.stable_step())
+        calls.append(find.call_count)
+    assert calls == [3, 0]

@@ -50,6 +50,8 @@ class Structures:
         """Find the blocks near structures, of a new index."""
         n, field = blocks.nown, self.scene_field
         owners = np.flatnonzero(_meets(field, self._blocks_before, blocks.bxyz[:n], constants)).astype(np.int32)
+        if not len(owners) and hasattr(self, "near") and not len(self.near.owners):
+            return  # nothing is near, as before
         nodes = np.unique(blocks.up[owners])
         row_of = np.full(n + 1, -1, np.int32)  # the last one stands for no block
         row_of[owners] = np.arange(len(owners))
