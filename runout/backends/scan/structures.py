@@ -33,6 +33,8 @@ class Structures:
         Particles that touch structures; those that a second impulse stopped since the start.
     """
 
+    near: Near
+
     def __init__(self, scene: Scene, field: StructureField, particles: int):
         real = scene.dtype
         self.band, self.scene_field = real(scene.contact_band * min(scene.spacing)), field
