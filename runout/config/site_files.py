@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,7 +140,7 @@ class SiteFiles:
 
     def _placed_release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":
         key = "raster" if stated.polygons is None else "polygons"
-        with stated_at(self.file, "release", release_number(self.file, stated.name), key):
+        with stated_at(self.file, "release", partial(release_number, self.file, stated.name), key):
             return self._release(stated, terrain)
 
     def _release(self, stated: ReleaseSettings, terrain: "Terrain") -> "Release":

@@ -1,6 +1,6 @@
 """Places of site.yaml in the messages of readers of its input files."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -9,15 +9,15 @@ from runout.errors import ConfigError, InputError, StructureError
 
 
 @contextmanager
-def stated_at(file: Path, *place: str | int) -> Iterator[None]:
+def stated_at(file: Path, *place: str | int | Callable[[], int]) -> Iterator[None]:
     """Context that puts line and key of site.yaml before the message of an input that cannot be used.
 
     Parameters
     ----------
     file : Path
         The site.yaml.
-    *place : str or int
-        Keys and list positions of the setting that names the input.
+    *place : str, int or callable
+        Keys and list positions of the setting that names the input; functions that find a position are called for a message only.
     """
     try:
         yield
@@ -26,7 +26,8 @@ def stated_at(file: Path, *place: str | int) -> Iterator[None]:
     except InputError as error:
         if str(error).startswith(f"{file.name}:"):  # it is placed already, more closely
             raise
-        error.args = (f"{_before(file, place)}: {error}",)
+        found = tuple(part() if callable(part) else part for part in place)
+        error.args = (f"{_before(file, found)}: {error}",)
         raise
 
 

@@ -58,7 +58,7 @@ class Scene:
         Largest friction coefficient that the mass of each release passes on to the ground [1], see
         :meth:`runout.model.materials.Material.shear_strength`; empty for no limit.
     initial_stress : str
-        Initial stress of the particles, one of :data:`runout.backends.initial_stress.CHOICES`; for the record.
+        Initial stress of the particles, at_rest or none; for the record.
     gravity : tuple of float
         Acceleration [m/s2].
     cfl : float

@@ -60,8 +60,8 @@ def wall_out_of_reach(scene: Scene) -> StructureField:
     edge, nodes, blocks = 0.5 * min(scene.spacing), (CELLS + 1,) * 3, (2, 2, 2)
     row = np.arange(8, dtype=np.int32).reshape(blocks)
     north = edge * (CELLS * np.indices(blocks)[1].reshape(-1, 1, 1, 1) + np.indices(nodes)[1])
-    middle, up = np.full((1, 3), float(CELLS)), np.array([[0.0, 1.0, 0.0]])
-    patches = Patches(middle, up, np.full(1, edge**2), np.zeros(1, np.int64), np.full(1, 0.1))
+    middle, normal = np.full((1, 3), float(CELLS)), np.array([[0.0, 1.0, 0.0]])
+    patches = Patches(middle, normal, np.full(1, edge**2), np.zeros(1, np.int64), np.full(1, 0.1))
     corner = tuple(-100.0 * h for h in scene.spacing)
     distance = (north - CELLS * edge).astype(np.float32)
     return StructureField(edge, corner, row, distance, np.zeros(distance.shape, np.int32), 6.0 * edge, patches)  # type: ignore[arg-type]

@@ -243,7 +243,7 @@ class ScanBackend:
         w, t, total = self.workspace, self.tables, np.zeros(4)
         if not self.scene.basal.alike:
             self.share_releases()
-        self.k.slow_columns(self.index.blocks, w.grid.shared, w.columns, t.free_drag, t.step.dt, total)
+        self.k.slow_columns(self.index.blocks, w.grid.shared, w.columns, t.free_drag, t.constants, t.step.dt, total)
         if reads_nodes(self.scene):
             self.k.change_nodes(w.columns, w.grid.nodes)
         self.totals.basal_dissipation -= float(total[0])

@@ -14,8 +14,6 @@ The changes are added where particles gather velocities (``grid_to_particles``);
 these, :func:`change_nodes`.
 """
 
-import math
-
 import numpy as np
 from numba import prange
 
@@ -30,6 +28,7 @@ from runout.backends.lanes import (
     row_vectors,
     store,
 )
+from runout.backends.scan.ground import _kind_at
 from runout.backends.scan.particles_to_grid import PLAN, lower_half
 from runout.backends.scan.stencil import PLANE, ROW, UPPER, repeated, zeros
 from runout.physics.bspline import weights
@@ -110,16 +109,14 @@ def _covered_area(masses, plan_area, n):
     return plan_area * covered_share(masses[first + HALO + 1], around, squares)
 
 
-def _kind_of_ground(bxyz, b, n, free):
+def _kind_of_ground(bxyz, b, n, free, constants):
     """Kind of ground at column ``n`` of the nodes of block ``b``."""
-    x = np.float64(free.corner[0] + 4 * np.int64(bxyz[b, 0]) + (n >> 2)) * free.spacing[0]
-    y = np.float64(free.corner[1] + 4 * np.int64(bxyz[b, 1]) + (n & 3)) * free.spacing[1]
-    i = np.int64(math.floor(x / free.cell_size[0]))
-    j = np.int64(math.floor(y / free.cell_size[1]))
-    return np.int64(free.kind[min(max(i, 0), free.kind.shape[0] - 1), min(max(j, 0), free.kind.shape[1] - 1)])
+    x = np.float64(constants.corner[0] + 4 * np.int64(bxyz[b, 0]) + (n >> 2)) * constants.spacing[0]
+    y = np.float64(constants.corner[1] + 4 * np.int64(bxyz[b, 1]) + (n & 3)) * constants.spacing[1]
+    return _kind_at(x, y, free.cell_size, free.kind)
 
 
-def _add_free_drag(masses, bxyz, columns, free, c, dt):
+def _add_free_drag(masses, bxyz, columns, free, constants, c, dt):
     """Fill the drag of the columns of nodes in flight."""
     plans, shares, b = columns.plans, columns.shares, np.int64(columns.parts[columns.start[c]])
     _load_masses(masses, columns, c)
@@ -127,13 +124,12 @@ def _add_free_drag(masses, bxyz, columns, free, c, dt):
         mass = plans[c, 0, n]
         if mass > real(0.0) and plans[c, DRAG, n] <= real(0.0):
             area = _covered_area(masses, columns.plan_area, n)
-            kind = _kind_of_ground(bxyz, b, n, free)
+            kind = _kind_of_ground(bxyz, b, n, free, constants)
             momentum = vec(plans[c, 1, n], plans[c, 2, n], plans[c, 3, n])
             drag = real(0.0)
             for r in range(shares.shape[2]):
                 if shares[c, n, r] > real(0.0):
-                    basal = free.basal[r * free.kinds + kind]
-                    drag += shares[c, n, r] * free_column_drag(mass, momentum, area, free.gravity, dt, basal)
+                    drag += shares[c, n, r] * free_column_drag(mass, momentum, area, free.gravity, dt, free.basal[r, kind])
             plans[c, DRAG, n] = drag
 
 
@@ -159,7 +155,7 @@ def _keep(columns, c):
     columns.booked[c, 3] = lane_sum(in_double(mass * z))
 
 
-def slow_columns(blocks, shared, columns, free, dt, total):
+def slow_columns(blocks, shared, columns, free, constants, dt, total):
     """Changes of velocity by the drag on the columns of nodes; adds work [J] and impulse [N s] to ``total`` (4,).
 
     ``shared`` are the blocks that contacts reach, ``free`` is what mass in flight takes.
@@ -172,7 +168,7 @@ def slow_columns(blocks, shared, columns, free, dt, total):
         if slowed[c]:
             if _any_free(columns.plans, np.int64(c)):
                 masses = local_masses(columns.moving)
-                _add_free_drag(masses, blocks.bxyz, columns, free, np.int64(c), dt)
+                _add_free_drag(masses, blocks.bxyz, columns, free, constants, np.int64(c), dt)
             _slow(columns.plans, np.int64(c), dt)
             _keep(columns, np.int64(c))
     for c in range(len(slowed)):
@@ -200,11 +196,12 @@ def _share_column(columns, nown, c):
     """Shares of the releases in the columns of nodes of block column ``c``."""
     shares = columns.shares
     for n in range(PLAN):
-        total = 0.0
+        total = real(0.0)
         for r in range(shares.shape[2]):
-            total += _mass_of(columns, nown, c, n, r)
+            shares[c, n, r] = real(_mass_of(columns, nown, c, n, r))
+            total += shares[c, n, r]
         for r in range(shares.shape[2]):
-            shares[c, n, r] = real(_mass_of(columns, nown, c, n, r) / total) if total > 0.0 else real(0.0)
+            shares[c, n, r] = shares[c, n, r] / total if total > real(0.0) else real(0.0)
 
 
 def _weigh_releases(particles, starts, first, masses, b):

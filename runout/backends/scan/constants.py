@@ -61,8 +61,7 @@ class Tables:
         mats = scene.law.table(scene.materials, real)
         moduli = np.stack([mats[name] for name in MODULI], axis=1)
         step, domain = TimeStep(mats, real(0), none, none), domain_of(scene, corner)
-        free = _free_drag(scene, basal, constants)
-        return cls(constants, step, moduli, 0.0, domain, zones, basal, free, particle_volume)
+        return cls(constants, step, moduli, 0.0, domain, zones, basal, _free_drag(scene, basal), particle_volume)
 
     def set_step(self, scene: Scene, dt: float) -> Any:
         """Set the constants of steps of ``dt`` [s]; returns by how much longer [s] the step is with which records are packed."""
@@ -78,11 +77,11 @@ class Tables:
         return longer
 
 
-def _free_drag(scene: Scene, table: np.ndarray, constants: Constants) -> FreeDrag:
+def _free_drag(scene: Scene, table: np.ndarray) -> FreeDrag:
     basal, gravity = scene.basal, scene.dtype(math.hypot(*scene.gravity))
     kind = np.zeros((1, 1), np.int32) if basal.kind is None else basal.kind
     size = np.full(2, np.inf) if basal.kind is None else basal.size
-    return FreeDrag(table, kind, size, basal.kinds, constants.corner, constants.spacing, gravity)
+    return FreeDrag(table.reshape(-1, basal.kinds), kind, size, gravity)
 
 
 def _frictions(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, Zones | None]:

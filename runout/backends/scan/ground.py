@@ -7,6 +7,8 @@ The surface is the same spline on the nodes for all backends.
     bounds[b]    highest point of these planes | least vertical component of the normal
 """
 
+import math
+
 import numpy as np
 from numba import prange
 
@@ -25,6 +27,13 @@ from runout.physics.tensors import real
 
 BELOW, ABOVE = 12, 14  # places of the blocks below and above among the neighbours
 local_elevations = local_array((36,))
+
+
+def _kind_at(x, y, size, kind):
+    """Kind of ground at a place [m], from the cells of the raster; beyond the rim that of the rim."""
+    i = min(max(np.int64(math.floor(x / size[0])), 0), kind.shape[0] - 1)
+    j = min(max(np.int64(math.floor(y / size[1])), 0), kind.shape[1] - 1)
+    return np.int64(kind[i, j])
 
 
 def _sample(coefficients, qx, qy):

@@ -81,13 +81,10 @@ class FreeDrag(NamedTuple):
 
     Attributes
     ----------
-    basal : (releases times kinds of ground,) record
+    basal : (releases, kinds of ground) record
         Records of basal friction.
     kind, cell_size : (nx, ny) int32, (2,) float64
         Kind of ground on the cells of the raster, and their size [m]; one cell without end where there are no zones.
-    kinds : int
-    corner, spacing : (3,) int64, (3,) float64
-        Node from which blocks are counted; spacing of the nodes [m].
     gravity : real
         Magnitude of gravity [m/s2].
     """
@@ -95,9 +92,6 @@ class FreeDrag(NamedTuple):
     basal: np.ndarray
     kind: np.ndarray
     cell_size: np.ndarray
-    kinds: int
-    corner: np.ndarray
-    spacing: np.ndarray
     gravity: Any
 
 
@@ -126,9 +120,11 @@ def node_columns_of(blocks: Blocks, scene: Scene) -> NodeColumns:
 def _beside(places: np.ndarray) -> np.ndarray:
     """Rows (n, 9) of the ``places`` (n, 2) around each of them, n where there is none; ``places`` are sorted."""
     count = len(places)
-    found = np.full((count, 9), count, np.int32)
-    rows = {place: row for row, place in enumerate(map(tuple, places.tolist()))}
-    for q in range(9):
-        east, north = q // 3 - 1, q % 3 - 1
-        found[:, q] = [rows.get((x + east, y + north), count) for x, y in rows]
-    return found
+    if not count:
+        return np.zeros((0, 9), np.int32)
+    x, y = (places - places.min(axis=0)).astype(np.int64).T
+    width = int(y.max()) + 3  # of a row of keys, with room beyond both ends
+    key = x * width + y
+    wanted = key[:, None] + np.array([(q // 3 - 1) * width + q % 3 - 1 for q in range(9)])
+    row = np.minimum(np.searchsorted(key, wanted), count - 1)
+    return np.where(key[row] == wanted, row, count).astype(np.int32)

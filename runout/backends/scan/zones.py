@@ -1,11 +1,10 @@
 """Friction zones of the ground (:mod:`runout.model.friction`). The kernel is called only for scenes that have zones."""
 
-import math
-
 import numpy as np
 from numba import prange
 
 from runout.backends.scan.contact_detection import FRICTION
+from runout.backends.scan.ground import _kind_at
 from runout.backends.scan.observe import _node_of
 
 
@@ -23,9 +22,6 @@ def take_zones(particles, blocks, contacts, corner, h, zones):
             p = listed[first[b] + t]
             x, y, _ = _node_of(bxyz, b, np.int64(cell[p]), corner)
             r = place[b] + t
-            i = np.int64(math.floor((x + np.float64(rec[p, 4])) * h[0] / size[0]))
-            j = np.int64(math.floor((y + np.float64(rec[p, 8])) * h[1] / size[1]))
-            i = min(max(i, 0), kind.shape[0] - 1)
-            j = min(max(j, 0), kind.shape[1] - 1)
+            below = _kind_at((x + np.float64(rec[p, 4])) * h[0], (y + np.float64(rec[p, 8])) * h[1], size, kind)
             g = r >> 4
-            measured[g, FRICTION, r & 15] = friction[np.int64(measured[g, FRICTION, r & 15]), kind[i, j]]
+            measured[g, FRICTION, r & 15] = friction[np.int64(measured[g, FRICTION, r & 15]), below]

@@ -30,11 +30,10 @@ slope.
 ## Differences
 
 - **Front and speed agree**: fronts 16 m and 34 m short of com1DFA's 1.6 to 1.8 km, largest speeds within 6 %. Fast parts of a flow
-  leave rough ground in 3D. They keep the drag of the law there, as depth-averaged models, which let no mass leave the ground, have
-  it. Without drag in flight the largest speed with Voellmy is 70.5 m/s and CSI 0.46.
-- **runout is thicker**, most in the gully. Internal friction resists the spreading of a flow ({{doc}}`idealized_topo`), and mass in
+  leave rough ground in 3D. The drag of the law acts there too, since depth-averaged models let no mass leave the ground.
+- **runout is thicker.** Internal friction resists the spreading of a flow ({{doc}}`idealized_topo`), and mass in
   flight has no friction. What else makes this flow thicker is open.
-- **With Voellmy the area is larger by a quarter**: part of the flow leaves the gully where it bends.
+- **With Voellmy the area is larger by 28 %**: part of the flow leaves the gully to the west where it bends (figure).
 - Artificial viscosity of com1DFA costs 5 m/s and makes its area smaller by a fifth; its term of curvature changes little.
 
 ## What is not comparable
