@@ -37,6 +37,10 @@ class Setting:
         Ground [m] on the grid of the scores, for the energy line.
     half_width : float
         Largest distance [m] from the thalweg that counts.
+    surface : ndarray (rows, columns) or None
+        Area [m2] of the cells on the slope, for volumes of thickness normal to it; None where thickness is vertical.
+    has_volume : bool
+        Whether a deposit has a volume; normal to a slope that is not known it has none.
     """
 
     thresholds: Sequence[float]
@@ -45,6 +49,8 @@ class Setting:
     start: ReleasePoint | None = None
     elevation: np.ndarray | None = None
     half_width: float = float("inf")
+    surface: np.ndarray | None = None
+    has_volume: bool = True
 
 
 @dataclass
@@ -150,9 +156,10 @@ def add_maps(found: Assessment, modelled: Flow, observed: Flow, quantity: str, s
         of = f"{quantity_name(quantity)} of {threshold:g} {units}"
         areas = modelled.area(quantity, threshold), observed.area(quantity, threshold)
         add_areas(found, of, grid, *areas, quantity, threshold, setting)
-    errors = field_errors(modelled.maps[quantity], observed.maps[quantity], grid.cell_area)
+    volume = quantity == "deposit" and setting.has_volume and not (modelled.is_percentile or observed.is_percentile)
+    area = setting.surface if volume and setting.surface is not None else grid.cell_area
+    errors = field_errors(modelled.maps[quantity], observed.maps[quantity], area)
     counts: dict[str, float] = {"cells": errors.cells, "unknown_cells": errors.unknown}
-    volume = quantity == "deposit" and not (modelled.is_percentile or observed.is_percentile)
     if volume:
         counts |= {"modelled_volume_m3": errors.modelled_sum, "observed_volume_m3": errors.observed_sum}
     of = f"{quantity_name(quantity)}, whole map"

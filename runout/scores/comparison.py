@@ -17,7 +17,7 @@ from runout.scores.grid import Grid, common_grid, placed, resampled
 from runout.scores.observations import Observations
 from runout.scores.outline import outline_shares
 from runout.scores.products import Product, Reading, read_product
-from runout.scores.read import Nodata, read_thalweg
+from runout.scores.read import Nodata, read_thalweg, where_dry
 from runout.scores.scoring import NO_BARS, change_scores
 from runout.scores.slope_normal import slope_normal_thickness, terrain_slope
 from runout.scores.vector_product import VectorContent, read_vector
@@ -198,7 +198,7 @@ def _flows(a: Product, b: Product, grid: Grid, ground: np.ndarray | None, choice
     for product in (a, b):
         flow = Flow(grid, {}) if product.flow is None else product.flow.on(grid)
         if product.kind == "raster" and choices.nodata == Nodata.ZERO:  # also beyond the raster
-            flow = replace(flow, maps={name: np.nan_to_num(values) for name, values in flow.maps.items()})
+            flow = replace(flow, maps={name: where_dry(values, name) for name, values in flow.maps.items()})
         if choices.slope_normal and product.kind in ("ensemble", "member"):
             if ground is None:
                 raise ObservationError("--slope-normal needs the elevation of the ground; name its raster with --dem")
@@ -223,8 +223,11 @@ def _setting(
     start = None
     if thalweg is not None and ground is not None and release is not None:
         start = release_point(grid.easting, grid.northing, ground, release)
-    bars = NO_BARS if choices.slope_normal else a.bars
-    return Setting(thresholds, bars, thalweg, start, ground, choices.half_width), said
+    found = Setting(thresholds, a.bars, thalweg, start, ground, choices.half_width)
+    if choices.slope_normal:
+        surface = None if ground is None else grid.cell_area / np.cos(terrain_slope(ground, grid.cell_size))
+        found = replace(found, bars=NO_BARS, surface=surface, has_volume=surface is not None)
+    return found, said
 
 
 def _scored(flows: tuple[Flow, Flow], vector: VectorContent | None, grid: Grid, setting: Setting, choices: Choices) -> Assessment:

@@ -49,15 +49,17 @@ class FieldErrors:
         return ratio(self.modelled_sum, self.observed_sum)
 
 
-def field_errors(modelled: np.ndarray, observed: np.ndarray, cell_area: float = 1.0, threshold: float = 0.0) -> FieldErrors:
+def field_errors(
+    modelled: np.ndarray, observed: np.ndarray, cell_area: float | np.ndarray = 1.0, threshold: float = 0.0
+) -> FieldErrors:
     """Errors of a map against another on the same cells.
 
     Parameters
     ----------
     modelled, observed : ndarray (rows, columns)
         NaN where unknown.
-    cell_area : float
-        Area of a cell [m2].
+    cell_area : float or ndarray (rows, columns)
+        Area of a cell, or of each one [m2]; cells of unknown area (NaN) are unknown.
     threshold : float
         Absolute value that one of the maps has to reach in a cell that is scored; with 0 it has to be above 0.
 
@@ -68,8 +70,9 @@ def field_errors(modelled: np.ndarray, observed: np.ndarray, cell_area: float = 
     """
     m, o = np.asarray(modelled, np.float64), np.asarray(observed, np.float64)
     require_same_shape(m, o)
-    known = np.isfinite(m) & np.isfinite(o)
-    m, o = m[known], o[known]
+    area = np.broadcast_to(np.asarray(cell_area, np.float64), m.shape)
+    known = np.isfinite(m) & np.isfinite(o) & np.isfinite(area)
+    m, o, area = m[known], o[known], area[known]
     largest = np.maximum(np.abs(m), np.abs(o))
     scored = (largest >= threshold) & (largest > 0.0)
     bias, rmse, absolute = differences(m[scored], o[scored])
@@ -79,11 +82,11 @@ def field_errors(modelled: np.ndarray, observed: np.ndarray, cell_area: float = 
         bias,
         rmse,
         absolute,
-        float(m.sum() * cell_area),
-        float(o.sum() * cell_area),
+        float((m * area).sum()),
+        float((o * area).sum()),
         ratio(float(np.abs(m - o).sum()), float(np.abs(o).sum())),
-        float(scored.sum() * cell_area),
-        float(np.abs(o).sum() * cell_area),
+        float(area[scored].sum()),
+        float((np.abs(o) * area).sum()),
     )
 
 

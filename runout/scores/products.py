@@ -117,8 +117,7 @@ def read_product(path: Path, reading: Reading) -> Product:
     if path.suffix.lower() in (".nc", ".nc4"):
         return _of_netcdf(path, reading)
     values, grid, changes = read_map(path, reading.nodata, quantity=reading.quantity)
-    maps = {reading.quantity: np.where(np.isfinite(values), values, np.nan)}
-    return Product(path, "raster", Flow(grid, maps, probability=reading.probability), changes=changes)
+    return Product(path, "raster", Flow(grid, {reading.quantity: values}, probability=reading.probability), changes=changes)
 
 
 def _of_folder(path: Path, reading: Reading) -> Product:

@@ -49,7 +49,8 @@ def read_map(
     Parameters
     ----------
     nodata : Nodata
-        "unknown": cells without a value are NaN; "zero": they are 0. Stated units such as ft or kPa are converted to SI.
+        "unknown": cells without a value are NaN; "zero": they are 0, or never reached. Stated units such as ft or kPa are
+        converted to SI.
     quantity : str
         What it shows. Only values of "change" (a DEM of difference) may be negative.
 
@@ -79,7 +80,12 @@ def read_map(
         raise ObservationError(f"{path}: {int((values < 0).sum())} cells are negative, the least {np.nanmin(values):g}; {remedy}")
     a, _, c, _, e, f = raster.transform
     grid = Grid(c, f + e * values.shape[0], (a, -e), values.shape, crs, str(path))  # type: ignore[arg-type]
-    return np.nan_to_num(values) if nodata is Nodata.ZERO else values, grid, raster.changes
+    return where_dry(values, quantity) if nodata is Nodata.ZERO else values, grid, raster.changes
+
+
+def where_dry(values: np.ndarray, quantity: str) -> np.ndarray:
+    """A map whose unknown cells hold what nothing leaves there: 0, for an arrival time infinity."""
+    return np.where(np.isnan(values), np.inf if quantity == "arrival" else 0.0, values)
 
 
 def read_outline(path: Path, terrain: Terrain, layer: str | None = None) -> tuple[Any, tuple[str, ...]]:
