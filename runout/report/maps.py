@@ -307,9 +307,10 @@ def draw_frame(axes: Any, basemap: Basemap, window: Window, labels: bool = True)
     """Outlines of releases, obstacles and friction zones, their labels, coordinates in km, scale bar and north arrow."""
     west, east, south, north = basemap.extent(window)
     axes.set(xlim=(west, east), ylim=(south, north), aspect="equal")
-    draw_marks(axes, basemap.outlines, basemap.obstacles, basemap.zones, labels)
-    draw_observed(axes, basemap.observed, labels)
-    draw_probes(axes, basemap.probes, labels)
+    taken: list[np.ndarray] | None = [] if labels else None
+    draw_marks(axes, basemap.outlines, basemap.obstacles, basemap.zones, taken)
+    draw_observed(axes, basemap.observed, taken)
+    draw_probes(axes, basemap.probes, taken)
     _coordinates(axes, max(east - west, north - south))
     _scale_bar(axes, east - west)
     _north_arrow(axes)

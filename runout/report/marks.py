@@ -14,6 +14,7 @@ PROBE = "#6a1b9a"
 MOST_LABELS = 12  # on one map
 LABEL_SIZE = 9.0  # [pt]
 WIDE = 0.33  # half the mean width of a letter over its size, with a reserve: the axes may still shrink
+SYMBOL = 4.0  # from the middle of a point to the edge of its symbol [pt]
 GAP = 2.0  # between a mark and the label beside it [pt]
 BESIDE = (  # places of labels: corner or middle of a side of a mark, and direction from there to the label, east and north
     *(((0, 1), (0, 1)), ((0, -1), (0, -1)), ((1, 0), (1, 0)), ((-1, 0), (-1, 0))),
@@ -30,8 +31,13 @@ class Mark:
     label: str
 
 
-def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zones: Sequence[Mark], labels: bool = True) -> None:
-    """Draw releases red, obstacles hatched and friction zones dashed within the limits of the axes; ``labels`` for the last two."""
+def draw_marks(
+    axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zones: Sequence[Mark], taken: list[np.ndarray] | None
+) -> None:
+    """Draw releases red, obstacles hatched and friction zones dashed within the limits of the axes.
+
+    The last two are labelled clear of the boxes of labels ``taken``, which get theirs; None: no labels.
+    """
     for x, y in _rings([zone.geometry for zone in zones]):
         axes.plot(x, y, color="white", linewidth=1.8, alpha=0.6, zorder=3)
         axes.plot(x, y, color=INK, linewidth=0.9, linestyle=(0, (5, 3)), zorder=3)
@@ -40,15 +46,16 @@ def draw_marks(axes: Any, releases: Sequence[Any], obstacles: Sequence[Mark], zo
     for x, y in _rings(releases):
         axes.plot(x, y, color="white", linewidth=2.6, alpha=0.8, zorder=3)
         axes.plot(x, y, color=RELEASE, linewidth=1.3, zorder=4)
+    if taken is None:
+        return
     marks = [*((obstacle, OBSTACLE) for obstacle in obstacles), *((zone, INK) for zone in zones)]
-    taken: list[np.ndarray] = []
     clear = [_box_of(axes, o.geometry) for o in obstacles if not _visible(axes, o.geometry).is_empty]
-    for mark, colour in _in_order(axes, marks) if labels else ():
+    for mark, colour in _in_order(axes, marks):
         _label(axes, mark, colour, taken=taken, kept_clear=clear if colour == OBSTACLE else None)
 
 
-def draw_observed(axes: Any, observed: Sequence[Mark], labels: bool = True) -> None:
-    """Draw observed outlines blue, a thalweg dotted and points as triangles with their labels."""
+def draw_observed(axes: Any, observed: Sequence[Mark], taken: list[np.ndarray] | None) -> None:
+    """Draw observed outlines blue, a thalweg dotted and points as triangles with their labels; ``taken`` as for marks."""
     kinds: dict[str, list[Mark]] = {}
     for mark in observed:
         kinds.setdefault(mark.geometry.geom_type.removeprefix("Multi"), []).append(mark)
@@ -60,22 +67,26 @@ def draw_observed(axes: Any, observed: Sequence[Mark], labels: bool = True) -> N
     points = kinds.get("Point", [])
     for mark in points:
         axes.plot(mark.geometry.x, mark.geometry.y, "^", color=OBSERVED, markeredgecolor="white", markersize=6, zorder=5)
-    for mark in points[:MOST_LABELS] if labels else ():
-        _label(axes, mark, OBSERVED, (0, 9))
+    if taken is None:
+        return
+    for mark in points[:MOST_LABELS]:
+        _label(axes, mark, OBSERVED, taken=taken, kept_clear=())
 
 
-def draw_probes(axes: Any, probes: Sequence[Mark], labels: bool = True) -> None:
-    """Draw points at which series were recorded as purple dots, cross-sections as purple lines, with their names."""
+def draw_probes(axes: Any, probes: Sequence[Mark], taken: list[np.ndarray] | None) -> None:
+    """Draw points of recorded series as purple dots, cross-sections as lines, with their names; ``taken`` as for marks."""
     for mark in probes:
         if mark.geometry.geom_type == "Point":
             axes.plot(mark.geometry.x, mark.geometry.y, "o", color=PROBE, markeredgecolor="white", markersize=5, zorder=5)
         else:
             axes.plot(*mark.geometry.xy, color="white", linewidth=2.6, alpha=0.8, zorder=3)
             axes.plot(*mark.geometry.xy, color=PROBE, linewidth=1.3, zorder=4)
-    for mark in probes[:MOST_LABELS] if labels else ():
+    if taken is None:
+        return
+    for mark in probes[:MOST_LABELS]:
         is_point = mark.geometry.geom_type == "Point"
         place = mark.geometry if is_point else mark.geometry.interpolate(0.12, normalized=True)  # inside the map
-        _label(axes, Mark(place, mark.label), PROBE, (0, 9) if is_point else (0, 0))
+        _label(axes, Mark(place, mark.label), PROBE, taken=taken, kept_clear=())
 
 
 def draw_unknown(axes: Any, unknown: np.ndarray, extent: tuple[float, float, float, float]) -> None:
@@ -119,26 +130,22 @@ def _hatched(geometry: Any) -> Any:
 
 
 def _label(
-    axes: Any, mark: Mark, colour: str, offset: tuple[float, float] = (0, 0), taken: list[np.ndarray] | None = None,
-    kept_clear: Sequence[np.ndarray] | None = None,
-) -> None:  # fmt: skip
-    """Write a label inside the visible part of a mark, or ``offset`` [pt] from there.
+    axes: Any, mark: Mark, colour: str, *, taken: list[np.ndarray], kept_clear: Sequence[np.ndarray] | None = None
+) -> None:
+    """Write a label inside the visible part of a mark where it covers none of ``taken``, boxes (4,) of the labels before.
 
-    With ``taken``, boxes (4,) of the labels before, it is written where it covers none of these. With ``kept_clear`` it is written
-    beside a mark that is too small for it, clear of these boxes too if there is such a place.
+    With ``kept_clear`` it is written beside a mark that is too small for it, clear of these boxes too if there is such a place.
     """
     from matplotlib.patheffects import withStroke
 
     shown = _visible(axes, mark.geometry)
     if shown.is_empty:
         return
-    place, side = shown.representative_point().coords[0], (0, 0)
-    if taken is not None:
-        free = _free_place(axes, mark.label, shown, taken, kept_clear)
-        if free is None:
-            return
-        place, side = free
-        offset = side[0] * GAP, side[1] * GAP
+    free = _free_place(axes, mark.label, shown, taken, kept_clear)
+    if free is None:
+        return
+    place, side = free
+    offset = side[0] * _gap(shown), side[1] * _gap(shown)
     axes.annotate(
         mark.label, place, offset, textcoords="offset points", ha=("center", "left", "right")[side[0]],
         va=("center", "bottom", "top")[side[1]], fontsize=LABEL_SIZE, color=colour, zorder=6,
@@ -161,7 +168,7 @@ def _free_place(
 
     Boxes (left, bottom, right, top) [pixel] are those of :func:`_box_of`; that of the label is added to ``taken``.
     """
-    half, gap, whole = _half(axes, label), GAP * axes.figure.dpi / 72.0, axes.bbox.extents
+    half, gap, whole = _half(axes, label), _gap(shown) * axes.figure.dpi / 72.0, axes.bbox.extents
     west, south, east, north = shown.bounds
     inside = (shown.representative_point().coords[0], (0, 0))
     for corner, near in () if kept_clear is None or _fits(axes, label, shown) else BESIDE:
@@ -176,6 +183,11 @@ def _free_place(
         return None
     taken.append(box)
     return inside
+
+
+def _gap(geometry: Any) -> float:
+    """Distance [pt] of a label from the border of a geometry; a point has a symbol."""
+    return GAP + (SYMBOL if geometry.geom_type == "Point" else 0.0)
 
 
 def _box_of(axes: Any, geometry: Any) -> np.ndarray:

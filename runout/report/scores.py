@@ -22,11 +22,14 @@ class ScoreTable:
         Of the first column.
     columns : list of (title, unit and best value, meaning)
     rows : list of (what is scored, cells)
+    undefined : list of str
+        Why scores have no value, a sentence for each row.
     """
 
     heading: str
     columns: list[tuple[str, str, str]]
     rows: list[tuple[str, list[str]]] = field(default_factory=list)
+    undefined: list[str] = field(default_factory=list)
 
 
 def score_tables(scores: Sequence[Mapping[str, Any]], heading: str = "Scored") -> list[ScoreTable]:
@@ -40,7 +43,18 @@ def score_tables(scores: Sequence[Mapping[str, Any]], heading: str = "Scored") -
         if kinds not in tables:
             tables[kinds] = ScoreTable(heading, [column(*kind) for kind in kinds])
         tables[kinds].rows.append((of, [cell(score) for score in members]))
+        tables[kinds].undefined += _undefined(of, members)
     return list(tables.values())
+
+
+def _undefined(of: str, scores: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Why scores of a row have no value: a sentence, or none."""
+    titles: dict[str, list[str]] = {}
+    for score in scores:
+        if score["value"] is None:
+            titles.setdefault(DEFINITIONS[score["name"]].undefined, []).append(DEFINITIONS[score["name"]].title)
+    reasons = [f"{', '.join(names)}: {reason}" for reason, names in titles.items()]
+    return [f"Undefined for {of}: {'; '.join(reasons)}."] if reasons else []
 
 
 def column(name: str, units: str) -> tuple[str, str, str]:

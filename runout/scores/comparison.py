@@ -32,7 +32,8 @@ class Choices:
     Attributes
     ----------
     quantity : str or None
-        The one that is compared, and that a raster shows; by default all that both have, and thickness of a raster or outline.
+        The one that is compared, and that a raster shows; by default all that both have. A raster shows what its
+        name or unit says, else thickness.
     thresholds : sequence of float
         In the unit of the quantity; by default those of the site, else 0.1, 0.5 and 1 m.
     probability : float
@@ -139,8 +140,9 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
     ObservationError
         If one of them cannot be read, they do not overlap, or have nothing in common.
     """
-    reading = Reading(choices.quantity or "thickness", choices.probability, Nodata(choices.nodata))
+    reading = Reading(choices.quantity, choices.probability, Nodata(choices.nodata))
     a, b = read_product(first, reading), read_product(second, reading)
+    choices = replace(choices, quantity=choices.quantity or _of_rasters(a, b))
     if a.flow is None:
         remedy = "exchange the two" if b.flow is not None else "name a product with maps"
         raise ObservationError(f"{a.path}: holds no maps, and the first of the two is the one that is scored; {remedy}")
@@ -163,6 +165,11 @@ def compare(first: Path, second: Path, choices: Choices) -> Comparison:
     said = tuple(dict.fromkeys((*changes, *said)))
     normal = choices.slope_normal
     return Comparison(a, b, grid, flows, ground, release, vector, found, tuple(setting.thresholds), setting, said, normal)
+
+
+def _of_rasters(*products: Product) -> str | None:
+    """What the first raster among the products shows; None if there is none."""
+    return next((name for one in products if one.kind == "raster" and one.flow for name in one.flow.maps), None)
 
 
 def _require_metres(grid: Grid) -> None:

@@ -17,6 +17,7 @@ from runout.scores.error_bars import ErrorBars
 from runout.scores.flow import Flow, percentile_of
 from runout.scores.grid import Grid
 from runout.scores.points import arrival_or_never
+from runout.scores.raster_quantity import raster_quantity
 from runout.scores.read import Nodata, read_map
 
 if TYPE_CHECKING:
@@ -45,15 +46,15 @@ class Reading:
 
     Attributes
     ----------
-    quantity : str
-        What a raster shows, a name of :data:`runout.scores.flow.UNITS`.
+    quantity : str or None
+        What a raster shows, a name of :data:`runout.scores.flow.UNITS`; by default what its name or unit says.
     probability : float
         Outline of an ensemble.
     nodata : Nodata
         What cells of a raster without a value mean.
     """
 
-    quantity: str = "thickness"
+    quantity: str | None = None
     probability: float = 0.5
     nodata: Nodata = Nodata.UNKNOWN
 
@@ -116,8 +117,14 @@ def read_product(path: Path, reading: Reading) -> Product:
         return Product(path, "vector")
     if path.suffix.lower() in (".nc", ".nc4"):
         return _of_netcdf(path, reading)
-    values, grid, changes = read_map(path, reading.nodata, quantity=reading.quantity)
-    return Product(path, "raster", Flow(grid, {reading.quantity: values}, probability=reading.probability), changes=changes)
+    return _of_raster(path, reading)
+
+
+def _of_raster(path: Path, reading: Reading) -> Product:
+    quantity, said = (reading.quantity, ()) if reading.quantity else raster_quantity(path)
+    values, grid, changes = read_map(path, reading.nodata, quantity=quantity)
+    flow = Flow(grid, {quantity: values}, probability=reading.probability)
+    return Product(path, "raster", flow, changes=(*said, *changes))
 
 
 def _of_folder(path: Path, reading: Reading) -> Product:
@@ -125,8 +132,7 @@ def _of_folder(path: Path, reading: Reading) -> Product:
         if place.is_file():
             return _of_netcdf(place, reading)
     if (path / "hdr.adf").is_file():  # an ESRI grid is a folder
-        values, grid, changes = read_map(path, reading.nodata, quantity=reading.quantity)
-        return Product(path, "raster", Flow(grid, {reading.quantity: values}, probability=reading.probability), changes=changes)
+        return _of_raster(path, reading)
     raise ObservationError(f"{path}: holds no hazard.nc; run `runout run {path}` first, or name the file that is compared")
 
 

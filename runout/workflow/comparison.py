@@ -1,6 +1,7 @@
 """Command ``runout compare``: prints the scores of one product against another, and writes page, maps and record."""
 
 import logging
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,6 +47,8 @@ def lines(found: "Assessment") -> Iterator[str]:
 def _shown(score: "Score") -> str:
     from runout.scores.definitions import printed
 
+    if math.isnan(score.value):
+        return f"{score.definition.title} undefined ({score.definition.undefined})"
     units, divisor = PRINTED.get(score.units, (score.units, 1.0))
     error = "" if score.numerical_error is None else f" +- {score.numerical_error / divisor:.2g}"
     unit = "" if units == "1" else f" {units.replace('m s-1', 'm/s')}"

@@ -210,3 +210,20 @@ def test_compressed_pictures_hold_every_pixel():
     with Image.open(BytesIO(encoded(pixels))) as read:
         assert read.format == "PNG"
         assert np.array_equal(np.asarray(read), pixels)
+
+
+def test_labels_of_a_probe_and_a_gauge_at_one_point_do_not_cover_each_other(basemap):
+    place = Point(5300.0, 8700.0)
+    observed, probes = ([Mark(place, label) for label in labels] for labels in (("12 s, 3.5 m/s", "14 s"), ("bridge", "road")))
+    one = replace(basemap, observed=observed, probes=probes)
+    figure = draw_map(one, np.zeros((N, N)), STYLES["thickness"])
+    png(figure, dpi=100)
+    axes = figure.axes[0]
+    written = {"12 s, 3.5 m/s", "14 s", "bridge", "road"}
+    boxes = {text.get_text(): text.get_window_extent() for text in axes.findobj(Text) if text.get_text() in written}
+    assert boxes.keys() == written
+    middle = axes.transData.transform(place.coords[0])
+    symbol = Bbox([middle - 2.0, middle + 2.0])
+    for name, box_ in boxes.items():
+        assert not Bbox.intersection(box_, symbol), name
+        assert not any(Bbox.intersection(box_, other) for key, other in boxes.items() if key != name), name

@@ -33,6 +33,7 @@ def test_every_definition_holds_its_best_value_and_says_what_it_is():
     for name, one in scores.DEFINITIONS.items():
         assert one.low <= one.best <= one.high, name
         assert one.meaning
+        assert one.undefined
         assert one.title
         assert one.range
 
@@ -85,7 +86,8 @@ def test_a_study_that_is_not_as_it_was_written_gives_no_bars(content):
 
 
 def test_stored_scores_hold_no_numbers_that_json_cannot():
-    assert scores.Score("flow", "csi", math.nan).stored() == {"of": "flow", "name": "csi", "value": None, "units": "1"}
+    missing = {"of": "flow", "name": "csi", "value": None, "units": "1", "undefined": "neither reaches a known cell"}
+    assert scores.Score("flow", "csi", math.nan).stored() == missing
     assert scores.Score("flow", "rmse", 1.5, "m", 0.1).stored()["numerical_error"] == 0.1
 
 
