@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from runout.config.document import Location, dotted, read_document
+from runout.config.document import dotted, read_document
 from runout.errors import ConfigError, InputError, StructureError
 
 
@@ -27,7 +27,7 @@ def stated_at(file: Path, *place: str | int | Callable[[], int]) -> Iterator[Non
         if str(error).startswith(f"{file.name}:"):  # it is placed already, more closely
             raise
         found = tuple(part() if callable(part) else part for part in place)
-        error.args = (f"{_before(file, found)}: {error}",)
+        error.args = (f"{stated_place(file, *found)}: {within_site(str(error), file.parent)}",)
         raise
 
 
@@ -38,7 +38,12 @@ def release_number(file: Path, name: str) -> int:
     return named.index(name) if name in named else 0
 
 
-def _before(file: Path, place: Location) -> str:
+def within_site(text: str, folder: Path) -> str:
+    """A message whose paths in the folder of a site are relative to it, as site.yaml states them."""
+    return text.replace(f"{folder}/", "") if folder.name else text
+
+
+def stated_place(file: Path, *place: str | int) -> str:
     """``site.yaml:4: terrain.dem``; without the line if the file is gone."""
     line = f":{read_document(file).line(place)}" if file.is_file() else ""
     return f"{file.name}{line}: {dotted(place)}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from runout.report.wording import MINUS, THIN, UNKNOWN, number, quantity, unit
-from runout.scores.definitions import DEFINITIONS, printed
+from runout.scores.definitions import DEFINITIONS, printed, undefined_reasons
 from runout.variables import PRINTED
 
 CHANGES = ("erosion_volume_bias", "deposition_volume_bias", "deposition_csi")
@@ -22,14 +22,19 @@ class ScoreTable:
         Of the first column.
     columns : list of (title, unit and best value, meaning)
     rows : list of (what is scored, cells)
-    undefined : list of str
-        Why scores have no value, a sentence for each row.
+    reasons : dict of str to list of str
+        Scores without a value and why, and the rows of which this is true.
     """
 
     heading: str
     columns: list[tuple[str, str, str]]
     rows: list[tuple[str, list[str]]] = field(default_factory=list)
-    undefined: list[str] = field(default_factory=list)
+    reasons: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def undefined(self) -> list[str]:
+        """Sentences on the scores without a value."""
+        return [f"Undefined for {', '.join(rows)}: {reason}." for reason, rows in self.reasons.items()]
 
 
 def score_tables(scores: Sequence[Mapping[str, Any]], heading: str = "Scored") -> list[ScoreTable]:
@@ -43,18 +48,10 @@ def score_tables(scores: Sequence[Mapping[str, Any]], heading: str = "Scored") -
         if kinds not in tables:
             tables[kinds] = ScoreTable(heading, [column(*kind) for kind in kinds])
         tables[kinds].rows.append((of, [cell(score) for score in members]))
-        tables[kinds].undefined += _undefined(of, members)
+        missing = undefined_reasons((score["name"], score["value"] is not None) for score in members)
+        if missing:
+            tables[kinds].reasons.setdefault(missing, []).append(of)
     return list(tables.values())
-
-
-def _undefined(of: str, scores: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Why scores of a row have no value: a sentence, or none."""
-    titles: dict[str, list[str]] = {}
-    for score in scores:
-        if score["value"] is None:
-            titles.setdefault(DEFINITIONS[score["name"]].undefined, []).append(DEFINITIONS[score["name"]].title)
-    reasons = [f"{', '.join(names)}: {reason}" for reason, names in titles.items()]
-    return [f"Undefined for {of}: {'; '.join(reasons)}."] if reasons else []
 
 
 def column(name: str, units: str) -> tuple[str, str, str]:

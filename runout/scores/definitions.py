@@ -1,6 +1,7 @@
 """Table of all scores: name -> meaning, unit, range and best value. The report and the documentation print it."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,6 +131,15 @@ DEFINITIONS = {
         "no rise in either", WILKS,
     ),
 }  # fmt: skip
+
+
+def undefined_reasons(scores: Iterable[tuple[str, bool]]) -> str:
+    """Titles of scores (name, whether it has a value) without one, grouped by the reason; empty if all have one."""
+    titles: dict[str, list[str]] = {}
+    for name, has_value in scores:
+        if not has_value:
+            titles.setdefault(DEFINITIONS[name].undefined, []).append(DEFINITIONS[name].title)
+    return "; ".join(f"{', '.join(names)} ({reason})" for reason, names in titles.items())
 
 
 def printed(value: float) -> float:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.errors import ConfigError, InputError, MaterialError, RunoutError, StructureError
-from runout.workflow import check_physics, check_stiffness
+from runout.workflow import check_observations, check_physics, check_stiffness
 
 if TYPE_CHECKING:
     from runout.config.observations import ObservationSettings
@@ -66,6 +66,7 @@ def inspect(checked: "Path | Site") -> Findings:
         found.terrain = readable.terrain()
     except InputError as error:
         found.note(error)
+        _note_structures(found, readable)
         return found
     found.notes += files_outside(readable.settings, readable.folder)
     found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
@@ -178,6 +179,7 @@ def _read_observations(found: Findings, site: "Site", terrain: "Terrain") -> Non
         found.note(problem)
     if observed is not None:
         found.notes += [observed.statement(), *observed.changes]
+    found.warnings += check_observations.warnings(site, observed, terrain, found.releases)
 
 
 def _read_probes(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -239,6 +241,14 @@ def _inspect_structures(found: Findings, site: "Site", terrain: "Terrain") -> No
     try:
         bodies = site.structures.sound_bodies(terrain, found.releases, spacing)
         found.notes += [f"structures: {change}" for change in bodies.changes]
+    except InputError as error:
+        found.note(error)
+
+
+def _note_structures(found: Findings, site: "Site") -> None:
+    """Note what is wrong with the files of the structures themselves, where no ground is known to place them on."""
+    try:
+        site.structures.require_readable()
     except InputError as error:
         found.note(error)
 

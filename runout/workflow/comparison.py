@@ -37,9 +37,13 @@ def command(first: Path, second: Path, choices: "Choices", out: Path | None) -> 
 
 def lines(found: "Assessment") -> Iterator[str]:
     """One line for each thing that is scored, with the area or number that is unknown."""
+    from runout.scores.definitions import undefined_reasons
+
     for of, counts in found.counts.items():
         scores = [score for score in found.scores if score.of == of]
-        shown = ", ".join(map(_shown, scores))
+        shown = ", ".join(_shown(score) for score in scores if not math.isnan(score.value))
+        missing = undefined_reasons((score.name, not math.isnan(score.value)) for score in scores)
+        shown = "; ".join(part for part in (shown, f"undefined: {missing}" if missing else "") if part)
         unknown = [f"{value:.4g} {_unit(name)} unknown" for name, value in counts.items() if name.startswith("unknown") and value]
         yield f"{of}: {shown}" + (f" ({', '.join(unknown)})" if unknown else "")
 
@@ -47,8 +51,6 @@ def lines(found: "Assessment") -> Iterator[str]:
 def _shown(score: "Score") -> str:
     from runout.scores.definitions import printed
 
-    if math.isnan(score.value):
-        return f"{score.definition.title} undefined ({score.definition.undefined})"
     units, divisor = PRINTED.get(score.units, (score.units, 1.0))
     error = "" if score.numerical_error is None else f" +- {score.numerical_error / divisor:.2g}"
     unit = "" if units == "1" else f" {units.replace('m s-1', 'm/s')}"

@@ -276,3 +276,56 @@ def test_rasters_normal_to_the_slope_hold_no_volume_where_the_ground_is_not_know
     assert ("deposit, whole map", "volume_bias") not in values
     assert "modelled_volume_m3" not in counts["deposit, whole map"]
     assert values["deposit, whole map", "bias"] == -2.0
+
+
+# --- what has no value, and what a raster shows --------------------------------------------------------------------------------
+
+
+def test_scores_without_a_value_say_why_and_no_line_holds_nan(tmp_path):
+    from runout.report.scores import score_tables
+    from runout.workflow.comparison import lines
+
+    a, b = write(tmp_path / "deposit.tif", cells(4, 4, r0c0=2.0)), write(tmp_path / "deposit_observed.tif", np.zeros((4, 4)))
+    found = scores.compare(a, b, scores.Choices(thresholds=(0.5,))).found
+    told = list(lines(found))
+    assert told[0] == "deposit of 0.5 m: CSI 0, FAR 1; undefined: POD, area bias (no observed area)"
+    assert told[1].endswith("; undefined: volume bias (no observed volume); relative L1 (all observed values are 0 or unknown)")
+    table = score_tables(found.stored()["scores"])[0]
+    assert table.undefined == ["Undefined for deposit of 0.5 m: POD, area bias (no observed area)."]
+    assert not any("nan" in line for line in told)
+
+
+@pytest.mark.parametrize(
+    ("name", "units", "shown"),
+    [
+        ("deposit.tif", None, "deposit"), ("deposit_thickness_p50.tif", None, "deposit"), ("Mean-Deposit.tif", "ft", "deposit"),
+        ("max_flow_thickness.tif", None, "thickness"), ("flow_speed.tif", None, "speed"), ("arrival_time.tif", None, "arrival"),
+        ("dod.tif", None, "change"), ("peer.tif", "m/s", "speed"), ("peer.tif", "kPa", "pressure"), ("peer.tif", "min", "arrival"),
+    ],
+)  # fmt: skip
+def test_a_raster_shows_what_its_name_or_unit_says(tmp_path, name, units, shown):
+    path = write(tmp_path / name, np.ones((4, 4)), units=units)
+    found = scores.compare(path, path, scores.Choices())
+    assert found.quantities == [shown]
+    assert not any("taken as" in sentence for sentence in found.changes)
+
+
+def test_a_raster_that_says_nothing_is_taken_as_flow_and_contradictions_are_refused(tmp_path):
+    plain = write(tmp_path / "peer.tif", np.ones((4, 4)))
+    (said,) = scores.compare(plain, plain, scores.Choices()).changes
+    assert "taken as maximum flow thickness, since neither name nor unit says what it shows; --quantity" in said
+    assert scores.compare(plain, plain, scores.Choices("deposit")).changes == ()
+    odd = {"deposit_speed.tif": "deposit and speed", "speed_exceedance_probability.tif": "exceedance and probability"}
+    for name, words in odd.items():
+        path = write(tmp_path / name, np.ones((4, 4)))
+        with pytest.raises(ObservationError, match=f"its name says {words}; state what it shows with --quantity"):
+            scores.compare(path, path, scores.Choices())
+    speed, laid = write(tmp_path / "speed.tif", np.ones((4, 4))), write(tmp_path / "deposit.tif", np.ones((4, 4)))
+    with pytest.raises(ObservationError, match=r"they have \[speed\] and \[deposit\]"):
+        scores.compare(speed, laid, scores.Choices())
+
+
+def test_a_threshold_counts_for_the_quantity_that_a_name_says(tmp_path):
+    a, b = write(tmp_path / "speed.tif", cells(4, 4, r0c0=9.0)), write(tmp_path / "velocity.tif", cells(4, 4, r0c0=9.0, r0c1=7.0))
+    values, _ = scored(a, b, thresholds=(6.0,))
+    assert values["speed of 6 m s-1", "csi"] == 0.5
