@@ -10,6 +10,7 @@ import numpy as np
 
 from runout.config.document import Document, read_document
 from runout.config.fetch import locate
+from runout.config.stated_at import within_site
 from runout.config.structures import PROTECTED, StructureSettings
 from runout.errors import InputError, StructureError
 
@@ -84,6 +85,18 @@ class SiteStructures:
         offset = tuple(stated.offset or (0.0, 0.0, 0.0))
         return StructureSource(Path(locate(stated.file, self.file.parent)), **given, top=Top(stated.top or "flat"), offset=offset)  # type: ignore[arg-type]
 
+    def require_readable(self) -> None:
+        """Raise StructureError with all files that cannot be read, wherever their structures stand."""
+        from runout.structures.read import require_readable
+
+        problems = []
+        for number, source in enumerate(self.sources()):
+            try:
+                require_readable(source)
+            except InputError as error:
+                problems.append(f"structures[{number}].file: {error}")
+        self._raise(problems)
+
     def bodies(self, terrain: "Terrain") -> "Bodies":
         """Bodies of all files.
 
@@ -135,6 +148,7 @@ class SiteStructures:
             raise StructureError([self._placed(problem, document) for problem in problems])
 
     def _placed(self, problem: str, document: Document) -> str:
+        problem = within_site(problem, self.file.parent)
         begins = re.match(r"structures\[(\d+)\]\.(\w+): ", problem)
         if begins is None:
             return problem

@@ -6,6 +6,7 @@ from os import PathLike
 
 from runout.errors import StructureError
 from runout.io.mesh_files import OTHER_MESHES
+from runout.io.polygons import read_frame
 from runout.model.limits import spacing_of
 from runout.model.release import Release
 from runout.model.structures import Structures
@@ -14,7 +15,7 @@ from runout.structures.build import build_structures
 from runout.structures.facades import numbered
 from runout.structures.footprints import read_footprints
 from runout.structures.inspection import placement_problems, release_overlaps, repeated_bodies, thin_walls
-from runout.structures.meshes import read_meshes
+from runout.structures.meshes import load_parts, read_meshes
 from runout.structures.overhangs import read_overhangs
 from runout.structures.solid import Solid
 from runout.structures.source import CONCRETE, Read, StructureSource
@@ -55,10 +56,23 @@ def read_bodies(sources: Sequence[StructureSource], terrain: Terrain, keys: Sequ
     return Bodies((), tuple(dict.fromkeys(changes))).and_more(solids)
 
 
+def require_readable(source: StructureSource) -> None:
+    """Raise InputError if a file cannot be read, wherever its structures stand."""
+    if source.path.suffix.lower() in OTHER_MESHES:
+        raise StructureError(_not_read(source))
+    if source.is_mesh:
+        load_parts(source, [])
+    else:
+        read_frame(source.path, source.layer, "structure")
+
+
+def _not_read(source: StructureSource) -> str:
+    return f"{source.path}: meshes of {source.path.suffix.lower()} are not read; export it as OBJ, PLY, STL or GLB"
+
+
 def _read(source: StructureSource, terrain: Terrain) -> Read:
-    kind = source.path.suffix.lower()
-    if kind in OTHER_MESHES:
-        return Read((), (f"{source.path}: meshes of {kind} are not read; export it as OBJ, PLY, STL or GLB",))
+    if source.path.suffix.lower() in OTHER_MESHES:
+        return Read((), (_not_read(source),))
     return read_meshes(source, terrain) if source.is_mesh else read_footprints(source, terrain)
 
 

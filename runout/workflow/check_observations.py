@@ -39,7 +39,7 @@ def warnings(site: "Site", observed: "Observations | None", terrain: "Terrain", 
             if not (np.nan_to_num(values) > 0).any():
                 held = "0" if np.isfinite(values).any() else "empty"
                 told = f"{stated.gauges.points}: attribute {attribute!r} is {held} at all {len(values)} points"
-                yield _placed(site, "gauges", quantity, f"{told}; name the attribute with the {quantity.replace('_', ' ')}, or none")
+                yield _placed(site, "gauges", quantity, f"{told}; name that of the {quantity.replace('_', ' ')}, or none")
 
 
 def _of_deposit(deposit: np.ndarray, terrain: "Terrain", releases: "Sequence[Release]") -> str | None:
