@@ -134,15 +134,15 @@ def test_problems_of_all_files_come_at_once_with_their_lines_of_site_yaml(tmp_pa
     )  # fmt: skip
     (site / "inputs" / "open.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 4\n")
     names, first = "houses, dam, high, thin, point", len((site / "site.yaml").read_text().splitlines()) - 5
-    path = site / "inputs" / "town.gpkg"
-    said = [problem.replace(str(path), "town.gpkg") for problem in map(str, check.inspect(site).problems)]
+    path = "inputs/town.gpkg"  # as site.yaml states it
+    said = [problem.replace(path, "town.gpkg") for problem in map(str, check.inspect(site).problems)]
     wanted = [
         f"site.yaml:{first}: structures[0].file: town.gpkg: holds 5 layers ({names}); name the one with the structure, for example "
         "layer: houses",
         f"site.yaml:{first + 1}: structures[1].file: town.gpkg: no layer 'house'; did you mean 'houses'? layers: {names}",
         f"site.yaml:{first + 2}: structures[2].file: town.gpkg: no attribute 'hight' for the height; did you mean 'height'? "
         "numeric attributes: height; state height, a number or the name of an attribute",
-        f"site.yaml:{first + 3}: structures[3].file: {site}/inputs/open.obj: line 4: a face has vertex 4; the file has 3 vertices; "
+        f"site.yaml:{first + 3}: structures[3].file: inputs/open.obj: line 4: a face has vertex 4; the file has 3 vertices; "
         "export it again as OBJ, PLY, STL or GLB",
         f"site.yaml:{first + 4}: structures[4].file: town.gpkg: feature 1: floats 900 m above the ground",
         f"site.yaml:{first}: structures[0].protects: town.gpkg: holds 5 layers ({names}); name the one with the protected area, "
