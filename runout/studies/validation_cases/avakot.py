@@ -26,6 +26,9 @@ DENSITY, RELEASED = 200.0, 1.0  # [kg/m3], thickness normal to the slope [m]
 FRICTION_ANGLE = 30.0  # internal [deg]
 LEVELS = (2, 2, 14)  # particles per cell: four levels through the slab with cells of 5 m
 MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the area
+LEVELS_OF_AREA = (0.5, 4.0)  # thicknesses [m] of further areas
+LIFTED, LOOKS = 5.0, tuple(range(4, 41, 4))  # height over the ground [m], and times [s] at which the mass above is counted
+SHOTS: dict[str, Any] = {"snapshot_times": LOOKS, "snapshot_particles": 10**6}
 
 
 def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
@@ -52,7 +55,7 @@ def measure(full: bool) -> dict[str, Any]:
     runs = []
     for law, cell_size in chosen:
         snow = runout.DruckerPrager(density=DENSITY, friction_angle=FRICTION_ANGLE)
-        choices = {"basal_friction": friction(law, others[law]["parameters"], inside), "cell_size": cell_size}
+        choices = {"basal_friction": friction(law, others[law]["parameters"], inside), "cell_size": cell_size, **SHOTS}
         particles = LEVELS if cell_size == 5.0 else (2, 2, 28)
         started = time.process_time()
         result = runout.simulate(terrain, release, snow, **choices, particles_per_cell=particles, end_time=120.0, threads=1)
@@ -84,11 +87,23 @@ def _scored(result: runout.Result, slope: np.ndarray, line: Any, other: dict[str
         "area": 1e-4 * cell.cell_area * float((thickness > EXTENT).sum()),
         "speed": float(speed.max()),
         "thickest": float(thickness.max()),
+        "areas": [1e-4 * cell.cell_area * float((thickness > level).sum()) for level in LEVELS_OF_AREA],
+        "lifted": max(_lifted(terrain, slope, frame) for frame in result.particle_frames),
         "csi": table.critical_success_index,
         "cells_through_depth": result.depth_resolution.cells_through_depth,
         "stop_reason": result.stop_reason,
         "outline": outline_of(thickness, EXTENT, terrain.easting, terrain.northing, 5.0),
     }
+
+
+def _lifted(terrain: runout.Terrain, slope: np.ndarray, frame: np.ndarray) -> float:
+    """Share of the particles (n, 4) more than :data:`LIFTED` over the ground, normal to it; those that have left do not count."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    x, y, z = terrain.frame.to_map(np.asarray(frame[np.isfinite(frame[:, 0]), :3], np.float64)).T
+    ground = np.stack([terrain.elevation, np.cos(np.nan_to_num(slope))], axis=-1)[::-1]
+    elevation, cosine = RegularGridInterpolator((terrain.northing[::-1], terrain.easting), ground)((y, x)).T
+    return float(((z - elevation) * cosine > LIFTED).mean())
 
 
 def _line(run: dict[str, Any], other: dict[str, Any]) -> str:
