@@ -118,17 +118,17 @@ def test_nobody_can_connect_to_a_running_ensemble(running):
 def test_workers_end_with_the_process_that_started_them(running, death):
     process, workers = running
     process.send_signal(death)
-    process.wait(10)
-    assert psutil.wait_procs(workers, timeout=5)[1] == []
+    process.wait(60)
+    assert psutil.wait_procs(workers, timeout=30)[1] == []
 
 
 @posix
 def test_an_interrupt_of_all_processes_is_said_by_one(running):
     process, workers = running
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=60)
     assert output.count("Traceback") == output.count("KeyboardInterrupt") == 1
-    assert psutil.wait_procs(workers, timeout=1)[1] == []
+    assert psutil.wait_procs(workers, timeout=30)[1] == []
 
 
 def test_a_worker_says_nothing_on_the_terminal(tmp_path, capfd):

@@ -18,6 +18,7 @@ from scenes import (
     scene,
 )
 
+from runout import Voellmy
 from runout.backends.protocol import get_backend
 
 batch = pytest.importorskip("runout.backends.hash.batch")
@@ -62,6 +63,17 @@ def test_flow_against_a_wall_is_that_of_the_reference(monkeypatch, deterministic
         reference.step(DT)
     assert np.abs(reference.structure_impulses()).sum() > 1e5
     assert_same_run(reference, after(on_cpu(deterministic=deterministic), a_scene, p, 60), 1e-11)
+
+
+@pytest.mark.parametrize("shared", [False, True], ids=["one lane", "lanes of a GPU"])
+def test_columns_that_drag_slows_meet_structures_as_in_the_reference(monkeypatch, shared):
+    monkeypatch.setattr(pytest.importorskip("warp").config, "enable_cpu_blocks", shared)
+    a_scene, p = flow(wall(), friction=(Voellmy(mu=0.2, xi=60.0),))
+    reference = loaded(get_backend("reference"), a_scene, p)
+    for _ in range(40):
+        reference.step(DT)
+    assert np.abs(reference.structure_impulses()).sum() > 1e5
+    assert_same_run(reference, after(on_cpu(), a_scene, p, 40), 1e-11)
 
 
 @pytest.mark.parametrize("choices", [{"transfer": "apic", "f_bar": True}, {"transfer": "aflip"}], ids=["f_bar", "aflip"])

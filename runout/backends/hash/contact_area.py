@@ -7,6 +7,7 @@ follow each other:
     contacts.shares[256 slot + 4 n]     weights of all contacts at the four nodes above each other of column n of a block
       --sum over the blocks of a column, in their order-->
     contacts.plan[16 first + n]         weights of all contacts in each of the 16 columns of nodes
+    columns.moving[16 first + n]        mass and momentum of the column, where drag slows it (runout.backends.hash.column_drag)
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.groups import BlockGroup, ContactGroup, GroundGroup, StatusGroup
-from runout.backends.hash.layout import BLOCKS, HALT, SLOT, Vector
+from runout.backends.hash.groups import BlockGroup, ColumnGroup, ContactGroup, GridGroup, GroundGroup, StatusGroup
+from runout.backends.hash.layout import BLOCKS, DRAGS_COLUMN, HALT, SLOT, Vector, node4, node_at, put_node
 from runout.physics.bspline import weights
 from runout.physics.contact import area_share, ground_area, largest_share
 from runout.physics.tensors import real
 
 COLUMNS = 16  # of nodes in a block
+PLAN = 36  # columns of nodes that the particles of a block reach
 
 
 def number_columns(status: StatusGroup, blocks: BlockGroup, contacts: ContactGroup):
@@ -37,8 +39,10 @@ def number_columns(status: StatusGroup, blocks: BlockGroup, contacts: ContactGro
     contacts.columns[b] = first
 
 
-def sum_columns(status: StatusGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup):
-    """Sum the weights of all contacts in each column of nodes; a thread takes one column."""
+def sum_columns(
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, columns: ColumnGroup
+):  # fmt: skip
+    """Sum the weights of all contacts in each column of nodes, and if drag slows it mass and momentum; a thread takes one."""
     t = wp.tid()
     first = t // COLUMNS
     n = t % COLUMNS
@@ -46,14 +50,20 @@ def sum_columns(status: StatusGroup, blocks: BlockGroup, ground: GroundGroup, co
     if status.flags[HALT] != 0 or first >= many or contacts.columns[first] != first:
         return
     total = real(0.0)
+    moving = node4()
     b = int(first)
     while b < many and contacts.columns[wp.min(b, many - 1)] == first:
         slot = ground.grounded[b]
         if slot >= 0:
             for k in range(4):
                 total += contacts.shares[slot * SLOT + 4 * n + k]
+        if DRAGS_COLUMN:
+            for k in range(4):
+                moving += node_at(grid.nodes, 64 * b + 4 * n + k)
         b += 1
     contacts.plan[t] = total
+    if DRAGS_COLUMN:
+        put_node(columns.moving, t, moving)
 
 
 def _weights_in_column(blocks: BlockGroup, contacts: ContactGroup, b: int, x: int, y: int):

@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact_solution import HELD, HELD_TWICE, _around, _clear, _given, _ground, _hold, _number, _spread
+from runout.backends.hash.contact_solution import HELD, HELD_REST, _around, _clear, _given, _ground, _hold, _number, _spread
 from runout.backends.hash.groups import (
     BlockGroup,
     Constants,
@@ -275,7 +275,7 @@ def find_contacts(
             near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
             pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-            offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+            offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
             _set_bases(bases, blocks.up, b, lane)
             _set_near_bases(near_bases, ground.near_up, place, lane)
             _clear(tile, node4(), lane)

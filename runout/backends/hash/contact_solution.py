@@ -1,9 +1,10 @@
 """Contact solution: one impulse of the ground per particle in contact, spread to the nodes.
 
     tile (shared memory)   6 x 6 x 6 nodes: velocity x, y, z and compliance; later the impulses
-    pushes, offsets        64 particles at a time: impulse and offset x; offsets y, then offsets z
+    pushes, offsets        64 particles at a time: impulse and offset x; offsets y, then offsets z, then drag if columns take it
     particles.forces[p]    stamp of the step of the last contact | force of the ground x, y, z [N]
     contacts.shares        impulses by node, as in contact_detection
+    contacts.column_pushes drag and impulses by column of nodes, if columns take drag: see column_drag
 
 A thread computes the impulse of one particle, starting from the force of the step before. Then a thread owns a cell and adds the
 changes of the impulses of its particles to the 27 nodes.
@@ -15,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact_area import _area
+from runout.backends.hash.contact_area import PLAN, _area
 from runout.backends.hash.groups import (
     BlockGroup,
     Constants,
@@ -64,7 +65,7 @@ from runout.physics.heightfield import distance, surface_at, upward_normal
 from runout.physics.tensors import real, tens, vec
 
 HELD = 64  # contact particles of a block whose impulses or offsets are held at once
-HELD_TWICE = 2 * HELD
+HELD_REST = 2 * HELD  # the rest of what is held of them; the binding adds HELD where their drag is held too
 sum_before: Any = None  # sums over the lanes before a lane, and over all; the binding puts it in its place
 add_pair: Any = None  # adds two numbers that lie beside each other; the binding puts it in its place
 hits_before: Any = None  # how many of the lanes before a lane hit, and of all, likewise
@@ -142,18 +143,22 @@ def _push(
     particles: ParticleGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile,
     near: int, b: int, c: int, p: int, f: Vector, basal: Any, dt: Any, given: Vector,
 ):  # fmt: skip
-    """Impulse [N s] of the ground on a particle of a cell at offset ``f``, and its work [J]; the nodes hold the ``given`` part."""
+    """Work [J] and impulse [N s] of the ground on a particle of a cell at offset ``f``, and drag [kg/m] on the columns around.
+
+    The nodes hold the ``given`` part of the impulse.
+    """
     u, compliance = _contact_velocity(tile, _first_node(c), weights(f[0]), weights(f[1]), weights(f[2]))
     n, gap = _ground(_around(ground.tiles, near, c), c & 3, f, particles.radius[p], constants.h)
     area = real(0.0)
     if AREAS:
         area = _area(blocks, contacts, b, c, f, n[2], constants.h)
     push = impulse(u, n, gap, compliance, basal, dt, given, area)
+    drag = real(0.0)
     if DRAGS_COLUMN:
-        contacts.drags[p] = column_drag(push, u, n, area, dt, basal)
+        drag = column_drag(push, u, n, area, dt, basal)
     m = particles.rec[MASS, p]
     before = vec(particles.rec[MOMENTUM, p] / m, particles.rec[MOMENTUM + 1, p] / m, particles.rec[MOMENTUM + 2, p] / m)
-    return node4(work(push, given, before, u, compliance), push[0], push[1], push[2])
+    return node4(work(push, given, before, u, compliance), push[0], push[1], push[2]), drag
 
 
 def _given(particles: ParticleGroup, p: int, stamp: Any, dt: Any, constants: Constants):
@@ -185,8 +190,9 @@ def _hold(pushes: Tile, offsets: Tile, place: int, push: Vector, f: Vector, ther
 def _spread(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base: int, mine: bool, weighed: bool):
     """Impulses of the contact particles of a cell to its 27 nodes, nine at a time; none if the cell is not ``mine``.
 
-    If ``weighed``, their weights too, as the first number of a node; the caller gives a constant. ``pushes`` holds the impulses of
-    the particles from number ``base`` on and their offsets along x, ``offsets`` those along y, then z.
+    If ``weighed``, their weights too, as the first number of a node; the caller gives a constant. Else that number is free: the
+    lowest of three nodes above each other takes the drag on their column there. ``pushes`` holds the impulses of the particles from
+    number ``base`` on and their offsets along x, ``offsets`` those along y, then z, then their drag.
     """
     begin = wp.max(int(starts[c]), base)
     end = wp.where(mine, wp.min(int(starts[c + 1]), base + HELD), begin)
@@ -201,6 +207,8 @@ def _spread(tile: Tile, pushes: Tile, offsets: Tile, starts: Tile, c: int, base:
             for j in range(3):
                 share = wx[i] * wy[j]
                 plan = vec(share * push[0], share * push[1], share * push[2])
+                if DRAGS_COLUMN and not weighed:  # the weights along z add up to one
+                    acc[j * 3, 0] += share * offsets[2 * HELD + t - base]
                 for k in range(3):
                     if weighed:
                         w = share * wz[k]
@@ -222,6 +230,15 @@ def _put(arenas: Nodes, place: int, push: Any, base: int):
     if base > 0:
         s += arenas[place]
     arenas[place] = s
+
+
+def _put_columns(contacts: ContactGroup, tile: Tile, b: int, lane: int, base: int):
+    """Sums over the nodes above each other in the tile of block ``b``, likewise."""
+    for q in range(lane, PLAN, lane_count()):
+        s = node4()
+        for z in range(6):
+            s += tile[6 * q + z]
+        _put(contacts.column_pushes, PLAN * b + q, s, base)
 
 
 def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
@@ -273,7 +290,7 @@ def solve_contacts(
     many = _number_pressed(contacts, starts, filled, b, lane)
     total = int(starts[CELL_LANES])
     pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-    offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+    offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
     for base in range(0, total, HELD):
         wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
         ahead = int(contacts.pressed[first + wp.min(base + lane, total - 1)])
@@ -283,6 +300,7 @@ def solve_contacts(
             n = base + q * lane_count() + lane
             change = vec(real(0.0), real(0.0), real(0.0))
             f = vec(real(0.0), real(0.0), real(0.0))
+            drag = real(0.0)
             if n < total:
                 c = _cell_of(starts, n)
                 p = ahead & NOT_NEGATIVE
@@ -294,16 +312,22 @@ def solve_contacts(
                 if ZONED:
                     record = scenes.first_friction[record] + _kind_in_cell(blocks, scenes, s, b, c, f)
                 given = _given(particles, p, last, dt, constants)
-                push = _push(particles, blocks, ground, contacts, constants, tile, place, b, c, p, f, friction[record], dt, given)
+                push, drag = _push(
+                    particles, blocks, ground, contacts, constants, tile, place, b, c, p, f, friction[record], dt, given
+                )
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
                 particles.forces[particles.number[p]] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
             _hold(pushes, offsets, n - base, change, f, n < total)
+            if DRAGS_COLUMN:
+                wp.tile_scatter_masked(offsets, 2 * HELD + n - base, drag, n < total)
         book_four(grid.booked, b, 1, done)
         _clear(tile, node4(), lane)
         for turn in range((many + lane_count() - 1) // lane_count()):
             mine = turn * lane_count() + lane
             _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, False)
+        if DRAGS_COLUMN:
+            _put_columns(contacts, tile, b, lane, base)
         if ORDERED:
             for t in range(lane, TILE, lane_count()):
                 _put(grid.arenas, b * TILE + t, tile[t], base)

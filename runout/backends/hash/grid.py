@@ -39,10 +39,9 @@ def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> t
     return places, slots
 
 
-def bytes_of_areas(friction: BasalFriction | FrictionLaw, particles: int, blocks: int, number: int) -> int:
+def bytes_of_areas(friction: BasalFriction | FrictionLaw, blocks: int, number: int) -> int:
     """Memory [byte] of the ground areas, and of the drag on columns of nodes, with numbers of ``number`` bytes."""
-    areas = blocks * (4 + 16 * number) * friction.uses_area
-    return areas + friction.drags_column * (number * particles + blocks * (9 * 4 + number * (36 + 16 * (4 + 4 + 1))))
+    return blocks * ((4 + 16 * number) * friction.uses_area + (9 * 4 + 4 * (36 + 2 * 16) * number) * friction.drags_column)
 
 
 class NodeArrays:
@@ -81,7 +80,6 @@ class NodeArrays:
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)
         self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
         self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(16 * capacity * areas, dtype=number)
-        self.drags = wp.zeros(particles * (dragged > 0), dtype=number)
         self.column_group = self._columns(capacity, dragged)
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
         self.near = wp.full(capacity, -1, dtype=wp.int32)
@@ -94,8 +92,8 @@ class NodeArrays:
     def _columns(self, capacity: int, releases: int) -> Any:
         """Columns of nodes that drag slows; ``releases`` have a friction of their own, 0 without such drag."""
         real, dragged = self.number, capacity * (releases > 0)
-        self.block_drags, self.drag = wp.zeros(36 * dragged, dtype=real), wp.zeros(16 * dragged, dtype=real)
-        self.moving, self.book = (wp.zeros(16 * dragged, dtype=self.vec4) for _ in range(2))
+        self.column_pushes = wp.zeros(36 * dragged, dtype=self.vec4)
+        self.moving, self.change = (wp.zeros(16 * dragged, dtype=self.vec4) for _ in range(2))
         self.beside = wp.full((dragged, 9), -1, dtype=wp.int32)
         self.masses = wp.zeros(36 * releases * capacity * (releases > 1), dtype=real)
         return filled(self.types.ColumnGroup, self)

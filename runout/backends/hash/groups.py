@@ -108,18 +108,16 @@ class ContactGroup:
     touching: Ints  # (blocks,) how many such particles a block has
     columns: Ints  # (blocks,) first block of the column of a block, where the law of friction uses ground areas; else empty
     plan: Reals  # (16 blocks,) sums of contact weights in the columns of nodes, by the first block of a column; likewise
-    drags: Reals  # (n,) drag of each particle in contact [kg/m], where it slows whole columns; else empty
+    column_pushes: Nodes  # (36 blocks,) drag [kg/m] and impulse [N s] of its contacts on 6 x 6 columns of nodes; empty without it
     approach_speeds: Reals  # (2 blocks,) largest speed [m/s] of the nodes of each half of a block towards the ground
 
 
 class ColumnGroup:
     """Columns of nodes that drag slows, else empty; owned by :class:`runout.backends.hash.grid.NodeArrays`."""
 
-    block_drags: Reals  # (36 blocks,) drag of the contacts of a block on the 6 x 6 columns of nodes that they reach [kg/m]
     beside: Table2  # (blocks, 9) of a first block of a column: those of the columns around, -1 for none; first axis east
-    moving: Nodes  # (16 blocks,) by the first block: mass [kg] and momentum [kg m/s] of a column of nodes
-    drag: Reals  # (16 blocks,) likewise: drag of the contacts [kg/m]
-    book: Nodes  # (16 blocks,) likewise: work [J] and impulse [N s]
+    moving: Nodes  # (16 blocks,) by the first block: mass [kg] and momentum [kg m/s] of a column of nodes, before gravity
+    change: Nodes  # (16 blocks,) likewise: change of its velocity by drag [m/s], behind an unused number
     masses: Reals  # (36 releases blocks,) mass of each release on 6 x 6 columns of nodes [kg], where friction differs; else empty
 
 

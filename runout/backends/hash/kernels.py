@@ -38,7 +38,7 @@ from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
 CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
-WARP_KERNELS = ("find_contacts", "solve_contacts", "list_cells", "renumber", "rank_blocks")
+WARP_KERNELS = ("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks")
 # kernels of gradient transfers: those that differ from the packed form's, and further ones
 GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
 STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
@@ -81,6 +81,7 @@ def _common_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
     of_contact = _physics(real).friction(friction)
     names |= {name: getattr(of_contact, name) for name in ("impulse", "column_drag", "free_column_drag")}
     names["DRAGS_COLUMN"] = friction.drags_column
+    names["HELD_REST"] = contact_solution.HELD_REST + contact_solution.HELD * friction.drags_column
     return names | argument_types(real) | _local_types(real) | natives.of(precision)
 
 

@@ -6,12 +6,13 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.groups import BlockGroup, ContactGroup, GridGroup, GroundGroup, SceneGroup, StatusGroup
+from runout.backends.hash.groups import BlockGroup, ColumnGroup, ContactGroup, GridGroup, GroundGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
     BLOCKS,
     CELL_LANES,
     COUNTED_AT_ONCE,
     CURSOR,
+    DRAGS_COLUMN,
     GRADIENT_TRANSFER,
     HALT,
     NEXT,
@@ -266,10 +267,21 @@ def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
         stage_node(tile, place + 7 * WIDE_X, grid, _node_of(east, 32 + n))
 
 
+def _slowed(contacts: ContactGroup, columns: ColumnGroup, t: int, slowing: int):
+    """Change of the velocity [m/s] of a node by drag on its column; none if not ``slowing``."""
+    change = node4()
+    if slowing != 0:
+        change = node_at(columns.change, 16 * contacts.columns[t >> 6] + ((t & 63) >> 2))
+    return vec(change[1], change[2], change[3])
+
+
 def update_nodes(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
+    columns: ColumnGroup, slowing: int,
 ):  # fmt: skip
     """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
+
+    If ``slowing``, also after drag on the columns of nodes.
 
     The counts that the next blocks need start from zero here, and a step less is left: what opened the step has read them.
 
@@ -299,6 +311,8 @@ def update_nodes(
         if slot >= 0:
             push = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * (t & 63))
             v = node_velocity(vec(push[0], push[1], contacts.shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
+        if DRAGS_COLUMN:
+            v += _slowed(contacts, columns, t, slowing)
         put_node(grid.nodes, t, node4(g[0], v[0], v[1], v[2]))
     if not GRADIENT_TRANSFER and scenes.clock[s, 0] > real(0.0):
         note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))

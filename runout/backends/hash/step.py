@@ -8,8 +8,7 @@ Every launch reads on the device how much there is to do, so the host does not w
 from __future__ import annotations
 
 from runout.backends.hash import gradient_transfer
-from runout.backends.hash.column_drag import PLAN
-from runout.backends.hash.contact_area import COLUMNS
+from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
 from runout.backends.hash.parts import Parts
 
@@ -49,11 +48,11 @@ def move_nodes(parts: Parts) -> None:
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
             if parts.uses_area and round_ == 0:
-                run(k.sum_columns, i.capacity * COLUMNS, status, blocks, n.ground_group, n.contact_group)
+                run(k.sum_columns, i.capacity * COLUMNS, status, blocks, *groups, n.column_group)
         if parts.drags_column:
             slow_columns(parts)
-    touch_structures(parts)
-    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group)
+    slowed = touch_structures(parts)
+    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group, n.column_group, 1 - slowed)
 
 
 def weigh_releases(parts: Parts) -> None:
@@ -65,25 +64,26 @@ def weigh_releases(parts: Parts) -> None:
 
 def slow_columns(parts: Parts) -> None:
     """Drag on the columns of nodes."""
-    i, k, n, scenes, status = parts.index, parts.k, parts.nodes, parts.scenes, parts.status.group
-    contacts, columns, blocks = n.contact_group, n.column_group, i.block_group
-    law = scenes.group, scenes.constants, scenes.friction
-    run(k.sum_drags, n.places * PLAN, status, parts.store.group, contacts, columns)
-    run(k.sum_moving, i.capacity * COLUMNS, status, blocks, n.grid_group, n.ground_group, contacts, scenes.group, columns)
-    run(k.slow_columns, i.capacity * COLUMNS, status, blocks, n.grid_group, contacts, *law, columns, scenes.releases, scenes.mixed)
-    run(k.book_columns, i.capacity, status, n.grid_group, contacts, columns)
+    i, n, scenes = parts.index, parts.nodes, parts.scenes
+    groups = parts.status.group, i.block_group, n.grid_group, n.contact_group, scenes.group, scenes.constants
+    run_each(parts.k.slow_columns, i.capacity, WARP, *groups, scenes.friction, n.column_group, scenes.releases, scenes.mixed)
 
 
-def touch_structures(parts: Parts) -> None:
-    """Impulses of the structures on the nodes, which take those of the ground first; nothing where no mass is beside one."""
+def touch_structures(parts: Parts) -> bool:
+    """Impulses of the structures on the nodes, which take those of the ground first; nothing where no mass is beside one.
+
+    Returns whether the nodes have taken the drag on their columns too.
+    """
     i, k, n, s, status = parts.index, parts.k, parts.nodes, parts.structures, parts.status.group
     if s is None or not s.slots:
-        return
+        return False
     blocks, ground, settled = i.block_group, (n.ground_group, n.contact_group), (s.ground_group, s.contact_group)
     arguments = status, parts.store.group, blocks, n.grid_group, *settled, parts.scenes.group, parts.scenes.constants, s.group
     settle = k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group
     if parts.ground is not None:
         run(*settle, *ground, s.grounded, 1)
+    if parts.drags_column:
+        run(k.slow_nodes, i.capacity * 64, status, n.grid_group, n.contact_group, n.column_group)
     for ended, (find, solve, more) in enumerate(
         ((k.find_structure_contacts, k.solve_structure_contacts, (s.friction,)), (k.find_entering, k.stop_entering, ()))
     ):
@@ -92,6 +92,7 @@ def touch_structures(parts: Parts) -> None:
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, part)
         run(*settle, *settled, s.grounded, ended)
+    return parts.drags_column
 
 
 def grid_to_particles(parts: Parts) -> None:

@@ -14,7 +14,7 @@ import warp as wp
 from runout.backends.hash.contact_detection import _give_shares, _note_starts
 from runout.backends.hash.contact_solution import (
     HELD,
-    HELD_TWICE,
+    HELD_REST,
     _clear,
     _contact_velocity,
     _give_all,
@@ -146,7 +146,7 @@ def find_entering(
         _note_starts(contacts, starts, first, b, lane)
         near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
         pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-        offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+        offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
         _set_near_bases(near_bases, ground.near_up, place, lane)
         _clear(tile, node4(), lane)
         for base in range(0, found, HELD):
@@ -199,7 +199,7 @@ def stop_entering(
     many = _number_pressed(contacts, starts, filled, b, lane)
     total = int(starts[CELL_LANES])
     pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-    offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+    offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
     for base in range(0, total, HELD):
         wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
         _load(grid, contacts, tile, bases, near_bases, lane, dv)

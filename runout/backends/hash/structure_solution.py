@@ -14,7 +14,7 @@ import warp as wp
 
 from runout.backends.hash.contact_solution import (
     HELD,
-    HELD_TWICE,
+    HELD_REST,
     _clear,
     _contact_velocity,
     _give_all,
@@ -138,7 +138,7 @@ def solve_structure_contacts(
     many = _number_pressed(contacts, starts, filled, b, lane)
     total = int(starts[CELL_LANES])
     pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
-    offsets = wp.tile_empty(shape=HELD_TWICE, dtype=real, storage="shared")
+    offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
     for base in range(0, total, HELD):
         wp.tile_zeros(shape=1, dtype=int, storage="shared")  # waits for lanes still at those before
         _load(grid, contacts, tile, bases, near_bases, lane, dv)
