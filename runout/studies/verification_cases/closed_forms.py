@@ -46,7 +46,7 @@ class ZonesDownSlope:
         return float(values[0] + np.diff(values) @ beyond)
 
     def speeds(self, places: np.ndarray, length: float, slope_deg: float, start: float) -> np.ndarray:
-        """Speeds (n,) [m/s] of a body of ``length`` [m] at rising ``places`` (n,) [m] of its centre, with ``start`` at the first."""
+        """Speeds (n,) [m/s] of a body of ``length`` [m] with its centre at rising ``places`` (n,) [m]; ``start`` at the first."""
         slope, drag = np.radians(slope_deg), self.drag or (0.0,) * len(self.friction)
 
         def change(place: float, square: np.ndarray) -> np.ndarray:

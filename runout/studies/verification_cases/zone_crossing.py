@@ -1,8 +1,8 @@
 """zones: a stiff slab slides down a plane over zones of friction; its centre of mass against a closed form.
 
 The closed form has the same pressure everywhere below the slab. Friction acts at the base, half a thickness H below the centre of
-mass, so the slab presses harder on the ground below its front: the centre of pressure lies up to mu H/2 ahead, and so early does the
-slab meet each border. The error grows with the thickness, and finer grids do not lower it.
+mass, so the slab presses harder on the ground below its front: the centre of pressure lies up to mu H/2 ahead, and the slab meets
+each border that much earlier. The error grows with the thickness, and finer grids do not lower it.
 """
 
 import math
@@ -153,10 +153,12 @@ def measure(full: bool) -> list[Result]:
 CASE = Case(
     "zones",
     "zones of friction",
-    f"stiff slab on {SLOPE_DEG:g} deg, 0.5 m thick, borders inside cells of 2 m; Coulomb: 12 m long, mu = 0.1, 0.35, 0.6; Voellmy: 8 m "
-    "long, mu = 0.1, 0.3, 0.05, xi = 400, 150, 800 m/s2; d(v^2)/dX = 2 g (sin - mean mu cos) - 2 g v^2 mean(1/xi)/H",
+    f"stiff slab on {SLOPE_DEG:g} deg, 0.5 m thick, borders inside cells of 2 m; Coulomb: 12 m long, mu = 0.1, 0.35, 0.6; "
+    "Voellmy: 8 m long, mu = 0.1, 0.3, 0.05, xi = 400, 150, 800 m/s2; "
+    "d(v^2)/dX = 2 g (sin - mean(mu) cos) - 2 g v^2 mean(1/xi)/H",
     measure,
-    "The closed form has the same pressure everywhere below the slab. Friction acts half a thickness below the centre of mass and "
-    "presses the front down, so the slab meets each border up to mu H/2 early: the error grows with the thickness H, and a finer grid "
-    f"does not lower it. The closed form of Voellmy has the ground area that the law counts, {RIM:g} cells more at each rim.",
+    "The closed form has the same pressure everywhere below the slab. Friction acts half a thickness below the centre of mass "
+    "and presses the front down, so the slab meets each border up to mu H/2 early: the error grows with the thickness H, and a "
+    f"finer grid does not lower it. The closed form of Voellmy has the ground area that the law counts, {RIM:g} cells more at "
+    "each rim.",
 )
