@@ -115,3 +115,18 @@ def test_speed_within_a_voellmy_zone_goes_to_its_terminal_speed():
     terminal = GRAVITY * (np.sin(np.radians(25.0)) - 0.1 * np.cos(np.radians(25.0))) / 0.05
     square = terminal + (16.0 - terminal) * np.exp(-2 * 0.05 * places)
     np.testing.assert_allclose(zones.speeds(places, 2.0, 25.0, 4.0), np.sqrt(square), rtol=1e-6)
+
+
+def test_pressure_on_a_lever_moves_the_mean_friction_of_a_border_by_the_offset_of_the_centre_of_pressure():
+    """Sum of mu p over the length, with the linear pressure whose moment is that of the friction, against the closed form."""
+    zones, length, lever = ZonesDownSlope((0.0,), (0.2, 0.6)), 10.0, 1.5
+    x = (np.arange(200_000) + 0.5) / 200_000 * length - length / 2
+    for place in (-2.0, 1.0):
+        mean = 0.4
+        for _ in range(60):
+            pressure = 1.0 + 12.0 * lever * mean * x / length**2
+            mean = np.where(x + place > 0.0, 0.6, 0.2) @ pressure / len(x)
+        near = place + np.array([0.0, 1e-4])
+        square = zones.speeds(near, length, 25.0, 4.0, lever) ** 2
+        slope = np.radians(25.0)
+        assert np.diff(square)[0] / 1e-4 == pytest.approx(2 * GRAVITY * (np.sin(slope) - mean * np.cos(slope)), rel=1e-3)
