@@ -36,8 +36,8 @@ from runout.studies.verification_cases.closed_forms import GRAVITY
 from runout.studies.verification_cases.zone_crossing import RIM
 from runout.workflow import hazard_map
 
-BOUND = 0.005  # measured: 0.003 at most, in the first metres; 0.0015 over the borders
-DRAG_BOUND = 0.03  # measured: 0.024, since rims oblique to the grid count more than RIM
+BOUND = 0.005  # measured: 0.003 at most, in the first metres; 0.0016 over the borders
+DRAG_BOUND = 0.025  # measured: 0.011 with polygons, 0.018 with rasters, whose borders are steps of the cells
 MU, XI = (0.1, 0.35, 0.2), (600.0, 200.0, 900.0)
 VOELLMY_POLYGONS = f"""
   friction_zones:
@@ -117,7 +117,7 @@ def test_each_member_of_a_run_follows_the_closed_form_of_its_own_row_of_the_tabl
 
 
 def test_polygons_and_their_raster_move_a_slab_alike_within_the_width_of_a_cell(tmp_path):
-    """Wood of one friction in both; a border that lies a cell aside changes the speed by more than they differ."""
+    """Wood of one friction in both; a border a cell aside would change the speed by ``cell`` [m/s]."""
     alike = POLYGONS.replace("factor: factor", f"basal_friction_angle_deg: {WOOD_DEG:g}")
     motions = [motion(_run(write_site(tmp_path / name, zones)).series) for name, zones in (("p", alike), ("r", RASTER))]
     way = np.linspace(10.0, min(places[-1] for places, _ in motions), 50)
@@ -127,7 +127,7 @@ def test_polygons_and_their_raster_move_a_slab_alike_within_the_width_of_a_cell(
         assert np.abs(found / exact - 1.0).max() < BOUND
     steps = np.abs(np.diff(frictions(RASTER, 10.0)))
     cell = GRAVITY * steps.sum() * CELL * np.abs(DOWN).sum() / exact[-1]  # g cos dmu w / v, w the width of a cell along the slope
-    assert 0.0 < np.abs(polygons - raster).max() < 0.2 * cell
+    assert 0.0 < np.abs(polygons - raster).max() < 0.1 * cell  # measured: 0.02
 
 
 @pytest.mark.parametrize("backend", ["scan", "hash"])
@@ -164,7 +164,8 @@ def test_voellmy_zones_brake_a_slab_as_the_closed_form_says(tmp_path, zones):
     result = _run(folder)
     way, speed = motion(result.series)
     length, width, h = LENGTH / COS, 24.0, result.spacing[0]
-    area = (1.0 + 2.0 * RIM * h / length) * (1.0 + 2.0 * RIM * h / width)
+    rim = 2.0 * RIM * h * np.abs(DOWN).sum()  # of both sides; wider where it is oblique to the grid
+    area = (1.0 + rim / length) * (1.0 + rim / width)
     exact = exact_speeds(MU, way, tuple(GRAVITY * area / (xi * THICKNESS * COS) for xi in XI))
     assert largest_error(speed, exact, way) < DRAG_BOUND
     assert speed[-1] < 0.7 * speed.max()  # xi of the second zone brakes it
