@@ -2,8 +2,8 @@
 
 The closed form has the same pressure everywhere below the slab. Friction acts at the lowest particles, a lever b below the centre
 of mass, so the slab presses harder on the ground below its front: the centre of pressure lies mu b ahead, and the slab meets each
-border that much earlier. The error grows with the thickness, and finer grids do not lower it. The closed form with that lever
-takes it away.
+border that much earlier. The error grows with the thickness, and finer grids do not lower it. The closed form with that lever has
+no such part.
 """
 
 import math
@@ -171,6 +171,6 @@ CASE = Case(
     measure,
     "The closed form has the same pressure everywhere below the slab. Friction acts below the centre of mass and presses the front "
     "down, so the slab meets each border early by mu times that lever: the error grows with the thickness, and a finer grid does "
-    "not lower it. A closed form with the linear pressure of a rigid body on that lever takes it away. That of Voellmy has the "
-    f"ground area that the law counts, {RIM:g} cells more at each rim.",
+    "not lower it. With the linear pressure of a rigid body on that lever 0.3 % remain for both thicknesses. The closed form of "
+    f"Voellmy has the ground area that the law counts, {RIM:g} cells more at each rim.",
 )
