@@ -7,7 +7,14 @@ from scipy.special import lambertw
 
 from runout.materials.elastic import Elastic
 from runout.physics import elastic
-from runout.studies.verification_cases.closed_forms import AxisAlignedWave, Vortex, standing_column, symplectic_free_fall
+from runout.studies.verification_cases.closed_forms import (
+    GRAVITY,
+    AxisAlignedWave,
+    Vortex,
+    ZonesDownSlope,
+    standing_column,
+    symplectic_free_fall,
+)
 
 MATERIAL = Elastic(density=3072.0, youngs_modulus=1.024e7, poisson_ratio=0.3)
 
@@ -90,3 +97,36 @@ def test_free_fall_is_what_symplectic_euler_does():
         v -= 9.81e-3
         z += v * 1e-3
     np.testing.assert_allclose(symplectic_free_fall(137, 1e-3), (z, v), atol=1e-12)
+
+
+def test_speed_over_coulomb_zones_is_that_of_the_energy_with_the_share_of_length_beyond_each_border():
+    """Integral of the share: (X - X_1)^2 / (2 length) while the body lies on both sides, then its half length more than the way."""
+    zones, places = ZonesDownSlope((20.0, 26.0), (0.1, 0.35, 0.6)), np.linspace(10.0, 40.0, 13)
+    slope, work = np.radians(25.0), 0.1 * (places - 10.0)
+    for border in zones.borders:  # both steps of friction are 0.25
+        front = np.clip(places + 6.0 - border, 0.0, None)
+        work += 0.25 * np.where(front < 12.0, front**2 / 24.0, front - 6.0)
+    square = 16.0 + 2 * GRAVITY * (np.sin(slope) * (places - 10.0) - np.cos(slope) * work)
+    np.testing.assert_allclose(zones.speeds(places, 12.0, 25.0, 4.0), np.sqrt(square), rtol=1e-6)
+
+
+def test_speed_within_a_voellmy_zone_goes_to_its_terminal_speed():
+    zones, places = ZonesDownSlope((1e3,), (0.1, 0.3), (0.05, 0.2)), np.linspace(0.0, 60.0, 7)
+    terminal = GRAVITY * (np.sin(np.radians(25.0)) - 0.1 * np.cos(np.radians(25.0))) / 0.05
+    square = terminal + (16.0 - terminal) * np.exp(-2 * 0.05 * places)
+    np.testing.assert_allclose(zones.speeds(places, 2.0, 25.0, 4.0), np.sqrt(square), rtol=1e-6)
+
+
+def test_pressure_on_a_lever_moves_the_mean_friction_of_a_border_by_the_offset_of_the_centre_of_pressure():
+    """Sum of mu p over the length, with the linear pressure whose moment is that of the friction, against the closed form."""
+    zones, length, lever = ZonesDownSlope((0.0,), (0.2, 0.6)), 10.0, 1.5
+    x = (np.arange(200_000) + 0.5) / 200_000 * length - length / 2
+    for place in (-2.0, 1.0):
+        mean = 0.4
+        for _ in range(60):
+            pressure = 1.0 + 12.0 * lever * mean * x / length**2
+            mean = np.where(x + place > 0.0, 0.6, 0.2) @ pressure / len(x)
+        near = place + np.array([0.0, 1e-4])
+        square = zones.speeds(near, length, 25.0, 4.0, lever) ** 2
+        slope = np.radians(25.0)
+        assert np.diff(square)[0] / 1e-4 == pytest.approx(2 * GRAVITY * (np.sin(slope) - mean * np.cos(slope)), rel=1e-3)

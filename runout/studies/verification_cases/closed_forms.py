@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
 from runout.model.materials import Material
@@ -15,6 +16,51 @@ def sliding_block(time: float, slope_deg: float, friction: float) -> tuple[float
     slope = np.radians(slope_deg)
     acceleration = max(GRAVITY * (np.sin(slope) - friction * np.cos(slope)), 0.0)
     return 0.5 * acceleration * time**2, acceleration * time
+
+
+@dataclass(frozen=True)
+class ZonesDownSlope:
+    """Zones of friction one after another down a plane, and the speed of a stiff body that crosses their borders.
+
+    The body presses alike on all of the ground below it, so that a zone acts by its share of the length of the body: with the share
+    s_i beyond border i, the means are m = mu_0 + sum(s_i dmu_i), and k alike, and d(v^2)/dX = 2 g (sin - m cos) - 2 v^2 k with the
+    place X of the centre. Within a zone that is v^2 = v_0^2 + 2 g L (sin - mu cos) for k = 0, and else
+    v^2 = v_inf^2 + (v_0^2 - v_inf^2) exp(-2 k L).
+
+    Friction may act by a ``lever`` b below the centre of mass. Then the centre of pressure lies b m ahead of it. A rigid body of
+    length L presses by p = p_0 (1 + 12 b m x / L^2) at x from its centre, and
+    m = (mu_0 + sum(s_i dmu_i)) / (1 - 6 b/L sum(s_i (1 - s_i) dmu_i)).
+
+    Attributes
+    ----------
+    borders : tuple of float
+        Places [m] down the slope at which one zone ends and the next begins, in order.
+    friction : tuple of float
+        Coulomb coefficients [1], one more than borders.
+    drag : tuple of float
+        k [1/m] of each zone, g/(xi h) of Voellmy friction under a thickness h normal to the slope; empty for none.
+    """
+
+    borders: tuple[float, ...]
+    friction: tuple[float, ...]
+    drag: tuple[float, ...] = ()
+
+    def beyond(self, place: float, length: float) -> np.ndarray:
+        """Shares (borders,) [1] of a body of ``length`` [m], with its centre at ``place`` [m], beyond the borders."""
+        return np.clip((place + length / 2 - np.array(self.borders)) / length, 0.0, 1.0)
+
+    def speeds(self, places: np.ndarray, length: float, slope_deg: float, start: float, lever: float = 0.0) -> np.ndarray:
+        """Speeds (n,) [m/s] of a body of ``length`` [m] with its centre at rising ``places`` (n,) [m]; ``start`` at the first."""
+        slope, drag = np.radians(slope_deg), self.drag or (0.0,) * len(self.friction)
+
+        def change(place: float, square: np.ndarray) -> np.ndarray:
+            s, steps = self.beyond(place, length), np.diff(self.friction)
+            mean = (self.friction[0] + steps @ s) / (1.0 - 6.0 * lever / length * (steps @ (s * (1.0 - s))))
+            return 2.0 * (GRAVITY * (np.sin(slope) - mean * np.cos(slope)) - (drag[0] + np.diff(drag) @ s) * square)
+
+        span, step = (places[0], places[-1]), length / 20
+        found = solve_ivp(change, span, [start**2], t_eval=places, rtol=1e-9, atol=1e-9, max_step=step)
+        return np.sqrt(found.y[0])  # type: ignore[no-any-return]
 
 
 def symplectic_excess(time: float, slope_deg: float, friction: float, dt: float) -> float:
