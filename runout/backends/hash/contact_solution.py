@@ -139,6 +139,19 @@ def _kind_in_cell(blocks: BlockGroup, scenes: SceneGroup, scene: int, b: int, c:
     return _kind_of_ground(scenes, scene, x, y, f)
 
 
+def _record_of_friction(
+    particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, constants: Constants, s: int, b: int, c: int, p: int,
+    f: Vector,
+):  # fmt: skip
+    """Record of the friction of a particle of scene ``s`` at offset ``f`` in a cell of a block."""
+    record = wp.max(constants.only, 0)
+    if constants.only < 0:
+        record = int(particles.release[p])
+    if ZONED:
+        record = scenes.first_friction[record] + _kind_in_cell(blocks, scenes, s, b, c, f)
+    return record
+
+
 def _push(
     particles: ParticleGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile,
     near: int, b: int, c: int, p: int, f: Vector, basal: Any, dt: Any, given: Vector,
@@ -233,12 +246,13 @@ def _put(arenas: Nodes, place: int, push: Any, base: int):
 
 
 def _put_columns(contacts: ContactGroup, tile: Tile, b: int, lane: int, base: int):
-    """Sums over the nodes above each other in the tile of block ``b``, likewise."""
-    for q in range(lane, PLAN, lane_count()):
-        s = node4()
-        for z in range(6):
-            s += tile[6 * q + z]
-        _put(contacts.column_pushes, PLAN * b + q, s, base)
+    """Sums over the nodes above each other in the tile of block ``b``, likewise, if drag slows columns."""
+    if DRAGS_COLUMN:
+        for q in range(lane, PLAN, lane_count()):
+            s = node4()
+            for z in range(6):
+                s += tile[6 * q + z]
+            _put(contacts.column_pushes, PLAN * b + q, s, base)
 
 
 def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
@@ -306,15 +320,9 @@ def solve_contacts(
                 p = ahead & NOT_NEGATIVE
                 ahead = contacts.pressed[first + wp.min(n + lane_count(), total - 1)]
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
-                record = wp.max(constants.only, 0)
-                if constants.only < 0:
-                    record = int(particles.release[p])
-                if ZONED:
-                    record = scenes.first_friction[record] + _kind_in_cell(blocks, scenes, s, b, c, f)
+                basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, f)]
                 given = _given(particles, p, last, dt, constants)
-                push, drag = _push(
-                    particles, blocks, ground, contacts, constants, tile, place, b, c, p, f, friction[record], dt, given
-                )
+                push, drag = _push(particles, blocks, ground, contacts, constants, tile, place, b, c, p, f, basal, dt, given)
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
                 particles.forces[particles.number[p]] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
@@ -326,8 +334,7 @@ def solve_contacts(
         for turn in range((many + lane_count() - 1) // lane_count()):
             mine = turn * lane_count() + lane
             _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, False)
-        if DRAGS_COLUMN:
-            _put_columns(contacts, tile, b, lane, base)
+        _put_columns(contacts, tile, b, lane, base)
         if ORDERED:
             for t in range(lane, TILE, lane_count()):
                 _put(grid.arenas, b * TILE + t, tile[t], base)
