@@ -72,6 +72,14 @@ def cached_path(remote: RemoteFile) -> Path:
     return cache_folder() / f"{remote.sha256[:12]}-{name}"
 
 
+def without_fetched_folders(text: str) -> str:
+    """A message whose files in RUNOUT_DATA are relative to it, and whose files in the cache have the name that their URL has."""
+    stated = os.environ.get(DATA_FOLDER)
+    if stated:
+        text = re.sub(rf"(?<![\w./-]){re.escape(os.path.normpath(Path(stated).expanduser()))}/", "", text)
+    return re.sub(rf"{re.escape(str(cache_folder()))}/[0-9a-f]{{12}}-", "", text)
+
+
 def _in_data_folder(remote: RemoteFile) -> Path | None:
     stated = os.environ.get(DATA_FOLDER)
     if not stated or not remote.path:

@@ -46,6 +46,14 @@ class Findings:
         problems = map(str, listed) if listed else [str(error)]
         self.problems += [problem for problem in dict.fromkeys(problems) if problem not in self.problems]
 
+    def name_files_as_stated(self, folder: Path) -> None:
+        """Shorten the paths of input files in all warnings and notes to those that site.yaml in a folder states."""
+        from runout.config.fetch import without_fetched_folders
+        from runout.config.stated_at import within_site
+
+        for texts in (self.warnings, self.notes):
+            texts[:] = [without_fetched_folders(within_site(text, folder)) for text in texts]
+
 
 def inspect(checked: "Path | Site") -> Findings:
     """Problems and warnings of the configuration, the DEM and the releases of a site, or of a site folder or site.yaml."""
@@ -60,15 +68,21 @@ def inspect(checked: "Path | Site") -> Findings:
         found.note(error)
         assert isinstance(checked, Path)  # the settings of a site have been checked
         readable = _readable_part(checked, [problem.key for problem in error.problems])
-    if readable is None:
-        return found
+    if readable is not None:
+        _inspect_inputs(found, readable)
+        found.name_files_as_stated(readable.folder)
+        found.notes[:0] = files_outside(readable.settings, readable.folder) if found.terrain else []
+    return found
+
+
+def _inspect_inputs(found: Findings, readable: "Site") -> None:
+    """Add what is to be said of the input files of a site or of a readable part of it."""
     try:
         found.terrain = readable.terrain()
     except InputError as error:
         found.note(error)
         _note_structures(found, readable)
-        return found
-    found.notes += files_outside(readable.settings, readable.folder)
+        return
     found.notes += [f"{found.terrain.source}: {change}" for change in found.terrain.changes]
     _read_releases(found, readable, found.terrain)
     _read_zones(found, readable, found.terrain)
@@ -84,7 +98,6 @@ def inspect(checked: "Path | Site") -> Findings:
             found.warnings += check_physics.warnings(found.site, found.releases, found.zones)
         except MaterialError as error:  # of a member
             found.note(error)
-    return found
 
 
 def _readable_part(site_path: Path, wrong: list[str]) -> "Site | None":

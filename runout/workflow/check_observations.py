@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from runout.config.stated_at import stated_place, within_site
+from runout.config.stated_at import stated_place
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -78,4 +78,4 @@ def _raster(site: "Site", name: str, file: str, wrong: str | None) -> Iterator[s
 
 def _placed(site: "Site", name: str, key: str, text: str) -> str:
     place = ("observations",) if name == "observations" else ("observations", name, key)
-    return f"{stated_place(site.file, *place)}: {within_site(text, site.folder)}"
+    return f"{stated_place(site.file, *place)}: {text}"

@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from runout.config import download
-from runout.config.fetch import cached_path, fetch
+from runout.config.fetch import cached_path, fetch, without_fetched_folders
 from runout.config.remote import RemoteFile
 from runout.errors import InputError, StorageError
 
@@ -196,3 +196,17 @@ def test_the_name_in_the_cache_stays_in_the_cache(cache, name):
     path = cached_path(remote(f"https://example.org/{name}"))
     assert path.resolve().parent == cache.resolve()
     assert len(path.name) < 100
+
+
+def test_a_message_names_fetched_files_without_their_folders(tmp_path, monkeypatch, cache):
+    monkeypatch.setenv("RUNOUT_DATA", str(tmp_path / "data"))
+    path = cached_path(RemoteFile(url="https://example.org/a/dem.asc", sha256="0" * 64, size=1))
+    said = f"{tmp_path}/data/slide/dem.asc and {path}; {tmp_path}/other.asc"
+    assert without_fetched_folders(said) == f"slide/dem.asc and dem.asc; {tmp_path}/other.asc"
+
+
+def test_a_relative_data_folder_takes_no_part_of_other_paths(monkeypatch):
+    monkeypatch.setenv("RUNOUT_DATA", "data")
+    assert without_fetched_folders("data/dem.asc: as my-data/dem.asc and inputs/data/x.tif") == (
+        "dem.asc: as my-data/dem.asc and inputs/data/x.tif"
+    )

@@ -2,6 +2,7 @@
 
 import tracemalloc
 
+import numpy as np
 import pytest
 from ramp_site import SITE, ramp, slab, write_raster, write_site
 
@@ -221,3 +222,14 @@ def test_overlapping_polygons_of_one_thickness_are_named(tmp_path):
     boxes = [shapely.box(500_050.0 + x, 4_999_850.0, 500_090.0 + x, 4_999_910.0) for x in (0.0, 30.0)]
     geopandas.GeoDataFrame(geometry=boxes, crs="EPSG:32632").to_file(folder / "inputs" / "release.gpkg")
     assert any("polygons 1 and 2 overlap and have one thickness; the common 600 m2 count once" in n for n in inspect(folder).notes)
+
+
+def test_warnings_and_notes_name_files_as_site_yaml_does(tmp_path):
+    """A DEM with a gap and an edge that the mass comes to, and a release of other cells: each message names a file."""
+    elevation = ramp()
+    elevation[9:12, 35:38] = np.nan
+    folder = write_site(tmp_path / "ramp", SITE.replace("basal_friction_angle_deg: 20", "basal_friction_angle_deg: 2"), elevation)
+    found = inspect(folder)
+    told = [*found.warnings, *found.notes]
+    assert sum(text.startswith("inputs/dem.tif: ") for text in told) >= 3
+    assert not [text for text in told if str(tmp_path) in text]

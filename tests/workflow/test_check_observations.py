@@ -98,6 +98,19 @@ def test_observations_that_state_nothing_are_named(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("beside", "expected"), [("", 1), (DEPOSIT.partition("\n")[2], 0)])
+def test_a_thalweg_scores_nothing_unless_there_is_an_observation(tmp_path, beside, expected):
+    text = f"observations:\n  thalweg: {{line: inputs/thalweg.gpkg}}\n{beside}"
+    folder = write_site(tmp_path / "ramp", SITE + text)
+    write_raster(folder / "inputs" / "deposit.tif", laid(4.0))
+    line = shapely.LineString([(WEST + 50, NORTH - 120), (WEST + 490, NORTH - 120)])
+    geopandas.GeoDataFrame(geometry=[line], crs="EPSG:32632").to_file(folder / "inputs" / "thalweg.gpkg")
+    found = inspect(folder)
+    assert found.problems == []
+    said = "site.yaml:18: observations: holds only a thalweg, which is no observation, so that nothing is scored"
+    assert [warning.startswith(said) for warning in found.warnings if ": observations" in warning] == [True] * expected
+
+
 def test_paths_of_problems_are_those_of_the_site(tmp_path):
     folder = write_site(tmp_path / "ramp", SITE + DEPOSIT, thickness=-slab())
     write_raster(folder / "inputs" / "deposit.tif", -laid(1.0))

@@ -7,6 +7,8 @@ Inputs: AvaFrame (EUPL-1.2), terrain of the Land Tirol.
 
 import json
 import time
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,19 @@ import numpy as np
 import shapely
 
 import runout
-from runout.scores import Grid, contingency, outline_shares, reached, slope_normal_thickness, terrain_slope, vertical_thickness
+from runout.model.scene import STANDARD_GRAVITY
+from runout.scores import (
+    Grid,
+    Thalweg,
+    contingency,
+    outline_shares,
+    reached,
+    slope_normal_thickness,
+    terrain_slope,
+    vertical_thickness,
+)
+from runout.studies.validation_cases.avakot_energy import DENSITY, FRICTION_ANGLE, Points, measure_energy
+from runout.studies.validation_cases.avakot_frames import LIFTED, lifted, looseness
 from runout.studies.validation_cases.case import data_folder
 from runout.studies.validation_cases.drawing import outline_of
 from runout.studies.validation_cases.iseesnow import voellmy
@@ -22,12 +36,12 @@ from runout.studies.validation_cases.rasters import thalweg_of
 
 SOURCE = "github.com/OpenNHM/AvaFrame, folder avaframe/data/avaKot"
 OTHER = Path(__file__).with_name("avakot_com1dfa.json")
-DENSITY, RELEASED = 200.0, 1.0  # [kg/m3], thickness normal to the slope [m]
-FRICTION_ANGLE = 30.0  # internal [deg]
+RELEASED = 1.0  # thickness normal to the slope [m]
+STUDIES = ((10.0, 30.0), (4.0, 30.0), (5.0, 12.0), (5.0, 45.0))  # cells [m] and internal friction [deg]
 LEVELS = (2, 2, 14)  # particles per cell: four levels through the slab with cells of 5 m
 MOVING, EXTENT = 1.0, 0.1  # speed [m/s] of the front and thickness [m] of the area
 LEVELS_OF_AREA = (0.5, 4.0)  # thicknesses [m] of further areas
-LIFTED, LOOKS = 5.0, tuple(range(4, 41, 4))  # height over the ground [m], and times [s] at which the mass above is counted
+LOOKS = tuple(range(4, 41, 4))  # times [s] at which the mass over the ground is looked at
 SHOTS: dict[str, Any] = {"snapshot_times": LOOKS, "snapshot_particles": 10**6}
 
 
@@ -43,52 +57,98 @@ def friction(law: str, parameters: dict[str, float], slope: float) -> Any:
 
 
 def measure(full: bool) -> dict[str, Any]:
-    """Both laws with cells of 5 m; in CI Voellmy with 10 m."""
-    folder = data_folder("avaframe/avaKot", SOURCE) / "Inputs"
+    """Both laws with cells of 5 m, Voellmy with other cells and internal frictions, and energies; in CI Voellmy with 10 m."""
+    case = read()
+    found = [_run(case, law, 5.0) for law in ("samosAT", "Voellmy")] if full else [_run(case, "Voellmy", 10.0)]
+    studies = [_run(case, "Voellmy", cells, angle) for cells, angle in STUDIES] if full else []
+    for row in studies:
+        del row["outline"]
+    return {
+        "runs": found,
+        "studies": studies,
+        "energy": measure_energy(case.terrain, slab) if full else [],
+        "points_lifted": _points_lifted(case) if full else None,
+        "com1dfa": case.others,
+        "volume": float(case.release.thickness.sum() * Grid.of(case.terrain).cell_area),
+        "lines": [_line(run, case.others[run["law"]]) for run in (*found, *studies)],
+    }
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Ground, slab, path of the flow, and the results of com1DFA by friction law."""
+
+    terrain: runout.Terrain
+    release: runout.Release
+    line: Thalweg
+    others: dict[str, Any]
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """Of the ground (rows, columns) [rad]."""
+        return terrain_slope(self.terrain.elevation, self.terrain.cell_size)
+
+
+def read() -> Inputs:
+    """Inputs of the case, and the record of com1DFA."""
+    folder = _folder()
     terrain = runout.Terrain.from_raster(folder / "avaKot.asc", crs="EPSG:31287")
-    slope = terrain_slope(terrain.elevation, terrain.cell_size)
-    line = thalweg_of(folder / "LINES" / "path_aimec.shp")
     others = json.loads(OTHER.read_text(encoding="utf-8"))["laws"]
-    chosen = [("samosAT", 5.0), ("Voellmy", 5.0)] if full else [("Voellmy", 10.0)]
-    release = _release(folder, terrain, slope)
-    inside = float(slope[release.thickness > 0].mean())
-    runs = []
-    for law, cell_size in chosen:
-        snow = runout.DruckerPrager(density=DENSITY, friction_angle=FRICTION_ANGLE)
-        choices = {"basal_friction": friction(law, others[law]["parameters"], inside), "cell_size": cell_size, **SHOTS}
-        particles = LEVELS if cell_size == 5.0 else (2, 2, 28)
-        started = time.process_time()
-        result = runout.simulate(terrain, release, snow, **choices, particles_per_cell=particles, end_time=120.0, threads=1)
-        seconds = time.process_time() - started
-        row = _scored(result, slope, line, others[law])
-        runs.append({"law": law, "cell_size": cell_size, "seconds": seconds, **row, "particles": result.n_particles})
-    lines = [_line(run, others[run["law"]]) for run in runs]
-    return {"runs": runs, "com1dfa": others, "volume": float(release.thickness.sum() * Grid.of(terrain).cell_area), "lines": lines}
+    return Inputs(terrain, slab(terrain), thalweg_of(folder / "LINES" / "path_aimec.shp"), others)
 
 
-def _release(folder: Path, terrain: runout.Terrain, slope: np.ndarray) -> runout.Release:
-    """The slab, 1 m thick normal to the slope."""
-    polygon = runout.Release.from_vector(folder / "REL" / "relKot.shp", terrain, thickness=RELEASED, placement="on_surface")
+def _run(case: Inputs, law: str, cell_size: float, friction_angle: float = FRICTION_ANGLE) -> dict[str, Any]:
+    """Row of a run beside com1DFA with the same friction."""
+    other, inside = case.others[law], float(case.slope[case.release.thickness > 0].mean())
+    snow = runout.DruckerPrager(density=DENSITY, friction_angle=friction_angle)
+    choices = {"basal_friction": friction(law, other["parameters"], inside), "cell_size": cell_size, **SHOTS}
+    particles = (*LEVELS[:2], round(LEVELS[2] * cell_size / 5.0))
+    started = time.process_time()
+    result = runout.simulate(case.terrain, case.release, snow, **choices, particles_per_cell=particles, end_time=120.0, threads=1)
+    seconds = time.process_time() - started
+    stated = {"law": law, "cell_size": cell_size, "friction_angle_deg": friction_angle, "seconds": seconds}
+    return {**stated, **_scored(result, case, other), "particles": result.n_particles}
+
+
+def _points_lifted(case: Inputs) -> float:
+    """Largest share of single points above :data:`LIFTED` at the times of the snapshots, with Voellmy's friction for a slab."""
+    numbers = case.others["Voellmy"]["parameters"]
+    points = Points.on(case.release, numbers["mu"], STANDARD_GRAVITY / (numbers["xi"] * RELEASED))
+    times = np.diff((0, *LOOKS))
+    return max(points.slide(float(seconds)).lifted(LIFTED) for seconds in times)
+
+
+def _folder() -> Path:
+    return data_folder("avaframe/avaKot", SOURCE) / "Inputs"
+
+
+def slab(terrain: runout.Terrain) -> runout.Release:
+    """The slab on a terrain, 1 m thick normal to the slope."""
+    slope = terrain_slope(terrain.elevation, terrain.cell_size)
+    polygon = runout.Release.from_vector(_folder() / "REL" / "relKot.shp", terrain, thickness=RELEASED, placement="on_surface")
     vertical = vertical_thickness(polygon.thickness, np.nan_to_num(slope))
     return runout.Release.from_array(vertical, terrain, placement="on_surface", name="relKot")
 
 
-def _scored(result: runout.Result, slope: np.ndarray, line: Any, other: dict[str, Any]) -> dict[str, Any]:
-    """Numbers of a run as those of com1DFA, and agreement of the areas."""
-    terrain, cell = result.terrain, Grid.of(result.terrain)
+def _scored(result: runout.Result, case: Inputs, other: dict[str, Any]) -> dict[str, Any]:
+    """Numbers of a run as those of com1DFA, agreement of the areas, and how the mass moves over the ground."""
+    terrain, cell, slope = result.terrain, Grid.of(result.terrain), case.slope
     thickness = slope_normal_thickness(np.nan_to_num(result.maps["max_flow_thickness"].values), np.nan_to_num(slope))
+    deposit = np.nan_to_num(result.maps["deposit_thickness"].values)
     speed = np.nan_to_num(result.maps["max_speed"].values)
-    x, y = np.meshgrid(terrain.easting, terrain.northing)
-    s, _ = line.coordinates(x, y)
+    s, _ = case.line.coordinates(*np.meshgrid(terrain.easting, terrain.northing))
     covered = outline_shares(shapely.union_all([shapely.Polygon(ring) for ring in other["outline"]]).buffer(0), cell)
-    table = contingency(reached(thickness, EXTENT), covered, cell.cell_area)
+    table, outside = contingency(reached(thickness, EXTENT), covered, cell.cell_area), covered < 0.5
     return {
         "front": float(s[speed > MOVING].max()),
         "area": 1e-4 * cell.cell_area * float((thickness > EXTENT).sum()),
         "speed": float(speed.max()),
         "thickest": float(thickness.max()),
         "areas": [1e-4 * cell.cell_area * float((thickness > level).sum()) for level in LEVELS_OF_AREA],
-        "lifted": max(_lifted(terrain, slope, frame) for frame in result.particle_frames),
+        "lifted": lifted(result, slope),
+        "looseness": looseness(result, slope, LEVELS_OF_AREA[1]),
+        "peak_outside": float(np.median(thickness[outside & (thickness > EXTENT)])),
+        "volume_outside": float(deposit[outside].sum() / deposit.sum()),
         "csi": table.critical_success_index,
         "cells_through_depth": result.depth_resolution.cells_through_depth,
         "stop_reason": result.stop_reason,
@@ -96,17 +156,8 @@ def _scored(result: runout.Result, slope: np.ndarray, line: Any, other: dict[str
     }
 
 
-def _lifted(terrain: runout.Terrain, slope: np.ndarray, frame: np.ndarray) -> float:
-    """Share of the particles (n, 4) more than :data:`LIFTED` over the ground, normal to it; those that have left do not count."""
-    from scipy.interpolate import RegularGridInterpolator
-
-    x, y, z = terrain.frame.to_map(np.asarray(frame[np.isfinite(frame[:, 0]), :3], np.float64)).T
-    ground = np.stack([terrain.elevation, np.cos(np.nan_to_num(slope))], axis=-1)[::-1]
-    elevation, cosine = RegularGridInterpolator((terrain.northing[::-1], terrain.easting), ground)((y, x)).T
-    return float(((z - elevation) * cosine > LIFTED).mean())
-
-
 def _line(run: dict[str, Any], other: dict[str, Any]) -> str:
     pairs = (("front", "m", ".0f"), ("area", "ha", ".1f"), ("speed", "m/s", ".1f"))
     words = ", ".join(f"{key} {run[key]:{how}} {unit} (com1DFA {other[key]:{how}})" for key, unit, how in pairs)
-    return f"  {run['law']}, cells of {run['cell_size']:g} m: {words}, CSI {run['csi']:.2f}, {run['seconds']:.0f} s"
+    name = f"{run['law']}, cells of {run['cell_size']:g} m, {run['friction_angle_deg']:g} deg"
+    return f"  {name}: {words}, CSI {run['csi']:.2f}, {run['seconds']:.0f} s"

@@ -108,6 +108,8 @@ def measure(full: bool) -> dict[str, Any]:
         "deposition_volume": float(np.maximum(event.observed, 0.0).sum() * Grid.of(event.terrain).cell_area),
         "reach": reach(event, event.observed),
         "fall": fall(event, np.maximum(event.observed, 0.0)),
+        "lowered_area": float((event.observed <= -DETECTED).sum() * Grid.of(event.terrain).cell_area),
+        "source_area": float((event.release.thickness >= DETECTED).sum() * Grid.of(event.terrain).cell_area),
     }
     return {
         "runs": rows,

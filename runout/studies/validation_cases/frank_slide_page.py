@@ -6,8 +6,8 @@ from typing import Any
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
 from runout.studies.validation_cases.drawing import draw_outline
 from runout.studies.validation_cases.frank_slide import LEVELS, SHALTOP_ENERGY
-from runout.studies.validation_cases.frank_slide_text import DIFFERENCES
-from runout.studies.validation_cases.wording import ENDING
+from runout.studies.validation_cases.frank_slide_text import DIFFERENCES, numbers
+from runout.studies.validation_cases.wording import ENDING, told
 
 COLOURS = {"runout": "#c1121f", "shaltop": "0.35"}
 PARTS = ("front", "rear", "centroid", "thickest")
@@ -62,7 +62,7 @@ def page(record: Mapping[str, Any]) -> StudyPage:
         frames=markdown(HEADS, (row for run in runs for row in _frames(run))),
         peaks="; ".join(f"{r['basal_friction_deg']} deg {', '.join(f'{v:.2f}' for v in r['csi_of_peak'])}" for r in runs),
         energy=markdown(("basal [deg]", "time [s]", "kinetic", "SHALTOP", "potential, lost", "SHALTOP"), _energies(runs)),
-        differences=DIFFERENCES,
+        differences=told(record, DIFFERENCES, numbers),
         studies=markdown(STUDY_HEADS, [_study(r) for r in (runs[0], *studies)]) if studies else "",
         tables=download("frank_slide.csv", "All frames of all runs"),
     )

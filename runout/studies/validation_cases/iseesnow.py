@@ -99,9 +99,10 @@ class Inputs:
         outline = next(self.folder.glob("release*.shp"))
         return runout.Release.from_vector(outline, self.terrain, thickness=mean, placement="on_surface")
 
-    def simulated(self, variant: Variant, end_time: float = END) -> runout.Result:
-        """The run of a variant on one thread."""
-        choices = {"cell_size": variant.cell_size, "particles_per_cell": variant.particles_per_cell, **self.friction(variant.drag)}
+    def simulated(self, variant: Variant, end_time: float = END, **looks: Any) -> runout.Result:
+        """The run of a variant on one thread; ``looks`` state its snapshots."""
+        grid = {"cell_size": variant.cell_size, "particles_per_cell": variant.particles_per_cell}
+        choices = {**grid, **self.friction(variant.drag), **looks}
         return runout.simulate(self.terrain, self.release(variant.polygon), variant.snow, **choices, end_time=end_time, threads=1)
 
     def peak_maps(self, result: runout.Result) -> PeakMaps:

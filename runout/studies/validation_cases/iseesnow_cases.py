@@ -2,8 +2,11 @@
 
 from runout.studies.validation_cases.case import ValidationCase
 from runout.studies.validation_cases.iseesnow import Variant, measure
+from runout.studies.validation_cases.iseesnow_numbers import coulomb_numbers, topo_numbers
 from runout.studies.validation_cases.iseesnow_page import page
+from runout.studies.validation_cases.iseesnow_surge import measure_surges
 from runout.studies.validation_cases.iseesnow_text import COULOMB_DIFFERENCES, TOPO_DIFFERENCES
+from runout.studies.validation_cases.wording import told
 
 LEVELLED = (2, 2, 12)  # particles per cell: at 5 m four levels through the slab, as by default
 ONE_LEVEL = (2, 2, 4)
@@ -34,16 +37,23 @@ TOPO_FULL = (
     Variant(5.0, LEVELLED, drag="base"),
     Variant(5.0, LEVELLED, 43.0, drag="base"),
 )
+TOPO_COARSE = (Variant(10.0, (2, 2, 24), drag="column"),)
+SURGES = (
+    Variant(5.0, LEVELLED, drag="column"),
+    Variant(10 / 3, (2, 2, 8), drag="column"),
+    Variant((5.0, 5.0, 2.5), (2, 2, 6), drag="column"),
+    Variant(5.0, LEVELLED, 24.0, drag="column"),
+)
 
 COULOMB_ONLY = ValidationCase(
     "coulomb_only",
     "ISeeSnow CoulombOnly: a slab with Coulomb friction beside 13 tools",
     lambda full: measure("CoulombOnly", COULOMB_FULL if full else COARSE),
-    lambda record: page(record, COULOMB_SETUP, COULOMB_DIFFERENCES),
+    lambda record: page(record, COULOMB_SETUP, told(record, COULOMB_DIFFERENCES, coulomb_numbers)),
 )
 IDEALIZED_TOPO = ValidationCase(
     "idealized_topo",
     "ISeeSnow IdealizedTopo: a slab with Voellmy friction beside 12 tools",
-    lambda full: measure("IdealizedTopo", TOPO_FULL if full else (Variant(10.0, (2, 2, 24), drag="column"),)),
-    lambda record: page(record, TOPO_SETUP, TOPO_DIFFERENCES),
+    lambda full: measure("IdealizedTopo", TOPO_FULL) | measure_surges(SURGES) if full else measure("IdealizedTopo", TOPO_COARSE),
+    lambda record: page(record, TOPO_SETUP, told(record, TOPO_DIFFERENCES, topo_numbers)),
 )

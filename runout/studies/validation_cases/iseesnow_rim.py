@@ -30,10 +30,15 @@ def rim_pressure(result: Result, snow: DruckerPrager, axis: float, slope: np.nda
     east, north = (result.particles[name].values for name in ("easting", "northing"))
     volume = p.mass / snow.density
     pressure = -bulk * p.strain[:, :3].sum(axis=1) / 2  # small elastic strain: tr B = 2 ln J
-    _, column = np.unique(np.floor(np.column_stack([east, north]) / WIDTH), axis=0, return_inverse=True)
-    thickness = np.bincount(column.ravel(), volume)[column.ravel()] / WIDTH**2
     cosine = np.cos(values_at(Grid.of(terrain), slope, east, north))
-    hydrostatic = snow.density * STANDARD_GRAVITY * thickness * cosine**2 / 2
+    hydrostatic = layer_pressure(east, north, volume, snow.density) * cosine**2
     away = np.abs(north - axis)
     rim = away > np.quantile(away, 1 - OUTER)
     return float((volume * pressure)[rim].sum() / (volume * hydrostatic)[rim].sum())
+
+
+def layer_pressure(east: np.ndarray, north: np.ndarray, volume: np.ndarray, density: float) -> np.ndarray:
+    """Mean hydrostatic pressure [Pa] over the depth, on level ground, of the columns of particles (n,) of a volume [m3]."""
+    _, column = np.unique(np.floor(np.column_stack([east, north]) / WIDTH), axis=0, return_inverse=True)
+    thickness = np.bincount(column.ravel(), volume)[column.ravel()] / WIDTH**2
+    return density * STANDARD_GRAVITY * thickness / 2  # type: ignore[no-any-return]

@@ -1,0 +1,116 @@
+"""Text of the page of the case avaKot, and its numbers."""
+
+from collections.abc import Mapping
+from typing import Any
+
+DIFFERENCES = """\
+- **Front and speed agree**: fronts {short_least:.0f} to {short_most:.0f} m short of com1DFA's {front_samos:.0f} m (samosAT) and
+  {front_voellmy:.0f} m (Voellmy), largest speeds within {speed:.0f} %.
+- **In 3D the mass leaves the ground.** At its largest speed crests with a radius below {radius:.0f} m lift it. With Voellmy up to
+  {lifted:.0f} % of the particles are more than 5 m over the ground. Of single points with the same friction, which slide on this
+  terrain and land inelastically, it is {points_lifted:.0f} %. Drag acts on mass in flight too, friction does not.
+- **com1DFA keeps all mass on the ground, and its speed where the ground turns it.** runout loses energy there, see below.
+- **runout is thicker in the gully only**: on {four:.2f} ha it exceeds 4 m, com1DFA on {other_four:.2f} ha; above 0.5 m its area
+  is smaller. There the mass is loose: its mean height is {loose_least:.1f} to {loose_most:.1f} times half its thickness. So
+  little pressure spreads it. com1DFA without pressure and viscosity exceeds 4 m on {free_four:.2f} ha. Internal friction is not
+  the reason: with {weak:g} and {strong:g} deg the thickest place has {weak_thickest:.1f} and {strong_thickest:.1f} m. It grows
+  with finer cells: {coarse_thickest:.1f} m with {coarse:g} m, {fine_thickest:.1f} m with {fine:g} m.
+- **With Voellmy the area is larger by {more:.0f} %**, between com1DFA with artificial viscosity and without it. Part of the flow
+  leaves the gully to the west where it bends (figure). It is thin: the median of the peaks outside of com1DFA's area is
+  {peak_outside:.2f} m, and {volume_outside:.0f} % of the volume stops there. With internal friction of {weak:g} and {strong:g}
+  deg the area is {weak_area:.1f} and {strong_area:.1f} ha, with cells of {coarse:g} and {fine:g} m {coarse_area:.1f} and
+  {fine_area:.1f} ha. The finer the cells, the more mass goes there: CSI is {coarse_csi:.2f} with cells of {coarse:g} m and
+  {fine_csi:.2f} with {fine:g} m.
+- **Artificial viscosity holds com1DFA's flow together**: without it the area of com1DFA is larger by {free_samos:.0f} % (samosAT)
+  and {free_voellmy:.0f} % (Voellmy).{csi_below}
+
+## Energy lost without friction at the base
+
+{energy}
+
+Shares of the potential energy set free in 20 s. *Ground*: cells over which the raster is averaged. *Points*: single points
+without a grid, which land inelastically. *Rest*: what closes the energy budget.
+
+- **The loss follows the ground, not the cells.** On ground of 10 m runout loses {same_fine:.0f} % with cells of 5 m and
+  {same_coarse:.0f} % with 10 m. On ground of 5, 10 and 20 m it loses {grounds}, the points {points}. So most of the loss is
+  landing on rough ground. Finer cells lose more because their ground is rougher.
+- **The rest stands mainly for impact.** Loose mass carries no stress, so its impact is no plastic work. Velocities that differ
+  within a cell become one in the transfers, as in a plastic impact. On the same ground the rest does not depend on the cells:
+  {rest_fine:.0f} and {rest_coarse:.0f} %.
+- **The transfer decides how fast they become one.** `aflip` keeps most of the difference in each step: the rest falls from
+  {rest:.0f} to {rest_aflip:.0f} % and the loss from {lost:.0f} to {lost_aflip:.0f} %. Which of the two is nearer to snow is not
+  known: no observation comes with the site."""
+ENERGY_HEADS = (
+    *("ground [m]", "cells [m]", "transfer", "points [%]", "runout [%]", "plastic [%]", "at the ground [%]", "rest [%]"),
+)
+
+
+def energy_rows(results: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Rows of the table of energies."""
+    shares = ("points", "lost", "plastic", "basal", "numerical")
+    return [
+        (f"{row['ground']:g}", f"{row['cell_size']:g}", row["transfer"], *(f"{100 * row[key]:.0f}" for key in shares))
+        for row in results["energy"]
+    ]
+
+
+def numbers(results: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers of the text; where no law is named, with Voellmy friction."""
+    others, runs = results["com1dfa"], {run["law"]: run for run in results["runs"]}
+    run, other = runs["Voellmy"], others["Voellmy"]
+    free = other["variants"]["no artificial viscosity, no pressure"]
+    short = [others[law]["front"] - own["front"] for law, own in runs.items()]
+    return {
+        "short_least": min(short), "short_most": max(short),
+        "front_samos": others["samosAT"]["front"], "front_voellmy": other["front"],
+        "speed": 100.0 * max(abs(own["speed"] / others[law]["speed"] - 1.0) for law, own in runs.items()),
+        "radius": run["speed"] ** 2 / 9.81, "lifted": 100.0 * run["lifted"], "points_lifted": 100.0 * results["points_lifted"],
+        "four": run["areas"][1], "other_four": other["areas"][1], "free_four": free["areas"][1],
+        "loose_least": min(run["looseness"]), "loose_most": max(run["looseness"]),
+        "more": 100.0 * (run["area"] / other["area"] - 1.0),
+        "peak_outside": run["peak_outside"], "volume_outside": 100.0 * run["volume_outside"],
+        "free_samos": _widened(others["samosAT"]), "free_voellmy": _widened(other),
+    } | _studies(results) | _energies(results) | {"csi_below": _below(results)}  # fmt: skip
+
+
+def _widened(other: Mapping[str, Any]) -> float:
+    """By how much [%] the area of com1DFA is larger without artificial viscosity."""
+    return 100.0 * (float(other["variants"]["no artificial viscosity"]["area"]) / float(other["area"]) - 1.0)
+
+
+def _below(results: Mapping[str, Any]) -> str:
+    """A sentence if CSI of com1DFA without artificial viscosity is below that of runout with both laws."""
+    free = {law: other["variants"]["no artificial viscosity"]["csi"] for law, other in results["com1dfa"].items()}
+    below = all(free[run["law"]] < run["csi"] for run in results["runs"])
+    return " CSI of com1DFA without it against com1DFA is below that of runout." if below else ""
+
+
+def _studies(results: Mapping[str, Any]) -> dict[str, float]:
+    """Of the runs with other cells and internal frictions."""
+    angles = sorted(results["studies"], key=lambda row: row["friction_angle_deg"])
+    cells = sorted(results["studies"], key=lambda row: row["cell_size"])
+    chosen = {"weak": angles[0], "strong": angles[-1], "coarse": cells[-1], "fine": cells[0]}
+    found: dict[str, float] = {}
+    for name, row in chosen.items():
+        key = "friction_angle_deg" if name in ("weak", "strong") else "cell_size"
+        found |= {name: row[key], f"{name}_thickest": row["thickest"], f"{name}_area": row["area"], f"{name}_csi": row["csi"]}
+    return found
+
+
+def _energies(results: Mapping[str, Any]) -> dict[str, Any]:
+    """Of the runs without friction at the base, in percent."""
+    rows = {(row["ground"], row["cell_size"], row["transfer"]): row for row in results["energy"]}
+    grounds = [rows[size, 5.0, "mls"] for size in (5.0, 10.0, 20.0)]
+    first, flip = grounds[0], rows[5.0, 5.0, "aflip"]
+
+    def listed(key: str) -> str:
+        one, two, three = (f"{100 * row[key]:.0f}" for row in grounds)
+        return f"{one}, {two} and {three} %"
+
+    return {
+        "same_fine": 100 * rows[10.0, 5.0, "mls"]["lost"], "same_coarse": 100 * rows[10.0, 10.0, "mls"]["lost"],
+        "grounds": listed("lost"), "points": listed("points"),
+        "rest_fine": 100 * rows[10.0, 5.0, "mls"]["numerical"], "rest_coarse": 100 * rows[10.0, 10.0, "mls"]["numerical"],
+        "rest": 100 * first["numerical"], "rest_aflip": 100 * flip["numerical"],
+        "lost": 100 * first["lost"], "lost_aflip": 100 * flip["lost"],
+    }  # fmt: skip
