@@ -1,6 +1,7 @@
 """Calls every kernel on small scenes, so that it is compiled and cached; runs in processes of its own, see ``precompile``."""
 
 import base64
+import gc
 import os
 import pickle
 from dataclasses import replace
@@ -26,6 +27,7 @@ from runout.release.sample import Sampling
 
 CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
+COLLECT = 50_000, 20, 20  # thresholds of the garbage collector: the compiler makes many objects and few cycles
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
 VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
     "plain": ({},),
@@ -38,6 +40,8 @@ def _job() -> tuple[Scene, Particles, str]:
     """The small scene, its particles and the kind of scene of a process that compiles; the process ends with its parent."""
     materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
+    gc.freeze()
+    gc.set_threshold(*COLLECT)
     scene, particles = small_slope(materials, friction, precision)
     zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
     return replace(scene, friction_zones=zones, structures=structures), particles, kind
