@@ -43,6 +43,7 @@ from runout.model.scene import Scene
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
+PARTS = "to_grid", "to_particles", "contacts", "sums", "sort", "change_step", "unload"  # the longest to compile come first
 
 
 def create(threads: int | None = None, index: str = "sparse") -> "ScanBackend":
@@ -195,15 +196,27 @@ class ScanBackend:
             sleep.after_step(self.k, self.scene.sleep_speed, *parts, self.structures)
         clock("sort")
 
-    def pass_second_half(self, dt: float) -> None:
-        """Call the kernels after those of contact, and those of sums: of a scene without particles, to compile them."""
-        self._change_step(dt)
-        self._to_particles(dt)
-        self.totals.moved = True
-        self._sort()
-        self.ledger()
-        self._sum(self.k.sum_escaped, self.workspace.moves.leaving)
-        self.particles()
+    def pass_part(self, part: str, dt: float) -> None:
+        """Call the kernels of one of PARTS: of a scene without particles, to compile them."""
+        self.tables.set_step(self.scene, dt)
+        match part:
+            case "to_grid":
+                self._to_grid(dt)
+            case "to_particles":
+                self._to_particles(dt)
+            case "contacts":
+                self.totals.contact_particles = 1
+                self._solve_contacts()
+            case "sums":
+                self.ledger()
+                self._sum(self.k.sum_escaped, self.workspace.moves.leaving)
+            case "sort":
+                self.totals.moved = True
+                self._sort()
+            case "change_step":
+                self._change_step(dt)
+            case "unload":
+                self.particles()
 
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""
