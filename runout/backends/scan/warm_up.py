@@ -16,6 +16,7 @@ from runout.backends.footprints import lattice_columns
 from runout.backends.initial_stress import InitialStress, pressed_by
 from runout.backends.resting_particles import ReleaseParticles, settled_in
 from runout.backends.scan.backend import PARTS, ScanBackend
+from runout.backends.scan.deferred_code import make_code_when_called
 from runout.backends.scan.precompile import WARM_UP
 from runout.backends.scan.shared_parts import complete, share
 from runout.lifetime import end_with_parent
@@ -46,6 +47,7 @@ def _job() -> tuple[Scene, Particles, str, Path]:
     """The small scene, its particles, the kind of scene and the folder of shared parts; the process ends with its parent."""
     materials, friction, precision, kind, folder, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
+    make_code_when_called()
     gc.freeze()
     gc.set_threshold(*COLLECT)
     scene, particles = small_slope(materials, friction, precision)
