@@ -83,11 +83,13 @@ def _parts(scene: Scene, particles: Particles) -> dict[str, Callable[[], object]
     of_steps = {name: partial(_pass, empty, name, scene.stable_step(SPEED)) for name in PARTS}
     footprints = partial(lattice_columns, scene, particles, particles.volume[0])
     fill = partial(_fill_release, scene)
-    return {"load": loaded, **of_steps, "footprints": footprints, "release": fill, "columns": lambda: _sum_columns(loaded())}
+    sums = {"columns": lambda: loaded().columns(), "lattice": lambda: loaded().lattice_columns()}
+    dense = partial(_loaded, scene, particles, "dense")
+    return {"load": loaded, **of_steps, "footprints": footprints, "release": fill, **sums, "dense": dense}
 
 
-def _loaded(scene: Scene, particles: Particles) -> ScanBackend:
-    engine = ScanBackend(threads=1)
+def _loaded(scene: Scene, particles: Particles, index: str = "sparse") -> ScanBackend:
+    engine = ScanBackend(threads=1, index=index)
     engine.load(scene, particles)
     return engine
 
@@ -96,18 +98,13 @@ def _pass(engine: Callable[[], ScanBackend], part: str, dt: float) -> None:
     engine().pass_part(part, dt)
 
 
-def _sum_columns(engine: ScanBackend) -> None:
-    engine.columns(), engine.flow_columns(), engine.lattice_columns()
-
-
 def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
     engine = ScanBackend(threads=1)
     engine.load(scene, particles)
     for k in range(STEPS):
         engine.step(engine.stable_step() * (1.0 if k % 8 else 0.9))
         if k % 8 == 0:
-            engine.ledger()
-            _sum_columns(engine)
+            engine.ledger(), engine.columns(), engine.flow_columns(), engine.lattice_columns()
     if scene.basal.law.drags_column and len(scene.materials) > 1:
         engine.share_releases()
     if engine.structures:
