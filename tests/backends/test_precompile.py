@@ -12,7 +12,7 @@ from scenes import ROCK, SAND, box, plane, scene
 
 from runout.backends.compile import cache_root
 from runout.backends.scan import ahead, precompile
-from runout.backends.scan.backend import ScanBackend
+from runout.backends.scan.backend import PARTS, ScanBackend
 from runout.backends.scan.kernels import kernels_for
 from runout.model.particles import Particles
 
@@ -60,7 +60,8 @@ def test_kernels_compiled_ahead_have_the_types_of_a_run():
     assert {"grid_to_particles", "settle", "make_way", "sum_blocks", "unpack", "change_step"} <= set(of_the_run)
     empty = ScanBackend()
     empty.load(a_scene, Particles.zeros(0))
-    empty.pass_second_half(a_scene.stable_step(1.0))
+    for part in reversed(PARTS):
+        empty.pass_part(part, a_scene.stable_step(1.0))
     assert {name: set(kernels[name].signatures) for name in of_the_run} == of_the_run
 
 

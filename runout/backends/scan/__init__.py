@@ -13,7 +13,8 @@ draws the arrays of its phase.
     domain        edge of the scene             raster_sums  maps for observers
     checkpoint    state as plain arrays         forecast     memory before a run
     tile          32 particles as columns       slots        where blocks keep their particles
-    warm_up       small scenes for precompile
+    warm_up       small scenes for precompile   shared_parts work that processes share
+    deferred_code machine code of kernels only
 
 For some scenes only: ``zones`` (friction zones), ``forces``, ``gradients`` and ``gradient_transfer`` (transfers apic and aflip,
 F-bar), ``sleep`` and ``rest`` (blocks at rest).

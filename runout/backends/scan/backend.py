@@ -43,6 +43,7 @@ from runout.model.scene import Scene
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
+PARTS = "to_grid", "to_particles", "contacts", "sums", "sort", "change_step", "unload", "pack"  # the longest to compile come first
 
 
 def create(threads: int | None = None, index: str = "sparse") -> "ScanBackend":
@@ -195,15 +196,29 @@ class ScanBackend:
             sleep.after_step(self.k, self.scene.sleep_speed, *parts, self.structures)
         clock("sort")
 
-    def pass_second_half(self, dt: float) -> None:
-        """Call the kernels after those of contact, and those of sums: of a scene without particles, to compile them."""
-        self._change_step(dt)
-        self._to_particles(dt)
-        self.totals.moved = True
-        self._sort()
-        self.ledger()
-        self._sum(self.k.sum_escaped, self.workspace.moves.leaving)
-        self.particles()
+    def pass_part(self, part: str, dt: float) -> None:
+        """Call the kernels of one of PARTS: of a scene without particles, to compile them."""
+        self.tables.set_step(self.scene, dt)
+        match part:
+            case "to_grid":
+                self._to_grid(dt)
+            case "to_particles":
+                self._to_particles(dt)
+            case "contacts":
+                self.totals.contact_particles = 1
+                self._solve_contacts()
+            case "sums":
+                self.ledger()
+                self._book_escaped()
+            case "sort":
+                self.totals.moved = True
+                self._sort()
+            case "change_step":
+                self._change_step(dt)
+            case "unload":
+                self.particles()
+            case "pack":
+                self._close_gaps()
 
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""
@@ -272,8 +287,7 @@ class ScanBackend:
             return
         b, s, w, k = self.index.blocks, self.store, self.workspace, self.k
         if w.moves.rim.any():
-            self.totals.book_escaped(self._sum(k.sum_escaped, w.moves.leaving))
-            s.n -= k.total_escaped(s.particles.listed, w.moves.leaving, b, grid_to_particles.OUTSIDE)
+            self._book_escaped()
         while True:
             end = s.end
             needed, s.end, s.n_holes = k.make_way(s.particles.listed, b, w.moves, end, s.slots, s.holes, s.n_holes)
@@ -286,6 +300,12 @@ class ScanBackend:
             self.workers.fit(fullest, self.scene.dtype)
         if there != s.n:
             raise StabilityError(f"{s.n - there} particles left the index in step {self.counters.steps}; please report this")
+
+    def _book_escaped(self) -> None:
+        """Book the particles that leave the domain in this step, and remove them."""
+        leaving = self.workspace.moves.leaving
+        self.totals.book_escaped(self._sum(self.k.sum_escaped, leaving))
+        self.store.n -= self.k.total_escaped(self.store.particles.listed, leaving, self.index.blocks, grid_to_particles.OUTSIDE)
 
     def _sum(self, kernel: Any, chosen: np.ndarray) -> np.ndarray:
         """Sums (7,) over the ``chosen`` (nown,) particles of each block (see :mod:`runout.backends.scan.observe`)."""

@@ -247,7 +247,7 @@ def _measure_strip(particles, first, contacts, tiles, constants, search, dt, low
     slots = local_list(listed)
     owners = local_list(listed)
     b = low
-    k = 0
+    k = np.int64(0)
     for done in range(0, total, TILE):
         n = min(TILE, total - done)
         groups = (n + 15) >> 4
@@ -333,7 +333,8 @@ def particles_to_nodes_over_ground(
     rows = _rows_of_thread(contacts, len(cursors))
     places = _shares_of_thread(contacts, len(cursors))
     _start(cursors)
-    for thread in prange(len(schedule.cuts) - 1):
+    for cut in prange(len(schedule.cuts) - 1):
+        thread = np.uint64(cut)
         for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
             low = STRIP * s
             end = min(low + STRIP, schedule.nown)

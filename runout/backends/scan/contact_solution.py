@@ -189,11 +189,12 @@ def solve_contacts(particles, blocks, schedule, arenas, contacts, columns, basal
     cursors = arenas.cursors
     lent = arenas.lent
     _start(cursors)
-    for thread in prange(len(schedule.cuts) - 1):
+    for cut in prange(len(schedule.cuts) - 1):
+        thread = np.uint64(cut)
         for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
             low = STRIP * s
             end = min(low + STRIP, schedule.nown)
-            count = 0
+            count = np.int64(0)
             for b in range(low, end):
                 count += touching[b]
             if count > 0:

@@ -201,7 +201,7 @@ def _follow_all_large(t, rec, state, slot, particles, first, groups, mats, s, ce
             column = np.int64(lowest_bit(bits)) + 16 * g
             bits = bits & (bits - np.uint64(1))
             mat = mats[label[particle_index[first + column], 0]]
-            _follow_large(t, rec, state, column, slot + column, mat, s, cells, averaged, keeps)
+            _follow_large(t, rec, state, np.uint64(column), slot + column, mat, s, cells, averaged, keeps)
 
 
 def _destination(rec, cell, slot, code, b, bxyz, at_rim, domain):

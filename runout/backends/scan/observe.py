@@ -215,12 +215,13 @@ def _sum_leaving(particles, blocks, b, n, constants, moduli, dt, sums):
             p = first + (entry >> 12)
             _take_record(t, 0, particles.rec, particles.state, p)
             _take_place(t, x, 0, _moduli(moduli, particles.label[particles.particle_index[p], 0]), node)
-            _account_tile(t, x, 1, dt, constants.spacing, constants.gravity, sums, b)
+            _account_tile(t, x, np.int64(1), dt, constants.spacing, constants.gravity, sums, b)
 
 
 def sum_blocks(particles, blocks, held, constants, moduli, dt, sums):
     """Sums (nown, 7) over the ``held`` (nown,) particles of each block."""
-    for b in prange(blocks.nown):
+    for row in prange(blocks.nown):
+        b = np.uint64(row)
         _clear_sums(sums, b)
         if held[b] > 0:
             _sum_block(particles, blocks, b, held[b], constants, moduli, dt, sums)
@@ -228,7 +229,8 @@ def sum_blocks(particles, blocks, held, constants, moduli, dt, sums):
 
 def sum_escaped(particles, blocks, leaving, constants, moduli, dt, sums):
     """Sums (nown, 7) over the particles of each block that leave the domain in this step."""
-    for b in prange(blocks.nown):
+    for row in prange(blocks.nown):
+        b = np.uint64(row)
         _clear_sums(sums, b)
         if leaving[b] > 0:
             _sum_leaving(particles, blocks, b, leaving[b], constants, moduli, dt, sums)

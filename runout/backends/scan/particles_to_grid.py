@@ -341,7 +341,8 @@ def particles_to_nodes(particles, blocks, schedule, giving, arenas, nodes, dv):
     number = arenas.number
     reached = arenas.reached
     _start(cursors)
-    for thread in prange(len(schedule.cuts) - 1):
+    for cut in prange(len(schedule.cuts) - 1):
+        thread = np.uint64(cut)
         for s in range(_strip_of(schedule.cuts[thread]), _strip_of(schedule.cuts[thread + 1])):
             for b in range(STRIP * s, min(STRIP * s + STRIP, schedule.nown)):
                 reached[b] = 0

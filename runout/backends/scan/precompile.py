@@ -12,6 +12,7 @@ import os
 import pickle
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from subprocess import PIPE
@@ -68,19 +69,25 @@ def _stamp(path: str) -> str:
 
 def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
     """Whether another process has compiled all kernels."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="runout-") as folder:
+            return _warm_up_with(scene, kind, folder)
+    except OSError as error:
+        LOGGER.warning("no process to compile in (%s); %s", error, IN_THIS_PROCESS)
+        return False
+
+
+def _warm_up_with(scene: Scene, kind: str, folder: str) -> bool:
+    """The same; the processes share their work in a folder."""
     friction = scene.basal.law.example
-    job = base64.b64encode(pickle.dumps((scene.materials[:2], friction, scene.precision, kind, os.getpid()))).decode()
+    job = base64.b64encode(pickle.dumps((scene.materials[:2], friction, scene.precision, kind, folder, os.getpid()))).decode()
     places = os.pathsep.join(p or os.getcwd() for p in sys.path)
     environment = {**os.environ, WARM_UP: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
     kernels = ("warm_up", "warm_up_ahead")[: len(os.sched_getaffinity(0))]
     commands = [[sys.executable, "-P", "-c", f"from {__package__}.warm_up import {name}; {name}()"] for name in kernels]
-    try:
-        with interrupts_kept():
-            process, *others = [subprocess.Popen(c, env=environment, stdout=PIPE, stderr=PIPE, text=True) for c in commands]
-        said, failures = _ended(process, others)
-    except OSError as error:
-        LOGGER.warning("no process to compile in (%s); %s", error, IN_THIS_PROCESS)
-        return False
+    with interrupts_kept():
+        process, *others = [subprocess.Popen(c, env=environment, stdout=PIPE, stderr=PIPE, text=True) for c in commands]
+    said, failures = _ended(process, others)
     for failure in failures:
         LOGGER.warning("one of %d processes that compile failed, another one does its work: %s", len(commands), _reason(failure))
     if process.returncode:

@@ -1,17 +1,24 @@
 """Calls every kernel on small scenes, so that it is compiled and cached; runs in processes of its own, see ``precompile``."""
 
 import base64
+import gc
 import os
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from runout.backends.footprints import lattice_columns
 from runout.backends.initial_stress import InitialStress, pressed_by
 from runout.backends.resting_particles import ReleaseParticles, settled_in
-from runout.backends.scan.backend import ScanBackend
+from runout.backends.scan.backend import PARTS, ScanBackend
+from runout.backends.scan.deferred_code import make_code_when_called
 from runout.backends.scan.precompile import WARM_UP
+from runout.backends.scan.shared_parts import complete, share
 from runout.lifetime import end_with_parent
 from runout.model.basal_friction import BasalFriction
 from runout.model.friction import FrictionZones
@@ -26,7 +33,9 @@ from runout.release.sample import Sampling
 
 CELLS = 16  # of the small raster on which kernels are tried
 STEPS = 60
+COLLECT = 50_000, 20, 20  # thresholds of the garbage collector: the compiler makes many objects and few cycles
 SPEED = 0.1  # cells a step: the particles leave the raster, blocks move, slots are handed over
+WITHOUT_LOAD = "footprints", "release"  # parts that call no kernel of the first
 VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels which the others do not
     "plain": ({},),
     "gradient_transfer": ({"f_bar": True}, {"f_bar": True, "transfer": "aflip"}),
@@ -34,34 +43,59 @@ VARIANTS: dict[str, tuple[dict[str, Any], ...]] = {  # scenes that call kernels 
 }
 
 
-def _job() -> tuple[Scene, Particles, str]:
-    """The small scene, its particles and the kind of scene of a process that compiles; the process ends with its parent."""
-    materials, friction, precision, kind, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
+def _job() -> tuple[Scene, Particles, str, Path]:
+    """The small scene, its particles, the kind of scene and the folder of shared parts; the process ends with its parent."""
+    materials, friction, precision, kind, folder, parent = pickle.loads(base64.b64decode(os.environ[WARM_UP]))
     end_with_parent(parent)
+    make_code_when_called()
+    gc.freeze()
+    gc.set_threshold(*COLLECT)
     scene, particles = small_slope(materials, friction, precision)
     zones, structures = scene.friction_zones if "zones" in kind else None, side_wall() if "structures" in kind else None
-    return replace(scene, friction_zones=zones, structures=structures), particles, kind
+    return replace(scene, friction_zones=zones, structures=structures), particles, kind, Path(folder)
 
 
 def warm_up() -> None:
     """Call every kernel on small scenes, so that it is compiled and cached; runs in a process of its own."""
-    scene, particles, kind = _job()
-    for choices in VARIANTS[kind.split()[0]]:
+    scene, particles, kind, folder = _job()
+    variants = VARIANTS[kind.split()[0]]
+    parts = _parts(replace(scene, **variants[0]), particles)
+    share(parts, folder)
+    complete(parts, folder)
+    for choices in variants:
         if "sleep_speed" in choices:
             particles.velocity[:] = 0.0
         _warm_up(replace(scene, **choices), particles, free="free" in kind)
 
 
 def warm_up_ahead() -> None:
-    """Compile the kernels of the second half of a step in another process meanwhile: they are called without particles.
+    """Compile parts of the kernels in another process meanwhile. The first process finds them in the cache."""
+    scene, particles, kind, folder = _job()
+    parts = _parts(replace(scene, **VARIANTS[kind.split()[0]][0]), particles)
+    share({name: parts[name] for name in WITHOUT_LOAD}, folder)
+    complete({"load": parts["load"]}, folder)  # its kernels are called by all further parts
+    share(parts, folder)
 
-    The first process finds them in the cache.
-    """
-    scene, _, kind = _job()
-    _fill_release(scene)
-    engine = ScanBackend(threads=1)
-    engine.load(replace(scene, **VARIANTS[kind.split()[0]][0]), Particles.zeros(0))
-    engine.pass_second_half(scene.stable_step(SPEED))
+
+def _parts(scene: Scene, particles: Particles) -> dict[str, Callable[[], object]]:
+    """Parts of the kernels, by what calls them; the first is called by others, the longest of the others come first."""
+    loaded, empty = (cache(partial(_loaded, scene, p)) for p in (particles, Particles.zeros(0)))
+    of_steps = {name: partial(_pass, empty, name, scene.stable_step(SPEED)) for name in PARTS}
+    footprints = partial(lattice_columns, scene, particles, particles.volume[0])
+    fill = partial(_fill_release, scene)
+    sums = {"columns": lambda: loaded().columns(), "lattice": lambda: loaded().lattice_columns()}
+    dense = partial(_loaded, scene, particles, "dense")
+    return {"load": loaded, **of_steps, "footprints": footprints, "release": fill, **sums, "dense": dense}
+
+
+def _loaded(scene: Scene, particles: Particles, index: str = "sparse") -> ScanBackend:
+    engine = ScanBackend(threads=1, index=index)
+    engine.load(scene, particles)
+    return engine
+
+
+def _pass(engine: Callable[[], ScanBackend], part: str, dt: float) -> None:
+    engine().pass_part(part, dt)
 
 
 def _warm_up(scene: Scene, particles: Particles, free: bool) -> None:
