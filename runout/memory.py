@@ -173,11 +173,19 @@ def _columns(release: Release, surface: Surface, spacing: tuple[float, float, fl
     thickness = release.thickness[np.ix_(row, column)]
     j, i = np.nonzero(thickness)
     _require_countable(release.name, spacing, len(j) * BYTES_PER_SQUARE[1])
-    ground, east, north_slope = surface.evaluate(x[i], y[j])
+    x, y, thickness = (x[i], y[j], thickness[j, i]) if len(j) else _cells(release)  # single cells may lie between the middles
+    ground, east, north_slope = surface.evaluate(x, y)
     rise = 0.5 * (np.abs(east) * spacing[0] + np.abs(north_slope) * spacing[1])  # of the mean corner
-    plan = np.floor(np.column_stack([x[i] / spacing[0], y[j] / spacing[1]]) - 0.5)
-    bottom, top = (np.floor(z / spacing[2] - 0.5) for z in (ground - rise, ground + rise + thickness[j, i]))
+    plan = np.floor(np.column_stack([x / spacing[0], y / spacing[1]]) - 0.5)
+    bottom, top = (np.floor(z / spacing[2] - 0.5) for z in (ground - rise, ground + rise + thickness))
     return np.column_stack([plan, bottom]).astype(np.int64), np.column_stack([plan, top]).astype(np.int64)
+
+
+def _cells(release: Release) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Easting, northing and thickness [m] of the cells of a release."""
+    row, column = np.nonzero(release.thickness)
+    north = release.thickness.shape[0] - 0.5 - row
+    return (column + 0.5) * release.terrain.cell_size[0], north * release.terrain.cell_size[1], release.thickness[row, column]
 
 
 def _require_countable(name: str, spacing: tuple[float, float, float], needed: float) -> None:

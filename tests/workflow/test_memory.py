@@ -50,6 +50,19 @@ def test_forecast_agrees_with_what_the_scan_backend_holds(case, precision):
     assert forecast.backend == pytest.approx(sum(engine.memory().values()), rel=0.15)
 
 
+def test_release_of_single_cells_between_the_places_that_are_looked_at_is_counted():
+    """Squares of two by two grid cells are looked at by their middles; the cells of the raster are smaller than these squares."""
+    terrain = Terrain(400.0 - 0.5 * np.arange(40.0) + np.zeros((40, 1)), (1.0, 1.0))
+    thickness = np.zeros((40, 40))
+    thickness[2:38:4, 2:38:4] = 2.0
+    seen = []
+    release = Release(thickness, terrain, placement="on_surface")
+    _, particles = build_scene(terrain, release, SAND, 20.0, 2.0, 8, accept=seen.append)
+    (extent,) = seen
+    assert extent.particles == pytest.approx(len(particles), rel=0.2)
+    assert 4 <= extent.held <= 60
+
+
 @pytest.mark.parametrize("friction", [Voellmy(mu=0.2, xi=1000.0), VoellmyBase(mu=0.2, xi=1000.0)], ids=["column", "base"])
 def test_forecast_counts_ground_areas_and_drag(friction):
     terrain, release = valley(10.0, 4.0)
