@@ -140,6 +140,21 @@ def test_backends_move_a_spray_alike(name, friction):
     np.testing.assert_allclose(other.basal_impulse, book.basal_impulse, rtol=1e-8)
 
 
+@pytest.mark.parametrize("ordered", [False, True], ids=["atomic", "ordered"])
+@pytest.mark.parametrize("transfer", ["mls", "aflip"])
+def test_hash_slows_a_spray_over_zones_by_every_transfer(transfer, ordered):
+    whole = np.zeros((40, 30))
+    north = np.arange(30) * 2.5 >= 33.0
+    kept, own = np.where(north, 0.0, 1.0) + whole, np.where(north, 1.0 / 60.0, 0.0) + whole
+    zones = FrictionZones(np.ones((40, 30)), whole, (2.0, 2.5), replaced={"inverse_xi": (kept, own)})
+    choices = {"surface": plane(-0.4, 0.1, 2.0), "transfer": transfer, "friction_zones": zones}
+    expected, book = moved("reference", spray(), (DRAG, STRONG), 20, **choices)
+    engine = engine_of("hash", deterministic=ordered)
+    found, other = moved("hash", spray(), (DRAG, STRONG), 20, engine, **choices)
+    np.testing.assert_allclose(found.velocity, expected.velocity, atol=1e-9 * np.abs(expected.velocity).max())
+    assert other.basal_dissipation == pytest.approx(book.basal_dissipation, rel=1e-9)
+
+
 def test_bits_of_mixed_releases_do_not_depend_on_the_number_of_threads():
     one, two = (get_backend("scan", threads=threads) for threads in (1, 2))
     two.workers.divide = lambda particles: setattr(two.workers, "threads", 2)  # however few the particles are

@@ -136,5 +136,5 @@ def bytes_needed(
     contact = room_for(near) * 64 * 4 * number + tiles
     more = bytes_of_structures(structures, particles, blocks, number, beside) if structures else 0
     if friction:
-        more += bytes_of_areas(friction, room_for(blocks), number)
+        more += bytes_of_areas(friction, room_for(blocks), number, deterministic)
     return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries + more

@@ -14,8 +14,18 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.groups import BlockGroup, ContactGroup, GridGroup, GroundGroup, ParticleGroup, StatusGroup
+from runout.backends.hash.contact_area import _clear_columns
+from runout.backends.hash.groups import (
+    BlockGroup,
+    ColumnGroup,
+    ContactGroup,
+    GridGroup,
+    GroundGroup,
+    ParticleGroup,
+    StatusGroup,
+)
 from runout.backends.hash.layout import (
+    AREAS_AT_ONCE,
     AT_ONCE,
     BLOCKS,
     CELL_LANES,
@@ -86,8 +96,8 @@ def _list_block(status: StatusGroup, blocks: BlockGroup, b: int, lane: int, give
 
 
 def list_cells(
-    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, given: int,
-    launched: int,
+    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, columns: ColumnGroup,
+    given: int, launched: int,
 ):  # fmt: skip
     """Start of each cell in the list, blocks that hold particles, and empty nodes for the next step.
 
@@ -105,6 +115,8 @@ def list_cells(
             put_node(grid.nodes, b * CELL_LANES + c, node4())
             if ground.grounded[b] >= 0:
                 put_node(contacts.memory, ground.grounded[b] * CELL_LANES + c, node4())
+        if AREAS_AT_ONCE:
+            _clear_columns(contacts, columns, b, lane)
 
 
 def _entry_of(key: Ints, p: int):

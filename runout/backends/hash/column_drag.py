@@ -1,11 +1,12 @@
 """Drag that slows whole columns of nodes, for laws of friction that want it (:func:`runout.physics.contact.column_slowing`).
 
-    columns.moving[16 b + n]          mass and momentum of column n of the nodes of the blocks from b on       (contact_area)
-    contacts.column_pushes[36 b + q]  drag and impulses of the contacts of block b on the 6 x 6 columns that they reach
-                                                                                                              (contact_solution)
+    columns.moving[16 b + n]          mass and momentum of column n of the nodes of the blocks from b on     (particles_to_grid)
+    contacts.column_pushes[16 b + n]  drag and impulses of the contacts on the column      (contact_detection, contact_solution)
       --momentum after gravity and impulses; drag by the contacts, where none gives one by the masses of the 3 x 3 columns around-->
-    columns.change[16 b + n]          change of velocity of the column, which ``update_nodes`` adds to that of its nodes
-    grid.booked[b]                    work and impulse of the drag
+    change of velocity of the column, which each of its nodes takes; work and impulse to grid.booked[b]                  (nodes)
+
+For sums in fixed order ``contact_area`` sums up the columns, contacts.column_pushes[36 b + q] are those of block b on the 6 x 6
+columns that they reach, and a launch of its own finds columns.change[16 b + n].
 
 A column without drag from contacts is in flight (:func:`runout.physics.contact.free_column_drag`). It takes the friction of each
 release by its share in the mass of the column.
@@ -30,9 +31,11 @@ from runout.backends.hash.groups import (
 )
 from runout.backends.hash.layout import (
     BLOCKS,
+    DRAGS_AT_ONCE,
     HALT,
     MASS,
     OFFSET,
+    ORDERED,
     ZONED,
     Frictions,
     Ints,
@@ -200,11 +203,47 @@ def _free_drag(
     return wp.where(total > real(0.0), drag / total, real(0.0))
 
 
+def _change_of_column(
+    status: StatusGroup, blocks: BlockGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
+    friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int, place: int,
+):  # fmt: skip
+    """Work [J] of the drag on the column of nodes at a place of ``columns.moving``, and change of the velocity [m/s]."""
+    first = place // COLUMNS
+    n = place % COLUMNS
+    g = node_at(columns.moving, place)
+    mass = g[0]
+    result = node4()
+    if mass > real(0.0):
+        s = _scene_of(blocks, scenes, first)
+        pushes = node4()
+        if ORDERED:
+            pushes = _pushes_on(status, blocks, contacts, first, n)
+        if DRAGS_AT_ONCE:
+            pushes = node_at(contacts.column_pushes, place)
+        dv = vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3])
+        p = vec(g[1], g[2], g[3]) + mass * dv + vec(pushes[1], pushes[2], pushes[3])
+        drag = pushes[0]
+        if drag <= real(0.0):
+            area = _covered_area(columns, first, n, mass, constants.h)
+            drag = _free_drag(
+                status, blocks, contacts, scenes, constants, friction, columns, first, n, mass, p, area, first_release[s], releases
+            )
+        change = column_slowing(mass, p, drag, scenes.clock[s, 0])
+        result = node4(column_work(mass, p, change), change[0], change[1], change[2])
+    return result
+
+
+def _work_and_impulse(columns: ColumnGroup, place: int, change: Any):
+    """Work [J] and impulse [N s] of the drag on a column of nodes, whose velocity it changes."""
+    mass = columns.moving[place][0]
+    return node4(change[0], mass * change[1], mass * change[2], mass * change[3])
+
+
 def slow_columns(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, contacts: ContactGroup, scenes: SceneGroup, constants: Constants,
     friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int,
 ):  # fmt: skip
-    """Find by how much the drag on the columns of nodes of a block column changes their velocity, and book its work and impulse.
+    """Find in fixed order by how much the drag on the columns of nodes changes their velocity, and book its work and impulse.
 
     A warp takes a block column, a lane a column of nodes. ``first_release`` are the first ones of the scenes; ``releases`` is how
     many of a scene differ in friction, 1 if none do.
@@ -213,35 +252,10 @@ def slow_columns(
     first, lane = own_block(first), own_lane(lane)
     if status.flags[HALT] != 0 or first >= status.tally[BLOCKS] or contacts.columns[first] != first:
         return
-    s = _scene_of(blocks, scenes, first)
-    dv = vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3])
     booked = node4()
     for n in range(lane, COLUMNS, lane_count()):
-        g = node_at(columns.moving, COLUMNS * first + n)
-        mass = g[0]
-        change = vec(real(0.0), real(0.0), real(0.0))
-        if mass > real(0.0):
-            pushes = _pushes_on(status, blocks, contacts, first, n)
-            drag = pushes[0]
-            p = vec(g[1], g[2], g[3]) + mass * dv + vec(pushes[1], pushes[2], pushes[3])
-            if drag <= real(0.0):
-                area = _covered_area(columns, first, n, mass, constants.h)
-                drag = _free_drag(
-                    status, blocks, contacts, scenes, constants, friction, columns, first, n, mass, p, area, first_release[s],
-                    releases,
-                )  # fmt: skip
-            change = column_slowing(mass, p, drag, scenes.clock[s, 0])
-            booked += node4(column_work(mass, p, change), mass * change[0], mass * change[1], mass * change[2])
-        put_node(columns.change, COLUMNS * first + n, node4(real(0.0), change[0], change[1], change[2]))
+        place = COLUMNS * first + n
+        change = _change_of_column(status, blocks, contacts, scenes, constants, friction, columns, first_release, releases, place)
+        booked += _work_and_impulse(columns, place, change)
+        put_node(columns.change, place, change)
     book_four(grid.booked, first, 1, booked)
-
-
-def slow_nodes(status: StatusGroup, grid: GridGroup, contacts: ContactGroup, columns: ColumnGroup):
-    """Change the momentum of the nodes with that velocity, for what reads them before ``update_nodes``; a thread takes one node."""
-    t = wp.tid()
-    b = t >> 6
-    if status.flags[HALT] != 0 or b >= status.tally[BLOCKS]:
-        return
-    g = node_at(grid.nodes, t)
-    change = node_at(columns.change, COLUMNS * contacts.columns[b] + ((t & 63) >> 2))
-    put_node(grid.nodes, t, g + g[0] * change)

@@ -5,9 +5,12 @@ follow each other:
 
     contacts.columns[b]                 first block of the column of block b
     contacts.shares[256 slot + 4 n]     weights of all contacts at the four nodes above each other of column n of a block
-      --sum over the blocks of a column, in their order-->
+      --sum over the blocks of a column-->
     contacts.plan[16 first + n]         weights of all contacts in each of the 16 columns of nodes
     columns.moving[16 first + n]        mass and momentum of the column, where drag slows it (runout.backends.hash.column_drag)
+
+The tiles of the blocks give the sums over the nodes above each other at once, by atomic operations; or, in fixed order,
+``sum_columns`` reads the nodes.
 """
 
 from __future__ import annotations
@@ -17,7 +20,20 @@ from typing import Any
 import warp as wp
 
 from runout.backends.hash.groups import BlockGroup, ColumnGroup, ContactGroup, GridGroup, GroundGroup, StatusGroup
-from runout.backends.hash.layout import BLOCKS, DRAGS_COLUMN, HALT, SLOT, Vector, node4, node_at, put_node
+from runout.backends.hash.layout import (
+    BLOCKS,
+    DRAGS_COLUMN,
+    HALT,
+    SECOND,
+    SLOT,
+    Tile,
+    Vector,
+    add_node,
+    lane_count,
+    node4,
+    node_at,
+    put_node,
+)
 from runout.physics.bspline import weights
 from runout.physics.contact import area_share, ground_area, largest_share
 from runout.physics.tensors import real
@@ -42,7 +58,7 @@ def number_columns(status: StatusGroup, blocks: BlockGroup, contacts: ContactGro
 def sum_columns(
     status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, columns: ColumnGroup
 ):  # fmt: skip
-    """Sum the weights of all contacts in each column of nodes, and if drag slows it mass and momentum; a thread takes one."""
+    """Sum in fixed order the weights of contacts in each column of nodes, and if drag slows it mass and momentum; a thread each."""
     t = wp.tid()
     first = t // COLUMNS
     n = t % COLUMNS
@@ -66,10 +82,50 @@ def sum_columns(
         put_node(columns.moving, t, moving)
 
 
-def _weights_in_column(blocks: BlockGroup, contacts: ContactGroup, b: int, x: int, y: int):
-    """Weights of all contacts in a column of nodes, which is counted from the first of block ``b``, 0 to 5."""
+def _column(blocks: BlockGroup, contacts: ContactGroup, b: int, x: int, y: int):
+    """Place of a column of nodes, which is counted from the first of block ``b``, 0 to 5, east and north."""
     up = blocks.up[b, ((x >> 2) << 2) | ((y >> 2) << 1)]
-    return contacts.plan[COLUMNS * contacts.columns[up] + ((x & 3) << 2) + (y & 3)]
+    return COLUMNS * contacts.columns[up] + ((x & 3) << 2) + (y & 3)
+
+
+def _give_weights(blocks: BlockGroup, contacts: ContactGroup, tile: Tile, b: int, lane: int):
+    """Sums over the nodes above each other in the tile of block ``b``: weights to the areas, impulses to what drag slows."""
+    for q in range(lane, PLAN, lane_count()):
+        s = node4()
+        for z in range(6):
+            s += tile[6 * q + z]
+        if s[0] != real(0.0):
+            place = _column(blocks, contacts, b, q // 6, q % 6)
+            wp.atomic_add(contacts.plan, place, s[0])
+            if DRAGS_COLUMN:
+                add_node(contacts.column_pushes, place, node4(real(0.0), s[1], s[2], s[3]))
+
+
+def _give_moving(blocks: BlockGroup, contacts: ContactGroup, columns: ColumnGroup, halves: Tile, b: int, lane: int):
+    """Mass and momentum of the nodes above each other in the tiles of both halves of block ``b`` to the columns that drag slows."""
+    for q in range(lane, PLAN, lane_count()):
+        s = node4()
+        for z in range(6):
+            if q < 24:
+                s += halves[6 * q + z]
+            if q >= 12:
+                s += halves[6 * q + z + SECOND]
+        if s[0] != real(0.0) or s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
+            add_node(columns.moving, _column(blocks, contacts, b, q // 6, q % 6), s)
+
+
+def _clear_columns(contacts: ContactGroup, columns: ColumnGroup, b: int, lane: int):
+    """Begin the sums over columns of nodes of block ``b`` from zero."""
+    for n in range(lane, COLUMNS, lane_count()):
+        contacts.plan[COLUMNS * b + n] = real(0.0)
+        if DRAGS_COLUMN:
+            put_node(contacts.column_pushes, COLUMNS * b + n, node4())
+            put_node(columns.moving, COLUMNS * b + n, node4())
+
+
+def _weights_in_column(blocks: BlockGroup, contacts: ContactGroup, b: int, x: int, y: int):
+    """Weights of all contacts in a column of nodes, likewise."""
+    return contacts.plan[_column(blocks, contacts, b, x, y)]
 
 
 def _area(blocks: BlockGroup, contacts: ContactGroup, b: int, c: int, f: Vector, upward: Any, h: Vector):

@@ -17,6 +17,7 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.hash.contact_area import _give_weights
 from runout.backends.hash.contact_solution import HELD, HELD_REST, _around, _clear, _given, _ground, _hold, _number, _spread
 from runout.backends.hash.groups import (
     BlockGroup,
@@ -30,6 +31,7 @@ from runout.backends.hash.groups import (
     StatusGroup,
 )
 from runout.backends.hash.layout import (
+    AREAS_AT_ONCE,
     CELL_LANES,
     HALT,
     MASS,
@@ -215,8 +217,10 @@ def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile
             add_node(grid.nodes, bases[piece[0]] + piece[1], node4(real(0.0), s[1], s[2], s[3]))
 
 
-def _give_shares(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int):
-    """The same for all nodes; for sums in fixed order to the arena of the block."""
+def _give_shares(
+    grid: GridGroup, blocks: BlockGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int
+):
+    """The same for all nodes, and sums over columns of nodes; for sums in fixed order to the arena of the block."""
     if ORDERED:
         for t in range(lane, TILE, lane_count()):
             grid.arenas[b * TILE + t] = tile[t]
@@ -226,6 +230,8 @@ def _give_shares(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Til
                 _give_share(grid, contacts, tile, bases, near_bases, u, q)
                 _give_share(grid, contacts, tile, bases, near_bases, u + 3, q)
             _give_share(grid, contacts, tile, bases, near_bases, 6, q)
+    if AREAS_AT_ONCE:
+        _give_weights(blocks, contacts, tile, b, lane)
 
 
 def find_contacts(
@@ -287,7 +293,7 @@ def find_contacts(
                 for turns in range((many + lane_count() - 1) // lane_count()):
                     mine = turns * lane_count() + lane
                     _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, True)
-            _give_shares(grid, contacts, tile, bases, near_bases, b, lane)
+            _give_shares(grid, blocks, contacts, tile, bases, near_bases, b, lane)
             if lane == 0:
                 contacts.touched[turn, 0] = b
                 contacts.touched[turn, 1] = place

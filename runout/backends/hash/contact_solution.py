@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact_area import PLAN, _area
+from runout.backends.hash.contact_area import PLAN, _area, _column
 from runout.backends.hash.groups import (
     BlockGroup,
     Constants,
@@ -51,6 +51,7 @@ from runout.backends.hash.layout import (
     Rows,
     Tile,
     Vector,
+    add_node,
     lane_count,
     node4,
     own_block,
@@ -245,14 +246,17 @@ def _put(arenas: Nodes, place: int, push: Any, base: int):
     arenas[place] = s
 
 
-def _put_columns(contacts: ContactGroup, tile: Tile, b: int, lane: int, base: int):
-    """Sums over the nodes above each other in the tile of block ``b``, likewise, if drag slows columns."""
+def _give_columns(blocks: BlockGroup, contacts: ContactGroup, tile: Tile, b: int, lane: int, base: int):
+    """Sums over the nodes above each other in the tile of block ``b``, if drag slows columns: to these or, in fixed order, kept."""
     if DRAGS_COLUMN:
         for q in range(lane, PLAN, lane_count()):
             s = node4()
             for z in range(6):
                 s += tile[6 * q + z]
-            _put(contacts.column_pushes, PLAN * b + q, s, base)
+            if ORDERED:
+                _put(contacts.column_pushes, PLAN * b + q, s, base)
+            elif s[0] != real(0.0) or s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
+                add_node(contacts.column_pushes, _column(blocks, contacts, b, q // 6, q % 6), s)
 
 
 def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
@@ -334,7 +338,7 @@ def solve_contacts(
         for turn in range((many + lane_count() - 1) // lane_count()):
             mine = turn * lane_count() + lane
             _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, False)
-        _put_columns(contacts, tile, b, lane, base)
+        _give_columns(blocks, contacts, tile, b, lane, base)
         if ORDERED:
             for t in range(lane, TILE, lane_count()):
                 _put(grid.arenas, b * TILE + t, tile[t], base)

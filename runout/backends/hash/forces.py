@@ -6,13 +6,24 @@ from typing import Any
 
 import warp as wp
 
+from runout.backends.hash.contact_area import _give_moving
 from runout.backends.hash.deform import _strain_of
 from runout.backends.hash.gradients import _cells
-from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
+from runout.backends.hash.groups import (
+    BlockGroup,
+    ColumnGroup,
+    Constants,
+    ContactGroup,
+    GridGroup,
+    ParticleGroup,
+    SceneGroup,
+    StatusGroup,
+)
 from runout.backends.hash.layout import (
     ACTIVE,
     BLOCKS,
     CELL_LANES,
+    DRAGS_AT_ONCE,
     HALT,
     HALVES,
     NOT_NEGATIVE,
@@ -84,7 +95,7 @@ def _sum_forces(particles: ParticleGroup, first: int, last: int, cells: Any):
 
 def add_forces(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
-    constants: Constants, launched: int,
+    constants: Constants, contacts: ContactGroup, columns: ColumnGroup, launched: int,
 ):  # fmt: skip
     """Impulses of the internal forces to the nodes. In fixed order, each block only fills its own arena."""
     begin, lane = wp.tid()
@@ -102,6 +113,8 @@ def add_forces(
                 acc = _sum_forces(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1], cells)
                 _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
+            if DRAGS_AT_ONCE:
+                _give_moving(blocks, contacts, columns, tile, b, lane)
 
 
 def add_nodes(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):

@@ -22,7 +22,8 @@ def push(parts: Parts) -> None:
         run(k.note_given, i.capacity * 64, status, blocks, n.grid_group)
     run(k.take_stresses, parts.store.size, status, particles, scenes.materials)
     run_blocks(
-        k.add_forces, i.launched, CELL_LANES, status, particles, blocks, n.grid_group, scenes.group, scenes.constants
+        k.add_forces, i.launched, CELL_LANES, status, particles, blocks, n.grid_group, scenes.group, scenes.constants,
+        n.contact_group, n.column_group,
     )  # fmt: skip
     if parts.ordered:
         run(k.add_nodes, i.capacity * 64, status, blocks, n.grid_group)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
+from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.layout import CELL_LANES, TILE, more_room_for, room_for
 
@@ -39,9 +40,10 @@ def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> t
     return places, slots
 
 
-def bytes_of_areas(friction: BasalFriction | FrictionLaw, blocks: int, number: int) -> int:
+def bytes_of_areas(friction: BasalFriction | FrictionLaw, blocks: int, number: int, ordered: bool) -> int:
     """Memory [byte] of the ground areas, and of the drag on columns of nodes, with numbers of ``number`` bytes."""
-    return blocks * ((4 + 16 * number) * friction.uses_area + (9 * 4 + 4 * (36 + 2 * 16) * number) * friction.drags_column)
+    columns = 9 * 4 + 4 * ((PLAN + 2 * COLUMNS) if ordered else 2 * COLUMNS) * number
+    return blocks * ((4 + COLUMNS * number) * friction.uses_area + columns * friction.drags_column)
 
 
 class NodeArrays:
@@ -79,8 +81,8 @@ class NodeArrays:
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)
         self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
-        self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(16 * capacity * areas, dtype=number)
-        self.column_group = self._columns(capacity, dragged)
+        self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(COLUMNS * capacity * areas, dtype=number)
+        self.column_group = self._columns(capacity, dragged, ordered)
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
         self.near = wp.full(capacity, -1, dtype=wp.int32)
         self.ground_slopes = wp.zeros(capacity, dtype=self.vec4)
@@ -89,13 +91,13 @@ class NodeArrays:
         self.grid_group = filled(self.types.GridGroup, self, nodes=self.grid)
         self.make_room(0, 0)
 
-    def _columns(self, capacity: int, releases: int) -> Any:
+    def _columns(self, capacity: int, releases: int, ordered: bool) -> Any:
         """Columns of nodes that drag slows; ``releases`` have a friction of their own, 0 without such drag."""
         real, dragged = self.number, capacity * (releases > 0)
-        self.column_pushes = wp.zeros(36 * dragged, dtype=self.vec4)
-        self.moving, self.change = (wp.zeros(16 * dragged, dtype=self.vec4) for _ in range(2))
+        sizes = PLAN if ordered else COLUMNS, COLUMNS, COLUMNS * ordered
+        self.column_pushes, self.moving, self.change = (wp.zeros(size * dragged, dtype=self.vec4) for size in sizes)
         self.beside = wp.full((dragged, 9), -1, dtype=wp.int32)
-        self.masses = wp.zeros(36 * releases * capacity * (releases > 1), dtype=real)
+        self.masses = wp.zeros(PLAN * releases * capacity * (releases > 1), dtype=real)
         return filled(self.types.ColumnGroup, self)
 
     def scratch(self, shape: int | tuple[int, int], kind: Any) -> Any:

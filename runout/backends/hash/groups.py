@@ -108,7 +108,8 @@ class ContactGroup:
     touching: Ints  # (blocks,) how many such particles a block has
     columns: Ints  # (blocks,) first block of the column of a block, where the law of friction uses ground areas; else empty
     plan: Reals  # (16 blocks,) sums of contact weights in the columns of nodes, by the first block of a column; likewise
-    column_pushes: Nodes  # (36 blocks,) drag [kg/m] and impulse [N s] of its contacts on 6 x 6 columns of nodes; empty without it
+    column_pushes: Nodes  # (16 blocks,) drag [kg/m] and impulse [N s] of the contacts on columns of nodes, (36 blocks,) for sums in
+    # fixed order; empty where drag does not slow columns
     approach_speeds: Reals  # (2 blocks,) largest speed [m/s] of the nodes of each half of a block towards the ground
 
 
@@ -117,7 +118,7 @@ class ColumnGroup:
 
     beside: Table2  # (blocks, 9) of a first block of a column: those of the columns around, -1 for none; first axis east
     moving: Nodes  # (16 blocks,) by the first block: mass [kg] and momentum [kg m/s] of a column of nodes, before gravity
-    change: Nodes  # (16 blocks,) likewise: change of its velocity by drag [m/s], behind an unused number
+    change: Nodes  # (16 blocks,) likewise: work of drag on it [J] and change of its velocity [m/s], in fixed order; else empty
     masses: Reals  # (36 releases blocks,) mass of each release on 6 x 6 columns of nodes [kg], where friction differs; else empty
 
 

@@ -323,7 +323,7 @@ class Index:
         """
         run_blocks(
             self.k.list_cells, self.capacity, WARP, self.status.group, self.block_group, nodes.grid_group, nodes.ground_group,
-            nodes.contact_group, int(by_sums),
+            nodes.contact_group, nodes.column_group, int(by_sums),
         )  # fmt: skip
 
     def count_blocks(self) -> None:

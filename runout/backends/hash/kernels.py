@@ -20,6 +20,7 @@ from runout.backends.hash import (
     ground,
     index,
     natives,
+    nodes,
     observe,
     particles_to_grid,
     stencil,
@@ -74,19 +75,20 @@ def _number(precision: str) -> Any:
     return wp.float32 if precision == "float32" else wp.float64
 
 
-def _common_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
-    """What names in all kernels stand for: types, functions in CUDA, and contact with a law of friction."""
+def _common_names(friction: FrictionLaw, precision: str, ordered: bool) -> dict[str, Any]:
+    """What names in all kernels stand for: order of sums, types, functions in CUDA, and contact with a law of friction."""
     real = _number(precision)
     names: dict[str, Any] = {"Frictions": wp.array(dtype=law_record(friction, real)), "AREAS": friction.uses_area}
     of_contact = _physics(real).friction(friction)
     names |= {name: getattr(of_contact, name) for name in ("impulse", "column_drag", "free_column_drag")}
-    names["DRAGS_COLUMN"] = friction.drags_column
+    names |= {"ORDERED": ordered, "DRAGS_COLUMN": friction.drags_column}
+    names |= {"AREAS_AT_ONCE": friction.uses_area and not ordered, "DRAGS_AT_ONCE": friction.drags_column and not ordered}
     names["HELD_REST"] = contact_solution.HELD_REST + contact_solution.HELD * friction.drags_column
     return names | argument_types(real) | _local_types(real) | natives.of(precision)
 
 
 def _bound(
-    law: Law, friction: FrictionLaw, precision: str, sources: tuple[Any, ...], module_of: Any, **flags: bool
+    law: Law, friction: FrictionLaw, precision: str, ordered: bool, sources: tuple[Any, ...], module_of: Any, **flags: bool
 ) -> SimpleNamespace:
     """Kernels of source modules for laws of material and friction and a number type."""
     real = _number(precision)
@@ -94,7 +96,7 @@ def _bound(
     record, friction_record = law_record(law, real), law_record(friction, real)
     kernels = warp_kernels(
         physics, sources, module_of, Materials=wp.array(dtype=record), law_update=physics.law(law).step, **flags,
-        **_common_names(friction, precision),
+        **_common_names(friction, precision, ordered),
         first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
         bend_smoothness64=wide.heightfield.bend_smoothness, resampled_coefficient64=wide.heightfield.resampled_coefficient,
         gradient_column64=wide.moments.gradient_column,
@@ -132,16 +134,16 @@ def compiled_kernels(
         return _with(plain, _structure_kernels(precision, ordered))
     if gradient_transfer:
         plain = compiled_kernels(law, friction, precision, ordered, zoned)
-        return _with(plain, _gradient_kernels(law, friction, precision, ordered))
+        return _with(plain, _gradient_kernels(law, friction, precision, ordered, zoned and friction.drags_column))
     name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
     cells, warps, others = _module(f"{name}.cells", CELL_LANES), _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES)
     for module in (cells, warps):
         module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
     kernels = _bound(
-        law, friction, precision, (stencil, index, block_numbers, cell_lists, zones, contact_area, column_drag, contact_solution,
-        contact_detection, particles_to_grid, deform, grid_to_particles, ground, observe, unknown),
+        law, friction, precision, ordered, (stencil, index, block_numbers, contact_area, cell_lists, zones, column_drag, nodes,
+        contact_solution, contact_detection, particles_to_grid, deform, grid_to_particles, ground, observe, unknown),
         lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
-        ORDERED=ordered, ZONED=zoned,
+        ZONED=zoned,
     )  # fmt: skip
     _share_multiprocessor(kernels, FLOAT32_BLOCKS if precision == "float32" else FLOAT64_BLOCKS)
     kernels.modules = ((cells, CELL_LANES), (warps, WARP), (others, PARTICLE_LANES))
@@ -163,7 +165,7 @@ def _structure_kernels(precision: str, ordered: bool) -> SimpleNamespace:
         _physics(_number(precision)), (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance,
         structure_detection, structure_solution, structure_entry),
         lambda kernel: warps if kernel in STRUCTURE_WARP_KERNELS else others if kernel in STRUCTURE_KERNELS else unused,
-        ORDERED=ordered, **_common_names(FRICTION, precision),
+        **_common_names(FRICTION, precision, ordered),
     )  # fmt: skip
     if precision == "float32":
         _share_multiprocessor(kernels, STRUCTURE_BLOCKS)
@@ -173,14 +175,15 @@ def _structure_kernels(precision: str, ordered: bool) -> SimpleNamespace:
 
 
 @cache
-def _gradient_kernels(law: Law, friction: FrictionLaw, precision: str, ordered: bool) -> SimpleNamespace:
+def _gradient_kernels(law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool) -> SimpleNamespace:
     """Kernels of gradient transfers that the packed form lacks or has otherwise; the others are not compiled again."""
-    name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".general"
+    name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned + ".general"
     cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
     kernels = _bound(
-        law, friction, precision, (stencil, zones, contact_area, contact_solution, deform, gradients, forces, grid_to_particles),
+        law, friction, precision, ordered, (stencil, zones, contact_area, column_drag, nodes, contact_solution, deform, gradients,
+        forces, grid_to_particles),
         lambda kernel: cells if kernel in GRADIENT_CELL_KERNELS else others if kernel in GRADIENT_KERNELS else unused,
-        ORDERED=ordered, GRADIENT_TRANSFER=True, COUNTED_AT_ONCE=False,
+        ZONED=zoned, GRADIENT_TRANSFER=True, COUNTED_AT_ONCE=False,
     )  # fmt: skip
     if precision == "float32":
         _share_multiprocessor(kernels, GRADIENT_BLOCKS)

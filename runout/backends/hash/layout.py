@@ -55,6 +55,7 @@ ORDERED = False  # sums in fixed order; the binding decides
 ZONED = False  # friction zones on the ground; the binding decides
 DRAGS_COLUMN = False  # drag slows whole columns of nodes; the binding decides
 AREAS = False  # the law of friction uses the ground area of a contact; the binding decides
+AREAS_AT_ONCE, DRAGS_AT_ONCE = False, False  # the same two where sums over columns of nodes need no fixed order, likewise
 GRADIENT_TRANSFER = False  # transfer apic or aflip, or F-bar; the binding decides
 COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by their negation
 KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what the transfer does; numbers in all

@@ -6,18 +6,30 @@
     tiles        two of 4 x 6 x 6 nodes in shared memory, [x][y][z], z next to each other: what either half of the cells reaches
     grid.nodes   64 nodes of block 0, 64 nodes of block 1, ...; in a block 16 x + 4 y + z
 
-A thread sums the particles of its cell in registers and adds them to the tile of its half. The block adds both tiles to the grid.
+A thread sums the particles of its cell in registers and adds them to the tile of its half. The block adds both tiles to the grid,
+and where drag slows columns of nodes the sums over these to ``columns.moving``.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from runout.backends.hash.groups import BlockGroup, Constants, GridGroup, ParticleGroup, SceneGroup, StatusGroup
+from runout.backends.hash.contact_area import _give_moving
+from runout.backends.hash.groups import (
+    BlockGroup,
+    ColumnGroup,
+    Constants,
+    ContactGroup,
+    GridGroup,
+    ParticleGroup,
+    SceneGroup,
+    StatusGroup,
+)
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
     CELL_LANES,
+    DRAGS_AT_ONCE,
     HALT,
     HALVES,
     MASS,
@@ -104,7 +116,7 @@ def _open_step(status: StatusGroup, scenes: SceneGroup, constants: Constants, s:
 
 def particles_to_grid(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, grid: GridGroup, scenes: SceneGroup,
-    constants: Constants, launched: int,
+    constants: Constants, contacts: ContactGroup, columns: ColumnGroup, launched: int,
 ):  # fmt: skip
     """Mass and momentum of the particles to the nodes; in fixed order, each block only fills its own arena.
 
@@ -131,4 +143,6 @@ def particles_to_grid(
                 acc = _sum_cell(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1])
                 _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
+            if DRAGS_AT_ONCE:
+                _give_moving(blocks, contacts, columns, tile, b, lane)
         b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

@@ -6,16 +6,10 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.groups import BlockGroup, ColumnGroup, ContactGroup, GridGroup, GroundGroup, SceneGroup, StatusGroup
+from runout.backends.hash.groups import BlockGroup, ContactGroup, GridGroup, GroundGroup, SceneGroup, StatusGroup
 from runout.backends.hash.layout import (
-    BLOCKS,
     CELL_LANES,
-    COUNTED_AT_ONCE,
-    CURSOR,
-    DRAGS_COLUMN,
-    GRADIENT_TRANSFER,
     HALT,
-    NEXT,
     ORDERED,
     PIECE,
     PUSHES,
@@ -37,12 +31,10 @@ from runout.backends.hash.layout import (
     node_at,
     put_node,
 )
-from runout.physics.contact import approach_speed
 from runout.physics.moments import node_velocity
 from runout.physics.tensors import real, vec
 
-note_largest: Any = None  # the largest of each 32 numbers; the binding puts it in its place
-add_in: Any = None  # adds to a number of a tile, likewise
+add_in: Any = None  # adds to a number of a tile; the binding puts it in its place
 meet: Any = None  # the lanes of a block wait for each other, likewise
 meet_warp: Any = None  # those of a warp, likewise
 stage_node: Any = None  # begins to copy a node to a tile, likewise
@@ -265,57 +257,6 @@ def _load_wide(tile: Tile, grid: Nodes, around: Table2, b: int, lane: int):
         stage_node(tile, place + 5 * WIDE_X, grid, _node_of(east, n))
         stage_node(tile, place + 6 * WIDE_X, grid, _node_of(east, 16 + n))
         stage_node(tile, place + 7 * WIDE_X, grid, _node_of(east, 32 + n))
-
-
-def _slowed(contacts: ContactGroup, columns: ColumnGroup, t: int, slowing: int):
-    """Change of the velocity [m/s] of a node by drag on its column; none if not ``slowing``."""
-    change = node4()
-    if slowing != 0:
-        change = node_at(columns.change, 16 * contacts.columns[t >> 6] + ((t & 63) >> 2))
-    return vec(change[1], change[2], change[3])
-
-
-def update_nodes(
-    status: StatusGroup, blocks: BlockGroup, grid: GridGroup, ground: GroundGroup, contacts: ContactGroup, scenes: SceneGroup,
-    columns: ColumnGroup, slowing: int,
-):  # fmt: skip
-    """Momentum of every node to velocity [m/s], after gravity and the impulses of the ground, and the fastest towards the ground.
-
-    If ``slowing``, also after drag on the columns of nodes.
-
-    The counts that the next blocks need start from zero here, and a step less is left: what opened the step has read them.
-
-    That bounds particles of the packed form only: those that keep a part of their own velocity may be faster than every node. The
-    counts of the cells are set to zero here, unless F-bar still needs the lists.
-    """
-    t = wp.tid()
-    b = t >> 6
-    g = node_at(grid.nodes, t)  # loaded at once, before it is known whether there is anything to do
-    s = blocks.member[b]
-    slot = ground.grounded[b]
-    slopes = ground.slopes[b]
-    if status.flags[HALT] != 0:
-        return
-    if t < scenes.left.shape[0]:
-        scenes.left[t] = wp.max(scenes.left[t] - 1, 0)
-        if t == 0:
-            status.tally[CURSOR] = 0
-            status.tally[NEXT] = 0
-    if b >= status.tally[BLOCKS]:
-        return
-    if COUNTED_AT_ONCE:
-        blocks.ends[_cell_entry(t)] = 0
-    v = vec(real(0.0), real(0.0), real(0.0))
-    if g[0] > real(0.0):
-        v = node_velocity(vec(g[1], g[2], g[3]), g[0], vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3]))
-        if slot >= 0:
-            push = pair_at(contacts.shares, slot * SLOT + PUSHES + 2 * (t & 63))
-            v = node_velocity(vec(push[0], push[1], contacts.shares[slot * SLOT + PUSHES_UP + (t & 63)]), g[0], v)
-        if DRAGS_COLUMN:
-            v += _slowed(contacts, columns, t, slowing)
-        put_node(grid.nodes, t, node4(g[0], v[0], v[1], v[2]))
-    if not GRADIENT_TRANSFER and scenes.clock[s, 0] > real(0.0):
-        note_largest(contacts.approach_speeds, t, approach_speed(v, slopes[0], slopes[1], slopes[2], slopes[3]))
 
 
 def _sum_arenas(blocks: BlockGroup, grid: GridGroup, held: Ints, t: int):

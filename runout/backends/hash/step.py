@@ -7,6 +7,8 @@ Every launch reads on the device how much there is to do, so the host does not w
 
 from __future__ import annotations
 
+from typing import Any
+
 from runout.backends.hash import gradient_transfer
 from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.layout import CELL_LANES, WARP, run, run_blocks, run_each
@@ -28,7 +30,7 @@ def particles_to_grid(parts: Parts) -> None:
     """Open the step; mass and momentum of the particles to the nodes."""
     i, k, n, status = parts.index, parts.k, parts.nodes, parts.status.group
     arguments = status, parts.store.group, i.block_group, n.grid_group, parts.scenes.group, parts.scenes.constants
-    run_each(k.particles_to_grid, i.launched + 1, CELL_LANES, *arguments, i.launched)
+    run_each(k.particles_to_grid, i.launched + 1, CELL_LANES, *arguments, n.contact_group, n.column_group, i.launched)
     if parts.ordered:
         run(k.note_held, i.capacity, i.block_group, n.grid_group)
         run(k.sum_nodes, i.capacity * 64, status, i.block_group, n.grid_group)
@@ -47,12 +49,12 @@ def move_nodes(parts: Parts) -> None:
             run_each(kernel, n.places, WARP, *inputs)
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, *groups, round_)
-            if parts.uses_area and round_ == 0:
+            if parts.ordered and parts.uses_area and round_ == 0:
                 run(k.sum_columns, i.capacity * COLUMNS, status, blocks, *groups, n.column_group)
-        if parts.drags_column:
-            slow_columns(parts)
+        if parts.ordered and parts.drags_column:
+            run_each(k.slow_columns, i.capacity, WARP, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     slowed = touch_structures(parts)
-    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, parts.scenes.group, n.column_group, 1 - slowed)
+    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, *drag_of(parts), 1 - slowed)
 
 
 def weigh_releases(parts: Parts) -> None:
@@ -62,11 +64,10 @@ def weigh_releases(parts: Parts) -> None:
     run(parts.k.weigh_releases, i.capacity * PLAN * scenes.mixed, *groups, scenes.releases, scenes.mixed)
 
 
-def slow_columns(parts: Parts) -> None:
-    """Drag on the columns of nodes."""
-    i, n, scenes = parts.index, parts.nodes, parts.scenes
-    groups = parts.status.group, i.block_group, n.grid_group, n.contact_group, scenes.group, scenes.constants
-    run_each(parts.k.slow_columns, i.capacity, WARP, *groups, scenes.friction, n.column_group, scenes.releases, scenes.mixed)
+def drag_of(parts: Parts) -> tuple[Any, ...]:
+    """Arguments of the kernels that find the drag on columns of nodes."""
+    n, scenes = parts.nodes, parts.scenes
+    return scenes.group, scenes.constants, scenes.friction, n.column_group, scenes.releases, scenes.mixed
 
 
 def touch_structures(parts: Parts) -> bool:
@@ -83,7 +84,7 @@ def touch_structures(parts: Parts) -> bool:
     if parts.ground is not None:
         run(*settle, *ground, s.grounded, 1)
     if parts.drags_column:
-        run(k.slow_nodes, i.capacity * 64, status, n.grid_group, n.contact_group, n.column_group)
+        run(k.slow_nodes, i.capacity * 64, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     for ended, (find, solve, more) in enumerate(
         ((k.find_structure_contacts, k.solve_structure_contacts, (s.friction,)), (k.find_entering, k.stop_entering, ()))
     ):
