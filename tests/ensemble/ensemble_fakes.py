@@ -204,6 +204,8 @@ def main():
     from runout.ensemble.run import run_ensemble
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored when the tests themselves run in the background of a shell
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored when they run under nohup
     machine.core_count = lambda: 2
     folder, pause = Path(sys.argv[1]), float(sys.argv[2])
     part = range(*map(int, sys.argv[3:])) if sys.argv[3:] else None

@@ -87,6 +87,12 @@ def test_flight_without_drag_over_the_column_is_free(name):
 
 
 @BACKENDS
+def test_flight_without_ground_is_free(name):
+    p, _ = moved(name, lifted(), (STRONG,), surface=None)
+    np.testing.assert_allclose(p.velocity.mean(axis=0), np.array(FAST) - 4 * FALL, rtol=1e-9)
+
+
+@BACKENDS
 def test_ledger_books_what_flight_loses(name):
     start = lifted()
     p, row = moved(name, start, steps=1)

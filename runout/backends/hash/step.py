@@ -53,8 +53,8 @@ def move_nodes(parts: Parts) -> None:
                 run(k.sum_columns, i.capacity * COLUMNS, status, blocks, *groups, n.column_group)
         if parts.ordered and parts.drags_column:
             run_each(k.slow_columns, i.capacity, WARP, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
-    slowed = touch_structures(parts)
-    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, *drag_of(parts), 1 - slowed)
+    slowing = not touch_structures(parts) and parts.ground is not None
+    run(k.update_nodes, i.capacity * 64, status, blocks, *groups, *drag_of(parts), int(slowing))
 
 
 def weigh_releases(parts: Parts) -> None:
@@ -83,7 +83,8 @@ def touch_structures(parts: Parts) -> bool:
     settle = k.settle_impulses, i.capacity * 64, status, blocks, n.grid_group
     if parts.ground is not None:
         run(*settle, *ground, s.grounded, 1)
-    if parts.drags_column:
+    slowing = parts.drags_column and parts.ground is not None
+    if slowing:
         run(k.slow_nodes, i.capacity * 64, status, blocks, n.grid_group, n.contact_group, *drag_of(parts))
     for ended, (find, solve, more) in enumerate(
         ((k.find_structure_contacts, k.solve_structure_contacts, (s.friction,)), (k.find_entering, k.stop_entering, ()))
@@ -93,7 +94,7 @@ def touch_structures(parts: Parts) -> bool:
             if parts.ordered:
                 run(k.sum_contacts, i.capacity * 64, status, blocks, n.grid_group, *settled, part)
         run(*settle, *settled, s.grounded, ended)
-    return parts.drags_column
+    return slowing
 
 
 def grid_to_particles(parts: Parts) -> None:
