@@ -6,11 +6,12 @@ from typing import Any
 
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
 
-RECORDS = ("gpu", "gpu_whole_runs", "gpu_error", "gpu_site_runs")  # file names without their ending
+RECORDS = ("gpu", "gpu_whole_runs", "gpu_error", "gpu_site_runs", "gpu_friction")  # file names without their ending
 STAGES = ("p2g", "nodes and contact", "g2p", "cells")
 LARGE = 2e6  # particles; the stages of smaller layers wait for the host
 SIZE = ("particles", "10⁹ particle-steps/s", "bytes a particle")
 ADDITION = ("with", "10⁹ particle-steps/s", "time of a step over that without", "bytes a particle")
+FRICTION = ("layer", "particles", "Coulomb [µs]", "Voellmy, drag at the base", "Voellmy, drag over the column")
 WHOLE = ("device", "cell [m]", "particles", "steps", "wall [s]", "without setup [s]")
 ERROR = ("problem", "cells [m]", "particles of a cell", "particles", "steps", "error", "seconds")
 SITE = ("site, cells", "card", "commit", "members", "particles", "wall [s]", "of which members", "largest change of a map")
@@ -47,6 +48,14 @@ below the toe; the mass comes near it, and contacts are searched. A structure fa
         --skip 64M 100M --out DIR/gpu.json
 
 Record: {gpu[device]}, driver {gpu[driver]}, warp {gpu[warp]}, commit {gpu[commit]}; copy bandwidth {copy:.2f} TB/s in the same run.
+
+Time of a step with Coulomb friction, and how much longer a step with Voellmy friction takes; the laws take turns:
+
+{friction}
+
+    python tests/benchmarks/gpu_friction.py --device cuda:0 --out DIR/gpu_friction.json
+
+Record: {voellmy[device]}, warp {voellmy[warp]}, commit {voellmy[commit]}.
 
 ## Whole runs
 
@@ -98,7 +107,7 @@ python -m pytest tests/backends -k "hash and not builds_for"`.
 
 def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
     """The page of the records, by their names in :data:`RECORDS`."""
-    gpu, whole, error, sites = (records[name] for name in RECORDS)
+    gpu, whole, error, sites, voellmy = (records[name] for name in RECORDS)
     layers = [r for r in gpu["records"] if "members" not in r]
     differences = whole["records"][1]["against_cpu"].items()
     text = OPENING.format(
@@ -106,6 +115,7 @@ def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
         whole=whole,
         error=error,
         drivers=sites,
+        voellmy=voellmy,
         copy=gpu["copy_bytes_per_second"] / 1e12,
         options=download("gpu.csv", "The full table"),
         float64=gpu["check"]["float64, 100 steps"]["velocity"],
@@ -114,6 +124,7 @@ def page(records: Mapping[str, Mapping[str, Any]]) -> StudyPage:
         sizes=markdown(("layer", *SIZE), map(_size, filter(_plain, layers))),
         scenes=markdown(("scenes", *SIZE), _scenes(gpu["records"])),
         additions=markdown(ADDITION, _additions(layers)),
+        friction=markdown(FRICTION, map(_friction, voellmy["records"])),
         runs=markdown(WHOLE, map(_whole, whole["records"])),
         errors=markdown(ERROR, map(_error, error["records"])),
         sites=markdown(SITE, _sites(sites["runs"])),
@@ -144,6 +155,13 @@ def _additions(layers: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]
     for r in found[1:]:
         slower = found[0]["particle_steps_per_second"] / r["particle_steps_per_second"]
         yield r["addition"], f"{r['particle_steps_per_second'] / 1e9:.2f}", f"{slower:.2f}", f"{r['bytes_per_particle']:.0f}"
+
+
+def _friction(r: Mapping[str, Any]) -> tuple[str, ...]:
+    """Time of a step with Coulomb friction, and what the laws with drag add to it."""
+    seconds = r["seconds_of_step"]
+    more = (seconds[law] / seconds["coulomb"] - 1.0 for law in ("voellmy_base", "voellmy"))
+    return r["name"], f"{r['particles']:,}", f"{1e6 * seconds['coulomb']:.0f}", *(f"{100 * m:.0f} %" for m in more)
 
 
 def _whole(r: Mapping[str, Any]) -> tuple[str, ...]:
