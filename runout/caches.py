@@ -17,15 +17,16 @@ class Cache:
     @property
     def folder(self) -> Path:
         """Present folder of the cache."""
-        return Path(os.environ.get(self.variable) or Path(*self.default).expanduser())
+        return Path(os.environ.get(self.variable) or Path(*self.default)).expanduser()
 
 
 def all_caches() -> tuple[Cache, ...]:
     """Caches of runout and of its libraries for compiling and plotting."""
     home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     settings = os.environ.get("XDG_CONFIG_HOME") or "~/.config"
+    compiled = "RUNOUT_CACHE" if os.environ.get("RUNOUT_CACHE") else "NUMBA_CACHE_DIR"
     return (
-        Cache("numba (compiled kernels)", "NUMBA_CACHE_DIR", (home, "runout")),
+        Cache("numba (compiled kernels)", compiled, (home, "runout")),
         Cache("warp (compiled kernels)", "WARP_CACHE_PATH", (home, "warp")),
         Cache("matplotlib (fonts)", "MPLCONFIGDIR", (settings, "matplotlib")),
     )

@@ -339,7 +339,7 @@ def threads_at_most(count: int) -> Iterator[None]:
 def cache_root() -> Path:
     """Folder of all code that numba has compiled; a temporary one where the user's cache cannot be written."""
     home = os.environ.get("RUNOUT_CACHE") or os.environ.get("NUMBA_CACHE_DIR") or os.path.join(_user_cache(), "runout")
-    folder = Path(home) / "numba"
+    folder = Path(home).expanduser() / "numba"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

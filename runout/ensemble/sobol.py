@@ -1,12 +1,10 @@
 """Scrambled Sobol points, kept in the cache folder: to import the part of scipy that makes them takes longer than to read them."""
 
-import os
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 
-from runout.caches import all_caches
+from runout.caches import compiled_code
 from runout.errors import StorageError
 from runout.io.atomic import read_json, write_json
 from runout.io.provenance import checksum
@@ -36,7 +34,7 @@ def _kept(whole: int, dimensions: int, seed: int) -> np.ndarray:
     import scipy
 
     key = checksum([scipy.__version__, np.__version__, SOBOL_BITS, whole, dimensions, seed])
-    path = _folder() / f"sobol-{key[:16]}.json"
+    path = compiled_code().folder / f"sobol-{key[:16]}.json"
     found = read_json(path)
     if found.get("key") == key and found.get("checksum") == checksum(found.get("points")):
         return np.array(found["points"])
@@ -45,9 +43,3 @@ def _kept(whole: int, dimensions: int, seed: int) -> np.ndarray:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json({"key": key, "checksum": checksum(points.tolist()), "points": points.tolist()}, path)
     return points
-
-
-def _folder() -> Path:
-    """Folder of runout in the cache of the user."""
-    stated = os.environ.get("RUNOUT_CACHE")
-    return Path(stated).expanduser() if stated else all_caches()[0].folder

@@ -7,7 +7,8 @@ import tempfile
 
 import pytest
 
-from runout import caches, doctor
+from runout import caches, doctor, engine_notes
+from runout.backends.compile import cache_root
 from runout.errors import ExitCode
 
 
@@ -35,6 +36,13 @@ def test_cache_that_cannot_be_written_is_found_with_its_variable(monkeypatch, tm
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
     wrong = [f for f in doctor._caches() if f.fix]
     assert [("NUMBA_CACHE_DIR" in f.fix) for f in wrong] == [True]
+
+
+def test_notes_on_kernels_lie_beside_the_kernels(monkeypatch, tmp_path):
+    """Else a run with a new cache takes kernels for compiled that lie in another."""
+    for variable in ("NUMBA_CACHE_DIR", "RUNOUT_CACHE"):  # the second comes first
+        monkeypatch.setenv(variable, str(tmp_path / variable))
+        assert engine_notes._folder().parent == cache_root.__wrapped__().parent == tmp_path / variable
 
 
 @pytest.fixture
