@@ -15,7 +15,7 @@ from odd_sites import write_good, write_odd_site
 
 from runout.workflow.check import inspect
 
-PARTS, CASES = 5, 200  # five parts, so that workers of pytest share them
+PARTS, CASES = 5, 80  # five parts, so that workers of pytest share them
 FIRST_OF_FULL = 1_000_000
 MEMORY = 6 * 2**30  # [bytes] of addresses that the full run may take
 

@@ -76,8 +76,8 @@ def test_parts_of_the_raster_give_the_same_bits_as_whole_rasters(tmp_path: Path,
 
 @pytest.mark.parametrize("weights", [[1] * 6, [1, 2, 3, 4, 5, 6]])
 def test_blocks_and_tiles_change_nothing(tmp_path: Path, weights: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
-    terrain = scene(300, 700, (100, 300))
-    paths = members_of(tmp_path, terrain, (100, 300), 6, False)
+    terrain = scene(200, 300, (60, 100))
+    paths = members_of(tmp_path, terrain, (60, 100), 6, False)
     plenty = aggregate(paths, weights, THRESHOLDS, PERCENTILES, joint=JOINT)
     monkeypatch.setattr(tiles, "IN_MEMORY", 1)  # all goes through the file
     little = aggregate(paths, weights, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=1)
