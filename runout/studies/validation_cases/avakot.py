@@ -1,7 +1,8 @@
 """AvaFrame's site avaKot with its own friction: samosAT, and Voellmy with AvaFrame's coefficients, beside com1DFA.
 
 `avakot_com1dfa.json` holds the outlines and numbers of com1DFA (AvaFrame 2.1, default configuration with cells of 5 m, type null:
-no entrainment, forest resistance or dam) on the same inputs. AvaFrame's standard test of this site states samosAT, mu = 0.155.
+no entrainment, forest resistance or dam) on the same inputs. `tests/benchmarks/avakot_com1dfa.py` makes it. AvaFrame's standard
+test of this site states samosAT, mu = 0.155.
 Inputs: AvaFrame (EUPL-1.2), terrain of the Land Tirol.
 """
 

@@ -42,6 +42,9 @@ Front: farthest place along AvaFrame's path with a peak speed above 1 m/s. Area:
 {tables}.
 
 """
+COM1DFA = """
+`tests/benchmarks/avakot_com1dfa.py` makes the numbers of com1DFA. Its first lines state the commands and the environment.
+"""
 
 
 def page(record: Mapping[str, Any]) -> StudyPage:
@@ -55,7 +58,7 @@ def page(record: Mapping[str, Any]) -> StudyPage:
         tables=download("avakot.csv", "All runs"),
         differences=told(record, DIFFERENCES, _differences),
     )
-    text += ENDING.format(command=record["command"])
+    text += ENDING.format(command=record["command"]) + COM1DFA
     return StudyPage("avakot", text, {"avakot.csv": as_csv(HEADS, rows)}, {"avakot.png": _figure(results)})
 
 
