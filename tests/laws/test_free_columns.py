@@ -146,8 +146,7 @@ def test_backends_move_a_spray_alike(name, friction):
     np.testing.assert_allclose(other.basal_impulse, book.basal_impulse, rtol=1e-8)
 
 
-@pytest.mark.parametrize("ordered", [False, True], ids=["atomic", "ordered"])
-@pytest.mark.parametrize("transfer", ["mls", "aflip"])
+@pytest.mark.parametrize(("transfer", "ordered"), [("aflip", False), ("mls", True)])
 def test_hash_slows_a_spray_over_zones_by_every_transfer(transfer, ordered):
     whole = np.zeros((40, 30))
     north = np.arange(30) * 2.5 >= 33.0
