@@ -74,6 +74,11 @@ class GroundFriction:
         by_release = self.table().reshape(-1, self.kinds)
         return bool((by_release == by_release[:1]).all())
 
+    @property
+    def different(self) -> int:
+        """How many releases differ in friction: 1 if all are alike, else all of them."""
+        return 1 if self.alike else len(self.numbers)
+
     def table(self, real: Any = np.float64, arithmetic: Any = None) -> np.ndarray:
         """Structured array (releases times kinds,) of the records that contact reads.
 
