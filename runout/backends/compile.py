@@ -11,7 +11,6 @@ folder carries a hash of every source that a binding uses.
 import contextlib
 import hashlib
 import inspect
-import os
 import tempfile
 from collections import namedtuple
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +19,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
+from runout.caches import compiled_code
 from runout.model.friction_laws import FrictionLaw
 from runout.model.law_source import functions_of_law
 from runout.model.laws import Law
@@ -338,8 +338,7 @@ def threads_at_most(count: int) -> Iterator[None]:
 @cache
 def cache_root() -> Path:
     """Folder of all code that numba has compiled; a temporary one where the user's cache cannot be written."""
-    home = os.environ.get("RUNOUT_CACHE") or os.environ.get("NUMBA_CACHE_DIR") or os.path.join(_user_cache(), "runout")
-    folder = Path(home).expanduser() / "numba"
+    folder = compiled_code().folder / "numba"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -348,7 +347,3 @@ def cache_root() -> Path:
         folder = Path(tempfile.mkdtemp(prefix="runout-")) / "numba"
         folder.mkdir()
     return folder
-
-
-def _user_cache() -> str:
-    return os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")

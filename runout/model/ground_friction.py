@@ -75,7 +75,7 @@ class GroundFriction:
         return bool((by_release == by_release[:1]).all())
 
     @property
-    def different(self) -> int:
+    def mixed(self) -> int:
         """How many releases differ in friction: 1 if all are alike, else all of them."""
         return 1 if self.alike else len(self.numbers)
 

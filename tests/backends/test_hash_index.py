@@ -296,7 +296,7 @@ def test_forecast_of_the_memory_counts_ground_areas_and_drag_within_two_percent(
     p = box((20.0, 20.0, 0.0), (16.0, 16.0, 4.0), UNIT)
     backend = loaded(on_cpu(), scene(plane(), materials=(SAND,) * len(friction), precision="float32", friction=friction), p)
     near = int((backend.parts.nodes.grounded.numpy() >= 0).sum())
-    forecast = hash_backend.bytes_needed(len(p), backend.parts.index.nall, near=near, friction=friction[0], different=len(friction))
+    forecast = hash_backend.bytes_needed(len(p), backend.parts.index.nall, near=near, friction=friction[0], mixed=len(friction))
     assert forecast == pytest.approx(backend.bytes_used() - layout.bytes_of(backend.parts.ground), rel=0.02)
 
 

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "structures"))
 
 from boxes import Box, field_of_boxes
 
-from runout import VelocityWeakening, Voellmy, VoellmyBase
+from runout import VelocityWeakening
 from runout.model.scene import Scene
 
 FRICTION = np.tan(np.radians(15.0))
@@ -29,8 +29,6 @@ def with_wall(scene: Scene, east: float) -> Scene:
 
 ADDITIONS: dict[str, Callable[[Scene, float], Scene]] = {
     "none": lambda scene, _: scene,
-    "Voellmy friction": lambda scene, _: replace(scene, friction=(Voellmy(mu=FRICTION, xi=1500.0),)),
-    "Voellmy friction, drag at the base": lambda scene, _: replace(scene, friction=(VoellmyBase(mu=FRICTION, xi=1500.0),)),
     "velocity weakening": lambda scene, _: replace(
         scene, friction=(VelocityWeakening(static_friction=FRICTION, dynamic_friction=0.8 * FRICTION),)
     ),

@@ -11,6 +11,7 @@ import json
 import statistics
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +20,19 @@ import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from tests.benchmarks.gpu_additions import ADDITIONS
-from tests.benchmarks.gpu_throughput import CELL, LAYERS, STEP, layer, loaded, record_sorts
+from runout import Voellmy, VoellmyBase
+from tests.benchmarks.gpu_additions import FRICTION
+from tests.benchmarks.gpu_throughput import LAYERS, STEP, layer, loaded, record_sorts
 
-LAWS = {"coulomb": "none", "voellmy_base": "Voellmy friction, drag at the base", "voellmy": "Voellmy friction"}
+LAWS = {"coulomb": FRICTION, "voellmy_base": VoellmyBase(mu=FRICTION, xi=1500.0), "voellmy": Voellmy(mu=FRICTION, xi=1500.0)}
 STEPS = {"0.1M": 512, "0.3M": 512, "1M": 256, "10M": 64}  # of a turn
 TURNS = 7
 
 
-def prepared(device: str, size: str, addition: str) -> tuple[Any, float]:
+def prepared(device: str, size: str, friction: Any) -> tuple[Any, float]:
     """A backend that has recorded its graphs, and its time step [s]."""
     scene, p = layer(*LAYERS[size])
-    backend = loaded(device, ADDITIONS[addition](scene, p.position(np.full(3, CELL))[:, 0].max()), p)
+    backend = loaded(device, replace(scene, friction=(friction,)), p)
     dt = STEP * backend.stable_step()
     backend.steps(dt, 4 + STEPS[size] // 4)
     record_sorts(backend)
@@ -49,7 +51,7 @@ def seconds_of_step(backend: Any, dt: float, steps: int) -> float:
 
 def measure(device: str, size: str) -> dict[str, Any]:
     """The record of a size."""
-    held = {law: prepared(device, size, addition) for law, addition in LAWS.items()}
+    held = {law: prepared(device, size, friction) for law, friction in LAWS.items()}
     turns = [{law: seconds_of_step(*one, STEPS[size]) for law, one in held.items()} for _ in range(TURNS)]
     seconds = {law: statistics.median(turn[law] for turn in turns) for law in held}
     return {"name": size, "particles": 8 * int(np.prod(LAYERS[size])), "seconds_of_step": seconds}

@@ -117,13 +117,13 @@ def bytes_needed(
     structures: StructureField | None = None,
     beside: int = 0,
     friction: BasalFriction | FrictionLaw | None = None,
-    different: int = 1,
+    mixed: int = 1,
 ) -> int:
     """Forecast of the memory [byte] of a run with so many particles and blocks, ``near`` of them with impulses of the ground.
 
     Without ``near``, three quarters of the blocks: a flow a few blocks thick. ``transfer`` and ``f_bar`` as of
     :class:`runout.model.scene.Scene`; of aflip one that keeps something. ``beside``: blocks with impulses of ``structures``.
-    ``friction``: the law on the ground; without one, one that needs no areas. ``different``: releases whose frictions differ, 1 if
+    ``friction``: the law on the ground; without one, one that needs no areas. ``mixed``: releases whose frictions differ, 1 if
     all are alike.
     """
     number = 4 if precision == "float32" else 8
@@ -138,5 +138,5 @@ def bytes_needed(
     contact = room_for(near) * 64 * 4 * number + tiles
     more = bytes_of_structures(structures, particles, blocks, number, beside) if structures else 0
     if friction:
-        more += bytes_of_areas(friction, different, room_for(blocks), number, deterministic)
+        more += bytes_of_areas(friction, mixed, room_for(blocks), number, deterministic)
     return particles * particle + grid + room_for(blocks) * block + contact + 20 * entries + more

@@ -40,12 +40,12 @@ def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> t
     return places, slots
 
 
-def bytes_of_areas(friction: BasalFriction | FrictionLaw, different: int, blocks: int, number: int, ordered: bool) -> int:
+def bytes_of_areas(friction: BasalFriction | FrictionLaw, mixed: int, blocks: int, number: int, ordered: bool) -> int:
     """Memory [byte] of the ground areas, and of the drag on columns of nodes, with numbers of ``number`` bytes.
 
-    ``different``: releases whose frictions differ, 1 if all are alike.
+    ``mixed``: releases whose frictions differ, 1 if all are alike.
     """
-    columns = 9 * 4 + (4 * ((PLAN + 2 * COLUMNS) if ordered else 2 * COLUMNS) + PLAN * different * (different > 1)) * number
+    columns = 9 * 4 + (4 * ((PLAN + 2 * COLUMNS) if ordered else 2 * COLUMNS) + PLAN * mixed * (mixed > 1)) * number
     return blocks * ((4 + COLUMNS * number) * friction.uses_area + columns * friction.drags_column)
 
 

@@ -67,7 +67,7 @@ class SceneArrays:
         zones = Zones(scenes, kernels.friction_record)
         self.friction = zones.friction
         self.releases = wp.array(self.first_release[:-1].astype(np.int32), dtype=wp.int32)
-        self.mixed = max(scene.basal.different for scene in scenes)
+        self.mixed = max(scene.basal.mixed for scene in scenes)
         steps, packed = (wp.zeros(many, dtype=self.number) for _ in range(2))
         left, step_counts = (wp.zeros(many, dtype=wp.int32) for _ in range(2))
         self.group = filled(
