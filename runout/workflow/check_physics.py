@@ -81,8 +81,8 @@ def samples_of(site: "Site") -> list[dict[str, float]]:
     """Sampled parameters of all members."""
     from runout.ensemble.design import member_table
 
-    table = member_table(site.settings.ensemble)
-    return table.drop(columns=["weight", "seed"]).to_dict("records")  # type: ignore[no-any-return]
+    table = member_table(site.settings.ensemble).drop(columns=["weight", "seed"])
+    return table.to_dict("records") or [{} for _ in table.index]  # pandas 2 gives no records without columns
 
 
 def materials_of(site: "Site", samples: "Sequence[Sample]") -> "list[Material]":

@@ -28,6 +28,7 @@ import numpy as np
 
 VERSIONS = ("before", "after")
 CORES = 2  # of a lane
+MEMBERS = 500  # of the aggregation
 ENTRY = "import sys; from runout.cli import main; sys.exit(main())"  # of versions without runout.__main__
 STIFF = {"coulomb_only": 1.6e8}  # [Pa], waves of 1,030 m/s; other sites state theirs in the version before
 SNOW = """name: coulomb_only
@@ -166,10 +167,22 @@ class Study:
         """One run of a case by a version, from a folder without results."""
         root = self.roots[version]
         if case.command == "aggregate":
-            command = [sys.executable, str(self.a.members_script), str(self.folder / f"members_{version}"), "500"]
-            return timed(command, root, cores, self.cache(version))
+            return timed(self.aggregation(version), root, cores, self.cache(version))
         site = site_of(case, version, self.roots["before"], self.folder)
         return timed(command_of(case, site, site / "results", root), root, cores, self.cache(version))
+
+    def aggregation(self, version: str) -> list[str]:
+        """Command that writes the members of the aggregation where they are missing, and aggregates them."""
+        return [sys.executable, str(self.a.members_script), str(self.folder / f"members_{version}"), str(MEMBERS)]
+
+    def write_members(self, version: str) -> None:
+        """Members of the aggregation; the command ends once the last one is there."""
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(self.roots[version]), os.environ.get("PYTHONPATH", "")])}
+        writing = subprocess.Popen(self.aggregation(version), env=environment, cwd=self.roots[version], stdout=subprocess.DEVNULL)
+        while writing.poll() is None and not (self.folder / f"members_{version}" / f"{MEMBERS - 1:04d}.nc").exists():
+            time.sleep(0.2)
+        writing.kill()
+        writing.wait()
 
     def first(self) -> list[dict[str, Any]]:
         """The first run, with empty folders of kernels, of both versions side by side where the machine has two lanes."""
@@ -182,7 +195,7 @@ class Study:
         """Runs of both versions in turns."""
         if case.command == "aggregate":
             for version in VERSIONS:
-                self.run(case, version, cores)  # writes the members
+                self.write_members(version)
         found = []
         for turn in range(self.a.pairs):
             if turn and time.perf_counter() - self.started > self.a.last_start:
