@@ -256,9 +256,9 @@ def warp_kernels(
 ) -> SimpleNamespace:
     """Functions of kernel modules compiled by warp, in order; rules as for :meth:`NumbaBinding.kernels`.
 
-    ``module_of`` is the warp module that takes a kernel by its name; warp compiles a module once for each number of lanes a
-    block. What ``names`` replaces is not compiled itself: types of arguments and constants, for which the sources hold
-    stand-ins.
+    ``module_of`` is the warp module that takes a kernel by its name, None for one that is left out; warp compiles a module once
+    for each number of lanes a block. What ``names`` replaces is not compiled itself: types of arguments and constants, for which
+    the sources hold stand-ins.
     """
     import warp as wp
 
@@ -272,8 +272,8 @@ def warp_kernels(
             copy = rebound(function, scope, compiled)
             if function.__name__.startswith("_"):
                 compiled[function] = wp.func(module=module_of(function.__name__))(copy)
-            elif "tid" in function.__code__.co_names:
-                compiled[function] = wp.kernel(module=module_of(function.__name__), enable_backward=False)(copy)
+            elif "tid" in function.__code__.co_names and (module := module_of(function.__name__)):
+                compiled[function] = wp.kernel(module=module, enable_backward=False)(copy)
                 setattr(space, function.__name__, compiled[function])
     return space
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
@@ -15,12 +16,14 @@ class Graphs:
     Parameters
     ----------
     device : warp device
-    modules : sequence of (module, lanes)
-        What has to be loaded before anything is recorded.
+    modules : sequence of warp modules
+        What has to be loaded before anything is recorded. On a GPU they are compiled at once, as far as there are cores.
     """
 
-    def __init__(self, device: Any, modules: Sequence[tuple[Any, int]]):
+    def __init__(self, device: Any, modules: Sequence[Any]):
         self.device, self.modules, self.enabled = device, modules, device.is_cuda
+        if self.enabled:
+            self._load()
         self.of: Hashable = None
         self.recorded: dict[Hashable, Any] = {}
         self.direct: Counter[Hashable] = Counter()
@@ -41,9 +44,11 @@ class Graphs:
             if self.direct[name] <= before:
                 enqueue()
                 return
-            for module, lanes in self.modules:
-                wp.load_module(module, device=self.device, block_dim=lanes)
+            self._load()
             with wp.ScopedCapture(force_module_load=False) as capture:
                 enqueue()
             self.recorded[name] = capture.graph
         wp.capture_launch(self.recorded[name])
+
+    def _load(self) -> None:
+        wp.force_load(self.device, list(self.modules), max_workers=os.cpu_count())

@@ -1,7 +1,19 @@
-"""The kernels for a law and a number type, bound to the formulas of :mod:`runout.physics` and compiled by warp."""
+"""The kernels for a law and a number type, bound to the formulas of :mod:`runout.physics` and compiled by warp.
 
+They are compiled in sets by what they depend on beside the number type, so that another law compiles anew only what names it:
+
+    common                 nothing else: the index, the ground, what is moved and copied
+    sums                   order of sums, ground area of contacts, drag on columns of nodes
+    law                    law of the material
+    friction               law of friction of the ground, its zones, and order of sums
+    structures             order of sums
+    transfer, transfer.*   the same for transfers apic and aflip and for F-bar: what differs from the packed form
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -38,16 +50,18 @@ from runout.backends.hash.structures import FRICTION
 from runout.model.friction_laws import FrictionLaw
 from runout.model.laws import Law
 
-CELL_KERNELS = ("particles_to_grid", "grid_to_particles")
-WARP_KERNELS = ("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks")
-# kernels of gradient transfers: those that differ from the packed form's, and further ones
-GRADIENT_CELL_KERNELS = ("grid_to_particles", "add_forces", "spread_dilatation")
-STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
-STRUCTURE_KERNELS = ("note_beside", "require_beside", "carry_sums", "settle_impulses")
-GRADIENT_KERNELS = ("update_nodes", "note_given", "take_stresses", "add_nodes", "average_dilatation", "count_anew")
-
 NAME = "runout.hash"
 OPTIONS = {"enable_backward": False, "max_unroll": 3}  # of the compiler
+LAW_KERNELS = ("grid_to_particles", "change_step", "unpack", "sum_blocks", "sum_gone")
+FRICTION_KERNELS = ("solve_contacts", "slow_columns", "update_nodes", "slow_nodes")
+SUM_KERNELS = ("particles_to_grid", "find_contacts", "list_cells", "note_up", "sum_columns")
+STRUCTURE_WARP_KERNELS = ("find_structure_contacts", "solve_structure_contacts", "find_entering", "stop_entering")
+STRUCTURE_KERNELS = (*STRUCTURE_WARP_KERNELS, "note_beside", "require_beside", "carry_sums", "settle_impulses")
+LANES = {  # of a block; other kernels have PARTICLE_LANES
+    **dict.fromkeys(("particles_to_grid", "grid_to_particles", "add_forces", "spread_dilatation"), CELL_LANES),
+    **dict.fromkeys(("find_contacts", "solve_contacts", "slow_columns", "list_cells", "renumber", "rank_blocks"), WARP),
+    **dict.fromkeys(STRUCTURE_WARP_KERNELS, WARP),
+}
 # threads of a block and blocks that share a multiprocessor, which bounds the registers of each thread
 FLOAT32_BLOCKS = {
     "grid_to_particles": (CELL_LANES, 8), "particles_to_grid": (CELL_LANES, 6),
@@ -57,6 +71,61 @@ FLOAT32_BLOCKS = {
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
 STRUCTURE_BLOCKS = dict.fromkeys(STRUCTURE_WARP_KERNELS, (WARP, 20)) | {"find_entering": (WARP, 16)}
 GRADIENT_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A set of kernels.
+
+    Attributes
+    ----------
+    sources : tuple of modules
+        The modules that hold the kernels, each behind what it calls.
+    wanted : callable
+        Whether a kernel of the sources belongs to the set.
+    blocks : dict
+        Threads of a block, and blocks that share a multiprocessor, of kernels in single precision.
+    fast : tuple of int
+        Kernels with these numbers of lanes divide and take roots to the last bit but one: a fifth of the time of contact.
+    gradient_transfer : bool
+        The set is for a transfer other than the packed one, or for F-bar.
+    """
+
+    sources: tuple[ModuleType, ...]
+    wanted: Callable[[str], bool]
+    blocks: dict[str, tuple[int, int]] = field(default_factory=dict)
+    fast: tuple[int, ...] = (CELL_LANES, WARP)
+    gradient_transfer: bool = False
+
+
+def _transfer(*kernels: str) -> Kind:
+    """A set of kernels of gradient transfers."""
+    sources = stencil, zones, contact_area, column_drag, nodes, contact_solution, deform, gradients, forces, grid_to_particles
+    return Kind(sources, kernels.__contains__, GRADIENT_BLOCKS, (), True)
+
+
+KINDS = {
+    "common": Kind(
+        (stencil, index, block_numbers, contact_area, cell_lists, zones, column_drag, contact_solution, deform, ground, observe,
+        unknown), lambda name: name not in {*LAW_KERNELS, *FRICTION_KERNELS, *SUM_KERNELS}, FLOAT32_BLOCKS,
+    ),
+    "sums": Kind(
+        (stencil, index, block_numbers, contact_area, cell_lists, zones, contact_solution, contact_detection, particles_to_grid),
+        SUM_KERNELS.__contains__, FLOAT32_BLOCKS,
+    ),
+    "law": Kind((stencil, deform, grid_to_particles, observe), LAW_KERNELS.__contains__, FLOAT32_BLOCKS),
+    "friction": Kind(
+        (stencil, contact_area, zones, column_drag, nodes, contact_solution), FRICTION_KERNELS.__contains__, FLOAT32_BLOCKS
+    ),
+    "structures": Kind(
+        (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance, structure_detection,
+        structure_solution, structure_entry), STRUCTURE_KERNELS.__contains__, STRUCTURE_BLOCKS, (WARP,),
+    ),
+    "transfer": _transfer("note_given", "add_nodes", "count_anew"),
+    "transfer.sums": _transfer("add_forces", "spread_dilatation", "average_dilatation"),
+    "transfer.law": _transfer("grid_to_particles", "take_stresses"),
+    "transfer.friction": _transfer("update_nodes"),
+}  # fmt: skip
 
 
 def _local_types(real: Any) -> dict[str, Any]:
@@ -75,47 +144,69 @@ def _number(precision: str) -> Any:
     return wp.float32 if precision == "float32" else wp.float64
 
 
-def _common_names(friction: FrictionLaw, precision: str, ordered: bool) -> dict[str, Any]:
-    """What names in all kernels stand for: order of sums, types, functions in CUDA, and contact with a law of friction."""
+@cache
+def _common_names(precision: str) -> dict[str, Any]:
+    """What names in all kernels stand for: types, functions in CUDA, and formulas that are always in double precision."""
+    real, wide = _number(precision), _physics(wp.float64)
+    names = {
+        "first_node64": wide.bspline.first_node, "tens64": wide.names["tens"], "surface_at64": wide.heightfield.surface_at,
+        "bend_smoothness64": wide.heightfield.bend_smoothness, "resampled_coefficient64": wide.heightfield.resampled_coefficient,
+        "gradient_column64": wide.moments.gradient_column, "kinetic_energy64": wide.moments.kinetic_energy,
+        "potential_energy64": wide.moments.potential_energy,
+    }  # fmt: skip
+    return argument_types(real) | _local_types(real) | natives.of(precision) | names
+
+
+def _law_names(law: Law, precision: str) -> dict[str, Any]:
     real = _number(precision)
-    names: dict[str, Any] = {"Frictions": wp.array(dtype=law_record(friction, real)), "AREAS": friction.uses_area}
+    return {"Materials": wp.array(dtype=law_record(law, real)), "law_update": _physics(real).law(law).step}
+
+
+def _friction_names(friction: FrictionLaw, precision: str) -> dict[str, Any]:
+    real = _number(precision)
     of_contact = _physics(real).friction(friction)
-    names |= {name: getattr(of_contact, name) for name in ("impulse", "column_drag", "free_column_drag")}
-    names |= {"ORDERED": ordered, "DRAGS_COLUMN": friction.drags_column}
-    names |= {"AREAS_AT_ONCE": friction.uses_area and not ordered, "DRAGS_AT_ONCE": friction.drags_column and not ordered}
-    names["HELD_REST"] = contact_solution.HELD_REST + contact_solution.HELD * friction.drags_column
-    return names | argument_types(real) | _local_types(real) | natives.of(precision)
+    names = {name: getattr(of_contact, name) for name in ("impulse", "column_drag", "free_column_drag")}
+    return names | {"Frictions": wp.array(dtype=law_record(friction, real))}
 
 
-def _bound(
-    law: Law, friction: FrictionLaw, precision: str, ordered: bool, sources: tuple[Any, ...], module_of: Any, **flags: bool
-) -> SimpleNamespace:
-    """Kernels of source modules for laws of material and friction and a number type."""
-    real = _number(precision)
-    physics, wide = _physics(real), _physics(wp.float64)
-    record, friction_record = law_record(law, real), law_record(friction, real)
-    kernels = warp_kernels(
-        physics, sources, module_of, Materials=wp.array(dtype=record), law_update=physics.law(law).step, **flags,
-        **_common_names(friction, precision, ordered),
-        first_node64=wide.bspline.first_node, tens64=wide.names["tens"], surface_at64=wide.heightfield.surface_at,
-        bend_smoothness64=wide.heightfield.bend_smoothness, resampled_coefficient64=wide.heightfield.resampled_coefficient,
-        gradient_column64=wide.moments.gradient_column,
-        kinetic_energy64=wide.moments.kinetic_energy, potential_energy64=wide.moments.potential_energy,
-    )  # fmt: skip
-    kernels.record, kernels.friction_record, kernels.groups = record, friction_record, groups_of(real)
-    return kernels
+def _constants(ordered: bool, area: bool, drags: bool) -> dict[str, Any]:
+    """What is known when kernels are compiled: order of sums, ground area of contacts, drag on columns of nodes."""
+    names: dict[str, Any] = {"ORDERED": ordered, "AREAS": area, "DRAGS_COLUMN": drags}
+    names |= {"AREAS_AT_ONCE": area and not ordered, "DRAGS_AT_ONCE": drags and not ordered}
+    return names | {"HELD_REST": contact_solution.HELD_REST + contact_solution.HELD * drags}
 
 
-def _module(name: str, lanes: int) -> Any:
+def _module(name: str, lanes: int, fast: bool) -> Any:
     module = wp.get_module(name)
-    module.options.update(OPTIONS, block_dim=lanes)
+    module.options.update(OPTIONS, block_dim=lanes, fast_math=fast)
     return module
 
 
-def _share_multiprocessor(kernels: SimpleNamespace, blocks: dict[str, tuple[int, int]]) -> None:
-    """Bound the registers of kernels, so that so many blocks of threads fit."""
-    for kernel, bounds in blocks.items():
-        getattr(kernels, kernel).options["launch_bounds"] = bounds
+@cache
+def _kernels_of(
+    kind: str, precision: str, law: Law | None = None, friction: FrictionLaw | None = None, ordered: bool = False,
+    area: bool = False, drags: bool = False, zoned: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Kernels of a set by name, for what it depends on: one warp module for each number of lanes a block."""
+    what = KINDS[kind]
+    chosen = ".ordered" * ordered + ".area" * area + ".drags" * drags + ".zoned" * zoned
+    label = ".".join([NAME, kind, *(given.name for given in (law, friction) if given), precision]) + chosen
+    modules = {n: _module(f"{label}.{n}", n, n in what.fast) for n in (CELL_LANES, WARP, PARTICLE_LANES)}
+    names = _common_names(precision) | _constants(ordered, area, drags) | {"ZONED": zoned}
+    names |= {"GRADIENT_TRANSFER": what.gradient_transfer, "COUNTED_AT_ONCE": not what.gradient_transfer}
+    names |= (_law_names(law, precision) if law else {}) | (_friction_names(friction, precision) if friction else {})
+
+    needed = {"slow_nodes": drags, "slow_columns": drags and ordered}
+
+    def module_of(name: str) -> Any:
+        wanted = what.wanted(name) and needed.get(name, True)
+        return modules[LANES.get(name, PARTICLE_LANES)] if wanted or name.startswith("_") else None
+
+    found = vars(warp_kernels(_physics(_number(precision)), what.sources, module_of, **names))
+    blocks = what.blocks if precision == "float32" else FLOAT64_BLOCKS
+    for name in blocks.keys() & found.keys():
+        found[name].options["launch_bounds"] = blocks[name]
+    return found
 
 
 @cache
@@ -126,66 +217,21 @@ def compiled_kernels(
     """Kernels for laws of material and ``friction`` and a number type.
 
     ``ordered``: sums over particles in a fixed order, ``zoned``: zones of friction, ``gradient_transfer``: a transfer other than
-    the packed one, or F-bar, ``structured``: contact with structures. ``modules`` are the warp modules with their lanes a block:
-    kernels that own cells are compiled apart from the others, because warp compiles a module for every number of lanes.
+    the packed one, or F-bar, ``structured``: contact with structures. ``modules`` are the warp modules.
     """
-    if structured:
-        plain = compiled_kernels(law, friction, precision, ordered, zoned, gradient_transfer)
-        return _with(plain, _structure_kernels(precision, ordered))
+    real, drags = _number(precision), friction.drags_column
+    of_sums = {"ordered": ordered, "area": friction.uses_area, "drags": drags}
+    of_friction: dict[str, Any] = of_sums | {"friction": friction, "zoned": zoned}
+    found = _kernels_of("common", precision) | _kernels_of("sums", precision, **of_sums)
+    found |= _kernels_of("law", precision, law) | _kernels_of("friction", precision, **of_friction)
     if gradient_transfer:
-        plain = compiled_kernels(law, friction, precision, ordered, zoned)
-        return _with(plain, _gradient_kernels(law, friction, precision, ordered, zoned and friction.drags_column))
-    name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned
-    cells, warps, others = _module(f"{name}.cells", CELL_LANES), _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES)
-    for module in (cells, warps):
-        module.options["fast_math"] = True  # divisions and roots to the last bit but one: a fifth of the time of contact
-    kernels = _bound(
-        law, friction, precision, ordered, (stencil, index, block_numbers, contact_area, cell_lists, zones, column_drag, nodes,
-        contact_solution, contact_detection, particles_to_grid, deform, grid_to_particles, ground, observe, unknown),
-        lambda kernel: cells if kernel in CELL_KERNELS else warps if kernel in WARP_KERNELS else others,
-        ZONED=zoned,
-    )  # fmt: skip
-    _share_multiprocessor(kernels, FLOAT32_BLOCKS if precision == "float32" else FLOAT64_BLOCKS)
-    kernels.modules = ((cells, CELL_LANES), (warps, WARP), (others, PARTICLE_LANES))
+        found |= _kernels_of("transfer", precision) | _kernels_of("transfer.sums", precision, **of_sums | {"area": False})
+        found |= _kernels_of("transfer.law", precision, law)
+        found |= _kernels_of("transfer.friction", precision, **of_friction | {"zoned": zoned and drags})
+    kernels = SimpleNamespace(**found, record=law_record(law, real), friction_record=law_record(friction, real))
+    if structured:
+        vars(kernels).update(_kernels_of("structures", precision, friction=FRICTION, ordered=ordered))
+        kernels.structure_friction = law_record(FRICTION, real)
+    kernels.modules = tuple(dict.fromkeys(k.module for k in vars(kernels).values() if isinstance(k, wp.Kernel)))
+    kernels.groups = groups_of(real)
     return kernels
-
-
-def _with(plain: SimpleNamespace, own: SimpleNamespace) -> SimpleNamespace:
-    """Kernels and modules of both; ``own`` ones instead of ``plain`` ones of the same name."""
-    return SimpleNamespace(**(vars(plain) | vars(own) | {"modules": (*plain.modules, *own.modules)}))
-
-
-@cache
-def _structure_kernels(precision: str, ordered: bool) -> SimpleNamespace:
-    """Kernels of contact with structures: they depend neither on the law of the material nor on that of the ground's friction."""
-    name = f"{NAME}.structures.{precision}" + ".ordered" * ordered
-    warps, others, unused = _module(f"{name}.warps", WARP), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
-    warps.options["fast_math"] = True  # as for contact with the ground
-    kernels = warp_kernels(
-        _physics(_number(precision)), (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance,
-        structure_detection, structure_solution, structure_entry),
-        lambda kernel: warps if kernel in STRUCTURE_WARP_KERNELS else others if kernel in STRUCTURE_KERNELS else unused,
-        **_common_names(FRICTION, precision, ordered),
-    )  # fmt: skip
-    if precision == "float32":
-        _share_multiprocessor(kernels, STRUCTURE_BLOCKS)
-    own = {kernel: getattr(kernels, kernel) for kernel in (*STRUCTURE_WARP_KERNELS, *STRUCTURE_KERNELS)}
-    record = law_record(FRICTION, _number(precision))
-    return SimpleNamespace(**own, structure_friction=record, modules=((warps, WARP), (others, PARTICLE_LANES)))
-
-
-@cache
-def _gradient_kernels(law: Law, friction: FrictionLaw, precision: str, ordered: bool, zoned: bool) -> SimpleNamespace:
-    """Kernels of gradient transfers that the packed form lacks or has otherwise; the others are not compiled again."""
-    name = f"{NAME}.{law.name}.{friction.name}.{precision}" + ".ordered" * ordered + ".zoned" * zoned + ".general"
-    cells, others, unused = _module(f"{name}.cells", CELL_LANES), _module(name, PARTICLE_LANES), _module(f"{name}.unused", WARP)
-    kernels = _bound(
-        law, friction, precision, ordered, (stencil, zones, contact_area, column_drag, nodes, contact_solution, deform, gradients,
-        forces, grid_to_particles),
-        lambda kernel: cells if kernel in GRADIENT_CELL_KERNELS else others if kernel in GRADIENT_KERNELS else unused,
-        ZONED=zoned, GRADIENT_TRANSFER=True, COUNTED_AT_ONCE=False,
-    )  # fmt: skip
-    if precision == "float32":
-        _share_multiprocessor(kernels, GRADIENT_BLOCKS)
-    own = {kernel: getattr(kernels, kernel) for kernel in (*GRADIENT_CELL_KERNELS, *GRADIENT_KERNELS)}
-    return SimpleNamespace(**own, modules=((cells, CELL_LANES), (others, PARTICLE_LANES)))
