@@ -34,7 +34,8 @@ STRETCHED = 60.0  # time [s] of the cross-sections
 PLUGGED = 1.0  # speed [m/s] towards the east above which a particle is part of a plug
 LOOKS = (20.0, 40.0, STRETCHED)
 MAPS = ("FT", "FV")  # AvaFrame's names of flow thickness [m] and speed [m/s] at a time
-END = 100.0  # time [s] at which runs of runout end: their fronts have stopped
+END = 100.0  # time [s] at which runs end unless they stop before: their fronts have stopped
+ENDS = {"tEnd": f"{END:g}"}
 
 
 @dataclass(frozen=True)
@@ -53,14 +54,14 @@ class Variant:
 VARIANTS = {
     STANDARD: Variant(),
     "plug": Variant(plug=True),
-    "pressure across x 2": Variant(across=2.0),
-    "no pressure": Variant({"sphOption": "0"}),
-    "pressure x 0.6": Variant(along=0.6, across=0.6),
-    "no artificial viscosity": Variant({"viscOption": "0"}),
-    "pressure x 0.8": Variant(along=0.8, across=0.8),
-    "no curvature in friction": Variant({"curvAccInFriction": "0"}),
+    "no pressure": Variant({"sphOption": "0", **ENDS}),
+    "pressure x 0.6": Variant(ENDS, along=0.6, across=0.6),
+    "no artificial viscosity": Variant({"viscOption": "0", **ENDS}),
+    "pressure across x 2": Variant(ENDS, across=2.0),
+    "pressure x 0.8": Variant(ENDS, along=0.8, across=0.8),
+    "no curvature in friction": Variant({"curvAccInFriction": "0", **ENDS}),
 }
-ANGLES = (30.0, 5.0)  # internal friction [deg] of runs of runout with friction of the whole column
+ANGLES = (5.0, 30.0)  # internal friction [deg] of runs of runout with friction of the whole column
 
 
 def folder_of(out: Path, variant: str) -> Path:
@@ -179,15 +180,15 @@ def read(inputs: Any, path: Path) -> np.ndarray:
 def numbers(inputs: Any, thickness: np.ndarray, speed: np.ndarray, frames: Sequence[np.ndarray]) -> dict[str, Any]:
     """Numbers of peaks and of the thicknesses [m] at :data:`LOOKS`, all normal to the slope."""
     from runout.studies.validation_cases.iseesnow import EXTENT, MOVING
-    from runout.studies.validation_cases.iseesnow_terms import lower_half, stretch
+    from runout.studies.validation_cases.iseesnow_terms import means_along, stretch
 
     east, cell = inputs.terrain.easting, CELLS**2
     sections = [float(frame.sum(axis=0).max()) * CELLS for frame in frames]
     return {
         "sections": [round(section, 1) for section in sections],
         "length": round(stretch(frames[-1], east)),
-        "thickness": round(lower_half(inputs, thickness), 2),
-        "speed": round(lower_half(inputs, speed), 1),
+        "thickness": [round(mean, 2) for mean in means_along(inputs, thickness)],
+        "speed": [round(mean, 1) for mean in means_along(inputs, speed)],
         "front": float(east[np.flatnonzero((speed > MOVING).any(axis=0))[-1]]),
         "area": round(1e-4 * cell * int((thickness > EXTENT).sum()), 2),
     }
