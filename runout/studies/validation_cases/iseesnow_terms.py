@@ -53,6 +53,7 @@ def term_numbers(results: Mapping[str, Any]) -> dict[str, Any]:
         "share": 100.0 * (standard - fluid) / (standard - reference),
         "whole_section": last[f"r:{WHOLE}"], "weak_pressure": last[f"c:{CUT}"], "cut_lower": other[CUT]["thickness"][1],
         "com1dfa_lower": other[STANDARD]["thickness"][1], "com1dfa_speed": other[STANDARD]["speed"][1],
+        "across_section": last["c:pressure across x 2"], "inviscid": last["c:no artificial viscosity"],
         "plug_speed": other["plug"]["speed"][1],
         **_named("narrow", own[STANDARD]), **_named("fluid", own[FLUID]),
         **_named("tools", {"speed": tools[0], "thickness": tools[1]}),

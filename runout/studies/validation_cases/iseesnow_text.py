@@ -43,8 +43,9 @@ TOPO_DIFFERENCES = """\
   slope that is {plan:.2f} times the hydrostatic pressure. With 0.6 of it com1DFA moves as the run with 5 deg:
   {weak_pressure:.0f} m², and {cut_lower:.2f} m in the lower half. There the run with 5 deg has {fluid_lower:.2f} m, that with 30
   deg {narrow_lower:.2f} m, com1DFA {com1dfa_lower:.2f} m, the tools {tools_lower:.2f} m.
-- **Equal speeds across the flow are not the reason**: they make com1DFA slower, {plug_speed:.1f} m/s in the lower half
-  in place of {com1dfa_speed:.1f} m/s. runout is faster.
+- **Equal speeds across the flow are not the reason**: they make com1DFA slower, {plug_speed:.1f} m/s in the lower half in place of
+  {com1dfa_speed:.1f} m/s. Nor is pressure across alone: twice of it leaves com1DFA's cross-section at {across_section:.0f} m².
+- com1DFA's artificial viscosity hides a part of the difference: without it its cross-section is {inviscid:.0f} m².
 - **Acceleration agrees with the law**: a rigid slab of 1.5 m slides {slab:.0f} m in plan in 20 s, the median of the mass of
   runout {median:.0f} m.
 
