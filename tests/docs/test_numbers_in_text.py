@@ -26,7 +26,7 @@ INPUTS = {  # choices and published values of each case, by module
     "frank_slide_text": "5 10 15 20 30",
     "iseesnow_cases": "0.4 1.5 21.8 30 34 200 2000",
     "iseesnow_page": "0.1 0.5 1 1.2 5",
-    "iseesnow_text": "0.001 0.1 1 1.5 2 2.5 4 5 10 12 20 30 34 40 60",
+    "iseesnow_text": "0.001 0.1 0.6 1 1.5 2 2.5 4 5 10 12 20 30 34 40 60 100 400 800 1000 2100",
 }
 
 

@@ -1,4 +1,4 @@
-"""Pressure along a flow over the hydrostatic one."""
+"""Pressure along a flow over the hydrostatic one, its length, and friction of the whole column."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from runout import DruckerPrager, Terrain
+from runout.studies.validation_cases import whole_column
 from runout.studies.validation_cases.iseesnow_surge import pressures_along
+from runout.studies.validation_cases.iseesnow_terms import stretch
 
 SNOW, MODULUS, ANGLE, THICKNESS = DruckerPrager(density=200.0, friction_angle=30.0), 1e6, np.radians(34.0), 2.0
 
@@ -29,3 +31,16 @@ def test_pressure_along_a_plane_is_that_of_the_strain_over_that_of_the_depth():
     hydrostatic = SNOW.density * 9.80665 * THICKNESS * np.cos(ANGLE) ** 2 / 2
     found = pressures_along(layer(0.7 * hydrostatic), SNOW, np.full((20, 40), ANGLE))
     assert found == pytest.approx((0.7, 0.7), rel=1e-2)
+
+
+def test_length_holds_nine_tenths_of_the_volume():
+    thickness = np.ones((3, 100))
+    thickness[:, 60:] = 0.0
+    assert stretch(thickness, np.arange(100.0)) == pytest.approx(0.9 * 60.0)
+
+
+def test_friction_of_the_whole_column_resists_as_voellmy_friction_does():
+    normal, slip, area, dt, basal = 50.0, 10.0, 2.0, 0.01, SimpleNamespace(mu=0.4, drag=1.5)
+    steady, drag = whole_column.resistance(normal, slip, area, dt, basal)
+    assert steady == 0.0
+    assert drag * slip**2 * dt == pytest.approx(basal.mu * normal + area * basal.drag * slip**2 * dt)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from runout.studies.validation_cases.drawing import along
+from runout.studies.validation_cases.iseesnow_terms import term_numbers
 
 NEAREST = 4  # tools whose fronts are nearest to that of runout
 SLOPE = math.radians(34.0)  # of IdealizedTopo
@@ -44,14 +45,15 @@ def topo_numbers(results: Mapping[str, Any]) -> dict[str, Any]:
     middle = {key: float(np.median([tool[key] for tool in tools])) for key in ("front", "speed", "csi_0.1")}
     own = (raster, polygon)
     return {
-        "load": math.tan(SLOPE), "base_speed": base["speed"], "fastest": max(tool["speed"] for tool in tools),
+        "load": math.tan(SLOPE), "plan": 1.0 / math.cos(SLOPE) ** 2,
+        "base_speed": base["speed"], "fastest": max(tool["speed"] for tool in tools),
         "polygon_beyond": polygon["front"] - middle["front"], "raster_beyond": raster["front"] - middle["front"],
         "speed_error": 100.0 * max(abs(run["speed"] / middle["speed"] - 1.0) for run in own),
         "csi_least": min(run["csi_0.1"] for run in own), "csi_most": max(run["csi_0.1"] for run in own),
         "csi_median": middle["csi_0.1"],
         "farther": strong["front"] - raster["front"], "grown": strong["area"] - raster["area"],
         "fallen": raster["csi_0.1"] - strong["csi_0.1"],
-    } | _surges(results)  # fmt: skip
+    } | _surges(results) | term_numbers(results)  # fmt: skip
 
 
 def _surges(results: Mapping[str, Any]) -> dict[str, Any]:

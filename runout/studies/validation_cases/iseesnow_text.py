@@ -30,9 +30,28 @@ TOPO_DIFFERENCES = """\
   passive earth pressure across the flow; the tools have hydrostatic pressure. The mass then gathers late and is thick farther
   down.
 - **In the lower half runout stays thicker and faster than the median of the tools** also with 30 deg (figure): its surge is less
-  stretched. After 60 s its largest cross-section, by size of the cells, is {sections}. Its pressure along the flow is
-  {front_pressure:.2f} (front half) and {rear_pressure:.2f} (rear half) of the hydrostatic one, which the tools have. With
-  {weak:g} deg in place of 30 deg it is {weak_front:.2f} and {weak_rear:.2f}, and the cross-section {weak_section:.0f} m². Why the
-  surge stretches less is open.
+  stretched. After 60 s its largest cross-section, by size of the cells, is {sections}.
+  com1DFA has {com1dfa_section:.0f} m². With {weak:g} deg it is {weak_section:.0f} m²; friction at the base needs nearly all of that
+  strength.
+- **Internal friction where the channel narrows makes most of that difference.** It holds the sides back from the thalweg. There
+  the flow is thinner and slower than in the tools, {narrow_thickness:.2f} m and {narrow_speed:.1f} m/s, and stretches later. With
+  5 deg, and Coulomb friction of the whole column as in depth-averaged tools, the values are {fluid_thickness:.2f} m and
+  {fluid_speed:.1f} m/s, those of the tools {tools_thickness:.2f} m and {tools_speed:.1f} m/s. The cross-section is
+  {fluid_section:.0f} m²: {share:.0f} % of the difference is gone. The same friction with 30 deg gives {whole_section:.0f} m².
+- **Lower pressure fits the rest, and most of the thickness in the lower half.** Pressure along the flow is {front_pressure:.2f}
+  (front half) and {rear_pressure:.2f} (rear half) of the hydrostatic one. com1DFA takes gravity and distances in plan: on this
+  slope that is {plan:.2f} times the hydrostatic pressure. With 0.6 of it com1DFA moves as the run with 5 deg:
+  {weak_pressure:.0f} m², and {cut_lower:.2f} m in the lower half. There the run with 5 deg has {fluid_lower:.2f} m, that with 30
+  deg {narrow_lower:.2f} m, com1DFA {com1dfa_lower:.2f} m, the tools {tools_lower:.2f} m.
+- **Equal speeds across the flow are not the reason**: they make com1DFA slower, {plug_speed:.1f} m/s in the lower half in place of
+  {com1dfa_speed:.1f} m/s. Nor is pressure across alone: twice of it leaves com1DFA's cross-section at {across_section:.0f} m².
+- com1DFA's artificial viscosity hides a part of the difference: without it its cross-section is {inviscid:.0f} m².
 - **Acceleration agrees with the law**: a rigid slab of 1.5 m slides {slab:.0f} m in plan in 20 s, the median of the mass of
-  runout {median:.0f} m."""
+  runout {median:.0f} m.
+
+{terms}
+
+One term changed in runout (5 m, raster) and in com1DFA (AvaFrame {avaframe}, 5 m, polygon). *Section*: largest cross-section.
+*Length*: that of nine tenths of the volume. *Narrowing*, *lower half*: means of the peaks along the thalweg, 400 to 800 m and
+1000 to 2100 m. *Whole column*: Coulomb friction slows the column as drag does. *Plug*: cross-sections move with their mean
+velocity. All but com1DFA, standard and plug, end after 100 s. `tests/benchmarks/idealized_topo_com1dfa.py` makes the rows."""
