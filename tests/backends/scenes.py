@@ -17,6 +17,9 @@ ROW_TOLERANCE = 10  # sums lose some digits more than their parts
 HASH_DEVICE = os.environ.get("RUNOUT_TEST_DEVICE", "cpu")  # "cuda:0" runs the tests of the hash backend on a GPU
 IN_ORDER = HASH_DEVICE != "cpu"  # where bits repeat only with sums in fixed order
 ROCK = Elastic(density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3)
+HARD = DruckerPrager(  # as ROCK below its strength, by the compiled code of SAND
+    density=2000.0, youngs_modulus=1e6, poisson_ratio=0.3, friction_angle=50.0, cohesion=1e6
+)
 SAND = DruckerPrager(density=1800.0, youngs_modulus=2e6, poisson_ratio=0.25, friction_angle=30.0)
 
 

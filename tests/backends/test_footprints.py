@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import ROCK, at, engine_of, loaded, scene
+from scenes import HARD, at, engine_of, loaded, scene
 from test_columns import overlaps
 
 from runout.backends import footprints
@@ -15,7 +15,7 @@ from runout.model.scene import Raster
 from runout.physics.numerical_scales import footprint_area
 
 COARSE = (6.0, 7.5, 1.0)  # grid cells on raster cells of 2 m x 2.5 m
-LIGHT = type(ROCK)(density=500.0, youngs_modulus=1e6)
+LIGHT = replace(HARD, density=500.0)
 
 
 def sheet(apart, volume=4.5, spacing=COARSE):
@@ -60,7 +60,7 @@ def test_sheet_of_scattered_particles_has_no_holes(backend):
 def test_backends_agree_on_footprints_of_two_materials(backend):
     p = sheet(0.9)
     p.release[::2] = 1
-    a = scene(spacing=COARSE, materials=(ROCK, LIGHT), friction=(0.5, 0.5))
+    a = scene(spacing=COARSE, materials=(HARD, LIGHT), friction=(0.5, 0.5))
     found, expected = (loaded(engine, a, p).columns() for engine in (backend, engine_of("reference")))
     for name in ("volume", "mass", "momentum"):
         scale = np.abs(getattr(expected, name)).max()

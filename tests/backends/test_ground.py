@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import GRAVITY, ROCK, SAND, at, bowl, box, loaded, plane, scene, total_energy
+from scenes import GRAVITY, HARD, SAND, at, bowl, box, loaded, plane, scene, total_energy
 
 UNIT = (1.0, 1.0, 1.0)
 
@@ -96,7 +96,7 @@ def test_friction_belongs_to_the_release_of_a_particle(backend):
     p.radius[:] = 0.25
     p.release[1] = 1
     p.velocity[:] = (2.0, 0.0, 0.0)
-    loaded(backend, scene(plane(height=5.0), materials=(ROCK, ROCK), friction=(0.2, 0.6)), p)
+    loaded(backend, scene(plane(height=5.0), materials=(HARD, HARD), friction=(0.2, 0.6)), p)
     backend.step(0.01)
     np.testing.assert_allclose(backend.particles().velocity[:, 0], 2.0 - np.array([0.2, 0.6]) * GRAVITY * 0.01, atol=1e-13)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import GRAVITY, HASH_DEVICE, ROCK, at, engine_of, loaded, plane, scene
+from scenes import GRAVITY, HARD, HASH_DEVICE, at, engine_of, loaded, plane, scene
 from test_friction_zones import CELLS, UNIT, random_zones, zones
 
 import runout
@@ -90,7 +90,7 @@ def test_the_budget_of_energy_starts_from_the_initial_stress_and_closes():
 
 
 @pytest.mark.parametrize(("name", "precision"), ENGINES)
-@pytest.mark.parametrize("cells", [1, 2, 4])
+@pytest.mark.parametrize("cells", [1, 4])
 def test_ground_stronger_than_the_mass_acts_as_the_mass_does(name, precision, cells):
     ground, release = layer(cells)
     made = build_scene(ground, release, sand(20.0), 35.0, H, 8, precision=precision)
@@ -133,7 +133,7 @@ def test_strength_bounds_the_friction_of_ground_and_zones_on_every_backend(backe
     places = np.array([(20.3, 20.4), (41.0, 50.2)])
     p = at(np.column_stack([places, surface.elevation(*places.T) + 0.25 * np.hypot(1.0, 0.8)]), UNIT)
     p.radius[:], p.release[:] = 0.25, [0, 1]
-    one = scene(surface, friction=(0.4, 0.2), friction_zones=found, materials=(ROCK, ROCK), strength=(0.45, 0.25))
+    one = scene(surface, friction=(0.4, 0.2), friction_zones=found, materials=(HARD, HARD), strength=(0.45, 0.25))
     loaded(backend, one, p)
     for _ in range(20):
         backend.step(5e-3)
@@ -184,10 +184,9 @@ def test_simulate_says_once_which_friction_acts_and_records_the_start(caplog):
     assert result.maps.attrs["initial_stress"] == "at_rest"
     assert result.maps.attrs["basal_friction"] == pytest.approx([math.tan(math.radians(35.0))])
     assert result.maps.attrs["acting_basal_friction"] == pytest.approx([math.sin(math.radians(20.0))])
-    caplog.clear()
     grains = runout.GranularFlow(density=2000.0, youngs_modulus=5e6, static_friction=0.3, dynamic_friction=0.6, grain_size=0.01)
-    runout.simulate(ground, release, grains, basal_friction_angle=30.0, initial_stress="none", **choices)
-    assert "stronger than the material" not in caplog.text  # 0.577 is less than what fast grains pass on
+    a_scene, _ = build_scene(ground, release, grains, 30.0, 4.0, 8, initial_stress="none")
+    assert not list(basal_strength.sentences(a_scene, ["release"]))  # 0.577 is less than what fast grains pass on
     with pytest.raises(ConfigError, match="initial_stress is 'resting'; choose one of at_rest, none"):
         runout.simulate(ground, release, grains, initial_stress="resting", **choices)
 

@@ -120,7 +120,7 @@ def test_only_the_process_that_rehearses_starts_no_other(monkeypatch, tmp_path):
 def sums_of_a_slide(material):
     """The kernels of a short run with a material, and the types of their arguments."""
     ground = plane(slope_x=-0.5, height=30.0)
-    a_scene = scene(ground, materials=(material,), precision="float32")
+    a_scene = scene(ground, materials=(material,))
     engine = ScanBackend()
     particles = box((6.0, 6.0, 0.0), (8.0, 8.0, 3.0), (1.0, 1.0, 1.0), material.density, surface=ground)
     particles.velocity[:] = (3.0, -6.0, -1.5)  # over the southern edge before long

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import ROCK, angular_momentum, at, box, cloud, loaded, scene, single_precision
+from scenes import ROCK, SAND, angular_momentum, at, box, cloud, loaded, plane, scene, single_precision
 
 from runout.accuracy import CFL
 
@@ -52,7 +52,9 @@ def test_affine_velocity_field_is_returned_as_it_was(backend, narrow, tolerance)
     p.velocity[:] = a + (p.position(np.array(SPACING)) - centre) @ gradient.T
     p.affine[:] = gradient
     s = scene(spacing=SPACING, gravity=(0, 0, 0))
-    loaded(backend, single_precision(s) if narrow else s, p).step(1e-4)
+    if narrow:  # by the code that other tests compile; the ground is out of reach, and nothing is stressed before the step
+        s = single_precision(scene(plane(height=-60.0), SPACING, (SAND,), gravity=(0, 0, 0)))
+    loaded(backend, s, p).step(1e-4)
     q = backend.particles()
     single = narrow and type(backend).__name__ != "ReferenceBackend"
     limit = tolerance if single else 1e-13

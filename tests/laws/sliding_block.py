@@ -4,10 +4,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scenes import ROCK, box, plane, scene
+from scenes import HARD, box, plane, scene
 from scipy.integrate import solve_ivp
 
-BLOCK = replace(ROCK, poisson_ratio=0.0, youngs_modulus=4e6)  # vibrates little while it slides
+BLOCK = replace(HARD, poisson_ratio=0.0, youngs_modulus=4e6)  # vibrates little while it slides
 SLOPE, GRAVITY, DT = math.radians(25.0), 9.81, 5e-3
 
 

@@ -1,6 +1,7 @@
 """Drag on mass in flight: closed form, rims, friction of several releases and zones, and parity of all backends."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -135,12 +136,17 @@ def spray():
     return p
 
 
+@cache
+def sprayed(name, friction):
+    """Particles and ledger of the spray after 40 steps; of the reference once for all backends."""
+    return moved(name, spray(), friction, 40, surface=plane(-0.4, 0.1, 2.0))
+
+
 @OTHERS
 @pytest.mark.parametrize("friction", [(DRAG, DRAG), (DRAG, STRONG)], ids=["alike", "mixed"])
 def test_backends_move_a_spray_alike(name, friction):
-    surface = plane(-0.4, 0.1, 2.0)
-    expected, book = moved("reference", spray(), friction, 40, surface=surface)
-    found, other = moved(name, spray(), friction, 40, surface=surface)
+    expected, book = sprayed("reference", friction)
+    found, other = sprayed(name, friction)
     np.testing.assert_allclose(found.velocity, expected.velocity, atol=1e-9 * np.abs(expected.velocity).max())
     assert other.basal_dissipation == pytest.approx(book.basal_dissipation, rel=1e-9)
     np.testing.assert_allclose(other.basal_impulse, book.basal_impulse, rtol=1e-8)
@@ -163,8 +169,8 @@ def test_hash_slows_a_spray_over_zones_by_every_transfer(transfer, ordered):
 def test_bits_of_mixed_releases_do_not_depend_on_the_number_of_threads():
     one, two = (get_backend("scan", threads=threads) for threads in (1, 2))
     two.workers.divide = lambda particles: setattr(two.workers, "threads", 2)  # however few the particles are
-    friction, choices = (DRAG, STRONG), {"surface": plane(-0.4, 0.1, 2.0), "precision": "float32"}
-    (a, _), (b, _) = (moved("scan", spray(), friction, 20, engine, **choices) for engine in (one, two))
+    friction, surface = (DRAG, STRONG), plane(-0.4, 0.1, 2.0)
+    (a, _), (b, _) = (moved("scan", spray(), friction, 20, engine, surface=surface) for engine in (one, two))
     assert two.threads == 2
     np.testing.assert_array_equal(a.velocity, b.velocity)
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def weakened(v):
 @LONG
 def test_block_runs_away_as_its_friction_weakens(name):
     """Half as fast with the friction at rest alone, 1.4 times as fast with that of high speed alone."""
-    found, _ = block(engine_of(name), WEAK, 1.2)
+    found, _ = block(engine_of(name), WEAK, 1.2, friction_zones=zones())
     assert found == pytest.approx(speed_of_rigid_block(weakened, 1.2), rel=0.02)
     assert speed_of_rigid_block(lambda v: 0.4, 1.2) < 0.5 * found
 
@@ -42,14 +43,14 @@ def test_block_with_drag_comes_to_its_terminal_speed(name):
     a = GRAVITY * (math.sin(SLOPE) - 0.2 * math.cos(SLOPE))
     most = math.sqrt(a / (0.04 * GRAVITY * math.cos(SLOPE)))
     for time in (0.5, 2.0):
-        found, engine = block(engine_of(name), DRAG, time)
+        found, engine = block(engine_of(name), DRAG, time, friction_zones=zones())
         assert found == pytest.approx(most * math.tanh(a * time / most), rel=0.01)
     assert engine.ledger().basal_dissipation > 0.0
 
 
 def test_block_below_its_friction_at_rest_stays_there():
     """It shears by 2 mm and vibrates; with the coefficient 0.4 it would slide 0.3 m."""
-    speed, engine = block(engine_of("scan"), replace(WEAK, static_friction=0.6), 1.0)
+    speed, engine = block(engine_of("scan"), replace(WEAK, static_friction=0.6), 1.0, friction_zones=zones())
     assert abs(engine.particles().position(np.ones(3))[:, 0].mean() - 7.5) < 5e-3
     assert abs(speed) < 0.02
 
@@ -71,22 +72,24 @@ def zones(factor=1.0, **replaced):
     return FrictionZones(1.0 + where * (factor - 1.0), np.zeros((40, 30)), (2.0, 2.5), source="test", replaced=own)
 
 
+@cache
+def slab_over_zones(name, friction):
+    """Particles of a slab that has slid over zones; of the reference once for all backends."""
+    ground = {"dynamic_friction": 0.3} if friction is WEAK else {"drag": 0.4}
+    choices = {"friction_zones": zones(1.2, **ground), "strength": (0.5,), "precision": "float64"}
+    a_scene, engine = scene(plane(-0.4, 0.0, 30.0), materials=(SAND,), friction=(friction,), **choices), engine_of(name)
+    p = box((8.0, 36.0, 0.0), (6.0, 3.0, 2.0), (1.0, 1.0, 1.0), SAND.density, surface=a_scene.surface)
+    p.velocity[:, 0] = 1.0
+    engine.load(a_scene, p)
+    for _ in range(60):
+        engine.step(DT)
+    return engine.particles()
+
+
 @pytest.mark.parametrize("name", ["scan", "hash"])
 @pytest.mark.parametrize("friction", [WEAK, DRAG], ids=["weakening", "drag"])
 def test_backends_move_a_slab_over_zones_alike(name, friction):
-    ground = {"dynamic_friction": 0.3} if friction is WEAK else {"drag": 0.4}
-
-    def moved(engine):
-        choices = {"friction_zones": zones(1.2, **ground), "strength": (0.5,), "precision": "float64"}
-        a_scene = scene(plane(-0.4, 0.0, 30.0), materials=(SAND,), friction=(friction,), **choices)
-        p = box((8.0, 36.0, 0.0), (6.0, 3.0, 2.0), (1.0, 1.0, 1.0), SAND.density, surface=a_scene.surface)
-        p.velocity[:, 0] = 1.0
-        engine.load(a_scene, p)
-        for _ in range(60):
-            engine.step(DT)
-        return engine.particles()
-
-    expected, found = moved(engine_of("reference")), moved(engine_of(name))
+    expected, found = slab_over_zones("reference", friction), slab_over_zones(name, friction)
     order = np.argsort(found.identity)
     np.testing.assert_allclose(found.velocity[order], expected.velocity, atol=1e-8 * np.abs(expected.velocity).max())
 

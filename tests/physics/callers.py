@@ -26,15 +26,23 @@ def integral(case: Case) -> bool:
 
 def plain(case: Case, arguments: list[np.ndarray]) -> np.ndarray:
     """Results (n, length) of the function as it stands in its module."""
-    material = SimpleNamespace(**case.material)
-    rows = []
-    for p in range(len(arguments[0])):
-        row = [a[p].tolist() for a in arguments]
-        values = [r[0] if LENGTH[kind] == 1 else tuple(r) for r, kind in zip(row, kinds_of(case), strict=True)]
-        result = case.function(*with_record(case, values, material))
+    return _row_by_row(case, case.function, arguments, SimpleNamespace(**case.material), float)
+
+
+def _row_by_row(case: Case, function: Any, arguments: list[np.ndarray], record: Any, number: type) -> np.ndarray:
+    """Results (n, length) of a function that is called once a row, with real arguments of a type of numbers."""
+    columns, rows = [_values(a, kind, number) for a, kind in zip(arguments, kinds_of(case), strict=True)], []
+    for values in zip(*columns, strict=True):
+        result = function(*with_record(case, values, record))
         parts = result if len(case.results) > 1 else (result,)
         rows.append(np.concatenate([np.atleast_1d(part) for part in parts]))
     return np.array(rows, np.int64 if integral(case) else np.float64)
+
+
+def _values(a: np.ndarray, kind: str, number: type) -> list:
+    """Rows of an argument, numbers or tuples."""
+    rows = a.tolist() if a.dtype.kind == "i" else [[number(x) for x in row] for row in a]
+    return [row[0] if LENGTH[kind] == 1 else tuple(row) for row in rows]
 
 
 def kinds_of(case: Case) -> str:
@@ -42,21 +50,24 @@ def kinds_of(case: Case) -> str:
     return case.arguments.replace("m", "")
 
 
-def with_record(case: Case, values: list, record: Any) -> list:
+def with_record(case: Case, values: Any, record: Any) -> list:
     """Arguments with the record in its place."""
     rest = iter(values)
     return [record if kind == "m" else next(rest) for kind in case.arguments]
 
 
 def through_numba(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:
-    """Results (n, length) of the function compiled by numba."""
-    binding = numba_binding(real, False)
-    record = np.array([tuple(case.material.values())], dtype=[(name, real) for name in case.material])
-    scope = {"f": _function(binding, case)}
-    exec(_numba_source(case), scope)
-    out = _results(case, len(arguments[0]), real)
-    numba.njit(scope["run"], error_model="numpy")(*(_typed(a, real) for a in arguments), record, out)
-    return out
+    """Results (n, length) of the function compiled by numba.
+
+    What Python calls takes one row: with a loop over the rows it would take twice as long to compile.
+    """
+    material = np.array([tuple(case.material.values())], dtype=[(name, real) for name in case.material])
+    names = [f"a{k}" for k in range(len(case.arguments))]
+    values = [f"{name}[0]" if kind == "m" else name for name, kind in zip(names, case.arguments, strict=True)]
+    scope = {"f": _function(numba_binding(real, False), case)}
+    exec(f"def run({', '.join(names)}):\n    return f({', '.join(values)})", scope)
+    run = numba.njit(scope["run"], error_model="numpy", _nrt=False, no_cfunc_wrapper=True)
+    return _row_by_row(case, run, arguments, material, np.float32 if real is np.float32 else float)
 
 
 def through_warp(case: Case, arguments: list[np.ndarray], real: type) -> np.ndarray:
@@ -83,23 +94,6 @@ def _results(case: Case, n: int, real: type) -> np.ndarray:
 
 def _typed(a: np.ndarray, real: type) -> np.ndarray:
     return np.ascontiguousarray(a if a.dtype.kind == "i" else a.astype(real))
-
-
-def _numba_source(case: Case) -> str:
-    names = [f"a{k}" for k in range(len(case.samplers))]
-    values = []
-    for name, kind in zip(names, kinds_of(case), strict=True):
-        parts = [f"{name}[p, {k}]" for k in range(LENGTH[kind])]
-        values.append(parts[0] if len(parts) == 1 else f"({', '.join(parts)})")
-    values = with_record(case, values, "material[0]")
-    lines = [f"def run({', '.join(names)}, material, out):", "    for p in range(len(out)):", f"        r = f({', '.join(values)})"]
-    place = 0
-    for k, kind in enumerate(case.results):
-        part = f"r[{k}]" if len(case.results) > 1 else "r"
-        for j in range(LENGTH[kind]):
-            lines.append(f"        out[p, {place}] = {part}" + (f"[{j}]" if LENGTH[kind] > 1 else ""))
-            place += 1
-    return "\n".join(lines)
 
 
 @cache
