@@ -38,22 +38,24 @@ def scene(rows: int, columns: int, offset: tuple[int, int], holes: bool = False)
     return Terrain(elevation, (5.0, 5.0), -5.0 * offset[1], 5.0 * (offset[0] - rows), None, source="flat")
 
 
-def flow(terrain: Terrain, offset: tuple[int, int], number: int) -> dict[str, np.ndarray]:
+def flow(terrain: Terrain, offset: tuple[int, int], number: int, cells: tuple[int, int] = CELLS) -> dict[str, np.ndarray]:
     """Maps of a member with irregular values in a place that differs from member to member."""
     rng = np.random.default_rng(number)
     h = np.zeros(terrain.shape)
     row, column = offset[0] + 3 * number, offset[1] + 5 * (number % 3)
-    h[row : row + CELLS[0], column : column + CELLS[1]] = rng.uniform(0, 4, CELLS) * (rng.random(CELLS) > 0.2)
+    h[row : row + cells[0], column : column + cells[1]] = rng.uniform(0, 4, cells) * (rng.random(cells) > 0.2)
     v = np.sqrt(10 * h)
     arrival = np.where(h > 0, 100 - h, np.nan)
     return dict(zip(MEMBER_MAPS, (h, v, 2000 * v * v, h * v * v, arrival, h / 2), strict=True))
 
 
-def members_of(folder: Path, terrain: Terrain, offset: tuple[int, int], count: int, parts: bool) -> list[Path]:
+def members_of(
+    folder: Path, terrain: Terrain, offset: tuple[int, int], count: int, parts: bool, cells: tuple[int, int] = CELLS
+) -> list[Path]:
     """Files of members as parts or as whole rasters."""
     paths = []
     for number in range(count):
-        maps = flow(terrain, offset, number)
+        maps = flow(terrain, offset, number, cells)
         known = {name: terrain.where_known(values) for name, values in maps.items()}
         if parts:
             paths.append(write_part(folder, number, terrain, maps))
@@ -76,8 +78,8 @@ def test_parts_of_the_raster_give_the_same_bits_as_whole_rasters(tmp_path: Path,
 
 @pytest.mark.parametrize("weights", [[1] * 6, [1, 2, 3, 4, 5, 6]])
 def test_blocks_and_tiles_change_nothing(tmp_path: Path, weights: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
-    terrain = scene(200, 300, (60, 100))
-    paths = members_of(tmp_path, terrain, (60, 100), 6, False)
+    terrain = scene(100, 150, (50, 110))
+    paths = members_of(tmp_path, terrain, (50, 110), 6, False, cells=(20, 25))
     plenty = aggregate(paths, weights, THRESHOLDS, PERCENTILES, joint=JOINT)
     monkeypatch.setattr(tiles, "IN_MEMORY", 1)  # all goes through the file
     little = aggregate(paths, weights, THRESHOLDS, PERCENTILES, joint=JOINT, memory_bytes=1)
