@@ -31,13 +31,17 @@ PROGRAM = 0.22e9  # libraries and compiled code
 
 @dataclass(frozen=True)
 class Extent:
-    """Counts for the forecast: particles, blocks with particles, blocks that they may enter, and blocks of nodes (on a GPU)."""
+    """Counts for the forecast: particles, blocks with particles, blocks that they may enter, and blocks of nodes (on a GPU).
+
+    ``mixed``: releases whose frictions differ, 1 if all are alike.
+    """
 
     particles: int
     held: int
     owners: int
     nodes: int
     nodes_on_device: int
+    mixed: int = 1
 
 
 @dataclass(frozen=True)
@@ -125,7 +129,8 @@ def expected_memory(
     host = PROGRAM + CHUNKS + WHILE_LOADED[on_device] * extent.particles + PER_MAP_CELL * map_cells
     field = structures.field if structures else None
     if on_device:
-        backend = bytes_on_device(extent.particles, extent.nodes_on_device, precision, transfer, f_bar, field, friction)
+        sizes = extent.particles, extent.nodes_on_device
+        backend = bytes_on_device(*sizes, precision, transfer, f_bar, field, friction, extent.mixed)
         return MemoryForecast(backend, host, True)
     counts = extent.particles, extent.held, extent.owners, extent.nodes
     backend = host_bytes(*counts, precision, transfer, f_bar, friction)

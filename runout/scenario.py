@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,8 @@ def build_scene(
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
-        accept(expected_extent(releases, surface.surface, spacing, per_axis))
+        mixed = len(releases) if len(set(zip(frictions, strength, strict=True))) > 1 else 1
+        accept(replace(expected_extent(releases, surface.surface, spacing, per_axis), mixed=mixed))
     friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,

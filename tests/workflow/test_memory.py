@@ -144,6 +144,21 @@ def test_forecast_for_a_gpu_agrees_with_what_the_hash_backend_holds(case):
     assert forecast.backend == pytest.approx(engine.bytes_used(), rel=0.15)
 
 
+def test_forecast_for_a_gpu_counts_the_masses_of_releases_whose_frictions_differ():
+    contact_area = pytest.importorskip("runout.backends.hash.contact_area")
+    terrain, release = valley(10.0, 30.0)
+    seen, west = [], np.arange(terrain.shape[1]) < 20
+    for xi in (1000.0, 2000.0):
+        pair = [
+            replace(release, name=str(n), thickness=release.thickness * part, basal_friction=Voellmy(mu=0.2, xi=x))
+            for n, (part, x) in enumerate(zip((west, ~west), (1000.0, xi), strict=True))
+        ]
+        scene, _ = build_scene(terrain, pair, SAND, 20.0, 5.0, 8, accept=seen.append)
+    alike, mixed = (expected_memory(e, 1, "float32", OnCard(), friction=pair[0].basal_friction).backend for e in seen)
+    assert [extent.mixed for extent in seen] == [1, scene.basal.mixed] == [1, 2]
+    assert mixed - alike >= 2 * contact_area.PLAN * 4 * seen[1].nodes_on_device
+
+
 def test_forecast_for_a_gpu_is_that_of_its_own_figures():
     pytest.importorskip("warp")
     terrain, release = valley(10.0, 60.0)
