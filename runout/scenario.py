@@ -76,7 +76,8 @@ def build_scene(
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
-        mixed = len(releases) if len(set(zip(frictions, strength, strict=True))) > 1 else 1
+        first, *others = zip(frictions, strength, strict=True)
+        mixed = 1 if all(other == first for other in others) else len(releases)
         accept(replace(expected_extent(releases, surface.surface, spacing, per_axis), mixed=mixed))
     friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     scene = Scene(
