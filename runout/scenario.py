@@ -76,9 +76,8 @@ def build_scene(
     surface = sdf.sliding_surface(terrain, np.sum(dug, axis=0) if np.any(dug) else None, spacing[:2], mass)
     per_axis = particles_per_axis(particles_per_cell)
     if accept:
-        first, *others = zip(frictions, strength, strict=True)
-        mixed = 1 if all(other == first for other in others) else len(releases)
-        accept(replace(expected_extent(releases, surface.surface, spacing, per_axis), mixed=mixed))
+        extent = expected_extent(releases, surface.surface, spacing, per_axis)
+        accept(replace(extent, mixed=_mixed(frictions, strength)))
     friction = tuple(math.tan(f) if isinstance(f, float) else f for f in frictions)
     scene = Scene(
         spacing, surface, Raster(*terrain.shape, terrain.cell_size), materials, friction, cfl=cfl, precision=precision,
@@ -90,3 +89,9 @@ def build_scene(
     press = pressed_by(scene, releases)
     particles = ReleaseParticles(releases, materials, surface, how, press=press, settle=settled_in(scene))
     return scene, particles if in_chunks else gathered(particles)
+
+
+def _mixed(frictions: Sequence[float | BasalFriction], strengths: Sequence[float]) -> int:
+    """How many releases differ in friction: 1 if all are alike, else all of them."""
+    first, *others = zip(frictions, strengths, strict=True)
+    return 1 if all(other == first for other in others) else len(frictions)
