@@ -20,6 +20,7 @@ import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -200,14 +201,14 @@ def record(out: Path) -> None:
     print(OTHER)
 
 
-def main() -> None:
-    """Run com1DFA, or record its runs."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(text: str | None, run: Callable[[Path], None], record: Callable[[Path], None]) -> None:
+    """Run com1DFA, or record its runs; ``text`` is the help."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("step", choices=("run", "record"))
     parser.add_argument("--out", type=Path, required=True)
     a = parser.parse_args()
-    {"run": run_all, "record": record}[a.step](a.out)
+    {"run": run, "record": record}[a.step](a.out)
 
 
 if __name__ == "__main__":
-    main()
+    main(__doc__, run_all, record)

@@ -11,7 +11,6 @@ Configuration: AvaFrame's defaults with cells of 5 m, Voellmy friction with the 
 has no earth pressure coefficients: the script multiplies the pressure force along the velocity of a particle and across it.
 """
 
-import argparse
 import csv
 import json
 import os
@@ -27,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from avakot_com1dfa import AVAFRAME, CELLS, PEAKS, STANDARD, main_configuration, only
+from avakot_com1dfa import AVAFRAME, CELLS, PEAKS, STANDARD, main, main_configuration, only
 
 SITE = "iseesnow/IdealizedTopo"
 STRETCHED = 60.0  # time [s] of the cross-sections
@@ -231,14 +230,5 @@ def record(out: Path) -> None:
     print(OTHER)
 
 
-def main() -> None:
-    """Run com1DFA, or record its runs."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("run", "record"))
-    parser.add_argument("--out", type=Path, required=True)
-    a = parser.parse_args()
-    {"run": run_all, "record": record}[a.step](a.out)
-
-
 if __name__ == "__main__":
-    main()
+    main(__doc__, run_all, record)

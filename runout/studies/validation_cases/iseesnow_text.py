@@ -39,8 +39,9 @@ TOPO_DIFFERENCES = """\
   {fluid_speed:.1f} m/s, those of the tools {tools_thickness:.2f} m and {tools_speed:.1f} m/s. The cross-section is
   {fluid_section:.0f} m²: {share:.0f} % of the difference is gone. The same friction with 30 deg gives {whole_section:.0f} m².
 - **Lower pressure fits the rest, and most of the thickness in the lower half.** Pressure along the flow is {front_pressure:.2f}
-  (front half) and {rear_pressure:.2f} (rear half) of the hydrostatic one. com1DFA takes gravity and distances in plan: on this
-  slope that is {plan:.2f} times the hydrostatic pressure. With 0.6 of it com1DFA moves as the run with 5 deg:
+  (front half) and {rear_pressure:.2f} (rear half) of the hydrostatic one. By its source, com1DFA
+  takes gravity and distances in plan: on this slope that is {plan:.2f} times the hydrostatic pressure. With 0.6 of it com1DFA
+  moves as the run with 5 deg:
   {weak_pressure:.0f} m², and {cut_lower:.2f} m in the lower half. There the run with 5 deg has {fluid_lower:.2f} m, that with 30
   deg {narrow_lower:.2f} m, com1DFA {com1dfa_lower:.2f} m, the tools {tools_lower:.2f} m.
 - **Equal speeds across the flow are not the reason**: they make com1DFA slower, {plug_speed:.1f} m/s in the lower half in place of
