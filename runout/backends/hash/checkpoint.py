@@ -88,6 +88,7 @@ def restore_state(engine: "HashBackend", scene: Scene, state: State) -> None:
         _restore_structures(parts, state)
         run(parts.k.bound_columns, (n.places, 16), n.ground_group, scenes.constants)
         run(parts.k.number_columns, n.columns.shape[0], status.group, parts.index.block_group, n.contact_group)
+        run(parts.k.number_upper_columns, 4 * n.columns.shape[0], status.group, parts.index.block_group, n.contact_group)
         run(parts.k.number_beside, n.beside.size, status.group, parts.index.block_group, n.contact_group, n.column_group)
         run(parts.k.note_shares, (n.places, 8), status.group, parts.index.block_group, n.ground_group)
 

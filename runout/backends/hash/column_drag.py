@@ -78,7 +78,7 @@ def _pushes_on(status: StatusGroup, blocks: BlockGroup, contacts: ContactGroup, 
     many = status.tally[BLOCKS]
     pushes = node4()
     b = int(first)
-    while b < many and contacts.columns[wp.min(b, many - 1)] == first:
+    while b < many and contacts.columns[wp.min(b, many - 1), 0] == first:
         pushes += _pushes_of(contacts, b, x, y)
         pushes += _pushes_of(contacts, blocks.around[b, SOUTH], x, y + 4)
         pushes += _pushes_of(contacts, blocks.around[b, WEST], x + 4, y)
@@ -93,7 +93,7 @@ def number_beside(status: StatusGroup, blocks: BlockGroup, contacts: ContactGrou
     b = t // 9
     q = t % 9
     many = status.tally[BLOCKS]
-    if b >= many or contacts.columns[b] != b:
+    if b >= many or contacts.columns[b, 0] != b:
         return
     x = blocks.coordinates[b, 0] + q // 3 - 1
     y = blocks.coordinates[b, 1] + q % 3 - 1
@@ -171,7 +171,7 @@ def _mass_of_release(
         y = (n & 3) + 4 * (1 - (q & 1))
         other = int(columns.beside[first, 3 * (q >> 1) + (q & 1)])
         b = int(wp.where(other < 0 or x >= 6 or y >= 6, many, other))
-        while b < many and contacts.columns[wp.min(b, many - 1)] == other:
+        while b < many and contacts.columns[wp.min(b, many - 1), 0] == other:
             total += columns.masses[PLAN * (releases * b + r) + 6 * x + y]
             b += 1
     return total
@@ -250,7 +250,7 @@ def slow_columns(
     """
     first, lane = wp.tid()
     first, lane = own_block(first), own_lane(lane)
-    if status.flags[HALT] != 0 or first >= status.tally[BLOCKS] or contacts.columns[first] != first:
+    if status.flags[HALT] != 0 or first >= status.tally[BLOCKS] or contacts.columns[first, 0] != first:
         return
     booked = node4()
     for n in range(lane, COLUMNS, lane_count()):

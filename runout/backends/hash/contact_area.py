@@ -3,7 +3,8 @@
 Contacts share the columns of nodes in plan. Blocks are numbered by east, north and height, so that those of a column of blocks
 follow each other:
 
-    contacts.columns[b]                 first block of the column of block b
+    contacts.columns[b, 0]              first block of the column of block b
+    contacts.columns[b, 1 + k]          where the columns of the four blocks that the tile of block b overlaps begin in plan
     contacts.shares[256 slot + 4 n]     weights of all contacts at the four nodes above each other of column n of a block
       --sum over the blocks of a column-->
     contacts.plan[16 first + n]         weights of all contacts in each of the 16 columns of nodes
@@ -21,7 +22,10 @@ import warp as wp
 
 from runout.backends.hash.groups import BlockGroup, ColumnGroup, ContactGroup, GridGroup, GroundGroup, StatusGroup
 from runout.backends.hash.layout import (
+    AREAS,
+    BASES,
     BLOCKS,
+    CELL_LANES,
     DRAGS_COLUMN,
     HALT,
     SECOND,
@@ -40,6 +44,7 @@ from runout.physics.tensors import real
 
 COLUMNS = 16  # of nodes in a block
 PLAN = 36  # columns of nodes that the particles of a block reach
+HALF_PLAN = 24  # those of half a block
 
 
 def number_columns(status: StatusGroup, blocks: BlockGroup, contacts: ContactGroup):
@@ -52,7 +57,25 @@ def number_columns(status: StatusGroup, blocks: BlockGroup, contacts: ContactGro
     y = blocks.coordinates[b, 1]
     while first > 0 and blocks.coordinates[wp.max(first - 1, 0), 0] == x and blocks.coordinates[wp.max(first - 1, 0), 1] == y:
         first -= 1
-    contacts.columns[b] = first
+    contacts.columns[b, 0] = first
+
+
+def number_upper_columns(status: StatusGroup, blocks: BlockGroup, contacts: ContactGroup):
+    """Note where the columns of the four blocks begin that the tile of a block overlaps in plan; a thread each."""
+    t = wp.tid()
+    b = t >> 2
+    if b < status.tally[BLOCKS]:
+        contacts.columns[b, 1 + (t & 3)] = COLUMNS * contacts.columns[wp.max(blocks.up[b, 2 * (t & 3)], 0), 0]
+
+
+def _set_all_bases(bases: Tile, blocks: BlockGroup, contacts: ContactGroup, b: int, lane: int):
+    """Places in the grid of the eight blocks that the tile of a block overlaps, then those of its four columns in the plan."""
+    for q in range((BASES + lane_count() - 1) // lane_count()):
+        k = q * lane_count() + lane
+        first = blocks.up[b, k & 7] * 64
+        if AREAS:
+            first = wp.where(k < 8, first, contacts.columns[b, 1 + (k & 3)])
+        wp.tile_scatter_masked(bases, wp.min(k, BASES - 1), first, k < BASES)
 
 
 def sum_columns(
@@ -63,12 +86,12 @@ def sum_columns(
     first = t // COLUMNS
     n = t % COLUMNS
     many = status.tally[BLOCKS]
-    if status.flags[HALT] != 0 or first >= many or contacts.columns[first] != first:
+    if status.flags[HALT] != 0 or first >= many or contacts.columns[first, 0] != first:
         return
     total = real(0.0)
     moving = node4()
     b = int(first)
-    while b < many and contacts.columns[wp.min(b, many - 1)] == first:
+    while b < many and contacts.columns[wp.min(b, many - 1), 0] == first:
         slot = ground.grounded[b]
         if slot >= 0:
             for k in range(4):
@@ -82,40 +105,43 @@ def sum_columns(
         put_node(columns.moving, t, moving)
 
 
-def _column(blocks: BlockGroup, contacts: ContactGroup, b: int, x: int, y: int):
-    """Place of a column of nodes, which is counted from the first of block ``b``, 0 to 5, east and north."""
-    up = blocks.up[b, ((x >> 2) << 2) | ((y >> 2) << 1)]
-    return COLUMNS * contacts.columns[up] + ((x & 3) << 2) + (y & 3)
+def _column(bases: Tile, x: int, y: int):
+    """Place of a column of nodes, which is counted from the first of a block, 0 to 5, east and north."""
+    return bases[8 + ((x >> 2 << 1) | (y >> 2))] + ((x & 3) << 2) + (y & 3)
 
 
-def _give_weights(blocks: BlockGroup, contacts: ContactGroup, tile: Tile, b: int, lane: int):
-    """Sums over the nodes above each other in the tile of block ``b``: weights to the areas, impulses to what drag slows."""
+def _give_weights(contacts: ContactGroup, tile: Tile, bases: Tile, lane: int):
+    """Sums over the nodes above each other in the tile of a block: weights to the areas, impulses to what drag slows."""
     for q in range(lane, PLAN, lane_count()):
         s = node4()
         for z in range(6):
             s += tile[6 * q + z]
         if s[0] != real(0.0):
-            place = _column(blocks, contacts, b, q // 6, q % 6)
+            place = _column(bases, q // 6, q % 6)
             wp.atomic_add(contacts.plan, place, s[0])
             if DRAGS_COLUMN:
                 add_node(contacts.column_pushes, place, node4(real(0.0), s[1], s[2], s[3]))
 
 
-def _give_moving(blocks: BlockGroup, contacts: ContactGroup, columns: ColumnGroup, halves: Tile, b: int, lane: int):
-    """Mass and momentum of the nodes above each other in the tiles of both halves of block ``b`` to the columns that drag slows."""
-    for q in range(lane, PLAN, lane_count()):
-        s = node4()
-        for z in range(6):
-            if q < 24:
-                s += halves[6 * q + z]
-            if q >= 12:
-                s += halves[6 * q + z + SECOND]
-        if s[0] != real(0.0) or s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
-            add_node(columns.moving, _column(blocks, contacts, b, q // 6, q % 6), s)
+def _give_moving(columns: ColumnGroup, halves: Tile, bases: Tile, lane: int):
+    """Mass and momentum of the nodes above each other in the tile of each half of a block to the columns that drag slows.
+
+    A warp has a half.
+    """
+    for t in range(lane, CELL_LANES, lane_count()):
+        if t & 31 < HALF_PLAN:
+            q = (t & 31) + (t >> 5) * (PLAN - HALF_PLAN)
+            s = node4()
+            for z in range(6):
+                s += halves[6 * q + z + (t >> 5) * SECOND]
+            if s[0] != real(0.0) or s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
+                add_node(columns.moving, _column(bases, q // 6, q % 6), s)
 
 
 def _clear_columns(contacts: ContactGroup, columns: ColumnGroup, b: int, lane: int):
-    """Begin the sums over columns of nodes of block ``b`` from zero."""
+    """Begin the sums over columns of nodes from zero, if block ``b`` is the first of its column."""
+    if contacts.columns[b, 0] != b:
+        return
     for n in range(lane, COLUMNS, lane_count()):
         contacts.plan[COLUMNS * b + n] = real(0.0)
         if DRAGS_COLUMN:
@@ -123,13 +149,13 @@ def _clear_columns(contacts: ContactGroup, columns: ColumnGroup, b: int, lane: i
             put_node(columns.moving, COLUMNS * b + n, node4())
 
 
-def _weights_in_column(blocks: BlockGroup, contacts: ContactGroup, b: int, x: int, y: int):
+def _weights_in_column(contacts: ContactGroup, bases: Tile, x: int, y: int):
     """Weights of all contacts in a column of nodes, likewise."""
-    return contacts.plan[_column(blocks, contacts, b, x, y)]
+    return contacts.plan[_column(bases, x, y)]
 
 
-def _area(blocks: BlockGroup, contacts: ContactGroup, b: int, c: int, f: Vector, upward: Any, h: Vector):
-    """Ground area [m2] of a contact at offset ``f`` in a cell of block ``b``, from the ``upward`` part of the normal."""
+def _area(contacts: ContactGroup, bases: Tile, c: int, f: Vector, upward: Any, h: Vector):
+    """Ground area [m2] of a contact at offset ``f`` in a cell of a block, from the ``upward`` part of the normal."""
     x = c >> 4
     y = (c >> 2) & 3
     wx = weights(f[0])
@@ -137,10 +163,10 @@ def _area(blocks: BlockGroup, contacts: ContactGroup, b: int, c: int, f: Vector,
     around = real(0.0)
     for i in range(3):
         for j in range(3):
-            around += wx[i] * wy[j] * _weights_in_column(blocks, contacts, b, x + i, y + j)
+            around += wx[i] * wy[j] * _weights_in_column(contacts, bases, x + i, y + j)
     largest = largest_share(around)
     shares = real(0.0)
     for i in range(3):
         for j in range(3):
-            shares += area_share(wx[i] * wy[j], real(1.0) / _weights_in_column(blocks, contacts, b, x + i, y + j), largest)
+            shares += area_share(wx[i] * wy[j], real(1.0) / _weights_in_column(contacts, bases, x + i, y + j), largest)
     return ground_area(h[0] * h[1], shares, upward)

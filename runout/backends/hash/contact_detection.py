@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact_area import _give_weights
+from runout.backends.hash.contact_area import _give_weights, _set_all_bases
 from runout.backends.hash.contact_solution import HELD, HELD_REST, _around, _clear, _given, _ground, _hold, _number, _spread
 from runout.backends.hash.groups import (
     BlockGroup,
@@ -32,6 +32,7 @@ from runout.backends.hash.groups import (
 )
 from runout.backends.hash.layout import (
     AREAS_AT_ONCE,
+    BASES,
     CELL_LANES,
     HALT,
     MASS,
@@ -53,7 +54,7 @@ from runout.backends.hash.layout import (
     own_block,
     own_lane,
 )
-from runout.backends.hash.stencil import _cell_of, _piece, _scene_of, _set_bases, _set_near_bases
+from runout.backends.hash.stencil import _cell_of, _piece, _scene_of, _set_near_bases
 from runout.physics.contact import in_contact, reach
 from runout.physics.heightfield import height_at
 from runout.physics.tensors import dot, real, vec
@@ -218,7 +219,7 @@ def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile
 
 
 def _give_shares(
-    grid: GridGroup, blocks: BlockGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int
+    grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int
 ):
     """The same for all nodes, and sums over columns of nodes; for sums in fixed order to the arena of the block."""
     if ORDERED:
@@ -231,7 +232,7 @@ def _give_shares(
                 _give_share(grid, contacts, tile, bases, near_bases, u + 3, q)
             _give_share(grid, contacts, tile, bases, near_bases, 6, q)
     if AREAS_AT_ONCE:
-        _give_weights(blocks, contacts, tile, b, lane)
+        _give_weights(contacts, tile, bases, lane)
 
 
 def find_contacts(
@@ -277,12 +278,12 @@ def find_contacts(
                 turn = take_place(status.tally, TOUCHED)  # all blocks take one: needed only at the end, so that none waits
                 contacts.touching[b] = found
                 wp.atomic_add(status.contacts, s, found)
-            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+            bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
             near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
             tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")
             pushes = wp.tile_empty(shape=HELD, dtype=node4, storage="shared")
             offsets = wp.tile_empty(shape=HELD_REST, dtype=real, storage="shared")
-            _set_bases(bases, blocks.up, b, lane)
+            _set_all_bases(bases, blocks, contacts, b, lane)
             _set_near_bases(near_bases, ground.near_up, place, lane)
             _clear(tile, node4(), lane)
             stamp = real((scenes.step_counts[s] - 1) & STAMPS)
@@ -293,7 +294,7 @@ def find_contacts(
                 for turns in range((many + lane_count() - 1) // lane_count()):
                     mine = turns * lane_count() + lane
                     _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, True)
-            _give_shares(grid, blocks, contacts, tile, bases, near_bases, b, lane)
+            _give_shares(grid, contacts, tile, bases, near_bases, b, lane)
             if lane == 0:
                 contacts.touched[turn, 0] = b
                 contacts.touched[turn, 1] = place

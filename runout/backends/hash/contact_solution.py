@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact_area import PLAN, _area, _column
+from runout.backends.hash.contact_area import PLAN, _area, _column, _set_all_bases
 from runout.backends.hash.groups import (
     BlockGroup,
     Constants,
@@ -29,6 +29,7 @@ from runout.backends.hash.groups import (
 )
 from runout.backends.hash.layout import (
     AREAS,
+    BASES,
     CELL_LANES,
     DRAGS_COLUMN,
     HALT,
@@ -58,7 +59,7 @@ from runout.backends.hash.layout import (
     own_lane,
     sums9,
 )
-from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_bases, _set_near_bases
+from runout.backends.hash.stencil import _cell_of, _first_node, _load, _piece, _scene_of, _set_near_bases
 from runout.backends.hash.zones import _kind_of_ground
 from runout.physics.bspline import weights
 from runout.physics.contact import column_drag, fastest_start, impulse, started_time, work
@@ -154,8 +155,8 @@ def _record_of_friction(
 
 
 def _push(
-    particles: ParticleGroup, blocks: BlockGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile,
-    near: int, b: int, c: int, p: int, f: Vector, basal: Any, dt: Any, given: Vector,
+    particles: ParticleGroup, ground: GroundGroup, contacts: ContactGroup, constants: Constants, tile: Tile, bases: Tile,
+    near: int, c: int, p: int, f: Vector, basal: Any, dt: Any, given: Vector,
 ):  # fmt: skip
     """Work [J] and impulse [N s] of the ground on a particle of a cell at offset ``f``, and drag [kg/m] on the columns around.
 
@@ -165,7 +166,7 @@ def _push(
     n, gap = _ground(_around(ground.tiles, near, c), c & 3, f, particles.radius[p], constants.h)
     area = real(0.0)
     if AREAS:
-        area = _area(blocks, contacts, b, c, f, n[2], constants.h)
+        area = _area(contacts, bases, c, f, n[2], constants.h)
     push = impulse(u, n, gap, compliance, basal, dt, given, area)
     drag = real(0.0)
     if DRAGS_COLUMN:
@@ -246,7 +247,7 @@ def _put(arenas: Nodes, place: int, push: Any, base: int):
     arenas[place] = s
 
 
-def _give_columns(blocks: BlockGroup, contacts: ContactGroup, tile: Tile, b: int, lane: int, base: int):
+def _give_columns(contacts: ContactGroup, tile: Tile, bases: Tile, b: int, lane: int, base: int):
     """Sums over the nodes above each other in the tile of block ``b``, if drag slows columns: to these or, in fixed order, kept."""
     if DRAGS_COLUMN:
         for q in range(lane, PLAN, lane_count()):
@@ -256,7 +257,7 @@ def _give_columns(blocks: BlockGroup, contacts: ContactGroup, tile: Tile, b: int
             if ORDERED:
                 _put(contacts.column_pushes, PLAN * b + q, s, base)
             elif s[0] != real(0.0) or s[1] != real(0.0) or s[2] != real(0.0) or s[3] != real(0.0):
-                add_node(contacts.column_pushes, _column(blocks, contacts, b, q // 6, q % 6), s)
+                add_node(contacts.column_pushes, _column(bases, q // 6, q % 6), s)
 
 
 def _give(tile: Tile, shares: Reals, bases: Tile, u: int, q: int):
@@ -298,9 +299,9 @@ def solve_contacts(
     last, stamp = real((scenes.step_counts[s] - 1) & STAMPS), real(scenes.step_counts[s] & STAMPS)
     starts = wp.tile_empty(shape=STARTS, dtype=int, storage="shared")
     tile = wp.tile_empty(shape=TILE, dtype=node4, storage="shared")  # velocities first, then impulses
-    bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
+    bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
     near_bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-    _set_bases(bases, blocks.up, b, lane)
+    _set_all_bases(bases, blocks, contacts, b, lane)
     _set_near_bases(near_bases, ground.near_up, place, lane)
     dv = vec(scenes.clock[s, 1], scenes.clock[s, 2], scenes.clock[s, 3])
     first = int(contacts.pressed_start[b, 0])
@@ -326,7 +327,7 @@ def solve_contacts(
                 f = vec(particles.rec[OFFSET, p], particles.rec[OFFSET + 1, p], particles.rec[OFFSET + 2, p])
                 basal = friction[_record_of_friction(particles, blocks, scenes, constants, s, b, c, p, f)]
                 given = _given(particles, p, last, dt, constants)
-                push, drag = _push(particles, blocks, ground, contacts, constants, tile, place, b, c, p, f, basal, dt, given)
+                push, drag = _push(particles, ground, contacts, constants, tile, bases, place, c, p, f, basal, dt, given)
                 done += push
                 change = vec(push[1], push[2], push[3]) - given
                 particles.forces[particles.number[p]] = node4(stamp, push[1] / dt, push[2] / dt, push[3] / dt)
@@ -338,7 +339,7 @@ def solve_contacts(
         for turn in range((many + lane_count() - 1) // lane_count()):
             mine = turn * lane_count() + lane
             _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, False)
-        _give_columns(blocks, contacts, tile, b, lane, base)
+        _give_columns(contacts, tile, bases, b, lane, base)
         if ORDERED:
             for t in range(lane, TILE, lane_count()):
                 _put(grid.arenas, b * TILE + t, tile[t], base)

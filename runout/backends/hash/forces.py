@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from runout.backends.hash.contact_area import _give_moving
+from runout.backends.hash.contact_area import _give_moving, _set_all_bases
 from runout.backends.hash.deform import _strain_of
 from runout.backends.hash.gradients import _cells
 from runout.backends.hash.groups import (
@@ -21,6 +21,7 @@ from runout.backends.hash.groups import (
 )
 from runout.backends.hash.layout import (
     ACTIVE,
+    BASES,
     BLOCKS,
     CELL_LANES,
     DRAGS_AT_ONCE,
@@ -34,7 +35,7 @@ from runout.backends.hash.layout import (
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _add_cell, _give_tile, _set_bases, _sum_arenas
+from runout.backends.hash.stencil import _add_cell, _give_tile, _sum_arenas
 from runout.physics.bspline import weight_slopes, weights
 from runout.physics.elastic import kirchhoff_stress, log_strain
 from runout.physics.moments import node_velocity, stress_columns
@@ -106,15 +107,15 @@ def add_forces(
         dt = scenes.clock[blocks.member[b], 0]
         if dt > real(0.0):
             cells = _cells(dt, constants.h)
-            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            _set_bases(bases, blocks.up, b, lane)
+            bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
+            _set_all_bases(bases, blocks, contacts, b, lane)
             tile = wp.tile_zeros(shape=HALVES, dtype=node4, storage="shared")
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_forces(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1], cells)
                 _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
             if DRAGS_AT_ONCE:
-                _give_moving(blocks, contacts, columns, tile, b, lane)
+                _give_moving(columns, tile, bases, lane)
 
 
 def add_nodes(status: StatusGroup, blocks: BlockGroup, grid: GridGroup):

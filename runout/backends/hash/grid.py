@@ -46,7 +46,7 @@ def bytes_of_areas(friction: BasalFriction | FrictionLaw, mixed: int, blocks: in
     ``mixed``: releases whose frictions differ, 1 if all are alike.
     """
     columns = 9 * 4 + (4 * ((PLAN + 2 * COLUMNS) if ordered else 2 * COLUMNS) + PLAN * mixed * (mixed > 1)) * number
-    return blocks * ((4 + COLUMNS * number) * friction.uses_area + columns * friction.drags_column)
+    return blocks * ((5 * 4 + COLUMNS * number) * friction.uses_area + columns * friction.drags_column)
 
 
 class NodeArrays:
@@ -84,7 +84,8 @@ class NodeArrays:
         self.pressed, self.pressed_start = (wp.zeros(shape, dtype=wp.int32) for shape in lists)
         self.listed = (self.pressed, self.pressed_start) if apart else (store.order, index.cstart)
         self.touched, self.touching = (wp.zeros(shape, dtype=wp.int32) for shape in ((capacity, 2), capacity))
-        self.columns, self.plan = wp.zeros(capacity * areas, dtype=wp.int32), wp.zeros(COLUMNS * capacity * areas, dtype=number)
+        self.columns = wp.zeros((capacity * areas, 5), dtype=wp.int32)
+        self.plan = wp.zeros(COLUMNS * capacity * areas, dtype=number)
         self.column_group = self._columns(capacity, dragged, ordered)
         self.grounded = wp.full(capacity, -1, dtype=wp.int32)
         self.near = wp.full(capacity, -1, dtype=wp.int32)

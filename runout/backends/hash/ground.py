@@ -268,5 +268,6 @@ class Ground:
         run(k.note_shares, (nodes.places, 8), status, index.block_group, ground)
         run(k.keep_tiles, (index.capacity, 36), status, ground, cut)
         run(k.number_columns, nodes.columns.shape[0], status, index.block_group, nodes.contact_group)
+        run(k.number_upper_columns, 4 * nodes.columns.shape[0], status, index.block_group, nodes.contact_group)
         run(k.number_beside, nodes.beside.size, status, index.block_group, nodes.contact_group, nodes.column_group)
         run(k.bound_columns, (nodes.places, 16), ground, scenes.constants)

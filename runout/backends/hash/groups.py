@@ -106,7 +106,8 @@ class ContactGroup:
     pressed_start: Table2  # (blocks, 65) where the cells of a block start in that list, and where the last ends
     touched: Table2  # (blocks, 2) blocks with particles in contact, and their places near the ground
     touching: Ints  # (blocks,) how many such particles a block has
-    columns: Ints  # (blocks,) first block of the column of a block, where the law of friction uses ground areas; else empty
+    columns: Table2  # (blocks, 5) where the law of friction uses ground areas, else empty: first block of the column of a block,
+    # then where the four columns of blocks that its tile overlaps begin in ``plan``
     plan: Reals  # (16 blocks,) sums of contact weights in the columns of nodes, by the first block of a column; likewise
     column_pushes: Nodes  # (16 blocks,) drag [kg/m] and impulse [N s] of the contacts on columns of nodes, (36 blocks,) for sums in
     # fixed order; empty where drag does not slow columns

@@ -69,6 +69,7 @@ FLOAT32_BLOCKS = {
     "sum_gone": (PARTICLE_LANES, 8),
 }  # fmt: skip
 FLOAT64_BLOCKS = {"cut_tiles": (PARTICLE_LANES, 4)}
+DRAG_BLOCKS = {"update_nodes": (PARTICLE_LANES, 8)}  # where drag slows columns of nodes
 STRUCTURE_BLOCKS = dict.fromkeys(STRUCTURE_WARP_KERNELS, (WARP, 20)) | {"find_entering": (WARP, 16)}
 GRADIENT_BLOCKS = {"grid_to_particles": (CELL_LANES, 6), "add_forces": (CELL_LANES, 6)}
 
@@ -115,7 +116,8 @@ KINDS = {
     ),
     "law": Kind((stencil, deform, grid_to_particles, observe), LAW_KERNELS.__contains__, FLOAT32_BLOCKS),
     "friction": Kind(
-        (stencil, contact_area, zones, column_drag, nodes, contact_solution), FRICTION_KERNELS.__contains__, FLOAT32_BLOCKS
+        (stencil, contact_area, zones, column_drag, nodes, contact_solution), FRICTION_KERNELS.__contains__, FLOAT32_BLOCKS,
+        (WARP, PARTICLE_LANES),
     ),
     "structures": Kind(
         (stencil, zones, contact_area, contact_solution, contact_detection, structure_distance, structure_detection,
@@ -203,7 +205,7 @@ def _kernels_of(
         return modules[LANES.get(name, PARTICLE_LANES)] if wanted or name.startswith("_") else None
 
     found = vars(warp_kernels(_physics(_number(precision)), what.sources, module_of, **names))
-    blocks = what.blocks if precision == "float32" else FLOAT64_BLOCKS
+    blocks = what.blocks | (DRAG_BLOCKS if drags else {}) if precision == "float32" else FLOAT64_BLOCKS
     for name in blocks.keys() & found.keys():
         found[name].options["launch_bounds"] = blocks[name]
     return found
@@ -225,7 +227,7 @@ def compiled_kernels(
     found = _kernels_of("common", precision) | _kernels_of("sums", precision, **of_sums)
     found |= _kernels_of("law", precision, law) | _kernels_of("friction", precision, **of_friction)
     if gradient_transfer:
-        found |= _kernels_of("transfer", precision) | _kernels_of("transfer.sums", precision, **of_sums | {"area": False})
+        found |= _kernels_of("transfer", precision) | _kernels_of("transfer.sums", precision, **of_sums | {"area": drags})
         found |= _kernels_of("transfer.law", precision, law)
         found |= _kernels_of("transfer.friction", precision, **of_friction | {"zoned": zoned and drags})
     kernels = SimpleNamespace(**found, record=law_record(law, real), friction_record=law_record(friction, real))

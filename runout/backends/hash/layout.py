@@ -61,6 +61,7 @@ COUNTED_AT_ONCE = True  # the opposite: warp takes branches by constants, not by
 KEPT, AVERAGED, BY_SLOPES, CLOCK = 5, 6, 7, 8  # of a row of the clock: what the transfer does; numbers in all
 MASS, MOMENTUM, OFFSET, AFFINE, STRAIN, HISTORY, VOLUME, ROWS = 0, 1, 4, 7, 16, 22, 23, 24
 TILE = 216
+BASES = 12  # of a tile: where its eight blocks begin in the grid, and its four columns of blocks in the plan
 SECOND, HALVES = 72, 288  # nodes before the tile of the second half of a block, which is 144 nodes behind; nodes of both tiles
 PUSHES, PUSHES_UP, SLOT = 64, 192, 256  # of what lies near the ground in a block: where impulses begin; numbers in all
 PIECE = 32  # nodes of a tile that lie in one of its blocks, or in two; a tile has seven pieces

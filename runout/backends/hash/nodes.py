@@ -52,7 +52,7 @@ def _slowed(
     friction: Frictions, columns: ColumnGroup, first_release: Ints, releases: int, t: int,
 ):  # fmt: skip
     """Change of the velocity [m/s] of a node by drag on its column, which the lowest block of the column books."""
-    first = contacts.columns[t >> 6]
+    first = contacts.columns[t >> 6, 0]
     place = COLUMNS * first + ((t & 63) >> 2)
     change = node4()
     if ORDERED:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from runout.backends.hash.contact_area import _give_moving
+from runout.backends.hash.contact_area import _give_moving, _set_all_bases
 from runout.backends.hash.groups import (
     BlockGroup,
     ColumnGroup,
@@ -28,6 +28,7 @@ from runout.backends.hash.groups import (
 from runout.backends.hash.layout import (
     ACTIVE,
     AFFINE,
+    BASES,
     CELL_LANES,
     DRAGS_AT_ONCE,
     HALT,
@@ -44,7 +45,7 @@ from runout.backends.hash.layout import (
     node4,
     sums4,
 )
-from runout.backends.hash.stencil import _add_cell, _give_tile, _set_bases
+from runout.backends.hash.stencil import _add_cell, _give_tile
 from runout.physics.bspline import weights
 from runout.physics.contact import reach
 from runout.physics.tensors import real, vec
@@ -137,12 +138,12 @@ def particles_to_grid(
     for a in range(begin, status.tally[NEXT], launched):
         if scenes.left[blocks.member[b]] > 0:
             tile = wp.tile_zeros(shape=HALVES, dtype=node4, storage="shared")
-            bases = wp.tile_empty(shape=8, dtype=int, storage="shared")
-            _set_bases(bases, blocks.up, b, lane)
+            bases = wp.tile_empty(shape=BASES, dtype=int, storage="shared")
+            _set_all_bases(bases, blocks, contacts, b, lane)
             for c in range(lane, CELL_LANES, lane_count()):
                 acc = _sum_cell(particles, blocks.cstart[b, c], blocks.cstart[b, c + 1])
                 _add_cell(tile, c, acc)
             _give_tile(tile, grid.arenas, grid.nodes, bases, b, lane)
             if DRAGS_AT_ONCE:
-                _give_moving(blocks, contacts, columns, tile, b, lane)
+                _give_moving(columns, tile, bases, lane)
         b = blocks.active[wp.min(a + launched, blocks.active.shape[0] - 1)]

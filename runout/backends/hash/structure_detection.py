@@ -188,4 +188,4 @@ def find_structure_contacts(
                 for turns in range((many + lane_count() - 1) // lane_count()):
                     mine = turns * lane_count() + lane
                     _spread(tile, pushes, offsets, starts, int(filled[wp.min(mine, many - 1)]), base, mine < many, True)
-            _give_shares(grid, blocks, contacts, tile, bases, near_bases, b, lane)
+            _give_shares(grid, contacts, tile, bases, near_bases, b, lane)

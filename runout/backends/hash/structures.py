@@ -120,8 +120,8 @@ class Structures:
         self.near_up = wp.zeros((places, 8), dtype=wp.int32)
         self.contact = wp.zeros(64 * slots, dtype=self.vec4)
         shares = wp.array(ptr=self.contact.ptr, dtype=self.number, shape=256 * slots, device=self.contact.device)
-        none = {"tiles": (0, 36), "bounds": (0, 32), "slopes": 0, "columns": 0, "plan": 0, "approach_speeds": 0, "touched": (0, 2)}
-        none |= {"column_pushes": 0}
+        none = {"tiles": (0, 36), "bounds": (0, 32), "slopes": 0, "plan": 0, "approach_speeds": 0, "touched": (0, 2)}
+        none |= {"columns": (0, 5), "column_pushes": 0}
         kinds = {"bounds": wp.float16, "slopes": self.vec4, "column_pushes": self.vec4}
         kinds |= dict.fromkeys(("tiles", "plan", "approach_speeds"), self.number)
         empty = {name: wp.zeros(shape, dtype=kinds.get(name, wp.int32)) for name, shape in none.items()}
