@@ -7,6 +7,7 @@ import numpy as np
 
 from runout.hazard.joint import Condition, with_conditions
 from runout.hazard.order import effective_sample_size
+from runout.hazard.zeros import zeros_by_page
 from runout.io import netcdf
 from runout.map_quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
 
@@ -32,21 +33,21 @@ def empty_maps(
     dataset = with_conditions(dataset, joint) if joint else dataset
     for name, quantity in quantities.items():
         for product in filter(None, (quantity.peak, quantity.mean)):
-            netcdf.add_map(dataset, product, np.zeros(shape, np.float32))
+            netcdf.add_map(dataset, product, zeros_by_page(shape, np.float32))
         limits = np.unique(np.asarray(thresholds.get(name, ()), np.float64))
         if limits.size:
             dataset = dataset.assign_coords({quantity.threshold: limits})
             dimensions[name] = quantity.threshold
     for name, dimension in dimensions.items():
         for kind in ("probability", "standard_error"):
-            layers = np.zeros((dataset.sizes[dimension], *shape), np.float32)
+            layers = zeros_by_page((dataset.sizes[dimension], *shape), np.float32)
             netcdf.add_map(dataset, f"{name}_exceedance_{kind}", layers, (dimension,))
-    netcdf.add_map(dataset, "inundation_probability", np.zeros(shape, np.float32))
-    netcdf.add_map(dataset, "members_reached", np.zeros(shape, np.int32))
+    netcdf.add_map(dataset, "inundation_probability", zeros_by_page(shape, np.float32))
+    netcdf.add_map(dataset, "members_reached", zeros_by_page(shape, np.int32))
     netcdf.add_map(dataset, FIRST_ARRIVAL, np.full(shape, np.nan, np.float32))
     layers_of_percentiles = (dataset.sizes["percentile"], *shape)
-    for quantity in quantities.values():  # zeros take no memory before they change
-        netcdf.add_map(dataset, quantity.percentile, np.zeros(layers_of_percentiles, np.float32), ("percentile",))
+    for quantity in quantities.values():
+        netcdf.add_map(dataset, quantity.percentile, zeros_by_page(layers_of_percentiles, np.float32), ("percentile",))
     netcdf.add_map(dataset, ARRIVAL_PERCENTILE, np.full(layers_of_percentiles, np.nan, np.float32), ("percentile",))
     dataset["effective_sample_size"] = effective_sample_size(weights)
     return dataset

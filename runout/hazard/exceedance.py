@@ -53,10 +53,11 @@ def aggregate(
 ) -> "xr.Dataset":
     """Hazard maps of the members' files, on their raster; every file is opened once.
 
-    Memory is bounded by ``memory_bytes`` and the maps themselves. Probability is the summed weight of the members whose
-    maximum reaches the threshold, with the standard error of ``estimator``; a percentile is the smallest value at which the
-    summed weight reaches it. A cell that any member leaves undefined (NaN) is undefined. Members that do not arrive count as
-    infinity in percentiles of the arrival time, which are NaN where they are infinite.
+    Memory is bounded by ``memory_bytes``, the caches of an open file (8 MiB a map) and the maps, whose zeros take none.
+    Probability is the summed weight of the members whose maximum reaches the threshold, with the standard error of
+    ``estimator``; a percentile is the smallest value at which the summed weight reaches it. A cell that any member leaves
+    undefined (NaN) is undefined. Members that do not arrive count as infinity in percentiles of the arrival time, which are NaN
+    where they are infinite.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import netCDF4
 
 CHUNK = 256
+WRITE_CACHE = 8 * CHUNK**2  # bytes of each map; a chunk is written once, and the library would keep 64 MiB
 
 
 def add_layers(file: "netCDF4.Dataset", name: str, attributes: Mapping[str, Any], dims: tuple[str, ...] = ()) -> "netCDF4.Variable":
@@ -26,7 +27,7 @@ def add_layers(file: "netCDF4.Dataset", name: str, attributes: Mapping[str, Any]
     dtype, missing = np.dtype(variable.dtype), variable.fill
     layers = file.createVariable(
         name, dtype, (*dims, "y", "x"), fill_value=dtype.type(missing if name in UNTIL_ARRIVAL else 0),
-        zlib=True, complevel=1, shuffle=True, chunksizes=chunks,
+        zlib=True, complevel=1, shuffle=True, chunksizes=chunks, chunk_cache=WRITE_CACHE,
     )  # fmt: skip
     layers.set_auto_maskandscale(False)
     if name not in UNTIL_ARRIVAL:

@@ -24,6 +24,7 @@ MEMBER_MAPS = member_map_names()
 RASTER = "raster"  # group with the place of the whole raster, in files that hold a part of it
 STEP = 64  # cells; parts begin and end on multiples of it
 SMALLEST_BLOCK = netcdf.CHUNK  # rows, and columns
+READ_CACHE = 8 * 1024**2  # bytes of each map of an open file: 2 million cells, which members.nc and hazard.nc need in turn
 _PLACE = ("x", "y", "crs", "longitude", "latitude")
 _SHIFT = 1e-6  # of a cell, by which coordinates of a part may differ from those of the raster
 _ATTRIBUTES = ("first_row", "first_column", "raster_rows", "raster_columns")
@@ -122,6 +123,8 @@ class MemberMaps:
             self.file.set_auto_maskandscale(False)
             self.attributes: dict[str, Any] = self.file.__dict__
             dimensions = self.file.dimensions
+            for name in self.held():
+                self.file[name].set_var_chunk_cache(READ_CACHE)
         rows, columns = (len(dimensions[name]) if name in dimensions else 0 for name in netcdf.MAP_DIMS)
         self.is_part = set(_ATTRIBUTES) <= set(self.attributes)
         row, column, *shape = (int(self.attributes[name]) for name in _ATTRIBUTES) if self.is_part else (0, 0, rows, columns)
