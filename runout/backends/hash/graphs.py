@@ -51,4 +51,5 @@ class Graphs:
         wp.capture_launch(self.recorded[name])
 
     def _load(self) -> None:
+        wp.get_stream(self.device)  # takes the context of the device: threads that load modules would take one each, with a stream
         wp.force_load(self.device, list(self.modules), max_workers=os.cpu_count())
