@@ -39,7 +39,7 @@ Several scenes of 100,352 particles in one launch, each with its own ground, fri
 
 {scenes}
 
-The layer of 1M with another law of friction, or with a wall across (commit {gpu[additions_commit]}). The first wall stands 36 m
+The layer of 1M with another law of friction, or with a wall across. The first wall stands 36 m
 below the toe; the mass comes near it, and contacts are searched. A structure far from all mass starts no kernel.
 
 {additions}
@@ -49,7 +49,8 @@ below the toe; the mass comes near it, and contacts are searched. A structure fa
 
 Record: {gpu[device]}, driver {gpu[driver]}, warp {gpu[warp]}, commit {gpu[commit]}; copy bandwidth {copy:.2f} TB/s in the same run.
 
-Time of a step with Coulomb friction, and how much longer a step with Voellmy friction takes; the laws take turns:
+Time of a step with Coulomb friction, and how much longer a step with Voellmy friction takes; the laws take turns. Drag slows the layer, which
+is then sorted less often.
 
 {friction}
 
