@@ -1,4 +1,4 @@
-"""A site on a plane that falls obliquely to its raster: stiff slabs that slide over zones of friction, from polygons or rasters."""
+"""A site on a plane oblique to its raster: stiff slabs, below their strength, slide over zones from polygons or rasters."""
 
 import geopandas
 import numpy as np
