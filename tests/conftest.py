@@ -1,11 +1,25 @@
-"""Each test leaves the process as it found it."""
+"""Each test leaves the process as it found it; workers of pytest that take all cores compile in one process each."""
 
 import importlib.util
 import logging
 import os
 import sys
+from types import SimpleNamespace
 
 import pytest
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_process_compiles_where_workers_take_all_cores():
+    """Kernels of scan are compiled by one process: two take a third more work, and no core is left for the second."""
+    if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")) < len(os.sched_getaffinity(0)):
+        yield
+        return
+    from runout.backends.scan import precompile
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(precompile, "os", SimpleNamespace(**{**vars(os), "sched_getaffinity": lambda _: {0}}))
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -48,13 +49,14 @@ def resumable(engine):
     return engine
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_a_restored_backend_takes_the_steps_of_the_one_that_went_on(backend, precision, request):
+@pytest.mark.parametrize(
+    ("name", "precision"), [("reference", "float64"), *product(("scan", "hash"), ("float32", "float64"))]
+)  # the reference has no other precision
+def test_a_restored_backend_takes_the_steps_of_the_one_that_went_on(name, precision):
     a_scene, particles = sliding(precision)
-    resumable(backend)
+    backend, other = resumable(engine_of(name)), engine_of(name)
     advance(loaded(backend, a_scene, particles))
     state = {name: values.copy() for name, values in backend.checkpoint().items()}
-    other = engine_of(request.node.callspec.params["backend"])
     other.restore(a_scene, state)
     assert same_bits(other.particles(), backend.particles())
     assert other.counters.steps == STEPS

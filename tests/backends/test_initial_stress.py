@@ -1,4 +1,4 @@
-"""Releases start in equilibrium, and ground stronger than the mass passes on what the mass carries, on every backend."""
+"""Releases start in equilibrium, and ground stronger than the mass passes on what the mass carries, on scan and hash."""
 
 import logging
 import math
@@ -20,7 +20,7 @@ from runout.scenario import build_scene
 
 H = 2.0  # [m] of a cell
 ENGINES = [("scan", "float64"), ("scan", "float32"), ("hash", "float32")]
-CASES = [("reference", "float64", 1, 5e6), *((*e, n, modulus) for e in ENGINES for n, modulus in ((1, 5e6), (4, 5e6), (4, 1e6)))]
+CASES = [(*engine, cells, modulus) for engine in ENGINES for cells, modulus in ((1, 5e6), (4, 5e6), (4, 1e6))]
 
 
 def sand(friction_angle=30.0, youngs_modulus=5e6, **more):
@@ -59,10 +59,9 @@ def speed_over_exact(made, engine, friction, end=0.8, degrees=30.0):
 @pytest.mark.parametrize(("name", "precision", "cells", "youngs_modulus"), CASES)
 def test_a_layer_slides_as_the_closed_form_says_from_the_start(name, precision, cells, youngs_modulus):
     """Without initial stress the soft one falls upon itself first, and friction is missing meanwhile."""
-    slow = name == "reference"
-    ground, release = layer(cells, half=(28.0, 24.0) if slow else (50.0, 40.0))
+    ground, release = layer(cells)
     made = build_scene(ground, release, sand(youngs_modulus=youngs_modulus), 20.0, H, 8, precision=precision)
-    found, _ = speed_over_exact(made, engine_of(name), math.tan(math.radians(20.0)), end=0.4 if slow else 0.8)
+    found, _ = speed_over_exact(made, engine_of(name), math.tan(math.radians(20.0)))
     assert found == pytest.approx(1.0, abs=0.01)
 
 

@@ -55,7 +55,7 @@ def test_jobs_at_the_same_time_do_no_harm_on_the_same_members_too(tmp_path):
 
 def test_a_whole_run_and_a_part_exclude_each_other(tmp_path):
     place = site(tmp_path)
-    job = started(tmp_path, 1.0, 0, 4)
+    job = started(tmp_path, 1.0, 0, 2)
     wait_until(lambda: calls(place))
     with pytest.raises(StorageError, match="another run is working there"):
         run(place)

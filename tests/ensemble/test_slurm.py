@@ -53,7 +53,7 @@ def test_jobs_compute_the_members_over_encrypted_connections_and_are_cancelled(t
 def test_a_job_that_ends_is_submitted_again(tmp_path, slurm):
     import dask
 
-    place = site(tmp_path, pause=2.0)
+    place = site(tmp_path, pause=1.0)
     stated = {"jobqueue.slurm.cores": 1, "jobqueue.slurm.memory": "1GB", "distributed.deploy.lost-worker-timeout": "100ms"}
 
     def end_job():

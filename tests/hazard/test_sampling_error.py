@@ -97,16 +97,16 @@ def test_members_of_random_points_have_the_error_of_independent_ones(members, mo
     assert 0.9 < blocks < 1.15
 
 
-def scene():
-    """Flat ground with a hole, larger than a tile in both directions."""
-    elevation = np.zeros((70, 90))
+def scene(shape=(70, 90)):
+    """Flat ground with a hole, by default larger than a tile in both directions."""
+    elevation = np.zeros(shape)
     elevation[4, 5] = np.nan
     return Terrain(elevation, (5.0, 5.0), 0.0, 0.0, None, source="flat")
 
 
-def net_of(folder: Path, members: int) -> list[Path]:
+def net_of(folder: Path, members: int, terrain: Terrain) -> list[Path]:
     """Files of members with irregular maps; the last one holds nothing."""
-    terrain, paths = scene(), []
+    paths = []
     for number in range(members):
         rng = np.random.default_rng(number)
         wet = (np.indices(terrain.shape)[0] < 20 + 3 * number) & (rng.random(terrain.shape) < 0.7) & (number < members - 1)
@@ -125,11 +125,12 @@ def expected(paths: list[Path], limit: float) -> np.ndarray:
     return np.sqrt(((of_block - reached.mean(axis=0)) ** 2).sum(axis=0) / (BLOCKS * (BLOCKS - 1)))
 
 
-@pytest.mark.parametrize("memory_bytes", [1, 2**26])
-def test_maps_of_a_net_carry_the_spread_over_its_blocks_and_say_so(tmp_path, memory_bytes):
-    paths, limits = net_of(tmp_path, 16), {"thickness": [0.5, 2.0], "speed": [], "pressure": [250.0]}
+@pytest.mark.parametrize(("memory_bytes", "shape"), [(1, (26, 12)), (2**26, (70, 90))])  # tiles of 1 x 1 and of 32 x 32 cells
+def test_maps_of_a_net_carry_the_spread_over_its_blocks_and_say_so(tmp_path, memory_bytes, shape):
+    terrain, limits = scene(shape), {"thickness": [0.5, 2.0], "speed": [], "pressure": [250.0]}
+    paths = net_of(tmp_path, 16, terrain)
     maps = aggregate(paths, [1.0] * 16, limits, [50], estimator=Estimator(BLOCKS), memory_bytes=memory_bytes)
-    known = np.isfinite(scene().elevation)
+    known = np.isfinite(terrain.elevation)
     for k, limit in enumerate(limits["thickness"]):
         found = maps["thickness_exceedance_standard_error"].values[k]
         np.testing.assert_allclose(found[known], expected(paths, limit)[known], atol=1e-7)
@@ -146,7 +147,7 @@ def test_maps_of_a_net_carry_the_spread_over_its_blocks_and_say_so(tmp_path, mem
 def test_a_joint_condition_of_a_net_carries_the_spread_over_its_blocks(tmp_path, limits):
     """Speed is twice the thickness in these members: together they reach the larger of the limits."""
     joint, thickness = [dict(zip(("thickness", "speed"), limits, strict=True))], max(limits[0], limits[1] / 2)
-    paths = net_of(tmp_path, 16)
+    paths = net_of(tmp_path, 16, scene())
     maps = aggregate(paths, [1.0] * 16, {"thickness": [thickness]}, [50], joint=joint, estimator=Estimator(BLOCKS))
     known = np.isfinite(scene().elevation)
     for kind in ("probability", "standard_error", "rms_error"):
@@ -158,7 +159,7 @@ def test_a_joint_condition_of_a_net_carries_the_spread_over_its_blocks(tmp_path,
 
 
 def test_without_an_estimator_members_count_as_independent_and_the_map_says_so(tmp_path):
-    maps = aggregate(net_of(tmp_path, 3), [1.0] * 3, {"thickness": [0.5]}, [50])
+    maps = aggregate(net_of(tmp_path, 3, scene()), [1.0] * 3, {"thickness": [0.5]}, [50])
     assert maps["thickness_exceedance_standard_error"].attrs["estimator"] == (
         "sqrt(P (1 - P) / effective_sample_size), as for independent members: the members are not known to be a Sobol net"
     )

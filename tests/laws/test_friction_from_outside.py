@@ -23,7 +23,7 @@ from runout.physics import contact
 LAWS = [FRICTIONS.find(name) for name in ("velocity_weakening", "drag_by_load")]
 WEAK = VelocityWeakening(static_friction=0.4, dynamic_friction=0.1, weakening_speed=0.5)
 DRAG = DragByLoad(friction=0.2, drag=0.04)
-LONG = pytest.mark.parametrize("name", ["reference", "scan", "hash"])
+LONG = pytest.mark.parametrize("name", ["scan", "hash"])  # the slab over zones compares them with the reference
 
 
 def weakened(v):

@@ -1,4 +1,7 @@
-"""What rests must rest: contact neither pumps energy nor lets a mass creep, and the ledger says so, on all backends."""
+"""What rests must rest: contact neither pumps energy nor lets a mass creep, and the ledger says so, on scan and hash.
+
+The reference agrees with both step by step (tests/backends).
+"""
 
 import numpy as np
 import pytest
@@ -17,8 +20,6 @@ def ledger_of_a_cap(slope_deg, backend, end_time=5.0):
     release = runout.Release.from_array(cap[::-1], terrain, placement="on_surface")
     sand = runout.DruckerPrager(density=2000.0, youngs_modulus=2e7, poisson_ratio=0.3, friction_angle=34.0, cohesion=0.0)
     chosen = {"backend": backend, "precision": "float64", "particles_per_cell": 8, "threads": 1, "stop": False}
-    if backend == "reference":
-        chosen.pop("threads")
     run = runout.simulate(terrain, release, sand, basal_friction_angle=FRICTION_DEG, cell_size=2.0, end_time=end_time, **chosen)
     mass = run.ledger.mass.values[-1]
     rows = {name: run.ledger[name].values / mass for name in PER_KG}
@@ -26,7 +27,7 @@ def ledger_of_a_cap(slope_deg, backend, end_time=5.0):
     return run.ledger.time.values, rows
 
 
-@pytest.mark.parametrize("backend", ["reference", "scan", "hash"])
+@pytest.mark.parametrize("backend", ["scan", "hash"])
 @pytest.mark.parametrize("slope_deg", [0.0, 15.0])
 def test_cap_at_rest_neither_sinks_nor_is_pumped(slope_deg, backend):
     time, rows = ledger_of_a_cap(slope_deg, backend)

@@ -1,12 +1,14 @@
-"""Sliding box (T1 of the suite): an elastic box, pre-stressed, on a plane with a friction angle of 15 degrees."""
+"""Sliding box (T1 of the suite): an elastic box, pre-stressed, on a plane with a friction angle of 15 degrees.
 
-from dataclasses import replace
+Case sliding-box of test_convergence measures further planes: 14 and 20 degrees at an azimuth of 37 degrees, 30 degrees at 63
+degrees, and 16 degrees without coupling (Poisson's ratio 0) and with two moduli.
+"""
 
 import numpy as np
 import pytest
 
 from runout.errors import ConfigError
-from runout.studies.verification_cases.sliding_box import BOX, Plane, slide, summary
+from runout.studies.verification_cases.sliding_box import Plane, slide, summary
 
 
 def error(slope_deg, **choices):
@@ -14,7 +16,7 @@ def error(slope_deg, **choices):
     return summary(Plane(slope_deg, **choices))["relative_displacement_error"]
 
 
-@pytest.mark.parametrize("choices", [{"aligned": True}, {"azimuth_deg": 37.0}, {"azimuth_deg": 37.0, "offset": 0.85}])
+@pytest.mark.parametrize("choices", [{"aligned": True}, {"azimuth_deg": 37.0, "offset": 0.85}])
 def test_box_one_degree_below_its_friction_angle_stays_at_rest(choices):
     """14 degrees: 0.13 mm in the first second, 0.03 mm/s at its end; the usual contact at nodes creeps 25 to 111 mm."""
     found = slide(Plane(14.0, **choices))
@@ -23,17 +25,15 @@ def test_box_one_degree_below_its_friction_angle_stays_at_rest(choices):
     assert abs(found.gap) < 0.002
 
 
-@pytest.mark.parametrize("choices", [{"aligned": True}, {"offset": 0.85}, {"azimuth_deg": 37.0}])
+@pytest.mark.parametrize("choices", [{"aligned": True}, {"offset": 0.85}])
 def test_box_at_20_degrees_slides_as_a_rigid_block(choices):
-    """0.43 to 0.45 % too far after 1 s, on the grid's axes and across them."""
+    """0.43 to 0.45 % too far after 1 s, with gravity inclined and with the plane inclined."""
     assert abs(error(20.0, **choices)) < 0.006
 
 
-def test_box_one_degree_above_its_friction_angle_slides_as_a_rigid_block_where_friction_excites_no_vibration():
-    """Poisson's ratio 0; with 0.3 vibrations that friction excites let it come farther, less so the stiffer it is."""
-    assert abs(error(16.0, azimuth_deg=37.0, body=replace(BOX, poisson_ratio=0.0))) < 1e-3
-    soft, stiff = (error(16.0, azimuth_deg=37.0, body=replace(BOX, youngs_modulus=E)) for E in (1e7, 1e8))
-    assert 0.0 < stiff < soft < 0.1
+def test_box_one_degree_above_its_friction_angle_comes_at_most_a_tenth_too_far_since_it_vibrates():
+    """Poisson's ratio is 0.3: friction excites vibrations, during which it does not act in full."""
+    assert 0.0 < error(16.0, azimuth_deg=37.0) < 0.1
 
 
 def test_box_at_25_degrees_slides_as_a_rigid_block():
@@ -41,7 +41,7 @@ def test_box_at_25_degrees_slides_as_a_rigid_block():
     assert abs(error(25.0)) < 0.0015
 
 
-@pytest.mark.parametrize("choices", [{"aligned": True}, {"azimuth_deg": 37.0}, {"azimuth_deg": 217.0, "offset": 0.1}])
+@pytest.mark.parametrize("choices", [{"aligned": True}, {"azimuth_deg": 217.0, "offset": 0.1}])
 def test_box_at_30_degrees_slides_as_a_rigid_block(choices):
     """0.025 % too far after 1 s."""
     assert abs(error(30.0, **choices)) < 0.0005

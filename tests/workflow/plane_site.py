@@ -1,4 +1,4 @@
-"""A site on a plane that falls obliquely to its raster: stiff slabs that slide over zones of friction, from polygons or rasters."""
+"""A site on a plane oblique to its raster: stiff slabs, below their strength, slide over zones from polygons or rasters."""
 
 import geopandas
 import numpy as np
@@ -29,7 +29,7 @@ terrain:
   dem: inputs/dem.tif{zones}
 release:
 {releases}
-material: {{law: elastic, density: 2000, youngs_modulus: 2.0e+7, poisson_ratio: 0.0}}
+material: {{density: 2000, youngs_modulus: 2.0e+7, poisson_ratio: 0.0, friction_angle_deg: 50, cohesion: 1.0e+6}}
 {friction}
 simulation: {{cell_size: {grid:g}, particles_per_cell: 8, end_time: {time:g}, backend: {backend}}}
 ensemble:

@@ -43,14 +43,23 @@ def site(grown, tmp_path):
     return Path(shutil.copytree(grown, tmp_path / "ramp"))
 
 
+@pytest.fixture(scope="module")
+def results():
+    """Results of members by angle and seed: all tests here have the same members, and each is simulated once."""
+    return {}
+
+
 @pytest.fixture
-def simulated(monkeypatch):
+def simulated(monkeypatch, results):
     """Friction angles of the members that are simulated."""
     found, simulate = [], runout.simulate
 
     def counted(**arguments):
         found.append(arguments["basal_friction_angle"])
-        return simulate(**arguments)
+        member = found[-1], arguments["seed"]
+        if member not in results:
+            results[member] = simulate(**arguments)
+        return results[member]
 
     monkeypatch.setattr(runout, "simulate", counted)
     return found

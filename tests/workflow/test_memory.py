@@ -67,12 +67,12 @@ def test_release_of_single_cells_between_the_places_that_are_looked_at_is_counte
 def test_forecast_counts_ground_areas_and_drag(friction):
     terrain, release = valley(10.0, 4.0)
     seen = []
-    scene, particles = build_scene(terrain, release, SAND, 20.0, 3.0, 8, accept=seen.append)
+    scene, particles = build_scene(terrain, release, SAND, 20.0, 3.0, 8, precision="float64", accept=seen.append)
     engines = [get_backend("scan", threads=1) for _ in range(2)]
     for engine, law in zip(engines, (0.2, friction), strict=True):
         engine.load(replace(scene, friction=(law,)), particles)
     plain, held = (sum(engine.memory().values()) for engine in engines)
-    forecasts = [expected_memory(seen[0], terrain.elevation.size, "float32", friction=law).backend for law in (None, friction)]
+    forecasts = [expected_memory(seen[0], terrain.elevation.size, "float64", friction=law).backend for law in (None, friction)]
     assert forecasts[1] == pytest.approx(held, rel=0.15)
     assert forecasts[1] - forecasts[0] == pytest.approx(held - plain, rel=0.2)
 

@@ -33,13 +33,19 @@ def site(finished_site, tmp_path):
     return Path(shutil.copytree(finished_site[0], tmp_path / "ramp"))
 
 
+@pytest.fixture(scope="module")
+def undisturbed(finished_site):
+    """Products of the finished site."""
+    return products(finished_site[0])
+
+
 def values(file):
     """Everything that a product holds but when and by which command it was made."""
     if file.suffix == ".nc":
         groups = {None: xr.open_dataset(file)}
         with Dataset(file) as content:
             groups |= {name: xr.open_dataset(file, group=name) for name in content.groups}
-        return {name: group.load().map(np.asarray).drop_attrs().to_dict() for name, group in groups.items()}
+        return {name: group.load().map(np.asarray).drop_attrs().to_dict(data="array") for name, group in groups.items()}
     if file.suffix == ".tif":
         with rasterio.open(file) as raster:
             return raster.read().tobytes(), raster.transform, raster.nodata
@@ -86,7 +92,9 @@ def killed(site, stage, replacement):
     ("stage", "replacement"),
     [("hazard", 1), ("hazard", 3), ("hazard", 36), ("terrain", 2), ("release", 3), ("report", 3)],
 )
-def test_a_stage_killed_with_other_settings_is_done_again_with_those_of_before(site, finished_site, stage, replacement):
+def test_a_stage_killed_with_other_settings_is_done_again_with_those_of_before(
+    site, finished_site, undisturbed, stage, replacement
+):
     """The files of the killed run, of other thresholds and another thickness, never count for those of site.yaml."""
     if stage == "release":
         write_raster(site / "inputs" / "thickness.tif", 2 * slab())
@@ -100,7 +108,7 @@ def test_a_stage_killed_with_other_settings_is_done_again_with_those_of_before(s
     done = hazard_map.run(site, stages=stages, workers=1).done
     assert (stage in done) == (replacement > 1)
     assert not list(site.rglob("*.part"))
-    assert_same(products(site), products(finished_site[0]))
+    assert_same(products(site), undisturbed)
     assert hazard_map.run(site, stages=stages, workers=1).done == ()
 
 
@@ -119,7 +127,7 @@ def test_maps_of_a_killed_run_do_not_stay_beside_those_of_the_next(site):
 
 
 @kills
-def test_an_ensemble_killed_at_a_member_ends_like_an_undisturbed_one(tmp_path, finished_site):
+def test_an_ensemble_killed_at_a_member_ends_like_an_undisturbed_one(tmp_path, undisturbed):
     folder = write_site(tmp_path / "ramp")
     program = (
         "import os, signal, sys\nreplace = os.replace\n"
@@ -136,7 +144,7 @@ def test_an_ensemble_killed_at_a_member_ends_like_an_undisturbed_one(tmp_path, f
     assert set((folder / "results").glob("members/*.nc")) == {member_file(folder, number) for number in range(2)}
     assert hazard_map.run(folder, workers=1).done == ("ensemble", "hazard", "report")
     assert not list(folder.rglob("*.part"))
-    assert_same(products(folder), products(finished_site[0]))
+    assert_same(products(folder), undisturbed)
 
 
 def truncate(file):
@@ -159,30 +167,30 @@ def flip(file):
         ("maps/peak_speed.tif", Path.unlink, "is missing"),
     ],
 )
-def test_a_damaged_product_is_made_again(site, finished_site, name, damage, said, capsys):
+def test_a_damaged_product_is_made_again(site, undisturbed, name, damage, said, capsys):
     damage(site / "results" / name)
     assert cli.main(["status", str(site)]) == ExitCode.OK
     assert re.search(f"{name} {said}", " ".join(capsys.readouterr().out.split()))
     stage = "terrain" if name == "terrain.nc" else "hazard"
     assert hazard_map.run(site, stages=STAGES[:-1], workers=1).done == (stage,)
-    assert_same(products(site), products(finished_site[0]))
+    assert_same(products(site), undisturbed)
     assert (Study.open(site).why_stale(hazard_map.PLAN[-1]) is None) == (stage == "terrain")
 
 
-def test_a_damaged_report_is_made_again(site, finished_site):
+def test_a_damaged_report_is_made_again(site, undisturbed):
     truncate(site / "results" / "report.html")
     assert hazard_map.run(site, workers=1).done == ("report",)
-    assert_same(products(site), products(finished_site[0]))
+    assert_same(products(site), undisturbed)
 
 
-def test_a_damaged_member_heals_and_the_run_says_so(site, finished_site, capsys):
+def test_a_damaged_member_heals_and_the_run_says_so(site, undisturbed, capsys):
     flip(member_file(site, 2))
     assert cli.main(["status", str(site)]) == ExitCode.OK
     assert "3 members done, 0 members failed, 1 members left" in capsys.readouterr().out
     assert cli.main(["ensemble", str(site), "--workers", "1"]) == ExitCode.OK
     assert "member 2: its file does not hold what was written; it is simulated again" in " ".join(capsys.readouterr().err.split())
     assert hazard_map.run(site, stages=STAGES[:-1]).done == ("hazard",)
-    assert_same(products(site), products(finished_site[0]))
+    assert_same(products(site), undisturbed)
 
 
 @pytest.mark.parametrize(
