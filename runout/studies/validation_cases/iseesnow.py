@@ -43,13 +43,17 @@ PeakMaps = tuple[np.ndarray, np.ndarray]  # peak thickness normal to the slope [
 
 @dataclass(frozen=True)
 class Variant:
-    """One run: cells [m], particles per cell, internal friction angle [deg], release by polygon, drag at base or column."""
+    """One run: cells [m], particles per cell, internal friction angle [deg], release by polygon, drag at base or column.
+
+    ``same_mass``: the polygon has the volume of the raster, else its mean thickness.
+    """
 
     cell_size: float | tuple[float, float, float]
     particles_per_cell: tuple[int, int, int] | None = None
     friction_angle: float = 30.0
     polygon: bool = False
     drag: str = ""
+    same_mass: bool = False
 
     @property
     def snow(self) -> runout.DruckerPrager:
@@ -64,6 +68,7 @@ class Variant:
         if self.particles_per_cell:
             words.append(" x ".join(map(str, self.particles_per_cell)) + " particles")
         words += [f"{self.friction_angle:g} deg", "polygon" if self.polygon else "raster"]
+        words += ["mass of the raster"] * self.same_mass
         return ", ".join([*words, f"drag: {self.drag}"] if self.drag else words)
 
 
@@ -89,21 +94,26 @@ class Inputs:
             return {"basal_friction_angle": math.degrees(math.atan(self.mu))}
         return {"basal_friction": voellmy(self.mu, self.xi, drag)}
 
-    def release(self, polygon: bool) -> runout.Release:
-        """The slab: the raster of the case, or its polygon with the mean of the vertical thickness."""
+    def release(self, polygon: bool, same_mass: bool = False) -> runout.Release:
+        """The slab: the raster of the case, or its polygon with the mean of the vertical thickness or the same volume."""
         normal = np.nan_to_num(on_cells(next(self.folder.glob("rel*Field5m.tif")), self.terrain)).clip(0.0)
         vertical = np.where(normal > 0, vertical_thickness(normal, np.nan_to_num(self.slope)), 0.0)
         if not polygon:
             return runout.Release.from_array(vertical, self.terrain, placement="on_surface", name="slab")
         mean = float(vertical[vertical > 0].mean())
         outline = next(self.folder.glob("release*.shp"))
-        return runout.Release.from_vector(outline, self.terrain, thickness=mean, placement="on_surface")
+        found = runout.Release.from_vector(outline, self.terrain, thickness=mean, placement="on_surface")
+        if not same_mass:
+            return found
+        thickness = mean * float(vertical.sum()) * self.terrain.cell_area / found.volume
+        return runout.Release.from_vector(outline, self.terrain, thickness=thickness, placement="on_surface")
 
     def simulated(self, variant: Variant, end_time: float = END, **looks: Any) -> runout.Result:
         """The run of a variant on one thread; ``looks`` state its snapshots."""
         grid = {"cell_size": variant.cell_size, "particles_per_cell": variant.particles_per_cell}
         choices = {**grid, **self.friction(variant.drag), **looks}
-        return runout.simulate(self.terrain, self.release(variant.polygon), variant.snow, **choices, end_time=end_time, threads=1)
+        release = self.release(variant.polygon, variant.same_mass)
+        return runout.simulate(self.terrain, release, variant.snow, **choices, end_time=end_time, threads=1)
 
     def peak_maps(self, result: runout.Result) -> PeakMaps:
         """Peak maps of a run as the tools have them."""
@@ -197,6 +207,7 @@ def _run(inputs: Inputs, variant: Variant, tools: Sequence[PeakMaps]) -> tuple[d
         **scored(maps, tools, inputs.terrain),
         "areas": areas(maps[0], inputs.terrain),
         "rim_pressure": rim_pressure(inputs.simulated(variant, EARLY), variant.snow, axis, inputs.slope),
+        "volume": inputs.release(variant.polygon, variant.same_mass).volume,
         "particles": result.n_particles,
         "steps": result.steps,
         "seconds": seconds,

@@ -14,11 +14,12 @@ COARSE = (Variant(10.0, (2, 2, 24)),)
 COULOMB_SETUP = (
     "Slab of 1.5 m on a parabolic slope with a channel that ends on a cone; Coulomb friction 0.4 (21.8 deg), no other term. "
     "Snow: 200 kg/m3, internal friction 30 deg, stiffness by default. "
-    "Release: the raster of the case, or its polygon with the same mean thickness."
+    "Release: the raster of the case, or its polygon with the same mean thickness or the same mass."
 )
 COULOMB_FULL = (
     Variant(5.0, LEVELLED),
     Variant(5.0, LEVELLED, polygon=True),
+    Variant(5.0, LEVELLED, polygon=True, same_mass=True),
     Variant(5.0, ONE_LEVEL),
     Variant((5.0, 5.0, 2.5)),
     Variant(2.5),

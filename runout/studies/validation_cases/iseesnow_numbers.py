@@ -18,6 +18,7 @@ def coulomb_numbers(results: Mapping[str, Any]) -> dict[str, Any]:
     by_default = _run(results, "5 m, 2 x 2 x 12 particles, 30 deg, raster")
     one, coarse = (_run(results, f"{cells} m, 2 x 2 x 4 particles, 30 deg, raster") for cells in (5, 10))
     finest = _run(results, "2.5 m, 30 deg, raster")
+    light, heavy = (_run(results, f"5 m, 2 x 2 x 12 particles, 30 deg, polygon{mass}") for mass in ("", ", mass of the raster"))
     tools, front = results["tools"], by_default["front"]
     near = sorted(tools, key=lambda tool: abs(tool["front"] - front))[:NEAREST]
     *names, last = (tool["tool"].removeprefix("AvaFrame-") for tool in near)
@@ -26,6 +27,8 @@ def coulomb_numbers(results: Mapping[str, Any]) -> dict[str, Any]:
     above = thickness["runout"] - thickness["median"]
     return {
         "pressure": by_default["rim_pressure"], "one_pressure": one["rim_pressure"], "coarse_pressure": coarse["rim_pressure"],
+        "less_mass": 100.0 * (1.0 - light["volume"] / by_default["volume"]), "csi": by_default["csi_0.1"],
+        "heavy_csi": heavy["csi_0.1"], "tools_csi": float(np.median([tool["csi_0.1"] for tool in tools])),
         "more_area": by_default["area"] - one["area"], "cost": by_default["seconds"] / one["seconds"],
         "left": left, "left_fine": left_fine,
         "behind": float(np.median([t["front"] for t in tools])) - front,
