@@ -49,8 +49,8 @@ below the toe; the mass comes near it, and contacts are searched. A structure fa
 
 Record: {gpu[device]}, driver {gpu[driver]}, warp {gpu[warp]}, commit {gpu[commit]}; copy bandwidth {copy:.2f} TB/s in the same run.
 
-Time of a step with Coulomb friction, and how much longer a step with Voellmy friction takes; the laws take turns. Drag slows the layer, which
-is then sorted less often.
+Time of a step with Coulomb friction, and how much longer a step with Voellmy friction takes; the laws take turns. Drag slows the
+layer, which is then sorted less often.
 
 {friction}
 

@@ -8,9 +8,9 @@ COULOMB_DIFFERENCES = """\
 - **More levels in the same cells mend it**, and so do flat cells and small cells. Four levels at 5 m: pressure {pressure:.2f},
   {more_area:+.1f} ha. So the default has four levels through releases thinner than half a cell, here 2 x 2 x 12. They take
   {cost:.1f} times the time of one.
-- **The polygon has {less_mass:.1f} % less mass than the raster**, whose cells reach beyond it: its area and CSI at 0.1 m are smaller.
-  With the mass of the raster its CSI is {heavy_csi:.3f}, that of the raster {csi:.3f}, of the tools {tools_csi:.3f} (median). Its
-  partly filled cells lower the pressure of the rim.
+- **The polygon has {less_mass:.1f} % less mass than the raster**, whose cells reach beyond it: less area and CSI at 0.1 m. With the
+  mass of the raster its CSI is {heavy_csi:.3f}, that of the raster {csi:.3f}, of the tools {tools_csi:.3f} (median). Its partly
+  filled cells lower the pressure of the rim.
 - With cells of 10 m the map smooths particles that are far apart, which hides a part of the deficit of one level.
 - What is left to the median of the tools, {left:.1f} ha with cells of 5 m and {left_fine:.1f} ha with 2.5 m, is in the run-out
   zone. The tools have hydrostatic pressure; internal friction resists spreading (compare [Frank Slide](frank_slide.md), where
