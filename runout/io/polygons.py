@@ -21,6 +21,13 @@ from runout.model.terrain import Terrain
 NAMED = 5  # pairs that a message names
 
 
+def is_missing(value: Any) -> bool:
+    """Whether an attribute of a feature is empty; a list, which GeoJSON allows, is a value."""
+    import pandas
+
+    return bool(pandas.api.types.is_scalar(value) and pandas.isna(value))
+
+
 @dataclass(frozen=True)
 class PolygonLayer:
     """Polygons of a layer.
@@ -56,7 +63,7 @@ class PolygonLayer:
         unusable = np.flatnonzero(~np.isfinite(values))
         if len(unusable):
             first = unusable[0]
-            found = "empty" if pandas.isna(stated.iloc[first]) else repr(stated.iloc[first])
+            found = "empty" if is_missing(stated.iloc[first]) else repr(stated.iloc[first])
             raise ReleaseError(
                 f"{self.source}: attribute {attribute!r} of polygon {first + 1} is {found}; "
                 f"every polygon needs a number for its {what}"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from runout.errors import InputError
-from runout.io.polygons import PolygonLayer, read_polygons
+from runout.io.polygons import PolygonLayer, is_missing, read_polygons
 from runout.model.limits import checked
 from runout.model.terrain import Terrain
 from runout.structures.facades import numbered, walls_of
@@ -104,22 +104,18 @@ def _stated(source: StructureSource, layer: PolygonLayer, row: int, place: str, 
 
 def _name(source: StructureSource, layer: PolygonLayer, row: int) -> str:
     """Name of a feature: its attribute, or that of the source where it is empty."""
-    import pandas
-
     stated = layer.attributes["name"].iloc[row] if "name" in layer.attributes else None
-    return source.name if stated is None or pandas.isna(stated) or not str(stated).strip() else str(stated)
+    return source.name if is_missing(stated) or not str(stated).strip() else str(stated)
 
 
 def _value(layer: PolygonLayer, row: int, given: float | str | None, quantity: str, place: str) -> float | None:
     """A number that is stated, or that of an attribute of a feature; None where it is empty."""
-    import pandas
-
     key = quantity
     if isinstance(given, str):
         key, given = f"attribute {given!r}", layer.attributes[given].iloc[row]
-        if given is None or (not isinstance(given, str) and pandas.isna(given)):
+        if is_missing(given):
             return None
-        given = given.item() if hasattr(given, "item") else given
+        given = given.item() if isinstance(given, np.generic) else given
     return None if given is None else checked(quantity, given, place=place, key=key, error=InputError)
 
 

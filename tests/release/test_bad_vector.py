@@ -1,5 +1,7 @@
 """Vector files that cannot be a release: each refused with place, value and remedy."""
 
+import json
+
 import numpy as np
 import pandas
 import pyogrio
@@ -72,6 +74,17 @@ def test_negative_thickness_of_a_polygon_is_named(write_polygons, terrain):
 def test_empty_attribute_of_a_polygon_is_named(write_polygons, terrain):
     path = write_polygons([SQUARE, shapely.box(0, 0, 10, 10)], depth=[2.0, None])
     refused(path, terrain, "'depth' of polygon 2", "every polygon needs a number", thickness="depth")
+
+
+@pytest.mark.parametrize("depths", [[[], []], [[1, 2], 3], [{}, 1]])
+def test_lists_in_place_of_numbers_are_named(depths, write_polygons, terrain):
+    """GeoJSON allows them; they are read as arrays."""
+    path = write_polygons([SQUARE, shapely.box(0, 0, 10, 10)], "release.geojson", depth=[0.0, 0.0])
+    collection = json.loads(path.read_text(encoding="utf-8"))
+    for feature, depth in zip(collection["features"], depths, strict=True):
+        feature["properties"]["depth"] = depth
+    path.write_text(json.dumps(collection), encoding="utf-8")
+    refused(path, terrain, "'depth' of polygon 1 is", "every polygon needs a number", thickness="depth")
 
 
 def test_missing_attribute_suggests_the_nearest(write_polygons, terrain):

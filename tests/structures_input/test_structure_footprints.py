@@ -1,5 +1,6 @@
 """Footprints become closed bodies with named facades; what cannot be used is named, all at once."""
 
+import json
 import math
 
 import numpy as np
@@ -141,6 +142,19 @@ def test_a_structure_in_a_release_is_refused(level, tmp_path):
     solids = read_bodies([StructureSource(path)], level).solids
     with pytest.raises(StructureError, match="the structure 'barn' overlaps release top on 8 cells"):
         require_sound(solids, level, (2.0, 2.0, 2.0), [Release(thickness, level, placement="on_surface", name="top")])
+
+
+def test_a_list_in_place_of_a_height_is_named_and_one_in_place_of_a_name_is_read(level, tmp_path):
+    """GeoJSON allows them; they are read as arrays."""
+    path = write_footprints(tmp_path / "l.geojson", [HOUSE], height=[8.0], name=["barn"])
+    collection = json.loads(path.read_text(encoding="utf-8"))
+    collection["features"][0]["properties"]["name"] = []
+    path.write_text(json.dumps(collection), encoding="utf-8")
+    assert len(read_bodies([StructureSource(path)], level).solids) == 1
+    collection["features"][0]["properties"]["height"] = [8.0, 9.0]
+    path.write_text(json.dumps(collection), encoding="utf-8")
+    with pytest.raises(StructureError, match=r"feature 1: attribute 'height' is .*it must be a number"):
+        read_bodies([StructureSource(path)], level)
 
 
 def test_a_missing_attribute_names_those_that_are_there(level, tmp_path):
