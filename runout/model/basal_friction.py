@@ -40,7 +40,11 @@ class BasalFriction:
     coefficients: ClassVar[tuple[str, ...]] = ()  # those of `numbers` that are friction coefficients [1], that at rest first
     uses_area: ClassVar[bool] = False  # whether `resistance` uses the ground area of a contact; backends compute it only then
 
-    drags_column: ClassVar[bool] = False  # whether drag slows the whole column above a contact, not its base
+    drags_column: ClassVar[bool] = False  # whether drag slows the whole column above a contact, not its base; uses the area too
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.uses_area = cls.uses_area or cls.drags_column
 
     def __post_init__(self) -> None:
         for p in parameters_of(type(self)):

@@ -23,7 +23,7 @@ def test_the_context_of_a_device_is_taken_before_threads_load_modules(monkeypatc
     assert done == ["context", "modules"]
 
 
-@pytest.mark.skipif(not HASH_DEVICE.startswith("cuda"), reason="needs a GPU: RUNOUT_TEST_HASH_DEVICE=cuda:0")
+@pytest.mark.skipif(not HASH_DEVICE.startswith("cuda"), reason="needs a GPU: RUNOUT_TEST_DEVICE=cuda:0")
 def test_a_process_whose_kernels_are_compiled_already_records_its_graphs():
     """Its threads load all modules at the same time, before anything else has used the device."""
     for _ in range(3):

@@ -94,6 +94,15 @@ def test_backends_move_a_slab_over_zones_alike(name, friction):
     np.testing.assert_allclose(found.velocity[order], expected.velocity, atol=1e-8 * np.abs(expected.velocity).max())
 
 
+def test_a_law_that_drags_columns_uses_the_area_without_saying_so():
+    """Columns are found with the areas of their contacts."""
+    class OverColumns(type(DRAG)):
+        drags_column = True
+
+    assert OverColumns.uses_area
+    assert not type(DRAG).uses_area
+
+
 def test_zones_change_what_they_name():
     west, rim, east = (np.array([x]) for x in (5.0, 13.0, 40.0))
     a_scene = scene(plane(), friction=(WEAK,), friction_zones=zones(2.0, weakening_speed=2.0))
