@@ -12,6 +12,7 @@ import contextlib
 import hashlib
 import inspect
 import tempfile
+import threading
 from collections import namedtuple
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
@@ -44,6 +45,7 @@ PHYSICS = (
     *(tensors, bspline, moments, transfers, heightfield, elastic, plastic),
     *(geostatic, contact, structures, blocks, timestep, numerical_scales, flow_columns),
 )
+_SETTING = threading.RLock()  # of the folder in which numba caches
 CONSTRUCTORS = ("vec", "sym", "tens")  # opaque values: tuples in Python and numba, vectors in warp
 
 
@@ -310,16 +312,20 @@ def _label(value: Any) -> str:
 
 @contextlib.contextmanager
 def cache_folder(key: str) -> Iterator[None]:
-    """Numba caches what is decorated inside in a folder of its own; a temporary one where the cache is unwritable."""
+    """Numba caches what is decorated inside in a folder of its own; a temporary one where the cache is unwritable.
+
+    The folder is a setting of numba for the whole process: other threads wait.
+    """
     from numba import config as settings
 
     config: Any = settings
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_root() / key)
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
+    with _SETTING:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(cache_root() / key)
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before
 
 
 @contextlib.contextmanager

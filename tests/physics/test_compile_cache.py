@@ -1,9 +1,11 @@
 """The key of compiled code follows the sources: a changed law is never served from a stale cache."""
 
 import importlib.util
+import threading
 
 import numpy as np
 import pytest
+from numba import config as settings
 
 from runout.backends import compile as binding
 from runout.physics import elastic
@@ -59,6 +61,27 @@ def test_unwritable_cache_folder_falls_back_to_a_temporary_one(tmp_path, monkeyp
         assert blocked not in folder.parents
     finally:
         binding.cache_root.cache_clear()
+
+
+def test_a_thread_waits_for_the_folder_of_another_one():
+    """Members of a GPU make their particles in threads; a folder set meanwhile would take or lose the kernels of another."""
+    before, seen, entered = settings.CACHE_DIR, {}, threading.Event()
+
+    def other():
+        entered.set()
+        with binding.cache_folder("second"):
+            seen["second"] = settings.CACHE_DIR
+
+    thread = threading.Thread(target=other)
+    with binding.cache_folder("first"):
+        thread.start()
+        assert entered.wait(10)
+        thread.join(0.2)
+        assert thread.is_alive()
+        assert settings.CACHE_DIR.endswith("first")
+    thread.join(10)
+    assert seen["second"].endswith("second")
+    assert before == settings.CACHE_DIR
 
 
 def test_rebinding_leaves_the_plain_function_as_it_was():
