@@ -1,7 +1,8 @@
-"""What earlier commands of a user found out about the kernels on this machine, kept for a day in the cache folder.
+"""What earlier commands of a user found out about the kernels on this machine, kept in the cache folder.
 
-A note saves a command the import of numba and the steps that it would time. Each is a file, named by all that its value depends on:
-machine, versions, sources of backends and formulas, laws, settings. A note that cannot be read or written counts as absent.
+A note saves a command the import of numba and the steps that it would time. It counts for a day, and for a forecast that compiles
+nothing for a month. Each is a file, named by all that its value depends on: machine, versions, sources of backends and formulas,
+laws, settings. A note that cannot be read or written counts as absent.
 """
 
 import os
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from runout.model.basal_friction import BasalFriction
 
 DAY, SHORT = 86_400.0, 600.0  # [s] that a note counts, and one from a measurement that other work disturbed
+MONTH = 30  # times as long: how long notes are kept, and count where that is better than none
 COMPILERS = ("numpy", "numba", "llvmlite", "warp-lang")
 SOURCES = ("backends", "physics", "model")  # packages whose change changes the kernels
 OF_KERNELS = ("backend", "device", "precision", "transfer", "f_bar")
@@ -43,11 +45,14 @@ class StepCost(NamedTuple):
         return steps * self.step + particle_steps * self.particle
 
 
-def known(name: str, of: Any) -> Any:
-    """Value noted under a name for ``of``, plain values that it depends on; None if there is none that still counts."""
+def known(name: str, of: Any, times: int = 1) -> Any:
+    """Value noted under a name for ``of``, plain values that it depends on; None if there is none that still counts.
+
+    Notes count so many ``times`` as long as is stated in them.
+    """
     noted = read_json(_file(name, of))
     age, lasting = (time.time() - noted.get("time", 0.0), noted.get("lasting", 0.0)) if noted else (0.0, 0.0)
-    return noted.get("value") if 0.0 <= age < lasting else None
+    return noted.get("value") if 0.0 <= age < times * lasting else None
 
 
 def note(name: str, of: Any, value: Any, lasting: float = DAY) -> None:
@@ -55,7 +60,7 @@ def note(name: str, of: Any, value: Any, lasting: float = DAY) -> None:
     with suppress(StorageError, OSError):
         write_json({"time": time.time(), "lasting": lasting, "value": value}, _file(name, of))
         for file in _folder().glob("*.json"):
-            if file.stat().st_mtime < time.time() - DAY:
+            if file.stat().st_mtime < time.time() - MONTH * DAY:
                 file.unlink(missing_ok=True)
 
 
@@ -103,12 +108,12 @@ def friction_fingerprint(basal: "BasalFriction | None") -> str:
     return FRICTIONS.find(basal.law if basal else DEFAULT_FRICTION).fingerprint
 
 
-def noted_step_cost(arguments: Mapping[str, Any]) -> StepCost | None:
+def noted_step_cost(arguments: Mapping[str, Any], times: int = 1) -> StepCost | None:
     """Cost of a step as members of the same scene took, else as a small layer took; None if neither has been noted.
 
-    ``arguments`` are those of :func:`runout.simulate`.
+    ``arguments`` are those of :func:`runout.simulate`, ``times`` that of :func:`known`.
     """
-    noted = known("members", _of_scene(arguments)) or known("layer", _of_kernels(arguments))
+    noted = known("members", _of_scene(arguments), times) or known("layer", _of_kernels(arguments), times)
     return StepCost(*noted) if noted else None
 
 

@@ -1,40 +1,88 @@
 """Starts to compile the kernels of a site's members before anything is read."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from runout.backends.protocol import Compilation
     from runout.config.site import Site
+    from runout.model.basal_friction import BasalFriction
+    from runout.model.materials import Material
 
 SEVERAL = 2  # materials of a run with several releases
 
 
-def compile_ahead(site: "Site") -> "Compilation | None":
-    """Compilation for the members of a site that run on the CPU; None for other backends, and if the kernels are known to be there.
+@dataclass(frozen=True)
+class _Kernels:
+    """What the kernels of a site's members on the CPU depend on.
 
-    How many releases the polygons make is not known yet. If the guess is wrong, one kernel is compiled later.
+    How many releases the polygons make is not known before they are read. If the guess is wrong, one kernel is compiled later.
     """
-    stated = site.settings.simulation
-    if stated.backend != "scan" or stated.device != "cpu":
-        return None
-    from runout import engine_notes
+
+    material: "Material"
+    releases: int
+    friction: "BasalFriction"
+    precision: str
+    zones: bool
+    structures: bool
+    choices: dict[str, Any]
+
+    @classmethod
+    def of(cls, site: "Site") -> "_Kernels | None":
+        """Those of a site; None for other backends."""
+        stated, terrain = site.settings.simulation, site.settings.terrain
+        if stated.backend != "scan" or stated.device != "cpu":
+            return None
+        from runout.model.scene import STANDARD_GRAVITY
+
+        return cls(
+            site.material().chosen(1.0, 1.0, STANDARD_GRAVITY),
+            SEVERAL if len(site.settings.release) > 1 else 1,
+            site.friction.law.example,
+            stated.precision,
+            bool(terrain.friction_zones or terrain.friction_rasters),
+            site.structures.possible,
+            {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed},
+        )
+
+    @property
+    def key(self) -> list[Any]:
+        """Plain values for :mod:`runout.engine_notes`."""
+        from runout import engine_notes
+
+        laws = engine_notes.laws_of({"material": self.material, "basal_friction": self.friction})
+        return [*laws, self.releases, self.precision, self.zones, self.structures, self.choices]
+
+    def noted(self, times: int = 1) -> bool:
+        """Whether they are known to be compiled; ``times`` is that of :func:`runout.engine_notes.known`."""
+        from runout import engine_notes
+
+        mark = engine_notes.known("kernels", self.key, times)
+        return bool(mark) and Path(mark).exists()
+
+    def note(self, mark: Path) -> None:
+        """Note the file that marks them as compiled."""
+        from runout import engine_notes
+
+        engine_notes.note("kernels", self.key, str(mark))
+
+
+def compile_ahead(site: "Site") -> "Compilation | None":
+    """Compilation for the members of a site on the CPU; None for other backends, and if the kernels are known to be there."""
     from runout.backends.protocol import start_compilation
-    from runout.model.scene import STANDARD_GRAVITY
 
-    material = site.material().chosen(1.0, 1.0, STANDARD_GRAVITY)
-    count = SEVERAL if len(site.settings.release) > 1 else 1
-    choices: dict[str, Any] = {"transfer": stated.transfer, "f_bar": stated.f_bar, "sleep_speed": stated.sleep_speed}
-    zones = bool(site.settings.terrain.friction_zones or site.settings.terrain.friction_rasters)
-    built, friction = site.structures.possible, site.friction.law.example
-    laws = engine_notes.laws_of({"material": material, "basal_friction": friction})
-    of = [*laws, count, stated.precision, zones, built, choices]
-    mark = engine_notes.known("kernels", of)
-    if mark and Path(mark).exists():
+    kernels = _Kernels.of(site)
+    if kernels is None or kernels.noted():
         return None
+    more: dict[str, Any] = {"zones": kernels.zones, "structures": kernels.structures, "choices": kernels.choices}
+    materials = (kernels.material,) * kernels.releases
+    return start_compilation(materials, kernels.friction, kernels.precision, **more, marked=kernels.note)
 
-    def marked(file: Path) -> None:
-        engine_notes.note("kernels", of, str(file))
 
-    more: dict[str, Any] = {"zones": zones, "choices": choices, "structures": built, "marked": marked}
-    return start_compilation((material,) * count, friction, stated.precision, **more)
+def kernels_noted(site: "Site") -> bool:
+    """Whether a command of the last month has compiled the kernels of the members of a site."""
+    from runout.engine_notes import MONTH
+
+    kernels = _Kernels.of(site)
+    return kernels is not None and kernels.noted(MONTH)

@@ -21,11 +21,16 @@ from runout.scenario import build_scene
 from runout.structure_forces import named_structures
 from runout.workflow.check_stiffness import VOLUME
 from runout.workflow.flow_forecast import member_steps
-from runout.workflow.step_cost import engine_for, step_cost
+from runout.workflow.step_cost import TYPICAL, engine_for, step_cost
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from runout.config.site import Site
+    from runout.engine_notes import StepCost
     from runout.ensemble.member import Member
+
+    CostOf = Callable[[Mapping[str, Any]], StepCost]
 
 LOGGER = logging.getLogger(__name__)
 SETUP_SECONDS = 0.3  # time of a member beside its steps [s]
@@ -56,6 +61,8 @@ class Forecast:
         Least and most steps of a member.
     particle_steps : float
         Of all members.
+    measured : bool
+        Whether the time of a step was measured on this machine.
     """
 
     members: int
@@ -68,6 +75,7 @@ class Forecast:
     disk: float
     range_of_steps: tuple[int, int] = (0, 0)
     particle_steps: float = 0.0
+    measured: bool = True
 
     def lines(self) -> list[str]:
         """The forecast in sentences."""
@@ -77,9 +85,15 @@ class Forecast:
             f"members   {self.members} to simulate, {self.workers} at a time",
             particle_line(self.particles),
             f"steps     about {self._steps()}, {self.particle_steps:.2g} particle-steps in all",
-            f"time      about {duration(self.seconds)} ({duration(self.member_seconds)} for that member on one core)",
+            f"time      about {self._time()}",
             f"memory    about {self.memory / GIGABYTE:.2g} GB, disk at most {self.disk / GIGABYTE:.2g} GB",
         ]
+
+    def _time(self) -> str:
+        own = f"({duration(self.member_seconds)} for that member on one core)"
+        if self.measured:
+            return f"{duration(self.seconds)} {own}"
+        return f"{duration(self.seconds)} on a typical machine {own}; the first run compiles for a minute and measures this one"
 
     def _steps(self) -> str:
         least, most = self.range_of_steps
@@ -92,7 +106,7 @@ class Forecast:
         return [_over(name, limit, needs[name]) for name, limit in limits.items() if limit is not None and needs[name] > limit]
 
 
-def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -> Forecast:
+def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None, cost_of: "CostOf | None" = None) -> Forecast:
     """Forecast for the members ``left``: particles are counted, steps follow from points that slide in place of the mass.
 
     Only the processor time of a step is measured, on a small layer (:mod:`runout.workflow.step_cost`).
@@ -104,6 +118,8 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
         Numbers of the members to simulate.
     workers : int, optional
         Members at the same time; if None one per core, or as many as the memory holds.
+    cost_of : callable, optional
+        Cost of a step from the arguments of :func:`runout.simulate`; :func:`runout.workflow.step_cost.step_cost` if None.
 
     Raises
     ------
@@ -118,7 +134,7 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
     steps, particle_steps = _work(site, members, largest, particles)
     own = members.index(largest)
     arguments = site.member_arguments(largest.parameters)
-    cost = step_cost(arguments)
+    cost = (cost_of or step_cost)(arguments)
     seconds = SETUP_SECONDS + cost.step * steps + cost.particle * particle_steps
     maps = 2.0 * len(members) * len(member_map_names())  # of members/*.nc and members.nc, before compression
     maps += 2.0 * len(members) * (site.settings.simulation.snapshots or 0)
@@ -128,7 +144,7 @@ def forecast(site: "Site", left: Sequence[int], *, workers: int | None = None) -
     total = work if together == 1 else START_SECONDS + CROWDING * max(work / together, longest)
     return Forecast(
         len(members), together, particles, math.ceil(steps[own]), float(seconds[own]), total, memory, disk,
-        (math.ceil(steps.min()), math.ceil(steps.max())), float(particle_steps.sum()),
+        (math.ceil(steps.min()), math.ceil(steps.max())), float(particle_steps.sum()), cost is not TYPICAL,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
     from runout.workflow.check import Findings
+    from runout.workflow.study import Study
 
 
 def check_site(site_path: Path, out: Path | None = None, device: str | None = None) -> int:
@@ -62,12 +63,9 @@ def _counted(console: "Console", site_path: Path) -> "Site | None":
 
 
 def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path | None, device: str | None) -> int:
-    from rich.text import Text
-
     from runout.accuracy import lines
     from runout.workflow import check_stiffness
     from runout.workflow.check import depth_resolution
-    from runout.workflow.plan import forecast, particle_line
     from runout.workflow.probes import other_members
     from runout.workflow.status import print_stages
     from runout.workflow.study import Study
@@ -88,9 +86,21 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
         console.print(f"probes    {said}", markup=False)
     if study.growth:
         console.print(f"ensemble  {study.growth.statement()}", markup=False)
+    return _print_forecast(console, study)
+
+
+def _print_forecast(console: "Console", study: "Study") -> int:
+    """Print the forecast of a run, for which nothing is compiled."""
+    from rich.text import Text
+
+    from runout.workflow.compilation import kernels_noted
+    from runout.workflow.plan import forecast, particle_line
+    from runout.workflow.step_cost import quick_step_cost
+
     try:
         with log.muted():
-            expected = forecast(study.site, study.left_at_most)
+            cost_of = partial(quick_step_cost, compiled=partial(kernels_noted, study.site))
+            expected = forecast(study.site, study.left_at_most, cost_of=cost_of)
     except (BudgetError, CapacityError) as error:
         console.print(Text.assemble(("over budget ", "bold red"), str(error)))
         return error.exit_code

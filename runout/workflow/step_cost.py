@@ -1,11 +1,12 @@
 """Processor time of a step on this machine, from a few steps of a small layer: the particles of the site are not made.
 
-It is measured once a day (:mod:`runout.engine_notes`), and anew after some minutes if other work disturbed the measurement.
+It is measured once a day (:mod:`runout.engine_notes`), and anew after some minutes if other work disturbed the measurement. A
+forecast that compiles nothing takes what was measured in the last month, or else that of a typical core.
 """
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,12 +29,19 @@ UNTIMED_STEPS, TIMED_STEPS = 4, 24
 REPEATS = 3  # measurements, of which the shortest counts
 WAITED = 0.15  # share of the time that a measurement waits for a core, from which on other work disturbs it
 SLOPE = 0.4  # of the ground
+TYPICAL = StepCost(2e-4, 1e-7)  # of a core of a server; others took 0.5 to 2 times as long
 SPREADING = 1.2  # cost of a particle-step of a flow, which spreads and is observed, over that of the layer
 
 
 def engine_for(arguments: Mapping[str, Any]) -> "Backend":
     """Backend of a run with these arguments of :func:`runout.simulate`, on one thread."""
     return get_backend(arguments.get("backend", "scan"), arguments.get("device", "cpu"), 1)
+
+
+def quick_step_cost(arguments: Mapping[str, Any], compiled: Callable[[], bool]) -> StepCost:
+    """Cost of a step as it was in the last month; else measured if the kernels are ``compiled``, or :data:`TYPICAL`."""
+    noted = engine_notes.noted_step_cost(arguments, engine_notes.MONTH) if arguments.get("device", "cpu") == "cpu" else None
+    return noted or (step_cost(arguments) if arguments.get("device", "cpu") != "cpu" or compiled() else TYPICAL)
 
 
 def step_cost(arguments: Mapping[str, Any]) -> StepCost:

@@ -33,6 +33,14 @@ def test_a_good_site_is_planned_and_left_as_it_is(tmp_path, capsys):
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_check_compiles_nothing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("runout.workflow.step_cost.measured_step_cost", lambda arguments: pytest.fail("a step is measured"))
+    code, out = said(capsys, "check", write_site(tmp_path / "ramp"))
+    assert code == ExitCode.OK
+    assert "on a typical machine" in out
+    assert "the first run compiles for a minute and measures this one" in " ".join(out.split())
+
+
 def test_check_of_a_finished_site_says_that_nothing_is_left(finished_site, capsys):
     code, out = said(capsys, "check", finished_site[0])
     assert code == ExitCode.OK

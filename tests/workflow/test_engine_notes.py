@@ -12,7 +12,7 @@ from runout.config.site import read_site
 from runout.engine_notes import StepCost
 from runout.ensemble.step_time import StepTimer
 from runout.workflow import plan, step_cost
-from runout.workflow.compilation import compile_ahead
+from runout.workflow.compilation import compile_ahead, kernels_noted
 
 
 @pytest.fixture
@@ -35,6 +35,18 @@ def test_a_step_is_measured_once_a_day(arguments, measured, notes):
     noted = json.loads(file.read_text())
     file.write_text(json.dumps({**noted, "time": noted["time"] - 1.01 * engine_notes.DAY}))
     assert step_cost.step_cost(arguments) == StepCost(2e-3, 2e-6)
+
+
+def test_a_forecast_that_compiles_nothing_takes_the_cost_of_the_last_month_or_a_typical_one(arguments, measured, notes):
+    quick = step_cost.quick_step_cost
+    assert quick(arguments, lambda: False) is step_cost.TYPICAL
+    measured += [(StepCost(1e-3, 1e-6), True), (StepCost(2e-3, 2e-6), True)]
+    assert quick(arguments, lambda: True) == StepCost(1e-3, 1e-6)
+    (file,) = notes.glob("layer-*.json")
+    noted = json.loads(file.read_text())
+    for days, compiled, cost in ((29, True, (1e-3, 1e-6)), (31, False, step_cost.TYPICAL), (31, True, (2e-3, 2e-6))):
+        file.write_text(json.dumps({**noted, "time": noted["time"] - days * engine_notes.DAY}))
+        assert quick(arguments, lambda known=compiled: known) == cost
 
 
 def test_a_disturbed_measurement_counts_for_some_minutes(arguments, measured, notes):
@@ -114,6 +126,8 @@ def test_known_kernels_start_no_compilation_until_they_are_removed(tmp_path, mon
     started[0](mark)
     assert compile_ahead(site) is None
     assert len(started) == 1
+    assert kernels_noted(site)
     mark.unlink()
+    assert not kernels_noted(site)
     compile_ahead(site)
     assert len(started) == 2

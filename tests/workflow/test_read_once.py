@@ -81,10 +81,11 @@ def test_nothing_to_do_loads_no_library_that_it_does_not_need(finished_site):
     assert done.stdout.splitlines()[-1] == ""
 
 
-def test_a_check_loads_no_compiler_if_the_kernels_are_known():
+@pytest.mark.parametrize("cost", [[1e-4, 3e-8], None])
+def test_a_check_loads_no_compiler_whether_the_kernels_are_known_or_not(cost):
     code = (
         "import sys; from runout import engine_notes; from runout.cli import main\n"
-        "engine_notes.known = lambda name, of: 100_000_000 if name == 'memory' else [1e-4, 3e-8]\n"
+        f"engine_notes.known = lambda name, of, times=1: 100_000_000 if name == 'memory' else {cost}\n"
         "assert main(['check', sys.argv[1]]) == 0\n"
         "unneeded = 'numba', 'warp', 'matplotlib', 'xarray', 'rasterio', 'runout.structures.read', 'runout.scores.comparison'\n"
         "print(*(n for n in unneeded if n in sys.modules))"
