@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.image import imread, imsave
 
-from runout.report.maps import STYLES, draw_map
+from runout.report.maps import draw_map
 from runout.report.picture import png
 from runout.report.sheets import Sheet, headline_sheets, reached_window
 from runout.report.study import Study, read_study
+from runout.report.values import STYLES
 
 HERE = Path(__file__).parent
 SITE = HERE.parent / "sites" / "frank_slide"

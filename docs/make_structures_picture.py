@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.image import imread, imsave
 
-from runout.report.maps import STYLES, draw_map
+from runout.report.maps import draw_map
 from runout.report.picture import png
 from runout.report.sheets import headline_sheets, reached_window
 from runout.report.structures import force_figure
 from runout.report.study import read_study
+from runout.report.values import STYLES
 
 PICTURE = Path(__file__).parent / "images" / "dam_demo.png"
 SHOWN = "Peak flow thickness, 95th"  # start of the title of the map

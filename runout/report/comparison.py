@@ -9,10 +9,11 @@ import numpy as np
 from runout import __version__
 from runout.io.vector import outline
 from runout.report.html import embedded, render
-from runout.report.maps import STYLES, Basemap, MapStyle
+from runout.report.maps import Basemap
 from runout.report.marks import Mark
 from runout.report.picture import MapPictures
 from runout.report.scores import counts_in_words, score_tables
+from runout.report.values import STYLES, MapStyle
 from runout.report.wording import number, unit
 from runout.scores.comparison import Comparison
 from runout.scores.flow import THICKNESSES, TITLES, UNITS

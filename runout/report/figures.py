@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout.config.parameter_variables import parameter_variable
-from runout.report.maps import NORMAL, SMALL, WIDE
+from runout.report.maps import WIDE
 from runout.report.marks import INK
 from runout.report.members import FIGURES, Ledger, representative
+from runout.report.values import NORMAL, SMALL
 from runout.report.wording import unit
 
 if TYPE_CHECKING:

@@ -3,17 +3,22 @@
 from base64 import b64encode
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from runout.report import figures, probe_figures, sheets, tables
-from runout.report.maps import STYLES
+from runout.report.elsewhere import Helpers
+from runout.report.maps import Basemap
 from runout.report.members import representative
 from runout.report.picture import MapPictures, encoded, png
 from runout.report.scores import counts_in_words, range_table, score_tables
 from runout.report.structures import structure_section
 from runout.report.study import Study, read_study
+from runout.report.values import STYLES, Window
 from runout.report.wording import MINUS
 
 if TYPE_CHECKING:
@@ -21,11 +26,14 @@ if TYPE_CHECKING:
 
     from runout.report.stills import Stills
 
+Cells = tuple[np.ndarray, str]  # values of a map (rows, columns) and its key in STYLES
 REPORT = "report.html"
 TEMPLATE = "report.html.jinja"
 
 
-def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Stills] | None" = None) -> Path:
+def write_report(
+    site: Any, results: Path, stills: "Callable[[pd.DataFrame], Stills] | None" = None, helpers: Helpers | None = None
+) -> Path:
     """Write the report ``results/report.html``, completely or not at all; returns its path.
 
     Parameters
@@ -36,6 +44,8 @@ def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Sti
         Folder with ``hazard.nc``, ``members.nc``, ``members/``, ``outlines.gpkg`` and ``run.json``.
     stills : callable, optional
         Draws valid members in three dimensions.
+    helpers : Helpers, optional
+        Processes that draw a part of the pictures.
 
     Raises
     ------
@@ -45,17 +55,20 @@ def write_report(site: Any, results: Path, stills: "Callable[[pd.DataFrame], Sti
     from runout.io.atomic import write_text
 
     study = read_study(Path(results))
+    content = page(site, study, helpers or Helpers())
     drawn = stills(study.valid).content() if stills else None
-    return write_text(render({**page(site, study), "stills": drawn}), Path(results) / REPORT)
+    return write_text(render({**content, "stills": drawn}), Path(results) / REPORT)
 
 
-def page(site: Any, study: Study) -> dict[str, Any]:
+def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
     """Content of the template, by name."""
     settings = site.resolved()
     window = sheets.reached_window(study)
+    drawn = helpers.do([partial(_figures, study.for_figures(), window)])
     headline = sheets.headline_sheets(study)
     further = sheets.further_sheets(study, headline)
-    pictures = MapPictures(study.basemap, window)
+    observed = sheets.observed_sheets(study) if study.run.get("observations") else []
+    printed = _printed([*headline, *further, *observed], study.basemap, window, helpers)
     return {
         "title": settings.get("title") or site.name,
         "name": site.name,
@@ -63,21 +76,24 @@ def page(site: Any, study: Study) -> dict[str, Any]:
         "heading": tables.heading(study),
         "cards": tables.key_figures(study),
         "warnings": tables.warnings(study, settings),
-        "headline": _printed(headline, pictures),
-        "further": _printed(further, pictures),
+        "headline": printed[: len(headline)],
+        "further": printed[len(headline) : len(headline) + len(further)],
         "legend": _legend(study),
-        "observed": _observed(study, pictures),
-        "structures": _structures(study),
-        "probes": _probed(study),
-        "location": embedded(sheets.location(study, window)),
+        "observed": _observed(study, printed[len(headline) + len(further) :]),
         "crs": study.hazard["crs"].attrs.get("long_name", "") if "crs" in study.hazard else "local coordinates",
         "error": tables.numerical_error(study.convergence),
         "members": tables.members(study),
         "balance": tables.balance(study),
         "settings": tables.settings(settings),
         "provenance": tables.provenance(study.run),
-        **_plots(study),
+        **drawn()[0],
     }
+
+
+def _figures(study: Study, window: Window) -> dict[str, Any]:
+    """Content with pictures other than maps of results; needs :meth:`Study.for_figures` only."""
+    location = embedded(sheets.location(study.basemap, window))
+    return {"structures": _structures(study), "probes": _probed(study), "location": location, **_plots(study)}
 
 
 def _legend(study: Study) -> str:
@@ -102,7 +118,7 @@ def _structures(study: Study) -> dict[str, Any] | None:
     return section and {**section, "figure": embedded(png(section["figure"]) if section["figure"] else None)}
 
 
-def _observed(study: Study, pictures: MapPictures) -> dict[str, Any] | None:
+def _observed(study: Study, printed: list[dict[str, str | None]]) -> dict[str, Any] | None:
     """Scores against the observations, and maps of both; None for a site without observations."""
     stated = study.run.get("observations")
     if not stated:
@@ -113,7 +129,7 @@ def _observed(study: Study, pictures: MapPictures) -> dict[str, Any] | None:
         "scores": score_tables(whole["scores"]),
         "counts": [(of, counts_in_words(counts)) for of, counts in whole["counts"].items()],
         "members": range_table(whole["scores"], members) if len(members) > 1 else [],
-        "sheets": _printed(sheets.observed_sheets(study), pictures),
+        "sheets": printed,
     }
 
 
@@ -146,12 +162,24 @@ def _plots(study: Study) -> dict[str, Any]:
     }
 
 
-def _printed(drawn: list[sheets.Sheet], pictures: MapPictures) -> list[dict[str, str | None]]:
-    """Title, caption and picture of maps; each is compressed while the next is drawn."""
+def _printed(drawn: list[sheets.Sheet], basemap: Basemap, window: Window, helpers: Helpers) -> list[dict[str, str | None]]:
+    """Title, caption and picture of maps, of which each free helper draws a share."""
+    ground = basemap.cropped(window)
+    cells = [(sheet.values[window], sheet.style) for sheet in drawn]
+    count = len(helpers.free) + 1
+    shares = [cells[part[0] : part[-1] + 1] for part in np.array_split(np.arange(len(cells)), count) if part.size]
+    elsewhere = [helpers.do([partial(_pictures, ground, share)]) for share in shares[1:]]
+    images = [*_pictures(ground, shares[0]), *(image for answer in elsewhere for image in answer()[0])]
+    texts = ({"title": sheet.title, "caption": sheet.caption} for sheet in drawn)
+    return [{**text, "image": image} for text, image in zip(texts, images, strict=True)]
+
+
+def _pictures(ground: Basemap, cells: list[Cells]) -> list[str | None]:
+    """Pictures of maps; each is compressed while the next is drawn."""
+    pictures = MapPictures(ground, ground.whole)
     with ThreadPoolExecutor(1) as pool:
-        images = [pool.submit(encoded, pictures.pixels(sheet.values, STYLES[sheet.style])) for sheet in drawn]
-        texts = ({"title": sheet.title, "caption": sheet.caption} for sheet in drawn)
-        return [{**text, "image": embedded(image.result())} for text, image in zip(texts, images, strict=True)]
+        images = [pool.submit(encoded, pictures.pixels(values, STYLES[style])) for values, style in cells]
+        return [embedded(image.result()) for image in images]
 
 
 def embedded(picture: bytes | None) -> str | None:

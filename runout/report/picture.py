@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from runout.report.maps import BAR, VALUES, Basemap, MapStyle, Window, blank_map, draw_colour_bar, paint_values
+from runout.report.maps import BAR, Basemap, blank_map
+from runout.report.values import VALUES, MapStyle, Window, draw_colour_bar, paint_values
 
 DPI = 200
 RIM = 0.02  # [inch] above a colour bar, for its frame

@@ -6,7 +6,8 @@ import numpy as np
 
 from runout.errors import ConfigError
 from runout.map_quantities import ARRIVAL, QUANTITIES
-from runout.report.maps import STYLES, Basemap, MapStyle, Window, blank_map, draw_values, tint_by_elevation
+from runout.report.maps import Basemap, blank_map, tint_by_elevation
+from runout.report.values import STYLES, MapStyle, Window, draw_values
 from runout.report.wording import unit
 from runout.variables import VARIABLES
 

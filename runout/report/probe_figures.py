@@ -7,8 +7,9 @@ import numpy as np
 
 from runout.io.probe_files import PERCENTILE, POINTS, SECTIONS, TIME
 from runout.report.figures import tidy
-from runout.report.maps import NORMAL, SMALL, WIDE
+from runout.report.maps import WIDE
 from runout.report.marks import INK
+from runout.report.values import NORMAL, SMALL
 from runout.report.wording import THIN, number, percent, unit
 from runout.variables import VARIABLES
 

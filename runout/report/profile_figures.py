@@ -7,8 +7,8 @@ import numpy as np
 from runout.hazard.profiles import DISTANCE
 from runout.io.probe_files import PERCENTILE
 from runout.report.figures import tidy
-from runout.report.maps import NORMAL, SMALL
 from runout.report.marks import INK
+from runout.report.values import NORMAL, SMALL
 from runout.report.wording import unit
 from runout.variables import VARIABLES
 

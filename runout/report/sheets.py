@@ -8,9 +8,10 @@ import numpy as np
 
 from runout.hazard.joint import conditions_of
 from runout.map_quantities import ARRIVAL_PERCENTILE, FIRST_ARRIVAL, QUANTITIES, MapQuantity
-from runout.report.maps import Window, draw_location
+from runout.report.maps import Basemap, draw_location
 from runout.report.picture import png
 from runout.report.study import Study
+from runout.report.values import Window
 from runout.report.wording import number, quantity
 from runout.variables import VARIABLES
 
@@ -33,7 +34,7 @@ class Sheet:
     values : ndarray (rows, columns)
         Cells to draw; NaN and 0 are transparent.
     style : str
-        Key of :data:`runout.report.maps.STYLES`.
+        Key of :data:`runout.report.values.STYLES`.
     """
 
     title: str
@@ -51,12 +52,12 @@ def reached_window(study: Study) -> Window:
     return study.basemap.window(shown)
 
 
-def location(study: Study, window: Window) -> bytes | None:
+def location(basemap: Basemap, window: Window) -> bytes | None:
     """PNG of the whole terrain with the frame of the maps; None if the maps show most of the terrain."""
     shown = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
-    if shown > LARGEST_SHARE * study.basemap.elevation.size:
+    if shown > LARGEST_SHARE * basemap.elevation.size:
         return None
-    return png(draw_location(study.basemap, window))
+    return png(draw_location(basemap, window))
 
 
 def headline_sheets(study: Study) -> list[Sheet]:

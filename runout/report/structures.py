@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from runout.report.maps import NORMAL, SMALL, WIDE
+from runout.report.maps import WIDE
+from runout.report.values import NORMAL, SMALL
 from runout.report.wording import number, percent, volume
 from runout.structure_series import AXES, SERIES
 

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 OBSERVED = ("observed_outline", "thalweg", "gauges")  # layers of outlines.gpkg
 PROBED = ("cross_sections", "probes")
+OF_ALL = ("time", "kinetic_energy")  # of the ledgers of all members, for one figure
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,12 @@ class Study:
     def valid(self) -> "pd.DataFrame":
         """Members that were simulated without failure."""
         return self.members[self.members["status"] == "valid"]
+
+    def for_figures(self) -> "Study":
+        """What figures other than maps need, to be sent to another process: no maps, and of most members only what is drawn."""
+        chosen = representative(self.valid) if len(self.valid) else None
+        ledgers = {m: ledger if m == chosen else {name: ledger[name] for name in OF_ALL} for m, ledger in self.ledgers.items()}
+        return replace(self, hazard=self.hazard[[]], ledgers=ledgers)
 
 
 def read_study(results: Path) -> Study:

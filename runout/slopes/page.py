@@ -9,9 +9,10 @@ import numpy as np
 
 from runout import __version__
 from runout.report.html import embedded, render
-from runout.report.maps import STYLES, Basemap, MapStyle, draw_map
+from runout.report.maps import Basemap, draw_map
 from runout.report.marks import Mark
 from runout.report.picture import MapPictures, png
+from runout.report.values import STYLES, MapStyle
 from runout.report.wording import number, quantity
 from runout.slopes.infinite_slope import LARGEST_FACTOR
 from runout.slopes.terrain_figures import LISTED

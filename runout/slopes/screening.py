@@ -168,8 +168,9 @@ def picture(found: Baseline, drained: Drainage, way: FlowPath, places: Sequence[
     """PNG of the deposit over hillshade, with the extent (dashed), the release, the flow path and the places on it."""
     from shapely import LineString, Point
 
-    from runout.report.maps import STYLES, Basemap, draw_map
+    from runout.report.maps import Basemap, draw_map
     from runout.report.marks import Mark
+    from runout.report.values import STYLES
 
     terrain = found.terrain
     marks = [Mark(LineString(way.points(drained)), "")] if len(way.cells) > 1 else []

@@ -9,9 +9,10 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 from shapely.geometry import LineString, Point, box
 
-from runout.report.maps import STYLES, Basemap, colour_scale, draw_location, draw_map, round_length
+from runout.report.maps import Basemap, draw_location, draw_map, round_length
 from runout.report.marks import Mark
 from runout.report.picture import MapPictures, encoded, png
+from runout.report.values import STYLES, colour_scale
 
 N = 60
 

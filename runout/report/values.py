@@ -1,0 +1,159 @@
+"""Draws the values of a map: colours, classes and scales of each quantity, and the colour bar."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from runout.map_quantities import QUANTITIES, MapQuantity
+from runout.report.marks import INK
+from runout.report.wording import unit
+from runout.variables import VARIABLES
+
+Window = tuple[slice, slice]  # rows and columns of the raster
+Extent = tuple[float, float, float, float]  # outer edges west, east, south, north [m]
+
+SMALL, NORMAL = 9.0, 9.5  # [pt]
+VALUES = 2  # order of drawing: the values lie above the ground, and below outlines, labels and frame
+
+
+@dataclass(frozen=True)
+class MapStyle:
+    """Colours of a quantity.
+
+    Parameters
+    ----------
+    label : str
+        Text of the colour bar, with the unit.
+    colours : str
+        A perceptually uniform colour map of matplotlib; light colours are small values.
+    steps : tuple of float
+        Bounds of colour classes; if empty, the scale is continuous from 0 to the 99th percentile.
+    classes : int
+        Approximate number of colour classes with round bounds; 0 for a continuous scale.
+    logarithmic : bool
+        A logarithmic continuous scale over at most three decades.
+    faintest : float
+        Values at or below it are transparent.
+    scale : float
+        Factor from the stored unit to the printed one.
+    diverging : bool
+        A continuous scale that is symmetric about 0.
+    top : float
+        Largest value of a continuous scale, in the printed unit; 0: the 99th percentile.
+    """
+
+    label: str
+    colours: str
+    steps: tuple[float, ...] = ()
+    classes: int = 0
+    logarithmic: bool = False
+    faintest: float = 0.0
+    scale: float = 1.0
+    diverging: bool = False
+    top: float = 0.0
+
+
+TENTHS = tuple(float(np.float32(i / 10)) for i in range(11))  # float32 as in files; a value on a bound is in the class above
+
+
+def _style_of(quantity: MapQuantity) -> MapStyle:
+    units, divisor = VARIABLES[quantity.peak].printed
+    label = f"{quantity.symbol} [{unit(units)}]"
+    return MapStyle(label, quantity.colours, scale=1.0 / divisor, logarithmic=quantity.logarithmic)
+
+
+STYLES = {
+    "probability": MapStyle("conditional probability [1]", "magma_r", steps=TENTHS),
+    "time": MapStyle("time since release [s]", "viridis", classes=9, faintest=-math.inf),
+    **{name: _style_of(quantity) for name, quantity in QUANTITIES.items()},
+    "difference": MapStyle("change or difference [m]", "RdBu_r", faintest=-math.inf, diverging=True),
+}
+
+
+def draw_values(axes: Any, bar: Any, extent: Extent, values: np.ndarray, style: MapStyle) -> Any:
+    """Image of ``values`` (rows, columns) on the extent of a map, with their colour bar in the axes ``bar``."""
+    painted, shown = paint_values(axes, extent, values, style)
+    draw_colour_bar(painted, bar, shown, style)
+    return painted
+
+
+def paint_values(axes: Any, extent: Extent, values: np.ndarray, style: MapStyle) -> tuple[Any, np.ma.MaskedArray]:
+    """Image of ``values`` (rows, columns) on the extent of a map, and what it shows, in printed units."""
+    shown = np.ma.masked_invalid(np.asarray(values, np.float64))
+    shown = np.ma.masked_less_equal(shown, style.faintest) * style.scale
+    scale, box = colour_scale(shown, style), _box(shown)
+    part = _extent_of(box, shown.shape, extent)
+    return axes.imshow(shown[box], extent=part, interpolation="nearest", alpha=0.86, zorder=VALUES, **scale), shown
+
+
+def _box(shown: np.ma.MaskedArray) -> Window:
+    """Rows and columns that hold all cells with a colour; those of the first cell where none has one."""
+    known = ~np.ma.getmaskarray(shown)
+    places = [np.flatnonzero(known.any(axis=axis)) for axis in (1, 0)]
+    if not places[0].size:
+        return slice(0, 1), slice(0, 1)
+    return slice(places[0][0], places[0][-1] + 1), slice(places[1][0], places[1][-1] + 1)
+
+
+def _extent_of(box: Window, shape: tuple[int, ...], extent: Extent) -> Extent:
+    """Outer edges of rows and columns of cells (rows, columns) with an extent."""
+    west, east, south, north = extent
+    dx, dy = (east - west) / shape[1], (north - south) / shape[0]
+    return west + box[1].start * dx, west + box[1].stop * dx, north - box[0].stop * dy, north - box[0].start * dy
+
+
+def colour_scale(shown: np.ma.MaskedArray, style: MapStyle) -> dict[str, Any]:
+    """``cmap`` and ``norm`` of the cells of a map in printed units; the faintest tenth of the colours is not used."""
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
+    from matplotlib.ticker import MaxNLocator
+
+    colours = ListedColormap(colormaps[style.colours](np.linspace(0.08, 0.95, 256)))
+    if style.steps:
+        return {"cmap": colours, "norm": BoundaryNorm(style.steps, 256)}
+    values = shown.compressed()
+    if values.size == 0:
+        return {"cmap": colours, "norm": Normalize(0.0, 1.0)}
+    if style.diverging:
+        top = float(np.percentile(np.abs(values), 99)) or 1.0
+        return {"cmap": colormaps[style.colours], "norm": Normalize(-top, top, clip=True)}
+    if style.classes:
+        bounds = MaxNLocator(style.classes).tick_values(0.0, max(float(values.max()), 1e-9))
+        return {"cmap": colours, "norm": BoundaryNorm(bounds, 256)}
+    top = style.top or float(np.percentile(values, 99)) or 1.0
+    if style.logarithmic:
+        return {"cmap": colours, "norm": LogNorm(max(float(values.min()), top * 1e-3, 1e-9), max(top, 2e-9), clip=True)}
+    return {"cmap": colours, "norm": Normalize(0.0, top, clip=True)}
+
+
+def draw_colour_bar(painted: Any, below: Any, shown: np.ma.MaskedArray, style: MapStyle) -> None:
+    """Colour bar of an image in the axes ``below``; the numbers of one with stated steps do not depend on the values."""
+    above = shown.count() > 0 and not (style.steps or style.classes) and float(np.abs(shown).max()) > painted.norm.vmax
+    extend = ("both" if style.diverging else "max") if above else "neither"
+    bar = below.figure.colorbar(painted, cax=below, orientation="horizontal", extend=extend, extendfrac=0.03)
+    bar.solids.set_alpha(1.0)
+    largest = f", largest {_short(float(np.abs(shown).max()))}" if above else ""
+    bar.set_label(style.label + largest, fontsize=NORMAL, color=INK)
+    if style.logarithmic and shown.count():
+        ticks = _logarithmic_ticks(painted.norm.vmin, painted.norm.vmax)
+        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        bar.minorticks_off()
+    bar.ax.tick_params(labelsize=NORMAL, colors=INK, length=3)
+    bar.outline.set_linewidth(0.5)
+
+
+def _logarithmic_ticks(low: float, high: float) -> list[float]:
+    """At most seven round numbers from ``low`` to ``high``."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for digits in ((1, 2, 5), (1, 3), (1,)):
+        ticks = [digit * 10.0**power for power in powers for digit in digits]
+        ticks = [tick for tick in ticks if low <= tick <= high]
+        if len(ticks) <= 7:
+            return ticks
+    return ticks
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
