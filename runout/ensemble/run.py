@@ -16,7 +16,7 @@ from runout.ensemble.member import Member, members_folder, plan_members, stored_
 from runout.ensemble.status import LASTING, Failure, State, member_state
 from runout.ensemble.work import Work
 from runout.ensemble.work_log import log_work_of_file
-from runout.ensemble.workers import in_process, in_workers, share_of
+from runout.ensemble.workers import Share, in_process, in_workers, share_of
 from runout.ensemble.written import Written
 from runout.errors import DiskFullError, InputError, RunoutError
 from runout.io.fingerprint import Unchanged
@@ -26,6 +26,7 @@ from runout.model.facts import as_html, as_text
 
 if TYPE_CHECKING:
     from runout.config.site import Site
+    from runout.ensemble.standby import Standby
     from runout.result import Result
 
 LOGGER = logging.getLogger(__name__)
@@ -128,6 +129,7 @@ def run_ensemble(
     part: range | None = None,
     cluster: Cluster | None = None,
     member_bytes: float = 0.0,
+    standby: "Standby | None" = None,
 ) -> EnsembleReport:
     """Run all members that have no valid result; returns a report.
 
@@ -160,6 +162,8 @@ def run_ensemble(
         Dask cluster that computes the members. Its workers see the folders under the same absolute paths.
     member_bytes : float
         Memory of the largest member [byte]; each worker of a cluster takes as many members as fit.
+    standby : Standby, optional
+        Worker processes of this machine that have started already.
 
     Raises
     ------
@@ -185,7 +189,7 @@ def run_ensemble(
                 LOGGER.info("%d of %d members to simulate, on a cluster", len(work.members), tally.of)
                 run = on_cluster(cluster, Order(work, workers, threads, member_bytes), tally.advance)
             else:
-                run = _on_this_machine(work, workers, threads, tally)
+                run = _on_this_machine(work, share_of(work.device, len(work.members), workers, threads), tally, standby)
             try:
                 with closing(run) as outcomes:
                     tally.collect(outcomes)
@@ -197,15 +201,14 @@ def run_ensemble(
     return tally.report()
 
 
-def _on_this_machine(work: Work, workers: int | None, threads: int | None, tally: "_Tally") -> Generator[Outcome, None, None]:
+def _on_this_machine(work: Work, share: Share, tally: "_Tally", standby: "Standby | None") -> Generator[Outcome, None, None]:
     """Outcomes of members that this process or worker processes compute."""
-    share = share_of(work.device, len(work.members), workers, threads)
     task, groups = work.task(share), work.groups(share)
     LOGGER.info("%d of %d members to simulate, %s", len(work.members), tally.of, share)
     tally.elsewhere = not share.in_process
     if share.in_process:
         return in_process(task, groups, tally.advance, share.devices)
-    return in_workers(task, groups, share.workers, share.threads, tally.advance, share.devices)
+    return in_workers(task, groups, share.workers, share.threads, tally.advance, share.devices, standby)
 
 
 class _Tally:

@@ -10,10 +10,12 @@ import pickle
 import signal
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
 from types import TracebackType
 from typing import Protocol
 
@@ -90,11 +92,19 @@ class Worker:
     group: Group = ()
     ready: bool = False
 
+    def assign(self, task: bytes) -> None:
+        """Send it what it computes, as :func:`packed` makes it; waits until it has started."""
+        self._send(task)
+
     def give(self, group: Group) -> None:
-        """Send it a group of members. If it has just died, :meth:`hear` detects that."""
+        """Send it a group of members."""
         self.group = group
+        self._send(packed(group))
+
+    def _send(self, message: bytes) -> None:
+        """Send a message. If the worker has just died, :meth:`hear` detects that."""
         try:
-            self.pipe.send(group)
+            self.pipe.send_bytes(message)
         except OSError:
             self.pipe.close()
 
@@ -119,8 +129,13 @@ class Worker:
         self.process.join()
 
 
-def start_worker(number: int, task: Task, device: str | None) -> Worker:
-    """Start a worker process that runs ``task`` on a device.
+def packed(message: object) -> bytes:
+    """A message to a worker, for :meth:`Worker.assign` a :class:`Task`."""
+    return bytes(ForkingPickler.dumps(message))
+
+
+def start_worker(number: int, device: str | None, imports: Sequence[str] = ()) -> Worker:
+    """Start a worker process that runs a task on a device. It imports some modules, then waits for :meth:`Worker.assign`.
 
     Raises
     ------
@@ -129,7 +144,7 @@ def start_worker(number: int, task: Task, device: str | None) -> Worker:
     """
     context = multiprocessing.get_context("spawn")  # a forked child dies once numba has started threads
     ours, its = context.Pipe()
-    process = context.Process(target=_work, args=(its, task, device, os.getpid()), name=f"runout-{number}", daemon=True)
+    process = context.Process(target=_work, args=(its, device, os.getpid(), imports), name=f"runout-{number}", daemon=True)
     try:
         with interrupts_kept(), children_allowed():
             process.start()
@@ -140,20 +155,26 @@ def start_worker(number: int, task: Task, device: str | None) -> Worker:
     return Worker(number, process, ours)
 
 
-def _work(pipe: Connection, task: Task, device: str | None, parent: int) -> None:
-    """Main function of a worker process: compute groups of members until none are left."""
+def _work(pipe: Connection, device: str | None, parent: int, imports: Sequence[str]) -> None:
+    """Main function of a worker process: compute groups of members until none are left.
+
+    It then ends at once: the interpreter takes a second to close, and all files are written.
+    """
     end_with_parent(parent)
     hide_dask()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("runout", "py.warnings"):  # the parent process has already logged messages on the inputs
         logging.getLogger(name).addHandler(logging.NullHandler())
     logging.captureWarnings(True)
+    for name in imports:
+        import_module(name)
     try:
+        task = pipe.recv()
         pipe.send(Ready())
         while True:
             pipe.send(_portable(done(task, pipe.recv(), _teller(pipe), device)))
     except (EOFError, OSError):  # the parent closed the connection: no members are left
-        return
+        os._exit(0)
 
 
 def _teller(pipe: Connection) -> Callable[[int, float], None]:

@@ -7,12 +7,16 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import wait
+from typing import TYPE_CHECKING
 
 from runout.backends.protocol import devices_of
 from runout.ensemble import machine
 from runout.ensemble.dispatch import Died, Outcome, feed, outcomes
-from runout.ensemble.worker import END_SECONDS, Done, Group, Progress, Ready, Task, Worker, done, start_worker
+from runout.ensemble.worker import END_SECONDS, Done, Group, Progress, Ready, Task, Worker, done, packed, start_worker
 from runout.errors import ConfigError, DeviceError
+
+if TYPE_CHECKING:
+    from runout.ensemble.standby import Standby
 
 LOGGER = logging.getLogger(__name__)
 MEMORY_SHARE = 0.9  # share of the memory of the machine for all workers together
@@ -152,10 +156,12 @@ def in_workers(
     threads: int,
     advance: Callable[[int, float], None],
     devices: Sequence[str] = (),
+    standby: "Standby | None" = None,
 ) -> Generator[Outcome, None, None]:
     """Run ``task`` for every member in worker processes; yield the outcomes in the order in which they finish.
 
     ``advance`` is called in this thread with the number of a running member and its fraction. Each worker uses one of ``devices``.
+    Processes that have started already are taken from ``standby``.
 
     Raises
     ------
@@ -164,7 +170,7 @@ def in_workers(
     """
     workers = min(workers, len(groups))
     memory = int(MEMORY_SHARE * machine.memory_bytes() / workers)
-    with Workforce(task, workers, threads, tuple(devices), memory) as force:
+    with Workforce(task, workers, threads, tuple(devices), memory, standby) as force:
         yield from feed(force, groups, advance)
 
 
@@ -181,16 +187,24 @@ class Workforce:
         GPUs that the workers share; empty on the CPU.
     memory : int
         Memory [byte] of each worker; one that takes more is terminated.
+    standby : Standby, optional
+        Processes that have started already.
     """
 
-    def __init__(self, task: Task, workers: int, threads: int, devices: tuple[str, ...], memory: int):
-        self.task, self.devices, self.memory = task, devices, memory
-        self.environment = dict.fromkeys(THREAD_VARIABLES, str(threads))
+    def __init__(
+        self, task: Task, workers: int, threads: int, devices: tuple[str, ...], memory: int, standby: "Standby | None" = None
+    ):
+        self.task, self.devices, self.memory = packed(task), devices, memory
+        self.threads, self.standby = threads, standby
         self.number, self.workers = workers, list[Worker]()
 
     def __enter__(self) -> "Workforce":
         try:
             self.workers += map(self._start, range(self.number))
+            if self.standby:
+                self.standby.dismiss()
+            for worker in self.workers:  # all of them start meanwhile
+                worker.assign(self.task)
         except BaseException:
             self.__exit__()
             raise
@@ -203,8 +217,8 @@ class Workforce:
             worker.end()
 
     def _start(self, number: int) -> Worker:
-        with START, _environment(self.environment):
-            return start_worker(number, self.task, self.devices[number % len(self.devices)] if self.devices else None)
+        waiting = self.standby.take(number, self.threads) if self.standby else None
+        return waiting or started(number, self.devices[number % len(self.devices)] if self.devices else None, self.threads)
 
     @property
     def busy(self) -> bool:
@@ -243,6 +257,7 @@ class Workforce:
                 '(a Python script that runs an ensemble needs `if __name__ == "__main__":`)'
             )
         self.workers[worker.number] = self._start(worker.number)
+        self.workers[worker.number].assign(self.task)
 
     def speaking(self) -> list[Worker]:
         """Workers with a message or that have died, after a short wait. Workers that use too much memory are terminated."""
@@ -253,6 +268,12 @@ class Workforce:
             if worker.group and machine.resident_bytes(worker.process.pid or 0) > MEMORY_END * self.memory:
                 worker.process.kill()
         return closed + [worker for pipe, worker in by_pipe.items() if pipe in heard]
+
+
+def started(number: int, device: str | None, threads: int, imports: Sequence[str] = ()) -> Worker:
+    """A new worker process with so many threads; see :func:`runout.ensemble.worker.start_worker`."""
+    with START, _environment(dict.fromkeys(THREAD_VARIABLES, str(threads))):
+        return start_worker(number, device, imports)
 
 
 def _death(memory: int) -> str:

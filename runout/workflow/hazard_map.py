@@ -4,7 +4,7 @@ import gc
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from runout.config.site import Site
     from runout.ensemble.cluster import Cluster
+    from runout.report.elsewhere import Helpers
     from runout.report.stills import Stills
 
 LOGGER = logging.getLogger("runout.hazard_map")
@@ -124,9 +125,33 @@ def _run_part(study: Study, members: str) -> Outcome:
 
 
 def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
-    if "ensemble" in [stage.name for stage in stages] and study.left and not study.cluster:
-        study.compilation = compile_ahead(study.site)
-    _require_sound(study, stages)
+    with ExitStack() as processes:
+        if "ensemble" in [stage.name for stage in stages] and study.left and not study.cluster:
+            _start_ahead(study, processes)
+        _require_sound(study, stages)
+        done = _run_stages(study, stages, force, processes)
+    if not done:
+        LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
+    study.keep()
+    return _outcome(study, stages, done)
+
+
+def _start_ahead(study: Study, processes: ExitStack) -> None:
+    """Start to compile the kernels of the members, or the processes that compute them, while this one reads the inputs."""
+    from runout.ensemble.standby import Standby
+    from runout.ensemble.workers import share_of
+
+    study.compilation = compile_ahead(study.site)
+    stated = study.site.settings.simulation
+    if study.compilation or stated.backend != "scan":
+        return
+    share = share_of(stated.device, len(study.left), study.workers, study.threads)
+    if not share.in_process:
+        study.standby = processes.enter_context(Standby(share.workers, share.threads))
+
+
+def _run_stages(study: Study, stages: Sequence[Stage], force: bool, processes: ExitStack) -> tuple[str, ...]:
+    """Names of the stages that were not up to date, after running them."""
     done = []
     for stage in stages:
         reason = study.why_stale(stage) or ("asked for by --force" if force and stage.name != "ensemble" else None)
@@ -135,24 +160,33 @@ def _run(study: Study, stages: Sequence[Stage], force: bool) -> Outcome:
             continue
         LOGGER.info("%s: %s (%s)", stage.name, stage.purpose, reason)
         started = time.perf_counter()
+        if stage.name in ("hazard", "report") and stages[-1].name == "report" and study.helpers is None:
+            study.helpers = processes.enter_context(_helpers())  # they start while this process makes the maps
         with imported_meanwhile() if stage.name == "ensemble" and _waits_for_workers(study, stages) else nullcontext():
             _make(study, stage)
         LOGGER.info("%s: done in %.1f s", stage.name, time.perf_counter() - started, extra={"stage": stage.name})
         done.append(stage.name)
-    if not done:
-        LOGGER.info("nothing to do: %s up to date in %s", ", ".join(stage.name for stage in stages), study.results)
-    study.keep()
-    return _outcome(study, stages, tuple(done))
+    return tuple(done)
+
+
+def _helpers() -> "Helpers":
+    """Processes that draw for this one, one for two further cores: on two alone their imports take as long as they save."""
+    from runout.ensemble.machine import core_count
+    from runout.report.elsewhere import Helpers
+
+    return Helpers(core_count() // 2 - 1)
 
 
 def _waits_for_workers(study: Study, stages: Sequence[Stage]) -> bool:
-    """Whether other processes compute the members and the stages of the products follow."""
+    """Whether other processes or a GPU compute the members and the stages of the products follow."""
     from runout.ensemble.workers import share_of
 
     if study.part is not None or not study.left or "hazard" not in [stage.name for stage in stages]:
         return False
     device = study.site.settings.simulation.device
-    return bool(study.cluster) or not share_of(device, len(study.left), study.workers, study.threads).in_process
+    if study.cluster or device.startswith("cuda"):
+        return True
+    return not share_of(device, len(study.left), study.workers, study.threads).in_process
 
 
 def _require_sound(study: Study, stages: Sequence[Stage]) -> None:
@@ -239,6 +273,7 @@ def make_members(study: Study) -> Iterable[Path]:
                 part=part,
                 cluster=study.cluster,
                 member_bytes=member_bytes(study.site, study.left_at_most) if study.cluster else 0.0,
+                standby=study.standby,
             )
 
         if study.part is None:
@@ -263,7 +298,7 @@ def make_report(study: Study) -> Iterable[Path]:
     from runout.report.html import write_report
 
     study.require_maps()
-    return [write_report(study.site, study.results, _stills(study))]
+    return [write_report(study.site, study.results, _stills(study), study.helpers)]
 
 
 def _stills(study: Study) -> "Callable[[pd.DataFrame], Stills] | None":

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.ensemble.cluster import Cluster
     from runout.ensemble.run import EnsembleReport
+    from runout.ensemble.standby import Standby
     from runout.ensemble.status import Standing
     from runout.ensemble.written import Written
     from runout.model.terrain import Terrain
+    from runout.report.elsewhere import Helpers
     from runout.workflow.growth import Growth
 
 HEAD = ("name", "title", "description", "metadata")
@@ -50,6 +52,8 @@ class Study:
     part: range | None = None
     cluster: "Cluster | None" = None
     compilation: "Compilation | None" = field(default=None, repr=False)
+    standby: "Standby | None" = field(default=None, repr=False)
+    helpers: "Helpers | None" = field(default=None, repr=False)
     _watched: Unchanged | None = field(default=None, init=False, repr=False)
     _watched_observations: Unchanged | None = field(default=None, init=False, repr=False)
 

@@ -54,10 +54,10 @@ MOMENTS = {
         from dataclasses import dataclass
         from pathlib import Path
         import runout.workflow.hazard_map as study
-        from runout.ensemble.worker import start_worker
+        from runout.ensemble.worker import packed, start_worker
         def run(study, *_):
-            workers = [start_worker(k, time.sleep, None) for k in range(2)]
-            for worker in workers: worker.hear(), worker.give(60)
+            workers = [start_worker(k, None) for k in range(2)]
+            for worker in workers: worker.assign(packed(time.sleep)), worker.hear(), worker.give(60)
             wait()
         @dataclass
         class Study: results: Path; cluster: object = None

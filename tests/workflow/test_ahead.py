@@ -7,9 +7,11 @@ from contextlib import nullcontext
 import pytest
 from ramp_site import write_site
 
-from runout.ensemble import machine
+from runout.ensemble import machine, standby
 from runout.workflow import ahead, hazard_map
 from runout.workflow.ahead import imported_meanwhile
+
+ALL = hazard_map.STAGES
 
 
 def test_what_has_not_begun_at_the_end_of_the_context_is_left_out(monkeypatch):
@@ -30,7 +32,7 @@ def test_what_has_not_begun_at_the_end_of_the_context_is_left_out(monkeypatch):
 
 @pytest.mark.parametrize(
     ("stages", "workers", "times"),
-    [(hazard_map.STAGES, 2, 1), (hazard_map.STAGES, 1, 0), (("ensemble",), 2, 0), (("hazard",), 2, 0)],
+    [(ALL, 2, 1), (ALL, 1, 0), (("ensemble",), 2, 0), (("hazard",), 2, 0)],
 )
 def test_products_are_imported_if_they_follow_and_this_process_waits(tmp_path, monkeypatch, stages, workers, times):
     contexts = []
@@ -40,6 +42,23 @@ def test_products_are_imported_if_they_follow_and_this_process_waits(tmp_path, m
     monkeypatch.setattr(hazard_map, "_make", lambda study, stage: None)
     hazard_map.run(write_site(tmp_path / "ramp"), stages=stages, workers=workers)
     assert len(contexts) == times
+
+
+@pytest.mark.parametrize(
+    ("stages", "workers", "compiles", "number"),
+    [(ALL, 2, False, 1), (ALL, 1, False, 0), (ALL, 2, True, 0), (("hazard",), 2, False, 0)],
+)
+def test_workers_start_ahead_where_they_compute_members_with_compiled_kernels(
+    tmp_path, monkeypatch, stages, workers, compiles, number
+):
+    begun = []
+    monkeypatch.setattr(machine, "core_count", lambda: 2)
+    monkeypatch.setattr(standby, "Standby", lambda workers, threads: begun.append((workers, threads)) or nullcontext())
+    monkeypatch.setattr(hazard_map, "compile_ahead", lambda site: compiles)
+    monkeypatch.setattr(hazard_map, "imported_meanwhile", nullcontext)
+    monkeypatch.setattr(hazard_map, "_make", lambda study, stage: None)
+    hazard_map.run(write_site(tmp_path / "ramp"), stages=stages, workers=workers)
+    assert begun == [(2, 1)] * number
 
 
 def test_garbage_is_collected_as_soon_as_a_stage_is_made(tmp_path):

@@ -132,7 +132,7 @@ def study(tmp_path, monkeypatch):
     monkeypatch.setattr(Study, "left", left)
     monkeypatch.setattr(Study, "open", lambda *_, **__: study)
     monkeypatch.setattr(hazard_map, "_require_sound", lambda *_: None)
-    monkeypatch.setattr(hazard_map, "compile_ahead", lambda _: None)
+    monkeypatch.setattr(hazard_map, "_start_ahead", lambda *_: None)
     return study
 
 

@@ -1,0 +1,43 @@
+"""Worker processes that start before their work is known: they import what members need while this process reads its inputs."""
+
+from typing import Self
+
+from runout.ensemble.worker import Worker
+from runout.ensemble.workers import started
+
+IMPORTED = ("runout.simulation", "runout.backends.scan.backend", "xarray", "netCDF4")  # by every member on the CPU
+
+
+class Standby:
+    """Context of worker processes for members on the CPU, which :meth:`take` gives away.
+
+    Parameters
+    ----------
+    number, threads : int
+        Number of workers, and threads of each.
+    """
+
+    def __init__(self, number: int, threads: int):
+        self.threads, self.workers = threads, list[Worker]()
+        self.number = number
+
+    def __enter__(self) -> Self:
+        for number in range(self.number):
+            self.workers.append(started(number, None, self.threads, IMPORTED))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.dismiss()
+
+    def dismiss(self) -> None:
+        """End the processes that nobody has taken."""
+        while self.workers:
+            self.workers.pop().end()
+
+    def take(self, number: int, threads: int) -> Worker | None:
+        """A process for the worker of this number, with so many threads; None if there is none."""
+        if threads != self.threads or not self.workers:
+            return None
+        worker = self.workers.pop()
+        worker.number = number
+        return worker
