@@ -1,8 +1,8 @@
 """What earlier commands of a user found out about the kernels on this machine, kept in the cache folder.
 
-A note saves a command the import of numba and the steps that it would time. It counts for a day, and for a forecast that compiles
-nothing for a month. Each is a file, named by all that its value depends on: machine, versions, sources of backends and formulas,
-laws, settings. A note that cannot be read or written counts as absent.
+A note saves a command the import of numba and the steps that it would time. A measured time counts for a day, and for a forecast
+that compiles nothing for a month. Each note is a file, named by all that its value depends on: machine, versions, sources of
+backends and formulas, laws, settings. A note that cannot be read or written counts as absent.
 """
 
 import os
@@ -65,8 +65,8 @@ def note(name: str, of: Any, value: Any, lasting: float = DAY) -> None:
 
 
 def remembered(name: str, of: Any, make: Callable[[], Any]) -> Any:
-    """The value noted for ``of``, or else what ``make`` returns, which is noted."""
-    value = known(name, of)
+    """The value noted for ``of`` in the last month, or else what ``make`` returns, which is noted."""
+    value = known(name, of, MONTH)
     if value is None:
         value = make()
         note(name, of, value)
