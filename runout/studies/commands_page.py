@@ -6,20 +6,21 @@ from typing import Any
 
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
 
-HEADS = ("command", "processor before [s]", "processor after [s]", "ratio", "wall, ratio", "error before", "error after")
+HEADS = ("command", "wall before [s]", "wall after [s]", "ratio", "processor, ratio", "error before", "error after")
 RUNS = ("command", "version", "wall [s]", "processor [s]", "largest process [MB]")
 VERSIONS = ("before", "after")
 TEXT = """# Whole commands
 
-Processor time of whole commands of two versions on the same machine.
+Wall time of whole commands of two versions on the same machine.
 
 {table}
 
-Geometric mean of the processor times over those before: {mean:.2f} of all commands, {flows:.2f} of those with an error.
+Geometric mean of the wall times over those before: {mean:.2f}{without}.
 
-![Processor time of each command before and after](commands.png)
+![Wall time of each command before and after](commands.png)
 
-- *Processor time*: user and system time of all processes. {load} Members have one thread each.
+- *Wall time*: as a user waits. {load} Each version chooses the threads of its members.
+- *Processor, ratio*: user and system time of all processes, also of threads that wait.
 - *Error*: relative L1 difference of the peak thickness, the mean over the members, from the same members with half the cells:
   by the version before, and by the version after where there is a second number.{errors}
 - *Before*: stiffness stated by the sites, for waves about ten times as fast as the flow. *After*: stiffness chosen by the run.
@@ -53,41 +54,42 @@ def _errors(record: Mapping[str, Any], name: str) -> list[str]:
 def _table(record: Mapping[str, Any]) -> str:
     wall, processor = _medians(record, "wall"), _medians(record, "processor")
     rows = [
-        [name, f"{a:.1f}", f"{b:.1f}", f"{b / a:.2f}", f"{wall[name][1] / wall[name][0]:.2f}", *_errors(record, name)]
-        for name, (a, b) in processor.items()
+        [name, f"{a:.1f}", f"{b:.1f}", f"{b / a:.2f}", f"{processor[name][1] / processor[name][0]:.2f}", *_errors(record, name)]
+        for name, (a, b) in wall.items()
     ]
     return markdown(HEADS, rows)
 
 
 def _figure(record: Mapping[str, Any]) -> bytes:
-    """Bars of processor time, one pair a command."""
+    """Bars of wall time, one pair a command."""
     from matplotlib.figure import Figure
 
-    processor = _medians(record, "processor")
-    figure = Figure(figsize=(8, 0.6 + 0.5 * len(processor)), layout="constrained")
+    wall = _medians(record, "wall")
+    figure = Figure(figsize=(8, 0.6 + 0.5 * len(wall)), layout="constrained")
     axes = figure.add_subplot()
     for k, (version, colour) in enumerate(zip(VERSIONS, ("#b0b0b0", "#1f6f8b"), strict=True)):
-        places = [n + 0.2 - 0.4 * k for n in range(len(processor), 0, -1)]
-        bars = axes.barh(places, [pair[k] for pair in processor.values()], height=0.38, color=colour, label=version)
+        places = [n + 0.2 - 0.4 * k for n in range(len(wall), 0, -1)]
+        bars = axes.barh(places, [pair[k] for pair in wall.values()], height=0.38, color=colour, label=version)
         axes.bar_label(bars, fmt="%.1f s", padding=3, fontsize=8)
-    axes.set_yticks(range(len(processor), 0, -1), list(processor))
+    axes.set_yticks(range(len(wall), 0, -1), list(wall))
     axes.set_xscale("log")
     axes.margins(x=0.15)
-    axes.set_xlabel("processor time [s]")
+    axes.set_xlabel("wall time [s]")
     figure.legend(loc="outside upper center", ncols=len(VERSIONS), frameon=False)
     return as_png(figure)
 
 
 def page(record: Mapping[str, Any]) -> StudyPage:
     """The page of a record."""
-    ratios = {name: after / before for name, (before, after) in _medians(record, "processor").items()}
-    flows = [ratio for name, ratio in ratios.items() if name in record["errors"]] or list(ratios.values())
+    beside = record.get("beside", ())
+    ratios = [after / before for name, (before, after) in _medians(record, "wall").items() if name not in beside]
     rows = [
         [run["case"], v, round(run[v]["wall"], 2), round(run[v]["processor"], 2), round(run[v]["largest_process_mb"])]
         for run in record["runs"] for v in VERSIONS
     ]  # fmt: skip
     text = TEXT.format(
-        table=_table(record), mean=geometric_mean(ratios.values()), flows=geometric_mean(flows), commits=record["commits"],
+        table=_table(record), mean=geometric_mean(ratios), without=f"; not in it are *{'* and *'.join(beside)}*" if beside else "",
+        commits=record["commits"],
         runs=download("commands.csv", "the table"), machine=record["machine"], load=record.get("load", ""),
         errors="".join(f" {note}" for note in record.get("notes", ())),
     )  # fmt: skip

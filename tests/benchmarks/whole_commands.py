@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ VERSIONS = ("before", "after")
 CORES = 2  # of a lane
 MEMBERS = 500  # of the aggregation
 ENTRY = "import sys; from runout.cli import main; sys.exit(main())"  # of versions without runout.__main__
+AS_BEFORE = "[2, 2, 4]"  # as many particles of the thin slab as in the version before; its default has four times as many
 STIFF = {"coulomb_only": 1.6e8}  # [Pa], waves of 1,030 m/s; other sites state theirs in the version before
 SNOW = """name: coulomb_only
 title: CoulombOnly of ISeeSnow
@@ -53,14 +54,18 @@ class Case:
     cell: float = 0.0  # [m]; 0: that of the site
     command: str = "run"
     has_error: bool = True
+    particles: str = ""  # of a cell in the version after; empty for the default
+    beside: bool = False  # not in the mean of the page
 
 
 CASES = (
     Case("jacksboro", "jacksboro"),
     Case("frank_slide, 20 m", "frank_slide"),
     Case("cascades_2021", "cascades_2021"),
-    Case("CoulombOnly, 10 m", "coulomb_only", 10.0),
-    Case("CoulombOnly, 5 m", "coulomb_only", 5.0),
+    Case("CoulombOnly, 10 m", "coulomb_only", 10.0, particles=AS_BEFORE),
+    Case("CoulombOnly, 5 m", "coulomb_only", 5.0, particles=AS_BEFORE),
+    Case("CoulombOnly, 10 m, default particles", "coulomb_only", 10.0, beside=True),
+    Case("CoulombOnly, 5 m, default particles", "coulomb_only", 5.0, beside=True),
     Case("hazard of 500 members", command="aggregate", has_error=False),
     Case("check jacksboro", "jacksboro", command="check", has_error=False),
 )
@@ -83,9 +88,15 @@ def snow_site(folder: Path, version: str) -> None:
     (folder / "site.yaml").write_text(SNOW.format(stiffness=stiffness))
 
 
+def site_folder(case: Case, version: str, folder: Path, finer: float = 1.0) -> Path:
+    """Folder of the site of a case."""
+    few = "_few" if version == "after" and case.particles else ""
+    return folder / f"{case.site}_{case.cell:g}_{case.command}_{version}_{finer:g}{few}"
+
+
 def site_of(case: Case, version: str, root: Path, folder: Path, finer: float = 1.0) -> Path:
     """The site of a case as ``root`` has it, with cells smaller by ``finer``; the version after chooses the stiffness."""
-    copy = folder / f"{case.site}_{case.cell:g}_{case.command}_{version}_{finer:g}"
+    copy = site_folder(case, version, folder, finer)
     shutil.rmtree(copy, ignore_errors=True)
     if case.site == "coulomb_only":
         copy.mkdir(parents=True)
@@ -95,6 +106,8 @@ def site_of(case: Case, version: str, root: Path, folder: Path, finer: float = 1
     text = (copy / "site.yaml").read_text()
     if version == "after":
         text = re.sub(r"^ *youngs_modulus:.*\n", "", text, flags=re.MULTILINE)
+    if version == "after" and case.particles:
+        text = text.replace("simulation: {", f"simulation: {{particles_per_cell: {case.particles}, ")
     cell = (case.cell or float(re.findall(r"cell_size: ([\d.]+)", text)[0])) / finer
     text = re.sub(r"cell_size: [\d.]+", f"cell_size: {cell:g}", text)
     text = re.sub(r"^budget: .*$", "", text, flags=re.MULTILINE)
@@ -131,8 +144,7 @@ def command_of(case: Case, site: Path, out: Path, root: Path, device: str = "cpu
     how = ["-m", "runout"] if (root / "runout" / "__main__.py").exists() else ["-c", ENTRY]
     if case.command == "check":
         return [sys.executable, *how, "check", str(site)]
-    alone = ["--threads", "1"] if how[0] == "-m" and device == "cpu" else []  # as before: threads that wait take processor time
-    return [sys.executable, *how, "run", str(site), "--device", device, *alone, "--out", str(out)]
+    return [sys.executable, *how, "run", str(site), "--device", device, "--out", str(out)]
 
 
 def peak_maps(results: Path) -> np.ndarray:
@@ -214,7 +226,7 @@ class Study:
         found: dict[str, dict[str, Path]] = {}
         for case in (c for c in CASES if c.has_error and c.name in self.a.cases):
             for version in VERSIONS:
-                site = site_of(case, version, self.roots["before"], self.folder, 2.0)
+                site = site_of(replace(case, particles=""), version, self.roots["before"], self.folder, 2.0)
                 command = command_of(case, site, site / "results", self.roots[version], self.a.device)
                 done = timed(command, self.roots[version], self.lanes[-1], self.cache(version))
                 print("reference", case.name, version, json.dumps(done), flush=True)
@@ -226,7 +238,7 @@ class Study:
         """Errors of each version against the reference of each version."""
         found: dict[str, dict[str, float]] = {}
         for version in VERSIONS:
-            results = self.folder / f"{case.site}_{case.cell:g}_{case.command}_{version}_1" / "results"
+            results = site_folder(case, version, self.folder) / "results"
             found[version] = {name: error(results, path) for name, path in references.items()}
         return found
 
@@ -243,7 +255,8 @@ class Study:
             runs += [row for rows in pool.map(self.of_lane, shares, lanes) for row in rows]
             halves = references.result() if references else {}
         errors = {c.name: self.errors(c, halves[c.name]) for c in cases if c.name in halves}
-        return {"runs": runs, "errors": errors, "machine": self.a.machine, "commits": self.a.commits}
+        beside = [c.name for c in cases if c.beside]
+        return {"runs": runs, "errors": errors, "beside": beside, "machine": self.a.machine, "commits": self.a.commits}
 
 
 def summary(record: dict[str, Any]) -> str:
