@@ -5,6 +5,7 @@ from typing import Self
 from runout.ensemble.worker import Worker
 from runout.ensemble.workers import started
 
+MOST = 8  # processes that wait; memory may not hold as many members as there are cores
 IMPORTED = ("runout.simulation", "runout.backends.scan.backend", "xarray", "netCDF4")  # by every member on the CPU
 
 
@@ -14,7 +15,7 @@ class Standby:
     Parameters
     ----------
     number, threads : int
-        Number of workers, and threads of each.
+        Number of workers, of which at most :data:`MOST` start ahead, and threads of each.
     """
 
     def __init__(self, number: int, threads: int):
@@ -22,7 +23,7 @@ class Standby:
         self.number = number
 
     def __enter__(self) -> Self:
-        for number in range(self.number):
+        for number in range(min(self.number, MOST)):
             self.workers.append(started(number, None, self.threads, IMPORTED))
         return self
 

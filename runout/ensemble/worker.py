@@ -11,6 +11,7 @@ import signal
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -167,7 +168,8 @@ def _work(pipe: Connection, device: str | None, parent: int, imports: Sequence[s
         logging.getLogger(name).addHandler(logging.NullHandler())
     logging.captureWarnings(True)
     for name in imports:
-        import_module(name)
+        with suppress(ImportError):  # the member that needs it says so
+            import_module(name)
     try:
         task = pipe.recv()
         pipe.send(Ready())

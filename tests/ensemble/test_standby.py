@@ -18,7 +18,7 @@ GROUPS = [(Member(number, {}, 0, ""),) for number in range(4)]
 
 @pytest.fixture(autouse=True)
 def quick_imports(monkeypatch):
-    monkeypatch.setattr(standby_module, "IMPORTED", ("json",))
+    monkeypatch.setattr(standby_module, "IMPORTED", ("json", "a_module_that_is_not_installed"))
 
 
 def task(group, *, progress, device, folder):
@@ -54,6 +54,13 @@ def test_processes_that_nobody_takes_end_with_the_context():
     with Standby(2, 1) as standby:
         waiting = [worker.process.pid for worker in standby.workers]
     assert not any(map(psutil.pid_exists, waiting))
+
+
+def test_few_processes_wait_where_there_are_many_cores(tmp_path, monkeypatch):
+    monkeypatch.setattr(standby_module, "MOST", 1)
+    with Standby(2, 1) as standby:
+        assert len(standby.workers) == 1
+        computed_by(tmp_path, 2, 1, standby)
 
 
 def test_all_workers_are_started_before_one_is_waited_for(tmp_path, monkeypatch):
