@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -11,6 +12,11 @@ from multiprocessing import resource_tracker
 
 LOOK_SECONDS = 0.25  # [s] between two checks of the parent
 END_SECONDS = 2.0  # [s] that a killed process has to end
+
+
+def import_path() -> str:
+    """The places from which this process imports, as ``PYTHONPATH`` of another one."""
+    return os.pathsep.join(place or os.getcwd() for place in sys.path)
 
 
 def end_with_parent(parent: int) -> None:

@@ -1,9 +1,11 @@
 """Worker processes that start before their work is known: they import what members need while this process reads its inputs."""
 
+from contextlib import suppress
 from typing import Self
 
 from runout.ensemble.worker import Worker
 from runout.ensemble.workers import started
+from runout.errors import DeviceError
 
 MOST = 8  # processes that wait; memory may not hold as many members as there are cores
 IMPORTED = ("runout.simulation", "runout.backends.scan.backend", "xarray", "netCDF4")  # by every member on the CPU
@@ -23,8 +25,9 @@ class Standby:
         self.number = number
 
     def __enter__(self) -> Self:
-        for number in range(min(self.number, MOST)):
-            self.workers.append(started(number, None, self.threads, IMPORTED))
+        with suppress(DeviceError):  # the run says that no process can be started, if that is still so when it needs one
+            for number in range(min(self.number, MOST)):
+                self.workers.append(started(number, None, self.threads, IMPORTED))
         return self
 
     def __exit__(self, *_: object) -> None:

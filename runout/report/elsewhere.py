@@ -5,13 +5,13 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import import_module
 from subprocess import PIPE
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
-from runout.lifetime import end_with_parent, interrupts_kept
+from runout.lifetime import end_with_parent, import_path, interrupts_kept
 
 LOGGER = logging.getLogger(__name__)
 MOST = 3  # processes; each renders the ground of the maps anew
@@ -22,7 +22,7 @@ Job = Callable[[], Result]
 
 
 class Helpers:
-    """Context of processes, each of which does the jobs of one call of :meth:`do`. Without any, the caller does them.
+    """Context of processes, each of which does one job of :meth:`do`. Without any, the caller does it.
 
     Parameters
     ----------
@@ -43,24 +43,24 @@ class Helpers:
             process.communicate()
         self.pool.shutdown()
 
-    def do(self, jobs: Sequence[Job[Result]]) -> Callable[[], list[Result]]:
-        """Start jobs, functions that can be pickled; a call of what is returned waits for their results.
+    def do(self, job: Job[Result]) -> Job[Result]:
+        """Start a job, a function that can be pickled; a call of what is returned waits for its result.
 
-        A free process does them. Without one, or where it fails, they are done in that call.
+        A free process does it. Without one, or where it fails, it is done in that call.
         """
-        said = self.pool.submit(_asked, self.free.pop(), jobs) if self.free else None
-        return lambda: _results(said, jobs)
+        said = self.pool.submit(_asked, self.free.pop(), job) if self.free else None
+        return lambda: _result(said, job)
 
 
-def _results(said: "Future[list[Result] | None] | None", jobs: Sequence[Job[Result]]) -> list[Result]:
+def _result(said: "Future[list[Result]] | None", job: Job[Result]) -> Result:
     """What another process made, or else what this one makes."""
-    found = said.result() if said else None
-    return [job() for job in jobs] if found is None else found
+    made = said.result() if said else []
+    return made[0] if made else job()
 
 
 def _started() -> "subprocess.Popen[bytes] | None":
     """A new process; None if the system starts none."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    environment = {**os.environ, "PYTHONPATH": import_path()}
     try:
         with interrupts_kept():
             return subprocess.Popen([sys.executable, "-P", "-c", COMMAND], env=environment, stdin=PIPE, stdout=PIPE, stderr=PIPE)
@@ -69,23 +69,22 @@ def _started() -> "subprocess.Popen[bytes] | None":
         return None
 
 
-def _asked(process: "subprocess.Popen[bytes]", jobs: Sequence[Job[Result]]) -> list[Result] | None:
-    """Results of jobs that another process does; None if it fails."""
-    made, errors = process.communicate(pickle.dumps(list(jobs)))
+def _asked(process: "subprocess.Popen[bytes]", job: Job[Result]) -> list[Result]:
+    """The result of a job that another process does, alone in a list; empty if it fails."""
+    made, errors = process.communicate(pickle.dumps(job))
     if process.returncode:
         LOGGER.debug("a process that draws ended with %d: %s", process.returncode, errors.decode(errors="replace")[-500:])
-        return None
-    results: list[Result] = pickle.loads(made)
-    return results
+        return []
+    return [pickle.loads(made)]
 
 
 def serve() -> None:
-    """Main function of a process: import, read jobs from the standard input, write their results to the standard output."""
+    """Main function of a process: import, read a job from the standard input, write its result to the standard output."""
     end_with_parent(os.getppid())
-    results = os.fdopen(os.dup(1), "wb")
+    out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is not a result
     for name in IMPORTED:
         import_module(name)
-    jobs: Sequence[Job[Any]] = pickle.load(sys.stdin.buffer)
-    with results:
-        pickle.dump([job() for job in jobs], results)
+    job: Job[object] = pickle.load(sys.stdin.buffer)
+    with out:
+        pickle.dump(job(), out)

@@ -64,7 +64,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
     """Content of the template, by name."""
     settings = site.resolved()
     window = sheets.reached_window(study)
-    drawn = helpers.do([partial(_figures, study.for_figures(), window)])
+    drawn = helpers.do(partial(_figures, study.for_figures(), window))
     headline = sheets.headline_sheets(study)
     further = sheets.further_sheets(study, headline)
     observed = sheets.observed_sheets(study) if study.run.get("observations") else []
@@ -86,7 +86,7 @@ def page(site: Any, study: Study, helpers: Helpers) -> dict[str, Any]:
         "balance": tables.balance(study),
         "settings": tables.settings(settings),
         "provenance": tables.provenance(study.run),
-        **drawn()[0],
+        **drawn(),
     }
 
 
@@ -168,8 +168,8 @@ def _printed(drawn: list[sheets.Sheet], basemap: Basemap, window: Window, helper
     cells = [(sheet.values[window], sheet.style) for sheet in drawn]
     count = len(helpers.free) + 1
     shares = [cells[part[0] : part[-1] + 1] for part in np.array_split(np.arange(len(cells)), count) if part.size]
-    elsewhere = [helpers.do([partial(_pictures, ground, share)]) for share in shares[1:]]
-    images = [*_pictures(ground, shares[0]), *(image for answer in elsewhere for image in answer()[0])]
+    elsewhere = [helpers.do(partial(_pictures, ground, share)) for share in shares[1:]]
+    images = [*_pictures(ground, shares[0]), *(image for answer in elsewhere for image in answer())]
     texts = ({"title": sheet.title, "caption": sheet.caption} for sheet in drawn)
     return [{**text, "image": image} for text, image in zip(texts, images, strict=True)]
 

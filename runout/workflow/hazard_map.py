@@ -178,15 +178,13 @@ def _helpers() -> "Helpers":
 
 
 def _waits_for_workers(study: Study, stages: Sequence[Stage]) -> bool:
-    """Whether other processes or a GPU compute the members and the stages of the products follow."""
+    """Whether other processes compute the members and the stages of the products follow."""
     from runout.ensemble.workers import share_of
 
     if study.part is not None or not study.left or "hazard" not in [stage.name for stage in stages]:
         return False
     device = study.site.settings.simulation.device
-    if study.cluster or device.startswith("cuda"):
-        return True
-    return not share_of(device, len(study.left), study.workers, study.threads).in_process
+    return bool(study.cluster) or not share_of(device, len(study.left), study.workers, study.threads).in_process
 
 
 def _require_sound(study: Study, stages: Sequence[Stage]) -> None:

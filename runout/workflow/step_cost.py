@@ -29,7 +29,7 @@ UNTIMED_STEPS, TIMED_STEPS = 4, 24
 REPEATS = 3  # measurements, of which the shortest counts
 WAITED = 0.15  # share of the time that a measurement waits for a core, from which on other work disturbs it
 SLOPE = 0.4  # of the ground
-TYPICAL = StepCost(2e-4, 1e-7)  # of a core of a server; others took 0.5 to 2 times as long
+TYPICAL = StepCost(2e-4, 1e-7)  # of one core of the server on which it was chosen; of other machines a guess
 SPREADING = 1.2  # cost of a particle-step of a flow, which spreads and is observed, over that of the layer
 
 
@@ -40,8 +40,12 @@ def engine_for(arguments: Mapping[str, Any]) -> "Backend":
 
 def quick_step_cost(arguments: Mapping[str, Any], compiled: Callable[[], bool]) -> StepCost:
     """Cost of a step as it was in the last month; else measured if the kernels are ``compiled``, or :data:`TYPICAL`."""
-    noted = engine_notes.noted_step_cost(arguments, engine_notes.MONTH) if arguments.get("device", "cpu") == "cpu" else None
-    return noted or (step_cost(arguments) if arguments.get("device", "cpu") != "cpu" or compiled() else TYPICAL)
+    if arguments.get("device", "cpu") != "cpu":
+        return step_cost(arguments)
+    noted = engine_notes.noted_step_cost(arguments, engine_notes.MONTH)
+    if noted:
+        return noted
+    return step_cost(arguments) if compiled() else TYPICAL
 
 
 def step_cost(arguments: Mapping[str, Any]) -> StepCost:

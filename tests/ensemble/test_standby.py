@@ -56,6 +56,15 @@ def test_processes_that_nobody_takes_end_with_the_context():
     assert not any(map(psutil.pid_exists, waiting))
 
 
+def test_a_system_without_a_further_process_does_without(monkeypatch):
+    def refuse(*_):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("multiprocessing.process.BaseProcess.start", refuse)
+    with Standby(2, 1) as standby:
+        assert standby.take(0, 1) is None
+
+
 def test_few_processes_wait_where_there_are_many_cores(tmp_path, monkeypatch):
     monkeypatch.setattr(standby_module, "MOST", 1)
     with Standby(2, 1) as standby:

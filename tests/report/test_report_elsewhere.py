@@ -14,14 +14,12 @@ from runout.report.html import write_report
 HERE = os.getpid()
 
 
-def test_a_free_process_does_the_jobs_and_the_caller_what_is_left():
-    with Helpers(1) as helpers:
-        first = helpers.do([os.getpid, partial(operator.add, 2, 3)])
-        second = helpers.do([os.getpid])
-        assert second() == [HERE]
-        process, total = first()
-        assert process != HERE
-        assert total == 5
+def test_a_free_process_does_a_job_and_the_caller_what_is_left():
+    with Helpers(2) as helpers:
+        first, second, third = (helpers.do(job) for job in (os.getpid, partial(operator.add, 2, 3), os.getpid))
+        assert third() == HERE
+        assert second() == 5
+        assert first() not in (HERE, third())
 
 
 def test_no_more_processes_than_stated_are_started(monkeypatch):
@@ -33,26 +31,26 @@ def test_no_more_processes_than_stated_are_started(monkeypatch):
 
 def test_what_a_job_prints_is_no_result():
     with Helpers(1) as helpers:
-        assert helpers.do([partial(print, "words"), partial(operator.neg, 4)])() == [None, -4]
+        assert helpers.do(partial(print, "words"))() is None
 
 
 @pytest.mark.parametrize("command", ["raise SystemExit(3)", "import os; os.kill(os.getpid(), 9)"])
-def test_jobs_of_a_process_that_fails_are_done_here(monkeypatch, command):
+def test_the_job_of_a_process_that_fails_is_done_here(monkeypatch, command):
     monkeypatch.setattr(elsewhere, "COMMAND", command)
     with Helpers(1) as helpers:
-        assert helpers.do([os.getpid])() == [HERE]
+        assert helpers.do(os.getpid)() == HERE
 
 
 def test_jobs_are_done_here_where_no_process_can_be_started(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with Helpers(2) as helpers:
         assert helpers.free == []
-        assert helpers.do([os.getpid])() == [HERE]
+        assert helpers.do(os.getpid)() == HERE
 
 
 def test_an_error_of_a_job_is_that_of_the_caller():
     with Helpers(1) as helpers, pytest.raises(ZeroDivisionError):
-        helpers.do([partial(operator.truediv, 1, 0)])()
+        helpers.do(partial(operator.truediv, 1, 0))()
 
 
 def test_processes_without_jobs_end_with_the_context():

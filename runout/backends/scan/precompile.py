@@ -20,7 +20,7 @@ from types import ModuleType
 
 from runout.backends.compile import cache_root, source_key
 from runout.backends.scan.gradient_transfer import uses_gradient_transfer
-from runout.lifetime import interrupts_kept
+from runout.lifetime import import_path, interrupts_kept
 from runout.model.scene import Scene
 
 LOGGER = logging.getLogger(__name__)
@@ -81,8 +81,7 @@ def _warm_up_with(scene: Scene, kind: str, folder: str) -> bool:
     """The same; the processes share their work in a folder."""
     friction = scene.basal.law.example
     job = base64.b64encode(pickle.dumps((scene.materials[:2], friction, scene.precision, kind, folder, os.getpid()))).decode()
-    places = os.pathsep.join(p or os.getcwd() for p in sys.path)
-    environment = {**os.environ, WARM_UP: job, "PYTHONPATH": places, "RUNOUT_CACHE": str(cache_root().parent)}
+    environment = {**os.environ, WARM_UP: job, "PYTHONPATH": import_path(), "RUNOUT_CACHE": str(cache_root().parent)}
     kernels = ("warm_up", "warm_up_ahead")[: len(os.sched_getaffinity(0))]
     commands = [[sys.executable, "-P", "-c", f"from {__package__}.warm_up import {name}; {name}()"] for name in kernels]
     with interrupts_kept():
