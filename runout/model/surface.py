@@ -83,6 +83,10 @@ class Surface:
         value, east, north = spline_at(self.coefficients.reshape(-1), i * columns + j, columns, fx, fy)
         return value, east / self.spacing[0], north / self.spacing[1]
 
+    def on_lattice(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Elevation [m] at all pairs of local positions x (n,) and y (m,) [m]."""
+        return self._on_lattice(x, y)[0]
+
     def _on_lattice(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """:meth:`evaluate` at all pairs of positions x (n,) and y (m,) [m], one axis after the other."""
         (i, fx), (j, fy) = self.patch(x[:, None], 0), self.patch(y, 1)

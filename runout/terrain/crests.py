@@ -85,6 +85,12 @@ class Crests:
                 parts.append((next(fixed), along, across, *signed, next(fixed)))
         return cls(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
+    def moved(self, by: tuple[float, float]) -> "Crests":
+        """The same points, so far [m] to the east and the north."""
+        east, north = by
+        along, across = (np.where(self.axis == axis, east, north) for axis in (0, 1))
+        return replace(self, along=self.along + along, across=self.across + across)
+
     def take(self, which: np.ndarray) -> "Crests":
         """Some of the points."""
         return Crests(*(values[which] for values in vars(self).values()))

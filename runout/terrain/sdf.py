@@ -1,6 +1,8 @@
 """The sliding surface and the signed distance to it."""
 
 import math
+from dataclasses import dataclass, replace
+from functools import cached_property
 from types import FunctionType
 
 import numpy as np
@@ -10,7 +12,7 @@ from runout.model.nodal_surface import NodalSurface
 from runout.model.surface import Surface
 from runout.model.terrain import Terrain
 from runout.physics import heightfield, tensors
-from runout.terrain import crests
+from runout.terrain import crests, relief
 from runout.terrain.crest_window import Box, Mass, most_cells, needs_table, window
 from runout.terrain.fill import continued
 from runout.terrain.ground_store import GroundStore, content_key
@@ -18,7 +20,7 @@ from runout.terrain.prepare import require_known
 
 BEYOND = 3  # nodes beyond the cells whose crests are corrected
 GROUNDS = GroundStore()
-STENCIL = 4.0  # cells of the grid from which the surface at a point is made
+STENCIL = 6.0  # cells of the grid from which the surface at a point is made
 # the one formula there with a square root, for arrays
 _normal_z = FunctionType(heightfield.normal_z.__code__, {**heightfield.normal_z.__globals__, "math": np})
 
@@ -28,46 +30,115 @@ def sliding_surface(
 ) -> NodalSurface:
     """Surface on which the mass slides, on the nodes of the grid: elevation minus what is excavated.
 
-    That of :func:`raster_surface`, with crests and channels at the elevations of its cells (:mod:`runout.terrain.crests`) where the
-    ``mass`` may come; without one everywhere. Elsewhere, and on rasters beyond :data:`runout.terrain.crest_window.LARGEST` cells
-    far from the mass, crests are as that surface has them; the surface has no step there. On nodes so close together that
-    :func:`runout.terrain.crest_window.needs_table` is false, the crests are those of the raster's lattice, true to 3 %. Contact,
-    releases and maps of the ground take the same surface; the last few are kept by their content
-    (:mod:`runout.terrain.ground_store`). Other parameters and errors are those of :func:`raster_surface`.
+    That of :func:`raster_surface`. Where the ``mass`` may come, without one everywhere, crests and channels that stand out of the
+    roughness around them have the elevations of the raster (:mod:`runout.terrain.crests`). Elsewhere, and on rasters beyond
+    :data:`runout.terrain.crest_window.LARGEST` cells far from the mass, they are filtered as the rest; the surface has no step
+    there. On nodes so close together that :func:`runout.terrain.crest_window.needs_table` is false, the crests are those of the
+    raster's lattice, true to 3 %. Contact, releases and maps of the ground take the same surface; the last few are kept by their
+    content (:mod:`runout.terrain.ground_store`). Other parameters and errors are those of :func:`raster_surface`.
     """
-    means, sizes, count = _means(terrain, thickness_excavated, spacing)
-    grid = float(spacing[0]), float(spacing[1])
-    box, top = _extent(terrain, thickness_excavated, mass, count)
-    box = window(means, sizes, box, top, mass.angle if mass else 0.0, most_cells(sizes, grid))
-    key = content_key(means, np.array([*sizes, *grid]), np.array([count, *box]))
-    return GROUNDS.get(key, lambda: _with_crests(_through(means, sizes, count), means, box, grid))
+    raster = _raster(terrain, thickness_excavated, spacing)
+    box, top = _extent(terrain, thickness_excavated, mass, raster.count)
+    box = window(raster.means, raster.sizes, box, top, mass.angle if mass else 0.0, most_cells(raster.sizes, raster.grid))
+    key = content_key(raster.lattice, np.array([*raster.sizes, *raster.grid]), np.array([raster.count, *box]))
+    return GROUNDS.get(key, lambda: _with_crests(raster, box))
 
 
-def _with_crests(surface: Surface, means: np.ndarray, box: Box, grid: tuple[float, float]) -> NodalSurface:
-    """The surface of elevations ``means`` (nx, ny) [m] on the nodes of a grid, with crests corrected in a box of its cells."""
-    cells, sizes = tuple(slice(*sides) for sides in box), surface.spacing
-    corner = box[0][0] * sizes[0], box[1][0] * sizes[1]
-    found = crests.Crests.of(means[cells], sizes, min(grid), corner)
-    middle = corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2
-    surface.coefficients[cells] = crests.kept(Surface(surface.coefficients[cells], sizes, middle), found).coefficients
-    if not len(found.axis) or not needs_table(sizes, grid):
+@dataclass(frozen=True)
+class _Raster:
+    """Elevations of a raster for a grid.
+
+    Attributes
+    ----------
+    lattice : ndarray (nx, ny)
+        Those of the cells, from the south-west corner on [m].
+    cell, grid : tuple of float
+        Size of the cells, and spacing of the grid [m].
+    count : tuple of int
+        Cells in a mean: as many as a cell of the grid holds whole.
+    means : ndarray (mx, my)
+        Means of so many cells [m].
+    """
+
+    lattice: np.ndarray
+    cell: tuple[float, float]
+    grid: tuple[float, float]
+    count: tuple[int, int]
+    means: np.ndarray
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Size of what a mean covers [m]."""
+        return self.count[0] * self.cell[0], self.count[1] * self.cell[1]
+
+    @property
+    def on_cells(self) -> bool:
+        """Whether the surface has its coefficients at the cells of the raster, since these are coarser than the grid."""
+        return all(h < cell for h, cell in zip(self.grid, self.cell, strict=True))
+
+    @cached_property
+    def unfiltered(self) -> Surface:
+        """The surface through the means."""
+        return Surface.through(self.means, self.sizes, (self.sizes[0] / 2, self.sizes[1] / 2), self.count)
+
+    def surface(self) -> Surface:
+        """The surface of the relief that the grid can carry, on its nodes; on the cells of the raster if these are coarser."""
+        places = [self._places(axis) for axis in (0, 1)]
+        x, y = ((place + 0.5) * cell for place, cell in zip(places, self.cell, strict=True))
+        widths = [h / cell for h, cell in zip(self.grid, self.cell, strict=True)]
+        z = relief.filtered(relief.filtered(self.lattice, widths[0], places[0]).T, widths[1], places[1]).T
+        own = self.means if self.on_cells else self.unfiltered.on_lattice(x, y)
+        z += self.between(relief.smoothness(self.means), x, y) * (own - z)
+        return Surface.through(z, (float(x[1] - x[0]), float(y[1] - y[0])), (float(x[0]), float(y[0])))
+
+    def _places(self, axis: int) -> np.ndarray:
+        """Where the surface has coefficients along an axis [cells], 0 in the middle of the first cell."""
+        ratio, count = self.grid[axis] / self.cell[axis], self.lattice.shape[axis]
+        if self.on_cells:
+            return np.arange(float(count))
+        return np.arange(-1, max(math.ceil(count / ratio) + 2, 2)) * ratio - 0.5
+
+    def between(self, values: np.ndarray, x: np.ndarray, y: np.ndarray, first: tuple[int, int] = (0, 0)) -> np.ndarray:
+        """Values of the means from the ``first`` on, at all pairs of positions [m]."""
+        places = [place / size - one - 0.5 for place, size, one in zip((x, y), self.sizes, first, strict=True)]
+        return relief.between(values, places)
+
+
+def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
+    """The surface of a raster on the nodes of a grid; in a box of its means, crests that stand out are those of the raster."""
+    surface, sizes, grid = raster.surface(), raster.sizes, raster.grid
+    cells, first = tuple(slice(*sides) for sides in box), (box[0][0], box[1][0])
+    corner = first[0] * sizes[0], first[1] * sizes[1]
+    found = crests.Crests.of(raster.means[cells], sizes, min(grid))
+    stays = relief.beside_crests(raster.means[cells], sizes, found)
+    share = np.maximum(*(stays[cell] for cell in relief.cells_of(found, stays.shape, sizes)))
+    found = replace(found, weight=found.weight * share).take(share > 0.0).moved(corner)
+    if not len(found.axis):
         return NodalSurface(surface, grid)
+    own, middle = raster.unfiltered, (corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2)
+    own.coefficients[cells] = crests.kept(Surface(own.coefficients[cells], sizes, middle), found).coefficients
+    if raster.on_cells:
+        surface.coefficients[cells] += stays * (own.coefficients[cells] - surface.coefficients[cells])
+        if not needs_table(sizes, grid):
+            return NodalSurface(surface, grid)
     low, high = (
         [round_of(sides[k] * size / h) + beyond for sides, size, h in zip(box, sizes, grid, strict=True)]
         for k, round_of, beyond in ((0, math.floor, -BEYOND), (1, math.ceil, BEYOND + 1))
     )
-    nodes = surface.on_nodes(grid, (low[0], low[1]), (high[0] - low[0], high[1] - low[1]))
-    change = crests.kept(nodes, found).coefficients - nodes.coefficients
-    return NodalSurface(surface, grid, change, (low[0], low[1]))
+    start, shape = (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
+    x, y = ((one + np.arange(count)) * h for one, count, h in zip(start, shape, grid, strict=True))
+    nodes = crests.kept((surface if raster.on_cells else own).on_nodes(grid, start, shape), found).coefficients
+    share = 1.0 if raster.on_cells else raster.between(stays, x, y, first)
+    return NodalSurface(surface, grid, share * (nodes - surface.on_nodes(grid, start, shape).coefficients), start)
 
 
 def raster_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, spacing: tuple[float, float]) -> Surface:
-    """Surface of the elevation minus what is excavated, on a lattice of the raster's cells.
+    """Surface of the elevation minus what is excavated, filtered to the relief that a grid of this ``spacing`` can carry.
 
-    Cells finer than ``spacing`` are averaged in whole blocks to just below it: the grid cannot resolve what is smaller, and
-    noisy normals disturb contact. Planes and parabolas stay exact (:func:`runout.physics.heightfield.weight_of_means`); cliffs
-    and dams get no lip and no moat that the raster does not have. Into cells without an elevation the surface is continued
-    (:func:`runout.terrain.fill.continued`); no mass stays there, see :mod:`runout.terrain.open_edge`.
+    Its coefficients lie on the nodes of the grid, or on the cells of a coarser raster (:mod:`runout.terrain.relief`). Planes and
+    parabolas stay exact (:func:`runout.physics.heightfield.weight_of_means`); cliffs and dams get no lip and no moat that the
+    raster does not have. Into cells without an elevation the surface is continued (:func:`runout.terrain.fill.continued`); no
+    mass stays there, see :mod:`runout.terrain.open_edge`.
 
     Parameters
     ----------
@@ -75,14 +146,14 @@ def raster_surface(terrain: Terrain, thickness_excavated: np.ndarray | None, spa
     thickness_excavated : ndarray (rows, columns) or None
         Vertical thickness of the masses that lie below the surface [m].
     spacing : tuple of float
-        Horizontal spacing of the grid, east and north [m].
+        Horizontal spacing of the grid, east and north [m]; also the half-width of the filter.
 
     Raises
     ------
     DemError
         If a cell that is excavated has no elevation, the shapes differ, or a spacing is not positive.
     """
-    return _through(*_means(terrain, thickness_excavated, spacing))
+    return _raster(terrain, thickness_excavated, spacing).surface()
 
 
 def distance(surface: Surface | NodalSurface, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,10 +185,8 @@ def distance(surface: Surface | NodalSurface, x: np.ndarray, y: np.ndarray, z: n
     return result, np.stack(np.broadcast_arrays(*normal_at_foot), axis=-1)
 
 
-def _means(
-    terrain: Terrain, thickness_excavated: np.ndarray | None, spacing: tuple[float, float]
-) -> tuple[np.ndarray, tuple[float, float], tuple[int, int]]:
-    """Elevations (nx, ny) [m] on the lattice from its south-west corner on, its cells [m], and how many of the raster each has."""
+def _raster(terrain: Terrain, thickness_excavated: np.ndarray | None, spacing: tuple[float, float]) -> _Raster:
+    """Elevation minus what is excavated, continued into cells without one."""
     if len(spacing) != 2 or not all(np.isfinite(h) and h > 0 for h in spacing):
         raise DemError(f"{terrain.source}: spacing of the sliding surface is {spacing} m; both numbers must be positive")
     reach = STENCIL * max(*spacing, *terrain.cell_size)
@@ -125,9 +194,8 @@ def _means(
     lattice = z[::-1].T  # (nx, ny), index 0 west and south
     axes = zip(spacing, terrain.cell_size, lattice.shape, strict=True)
     count = [min(max(1, int(h / cell * (1.0 + 1e-9))), n // 3) for h, cell, n in axes]
-    sizes = count[0] * terrain.cell_size[0], count[1] * terrain.cell_size[1]
     means = _block_means(_block_means(lattice, count[0]).T, count[1]).T
-    return means, sizes, (count[0], count[1])
+    return _Raster(lattice, terrain.cell_size, (float(spacing[0]), float(spacing[1])), (count[0], count[1]), means)
 
 
 def _extent(
@@ -142,10 +210,6 @@ def _extent(
     top = float((terrain.elevation[row, column] - dug + mass.thickness[row, column]).max())
     sides = [(int(n.min()) // each, int(n.max()) // each + 1) for n, each in zip((column, rows - 1 - row), count, strict=True)]
     return (sides[0], sides[1]), top
-
-
-def _through(means: np.ndarray, sizes: tuple[float, float], count: tuple[int, int]) -> Surface:
-    return Surface.through(means, sizes, (sizes[0] / 2, sizes[1] / 2), count)
 
 
 def _excavated(terrain: Terrain, thickness: np.ndarray | None) -> np.ndarray:

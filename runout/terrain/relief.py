@@ -1,0 +1,117 @@
+"""Relief that a grid can carry: elevations filtered by the spacing of the grid, and where those of the raster stay.
+
+Relief of fewer than about four grid cells is not resolved. A flow meets it as friction, and as another one for each ratio of grid
+and raster. So the grid gets the raster, without its waves of two cells, averaged over a triangle of the spacing of the grid at its
+own nodes. The raster itself remains where it is smooth, and at crests and channels that stand out of the roughness around them,
+since dams are what a map is asked for.
+"""
+
+import numpy as np
+
+from runout.physics import heightfield
+from runout.terrain.crests import Crests
+
+SMOOTH = 0.15, 0.3  # two-cell share of the relief: up to the one the ground is smooth, from the other on rough
+AROUND = 11  # cells across the window of that share
+STAND_OUT = 5.0, 10.0  # times the roughness: crests below the one are filtered, above the other kept
+WINDOW = 31  # cells across the window of the roughness around a crest
+BESIDE = 3  # cells on each side of a crest that are kept with it
+
+
+def filtered(z: np.ndarray, half_width: float, places: np.ndarray) -> np.ndarray:
+    """Means (k, m) of elevations (n, m) along axis 0 over a triangle around each of k ``places``.
+
+    The raster is taken as linear between the middles of its cells, without its waves of two cells. Planes stay; no extremum
+    arises that the elevations do not have. Beyond the rim the ground is mirrored at the outermost cell.
+
+    Parameters
+    ----------
+    z : ndarray (n, m)
+        [m]
+    half_width : float
+        Of the triangle [cells].
+    places : ndarray (k,)
+        [cells], 0 in the middle of the first cell.
+    """
+    from scipy import sparse
+
+    reach, last = int(np.ceil(half_width)) + 2, len(z) - 1
+    cell = np.floor(places).astype(np.int64)[:, None] + np.arange(-reach, reach + 2)
+    weight = _weights(cell - places[:, None], half_width)
+    rim = np.where(cell < 0, 0, last)
+    beyond = (cell < 0) | (cell > last)
+    inside = np.clip(np.where(beyond, 2 * rim - cell, cell), 0, last)
+    row = np.broadcast_to(np.arange(len(places))[:, None], cell.shape)
+    entries = np.concatenate([np.where(beyond, -weight, weight).ravel(), 2.0 * weight[beyond]])
+    at = np.concatenate([row.ravel(), row[beyond]]), np.concatenate([inside.ravel(), rim[beyond]])
+    return np.asarray(sparse.csr_array((entries, at), shape=(len(places), len(z))) @ z)
+
+
+def _weights(x: np.ndarray, half_width: float) -> np.ndarray:
+    """Weights of cells at distances ``x`` [cells] (rows add up to 1): triangle, linear raster, and [1 2 1]/4 of its cells."""
+    cubic = [[np.abs(x + a + b * half_width) ** 3 for b in (-1, 0, 1)] for a in (-2, -1, 0, 1, 2)]
+    over = [one[0] - 2.0 * one[1] + one[2] for one in cubic]  # |x|^3/12 is the fourfold integral of a point
+    linear = [heightfield.second_difference(*over[k : k + 3]) for k in range(3)]
+    weight = np.maximum(linear[1] + 0.25 * heightfield.second_difference(*linear), 0.0)
+    return np.asarray(weight / weight.sum(axis=1, keepdims=True))
+
+
+def smoothness(z: np.ndarray) -> np.ndarray:
+    """How smooth the relief around each elevation (nx, ny) is, 0 to 1: 1 where it consists of waves of about eight cells or more.
+
+    From the oscillation of two cells that the fourth differences show, over that of the second ones, root mean squares in a
+    window: sin^2(pi/n) for waves of n cells.
+    """
+    from scipy import ndimage
+
+    worst, (low, high) = np.zeros(z.shape), SMOOTH
+    least = 1e-24 * float(np.square(np.ptp(z))) + 1e-300
+    for axis in (0, 1):
+        bend = _two_cell_waves(np.pad(np.moveaxis(z, axis, 0), ((2, 2), (0, 0)), mode="reflect", reflect_type="odd"))
+        squares = [ndimage.uniform_filter(v * v, AROUND, mode="nearest") for v in (_two_cell_waves(bend), bend[1:-1])]
+        share = np.sqrt(np.maximum(squares[0], 0.0) / np.maximum(squares[1], least))
+        worst = np.maximum(worst, np.moveaxis(share, 0, axis))
+    return np.asarray(np.clip((high - worst) / (high - low), 0.0, 1.0))
+
+
+def beside_crests(z: np.ndarray, size: tuple[float, float], crests: Crests) -> np.ndarray:
+    """How much of each elevation (nx, ny) [m] stays, 0 to 1, since it lies beside a crest that stands out of the roughness.
+
+    That of a crest is its height over the roughness, a mean of how much the elevations differ from the ground around them, which
+    hardly knows of single crests: the mean of the fourth roots. ``size`` is that of the cells [m].
+    """
+    from scipy import ndimage
+
+    stays, falls, (low, high) = np.zeros(z.shape), np.zeros(z.shape), STAND_OUT
+    for axis in (0, 1):
+        rows = np.pad(np.moveaxis(z, axis, 0), ((BESIDE, BESIDE), (0, 0)), mode="reflect", reflect_type="odd")
+        fall = 0.5 * np.abs(heightfield.second_difference(rows[: -2 * BESIDE], rows[BESIDE:-BESIDE], rows[2 * BESIDE :]))
+        falls = np.maximum(falls, np.moveaxis(fall, 0, axis))
+    cells = cells_of(crests, z.shape, size)
+    rough = np.maximum(ndimage.uniform_filter(np.sqrt(np.sqrt(falls)), WINDOW, mode="nearest"), 0.0) ** 4
+    for cell in cells:
+        stands = np.abs(crests.height) / np.maximum(rough[cell], 1e-9 * np.abs(crests.height))
+        np.maximum.at(stays, cell, np.clip((stands - low) / (high - low), 0.0, 1.0))
+    return np.asarray(ndimage.maximum_filter(stays, 2 * BESIDE + 1, mode="nearest"))
+
+
+def cells_of(crests: Crests, shape: tuple[int, int], size: tuple[float, float]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Cells (k,) east and north of crests: those to the south-west of points between cells, and those to the north-east."""
+    x, y = (np.where(crests.axis == axis, crests.along, crests.across) / size[axis] for axis in (0, 1))
+
+    def cells(place: np.ndarray, count: int) -> np.ndarray:
+        return np.clip(np.floor(place).astype(np.int64), 0, count - 1)
+
+    return [(cells(x + aside, shape[0]), cells(y + aside, shape[1])) for aside in (-1e-6, 1e-6)]
+
+
+def between(values: np.ndarray, places: list[np.ndarray]) -> np.ndarray:
+    """Values (nx, ny) of cells at all pairs of ``places`` [cells], linear between their middles."""
+    from scipy import ndimage
+
+    return np.asarray(ndimage.map_coordinates(values, np.meshgrid(*places, indexing="ij"), order=1, mode="nearest"))
+
+
+def _two_cell_waves(z: np.ndarray) -> np.ndarray:
+    """Amplitude [m] of an oscillation of two cells along axis 0 of elevations (n, m): (n - 2, m)."""
+    return -0.25 * heightfield.second_difference(z[:-2], z[1:-1], z[2:])

@@ -1,0 +1,95 @@
+"""Relief that a grid cannot carry: what the filter takes out, what it leaves, and that no answer turns on the grid."""
+
+import numpy as np
+import pytest
+
+from runout import DruckerPrager, Release, Terrain, simulate
+from runout.terrain import relief, sdf
+
+CELL = 5.0
+
+
+def rough(noise, shape=(120, 160), seed=3):
+    """Elevation (rows, columns) [m] of a slope with relief at all wave lengths, and an oscillation of two cells on top."""
+    random = np.random.default_rng(seed)
+    row, column = np.indices(shape)
+    f = np.hypot(np.fft.fftfreq(shape[0], CELL)[:, None], np.fft.fftfreq(shape[1], CELL)[None, :])
+    f[0, 0] = 1.0
+    waves = np.fft.ifft2(np.fft.fft2(random.standard_normal(shape)) * np.where(f < 1 / 400, 0.0, f**-1.6)).real
+    z = 300.0 * np.exp(-column * CELL / 350.0) + 20.0 * ((row - shape[0] / 2) * CELL / 250.0) ** 2
+    return z + 2.0 * waves / waves.std() + noise * np.where((row + column) % 2, 1, -1) * random.uniform(0.5, 1.5, shape)
+
+
+@pytest.mark.parametrize("half_width", [0.05, 0.7, 1.0, 1.41, 2.6, 8.0])
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.5])
+def test_planes_pass_the_filter_and_waves_of_two_cells_do_not(half_width, phase):
+    """On the cells and on nodes between them; a step gets no lip."""
+    n = 60
+    places = np.arange(12.0, 40.0) + phase
+    plane = 3.0 + 0.7 * np.arange(n)[:, None]
+    np.testing.assert_allclose(relief.filtered(plane, half_width, places)[:, 0], 3.0 + 0.7 * places, rtol=0, atol=1e-11)
+    wave = np.where(np.arange(n) % 2, 1.0, -1.0)[:, None]
+    np.testing.assert_allclose(relief.filtered(wave, half_width, places), 0.0, rtol=0, atol=1e-11)
+    step = np.where(np.arange(n) < 25, 0.0, 30.0)[:, None]
+    found = relief.filtered(step, half_width, places)[:, 0]
+    assert found.min() >= 0.0
+    assert found.max() <= 30.0 + 1e-12
+    assert (np.diff(found) >= -1e-12).all()
+
+
+def test_the_filter_goes_on_beyond_the_rim_as_a_plane_does():
+    plane = np.arange(20.0)[:, None]
+    places = np.array([-3.5, -1.0, 0.0, 19.0, 21.2])
+    np.testing.assert_allclose(relief.filtered(plane, 3.0, places)[:, 0], places, rtol=0, atol=1e-11)
+
+
+def test_smooth_ground_stays_and_rough_ground_is_filtered():
+    x = np.arange(60.0)
+    hills = 10 * np.sin(2 * np.pi * x / 20)[:, None] * np.cos(2 * np.pi * x / 16)
+    noise = np.random.default_rng(2).normal(0.0, 1.0, hills.shape)
+    assert relief.smoothness(hills)[6:-6, 6:-6].min() == 1.0
+    assert relief.smoothness(hills + 0.4 * noise)[8:-8, 8:-8].max() < 0.5
+    assert relief.smoothness(noise).max() == 0.0
+
+
+def test_relief_of_the_ground_does_not_turn_on_the_ratio_of_cell_and_raster():
+    """Root mean square slope of the relief below 8 cells, on grids of 0.7 to 4 cells: it falls with the cell, a tenth at most."""
+    terrain = Terrain.from_array(rough(1.0), CELL)
+    places = np.random.default_rng(1).uniform(100, 500, (2, 4000))
+    slopes = []
+    for ratio in np.geomspace(4.0, 0.7, 19):
+        surface = sdf.sliding_surface(terrain, None, (ratio * CELL, ratio * CELL))
+        _, east, north = surface.evaluate(*places)
+        _, even_east, even_north = sdf.sliding_surface(terrain, None, (8 * CELL, 8 * CELL)).evaluate(*places)
+        slopes.append(np.sqrt(np.mean((east - even_east) ** 2 + (north - even_north) ** 2)))
+    growth = np.diff(np.log(slopes))
+    assert growth.min() > -0.01
+    assert growth.max() < 0.12
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.6, 3.3])
+def test_relief_of_the_ground_does_not_turn_on_the_place_of_the_grid(ratio):
+    z, places = rough(1.0), np.random.default_rng(1).uniform(150, 450, (2, 4000))
+    slopes = []
+    for offset in range(4):  # columns and rows that the raster has more, west and south
+        terrain = Terrain.from_array(z[: z.shape[0] - offset, offset:], CELL)
+        surface = sdf.sliding_surface(terrain, None, (ratio * CELL, ratio * CELL))
+        slopes.append(np.std(surface.evaluate(*(places - offset * CELL))[1]))
+    assert np.ptp(slopes) < 0.01 * np.mean(slopes)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_run_out_does_not_turn_on_the_ratio_of_cell_and_raster(noise):
+    """Centre of the deposit from the release on, cells of 4 to 1.4 raster cells. With whole raster cells averaged it halves."""
+    terrain = Terrain.from_array(rough(noise), CELL)
+    thickness = np.zeros(terrain.shape)
+    thickness[48:72, 10:34] = 12.0
+    release = Release.from_array(thickness, terrain, placement="on_surface")
+    sand, x, found = DruckerPrager(density=2000.0, friction_angle=32.0), (np.arange(160) + 0.5) * CELL, []
+    for ratio in (4.0, 3.4, 2.83, 2.4, 2.0, 1.7, 1.4):
+        run = {"basal_friction_angle": 18.0, "cell_size": ratio * CELL, "end_time": 40.0, "threads": 1}
+        deposit = np.nan_to_num(simulate(terrain, release, sand, **run).maps.deposit_thickness.values)
+        found.append((deposit.sum(0) * x).sum() / deposit.sum() - 110.0)
+    ratio = np.array(found[1:]) / found[:-1]
+    assert ratio.min() > 0.95
+    assert ratio.max() < 1.03
