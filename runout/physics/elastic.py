@@ -84,8 +84,8 @@ def log_strain_series(B: Any):
     """1/2 log(I + B) for |B| up to 0.28: the power series, whose last terms are fitted in double precision.
 
     There orders 5 to 18 have the coefficients of the least largest error over eigenvalues of -0.28 to 0.28 (Remez exchange),
-    1.1e-16 of the result; the power series would need 26 orders. Its even and odd powers are two sums. In single precision the power series ends at order 12 with a
-    rest below 2e-8 of the result, less than half a unit in the last place.
+    1.1e-16 of the result; the power series would need 26 orders. Even and odd orders are two sums. In single precision the
+    series ends at order 12 with a rest below 2e-8 of the result, less than half a unit in the last place.
     """
     K = invariants(B)
     if vanishes(real(1.0e-9)):
