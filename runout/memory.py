@@ -123,6 +123,11 @@ def expected_memory(
         The law on the ground.
     host_bytes : callable
         Takes the place of :func:`runout.backends.protocol.bytes_on_host`, which imports the backend.
+
+    Raises
+    ------
+    CapacityError
+        If a GPU backend cannot address so many particles or blocks.
     """
     device: Any = getattr(engine, "device", None)
     on_device = device is not None and bool(device.is_cuda)

@@ -115,6 +115,20 @@ def horner(P: Any, K: Any, c: Any):
     return vec(P[1] + K[0] * P[0], P[2] - K[1] * P[0], c + K[2] * P[0])
 
 
+def squared_invariants(K: Any):
+    """Invariants of a^2 from the invariants K of a."""
+    return vec(K[0] * K[0] - real(2.0) * K[1], K[1] * K[1] - real(2.0) * K[0] * K[2], K[2] * K[2])
+
+
+def interlaced(P: Any, Q: Any, K: Any):
+    """Coefficients of a P(a^2) + Q(a^2), where P and Q are coefficients for a^2 and K are the invariants of a.
+
+    The powers of a series that are even and those that are odd are summed beside each other: neither waits for the other.
+    """
+    R = horner(vec(P[0], Q[0], P[1]), K, Q[1])
+    return horner(horner(R, K, P[2]), K, Q[2])
+
+
 def polynomial(a: Any, P: Any):
     """P_0 a^2 + P_1 a + P_2 I."""
     return shifted(added(scaled(product(a, a), P[0]), scaled(a, P[1])), P[2])

@@ -106,6 +106,29 @@ def test_launches_take_as_many_scenarios_as_memory_holds(monkeypatch):
     assert sizes == []
 
 
+def test_scenarios_that_together_cannot_be_addressed_run_in_several_launches(monkeypatch):
+    sizes = []
+    build = __import__("runout.batch", fromlist=["get_batch"]).get_batch
+
+    def counted(scenes, device):
+        sizes.append([len(particles) for _, particles in scenes])
+        return build(scenes, device)
+
+    monkeypatch.setattr("runout.batch.get_batch", counted)
+    short = [scenario(friction, 0.2) for friction in (5.0, 10.0, 15.0, 20.0)]
+    particles = simulate(**short[0], backend="hash", device=HASH_DEVICE).n_particles
+    limits = __import__("runout.backends.hash.limits", fromlist=["LARGEST_INDEX"])
+    monkeypatch.setattr(limits, "LARGEST_INDEX", 8 * 2 * particles)
+    monkeypatch.setattr(limits, "largest_blocks", lambda *of: 2**20)
+    monkeypatch.setattr(limits, "SLOT", 1)
+    found = dict(simulate_batch(short, device=HASH_DEVICE))
+    assert sizes == [[particles] * 4, [particles] * 2, [particles] * 2]
+    assert all(result.n_particles == particles for result in found.values())
+    monkeypatch.setattr(limits, "LARGEST_INDEX", 8 * particles - 1)
+    (refused,) = simulate_batch(short[:1], device=HASH_DEVICE)
+    assert f"{particles} particles has more than the {particles - 1} that hash can address" in str(refused[1])
+
+
 def test_a_launch_ends_where_its_particles_keep_the_device_busy_and_the_next_is_prepared_meanwhile(monkeypatch):
     sizes, prepared = [], []
     module = __import__("runout.batch", fromlist=["get_batch"])

@@ -1,5 +1,7 @@
 """`runout run` refuses what `runout check` refuses, with the same words and before anything is made."""
 
+from types import SimpleNamespace
+
 import pytest
 from ramp_site import SITE, ramp, slab, write_raster, write_site
 
@@ -50,6 +52,21 @@ def test_run_refuses_a_site_that_does_not_fit_into_memory_as_check_does(tmp_path
     assert "of memory, 0.2 GB are available; use larger cells" in said
     assert cli.main(["run", str(folder)]) == ExitCode.OVER_BUDGET
     assert "0.2 GB are available; use larger cells" in capsys.readouterr().err
+    assert not list(folder.glob("results/members/*.nc"))
+
+
+def test_check_and_run_refuse_particles_that_a_card_cannot_address(tmp_path, capsys, monkeypatch):
+    """The numbers of a card with room for 100; nothing is asked of a card."""
+    limits = pytest.importorskip("runout.backends.hash.limits")
+    monkeypatch.setattr(limits, "LARGEST_INDEX", 4 * 100)
+    monkeypatch.setattr("runout.backends.protocol._cuda_devices", lambda: ("cuda:0",))
+    monkeypatch.setattr(plan, "engine_for", lambda arguments: SimpleNamespace(device=SimpleNamespace(is_cuda=True)))
+    folder = write_site(tmp_path / "ramp", SITE.replace("simulation: {", "simulation: {backend: hash, device: cuda, "))
+    assert cli.main(["check", str(folder)]) == ExitCode.OVER_BUDGET
+    refused = "particles has more than the 100 that hash can address in float32; use a cell_size"
+    assert refused in " ".join(capsys.readouterr().out.split())
+    assert cli.main(["run", str(folder)]) == ExitCode.OVER_BUDGET
+    assert refused in " ".join(capsys.readouterr().err.split())
     assert not list(folder.glob("results/members/*.nc"))
 
 

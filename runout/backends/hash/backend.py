@@ -10,6 +10,7 @@ from runout.backends.hash.checkpoint import restore_state, save
 from runout.backends.hash.grid import bytes_of_areas
 from runout.backends.hash.index import first_table
 from runout.backends.hash.layout import FEW, ROWS, SPARE, TILE, room_for
+from runout.backends.hash.limits import largest_blocks, require_particles, room_within
 from runout.backends.hash.structures import bytes_of_structures
 from runout.backends.protocol import INDEXES, Counters, LedgerRow, RasterSums
 from runout.backends.state import State
@@ -125,8 +126,15 @@ def bytes_needed(
     :class:`runout.model.scene.Scene`; of aflip one that keeps something. ``beside``: blocks with impulses of ``structures``.
     ``friction``: the law on the ground; without one, one that needs no areas. ``mixed``: releases whose frictions differ, 1 if
     all are alike.
+
+    Raises
+    ------
+    CapacityError
+        If so many particles or blocks cannot be addressed (:mod:`runout.backends.hash.limits`).
     """
     number = 4 if precision == "float32" else 8
+    require_particles(particles, number)
+    room_within(blocks, blocks, largest_blocks(deterministic, transfer == "aflip", friction, mixed), "blocks")
     near = 3 * blocks // 4 if near is None else near
     entries = max(first_table(particles), 1 << (2 * blocks - 1).bit_length())
     rows = ROWS + 1 + SPARE * (particles < FEW)

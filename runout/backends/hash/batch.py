@@ -102,7 +102,8 @@ class Batch:
         scenes, store, accounts = loaded.scenes, loaded.store, loaded.accounts
         status = DeviceStatus(len(accounts), scenes.number)
         status.peaks.assign(np.array([*(a.max_speed**2 for a in accounts), 0.0], scenes.scenes[0].dtype))
-        index = Index(kernels, status, store.size, self.deterministic, len(accounts), scenes.rows)
+        largest = scenes.largest_blocks(self.deterministic)
+        index = Index(kernels, status, store.size, self.deterministic, largest, len(accounts), scenes.rows)
         ground = ground_of(scenes, loaded.largest_radius)
         structures = structures_of(scenes, kernels, accounts, len(store.identity), loaded.largest_radius)
         return Parts(kernels, self.deterministic, scenes, status, ground, store, index, structures)

@@ -117,7 +117,7 @@ def _store(state: State, number: Any, stressed: bool) -> Store:
 def _index(parts: Parts, state: State) -> Index:
     """An index with the blocks of a state; its table stays empty until the next index is made."""
     size = {name: int(value) for name, value in part(state, "size.").items()}
-    index = Index(parts.k, parts.status, parts.store.size, parts.ordered)
+    index = Index(parts.k, parts.status, parts.store.size, parts.ordered, parts.scenes.largest_blocks(parts.ordered))
     index.make_table(size["entries"])
     index.make_room(size["room"])
     index.nown, index.nall, index.launched = size["nown"], size["nall"], size["launched"]

@@ -19,6 +19,7 @@ import warp as wp
 from runout.backends.hash.contact_area import COLUMNS, PLAN
 from runout.backends.hash.groups import filled, groups_of
 from runout.backends.hash.layout import CELL_LANES, TILE, more_room_for, room_for
+from runout.backends.hash.limits import largest_in_contact, room_within
 
 NEARLY = 0.8  # share of the room from which on arrays grow with others
 
@@ -37,7 +38,7 @@ def new_room(wanted: tuple[int, int], held: tuple[int, int], exactly: bool) -> t
     places, slots = (
         room if want <= room else want if exactly else more_room_for(want) if room > 0 else room_for(want) for want, room in pairs
     )
-    return places, slots
+    return places, room_within(slots, wanted[1], largest_in_contact(), "blocks of nodes in contact")
 
 
 def bytes_of_areas(friction: BasalFriction | FrictionLaw, mixed: int, blocks: int, number: int, ordered: bool) -> int:

@@ -25,6 +25,7 @@ from runout.backends.hash.layout import (
     node4,
     run,
 )
+from runout.backends.hash.limits import require_index
 from runout.backends.hash.scenes import SceneArrays
 from runout.model.nodal_surface import NodalSurface
 from runout.physics.bspline import first_node as first_node64
@@ -250,6 +251,7 @@ class Ground:
             if id(table) not in kept:
                 kept[id(table)] = (first, np.ascontiguousarray(table, np.float64).ravel())
                 first += table.size
+                require_index(first, "nodes of the ground")
         flat = np.concatenate([np.zeros(0), *(values for _, values in kept.values())])
         return wp.array(flat, dtype=wp.float64), [kept[id(table)][0] for table in tables]
 

@@ -42,6 +42,7 @@ from runout.backends.hash.layout import (
     run_blocks,
     run_each,
 )
+from runout.backends.hash.limits import room_within
 from runout.backends.hash.stencil import _cell_entry
 from runout.physics.blocks import block_key, block_of, key_x, key_y, key_z, local_index, mixed
 from runout.physics.bspline import first_node
@@ -225,6 +226,8 @@ class Index:
         Blocks that may hold particles; all blocks. Read with the device status.
     capacity : int
         Blocks that the arrays have room for.
+    largest : int
+        Blocks that can be addressed.
     shared, launched : int
         Blocks of threads of kernels in which each takes several blocks in turn; of those in which each takes one with particles.
     piece, more_pieces : int
@@ -238,9 +241,10 @@ class Index:
     """
 
     def __init__(
-        self, kernels: SimpleNamespace, status: DeviceStatus, particles: int, ordered: bool, many: int = 1, rows: int = 2**20
-    ):
-        self.k, self.status, self.ordered, self.many, self.rows = kernels, status, ordered, many, rows
+        self, kernels: SimpleNamespace, status: DeviceStatus, particles: int, ordered: bool, largest: int, many: int = 1,
+        rows: int = 2**20,
+    ):  # fmt: skip
+        self.k, self.status, self.ordered, self.many, self.rows, self.largest = kernels, status, ordered, many, rows, largest
         self.piece = LARGEST_PIECE if ordered else CELL_LANES * max(2, particles // (CELL_LANES * ALL_AT_WORK))
         self.more_pieces = particles // self.piece
         self.nown = self.nall = self.capacity = self.generation = self.launched = 0
@@ -309,12 +313,19 @@ class Index:
         run(self.k.number_blocks, self.capacity, *arguments)
 
     def grow(self, counts: np.ndarray) -> None:
-        """Make room for what the last try counted: a table that got half full becomes twice as large."""
+        """Make room for what the last try counted: a table that got half full becomes twice as large.
+
+        Raises
+        ------
+        CapacityError
+            If so many blocks cannot be addressed.
+        """
         self.nown, self.nall = int(counts[OWNERS]), int(counts[ENTERED])
+        room = room_within(more_room_for(self.nall) if self.capacity else room_for(self.nall), self.nall, self.largest, "blocks")
         if 2 * self.nall > self.table.shape[0]:
             self.make_table(2 * self.table.shape[0])
         elif self.nall > self.capacity:
-            self.make_room(more_room_for(self.nall) if self.capacity else room_for(self.nall))
+            self.make_room(room)
 
     def list_cells(self, nodes: Any, by_sums: bool = False) -> None:
         """Where the cells start in the list: ``by_sums`` in the order of the blocks, else each block takes the next free stretch.

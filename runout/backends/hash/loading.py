@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from runout.backends.hash.account import Account
+from runout.backends.hash.limits import require_particles
 from runout.backends.hash.scenes import SceneArrays
 from runout.backends.hash.state import Store
 from runout.backends.loading import fastest, require_movable
@@ -46,9 +47,10 @@ class Loaded:
         Raises
         ------
         StabilityError, CapacityError
-            For particles that no step can move, or that lie beyond the range of the index.
+            For particles that no step can move, that lie beyond the range of the index, or that are too many to be addressed.
         """
         size = sum(map(len, sources))
+        require_particles(size, scenes.scenes[0].dtype().itemsize)
         store = Store(np.zeros(size, np.int64), scenes.number, not scenes.scenes[0].packed)
         loaded = cls(scenes, store, wp.zeros((size, 3), dtype=wp.int32))
         first = 0

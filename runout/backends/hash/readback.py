@@ -13,6 +13,7 @@ from runout.backends import footprints
 from runout.backends.hash.account import Account
 from runout.backends.hash.groups import filled
 from runout.backends.hash.layout import PARTICLE_LANES, run, run_blocks, run_each
+from runout.backends.hash.limits import require_index
 from runout.backends.hash.observe import BOOKED, SUMS
 from runout.backends.hash.parts import Parts
 from runout.backends.protocol import LedgerRow, RasterSums
@@ -245,9 +246,11 @@ class LaunchedSums:
         self.covered, self.windows, self.scales = covered, np.full((many, 6), -1, np.int32), np.zeros((many, 7))
         for n, plan in covered.items():
             row, column, rows, width = plan.window
+            require_index(begin, "sums of maps")
             self.windows[n] = begin, plan.rows, row, column, rows, width
             self.scales[n] = *plan.wide, *_units(accounts[n], parts.scenes.scenes[n]), *plan.begin
             begin += 5 * rows * width
+        require_index(begin + many, "sums of maps")
         raster = wp.zeros(begin + many, dtype=wp.int64)
         if begin:
             windows, scales = wp.array(self.windows, dtype=wp.int32), wp.array(self.scales, dtype=wp.float64)

@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
+from runout.backends.hash import limits
 from runout.backends.hash.block_numbers import GAP
 from runout.backends.hash.groups import filled
 from runout.backends.hash.layout import CLOCK, KEPT
@@ -58,9 +59,9 @@ class SceneArrays:
         self.table = first.law.table(tuple(materials), first.dtype)
         self.materials = wp.array(self.table, dtype=kernels.record)
         self.first_release = np.cumsum([0, *(len(scene.materials) for scene in scenes)])
-        limits = np.array([extent(scene) for scene in scenes])
+        extents = np.array([extent(scene) for scene in scenes])
         self.unknown = UnknownCells(scenes)
-        self.rows = 2**20 if many == 1 else int(limits[:, 1].max()) // 4 + 1 + GAP
+        self.rows = 2**20 if many == 1 else int(extents[:, 1].max()) // 4 + 1 + GAP
         if many > 1 and many * self.rows >= LARGEST_BLOCK:
             raise CapacityError(f"{many} scenes of {self.rows} blocks from south to north pass the {LARGEST_BLOCK} of the index")
         self.shifts = 4 * self.rows * np.arange(many)
@@ -73,7 +74,8 @@ class SceneArrays:
         self.group = filled(
             kernels.groups.SceneGroup, self, clock=wp.zeros((many, CLOCK), dtype=self.number), left=left, steps=steps,
             step_counts=step_counts, packed=packed, shift=wp.array(self.shifts.astype(np.int32), dtype=wp.int32),
-            limits=wp.array(limits, dtype=wp.float64), density=wp.array(np.array([m.density for m in materials]), dtype=wp.float64),
+            limits=wp.array(extents, dtype=wp.float64),
+            density=wp.array(np.array([m.density for m in materials]), dtype=wp.float64),
             first_friction=zones.first_friction, zones=zones.zones, lattice=zones.lattice,
         )  # fmt: skip
         h = wp.types.vector(length=3, dtype=self.number)(*first.spacing)
@@ -81,6 +83,10 @@ class SceneArrays:
         self.constants = filled(
             kernels.groups.Constants, self, h=h, band=band, largest=0.0, gravity=wp.vec3d(*first.gravity), only=-1
         )
+
+    def largest_blocks(self, ordered: bool) -> int:
+        """Blocks that a run can address; ``ordered``: sums have a fixed order."""
+        return limits.largest_blocks(ordered, any(s.keeps for s in self.scenes), self.scenes[0].basal.law, self.mixed)
 
     def set_steps(self, now: np.ndarray) -> None:
         """Time steps [s] of the scenes to the device, and what depends on them."""

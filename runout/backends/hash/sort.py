@@ -18,6 +18,7 @@ import warp as wp
 
 from runout.backends.hash.device_status import Snapshot
 from runout.backends.hash.layout import BESIDE, ENTERED, GROUNDED, GROW, HALT, LEFT, NEAR, NEXT, OWNERS, REACHED, run
+from runout.backends.hash.limits import largest_in_contact
 from runout.backends.hash.parts import Parts
 from runout.backends.hash.readback import Report
 
@@ -94,10 +95,15 @@ def _make_room(parts: Parts, counts: np.ndarray) -> None:
     if index.capacity != capacity:
         parts.make_nodes()
         if capacity:
-            parts.nodes.make_room(nodes.places * index.capacity // capacity, nodes.slots * index.capacity // capacity)
+            parts.nodes.make_room(*_grown(nodes.places, nodes.slots, index.capacity, capacity))
             if structures:
-                structures.make_room(beside[0] * index.capacity // capacity, beside[1] * index.capacity // capacity)
+                structures.make_room(*_grown(*beside, index.capacity, capacity))
     elif index.table.shape[0] == entries:
         nodes.make_room(int(counts[NEAR]), int(counts[GROUNDED]))
         if structures:
             structures.make_room(int(counts[BESIDE]), int(counts[REACHED]))
+
+
+def _grown(places: int, slots: int, blocks: int, before: int) -> tuple[int, int]:
+    """Room for blocks of two kinds that grows with that for all blocks, as far as it can be addressed."""
+    return places * blocks // before, min(slots * blocks // before, largest_in_contact())
