@@ -117,7 +117,7 @@ def simulate(
     arrival_threshold : float
         Thickness from which a cell counts as reached [m].
     snapshot_times : sequence of float
-        Times [s] at which maps of thickness and speed are stored.
+        Times [s] at which maps of thickness and speed are stored, interpolated between two steps; they change no step.
     snapshot_particles : int
         Most particles whose positions and speeds are stored at these times, evenly chosen; 0: none.
     force_interval : float, optional
