@@ -9,7 +9,7 @@ from runout.terrain.pressed_points import _Squares, forecast_depth, lateral_pres
 from runout.terrain.sliding_points import POINTS, Points
 
 
-def depth(release, friction, pressure=1.0, end_time=60.0):
+def depth(release, friction, pressure=1.0, end_time=15.0):
     def resistance(columns):
         return G * friction * columns.cosine, 0.0
 

@@ -202,10 +202,11 @@ class Batch:
         if shares.min() == 1.0:
             return
         factor = np.repeat(shares, [a.particles for a in self.accounts])[:, None]
-        for owner in (self.parts.store, *([self.parts.structures] if self.parts.structures else [])):
-            forces = owner.forces.numpy()
+        structures = self.parts.structures
+        for held in (self.parts.store.forces, *([structures.forces] if structures else [])):
+            forces = held.numpy()
             forces[:, 1:] *= factor.astype(forces.dtype)
-            owner.forces.assign(forces)
+            held.assign(forces)
 
     def _require_stable(self, dt: Sequence[float], count: Sequence[int]) -> None:
         """A scene whose step is too long ends the run if it is the only one; one of several leaves."""
