@@ -140,6 +140,39 @@ class ParticleSample:
         return frame
 
 
+@dataclass(frozen=True)
+class Frame:
+    """State of a run at one time, as snapshots keep it.
+
+    Attributes
+    ----------
+    time : float
+        [s].
+    thickness, speed : (rows, columns)
+        [m] and [m/s], on the raster.
+    particles : (sample, 4) float32
+        See :meth:`ParticleSample.take`.
+    """
+
+    time: float
+    thickness: np.ndarray
+    speed: np.ndarray
+    particles: np.ndarray
+
+    def blend(self, after: "Frame", time: float) -> "Frame":
+        """State at a ``time`` [s] between this one and that ``after`` a step: volume, momentum and places change steadily."""
+        share = min(1.0, (time - self.time) / (after.time - self.time))
+        thickness, flux, particles = (
+            (1.0 - share) * a + share * b
+            for a, b in (
+                (self.thickness, after.thickness),
+                (self.thickness * self.speed, after.thickness * after.speed),
+                (self.particles, after.particles),
+            )
+        )
+        return Frame(time, thickness, flux / np.maximum(thickness, np.finfo(float).tiny), particles.astype(np.float32))
+
+
 class Ledger:
     """Rows of the backend's ledger over time."""
 

@@ -21,7 +21,7 @@ from runout.model.probes import Probes
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.observers import THICKNESS, AtRest, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
+from runout.observers import THICKNESS, AtRest, Frame, Ledger, ParticleSample, PeakMaps, StructureImpulses, flow_fields
 from runout.probe_recorder import ProbeRecorder
 from runout.result import Result
 from runout.structure_forces import named_structures
@@ -46,7 +46,7 @@ class RunControl:
     arrival_threshold : float
         Thickness [m] above which the flow has arrived in a cell.
     snapshot_times : tuple of float
-        Ascending [s].
+        Ascending [s]. A snapshot between two steps is interpolated from the states before and after; steps do not depend on it.
     crossing : float
         Observe whenever the fastest particle may have crossed so much of a grid cell, or of a raster cell if that is longer, and at
         least :data:`OBSERVATIONS` times; 0 observes after every step.
@@ -75,6 +75,8 @@ class RunControl:
         checked("arrival_threshold", self.arrival_threshold, error=ConfigError)
         if self.force_interval is not None and not 0 <= self.force_interval < math.inf:
             raise ConfigError(f"force_interval is {self.force_interval!r} s; it must be 0 (every step) or more")
+        if not all(0 <= time < math.inf for time in self.snapshot_times):
+            raise ConfigError(f"snapshot_times are {self.snapshot_times!r} s; each must be 0 or more")
         if self.snapshot_particles < 0:
             raise ConfigError(f"snapshot_particles is {self.snapshot_particles}; it must be 0 or more")
 
@@ -98,7 +100,10 @@ class Run:
         self.sample, self.particle_frames = ParticleSample(), list[np.ndarray]()
         self.pending, self.reason = list(control.snapshot_times), ""
         self.looks: list[int] = []
-        self.time = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
+        self.frame_before: Frame | None = None  # the last state before the next snapshot
+        self.planned = self.made = self.first_look = 0
+        self.look_every = 1
+        self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
@@ -174,7 +179,7 @@ class Run:
         started = clock.perf_counter()
         self.begin()
         while not self.reason:
-            if self.keep and self.keep.due():
+            if self.keep and self.frame_before is None and self.keep.due():
                 self.keep.write(self._state(clock.perf_counter() - started))
             count = self.plan(BATCH)
             if isinstance(self.engine, BatchBackend):
@@ -188,11 +193,15 @@ class Run:
         for step in range(1, count + 1):
             self.engine.step(self.dt)
             if step in self.looks:
-                self._note(self.time + self.dt * step, self._columns())
-            if step < count and not self.scene.bears(self.dt, self.engine.max_speed):
-                self.due = self.time  # the looks that were planned behind this step have not been made
+                self._note(self._time_after(step), self._columns())
+            if self.made + step < self.planned and not self.scene.bears(self.dt, self.engine.max_speed):
+                self._end_series(step)
                 return step
         return count
+
+    def _end_series(self, steps: int = 0) -> None:
+        """End the series so many ``steps`` from now; the next step is looked at, since planned looks have not been made."""
+        self.planned, self.due = self.made + steps, self.begun
 
     def begin(self) -> None:
         """Observe the start, unless the run continues from a checkpoint."""
@@ -200,26 +209,66 @@ class Run:
             if self.forces.structures:
                 self.forces.record(self.time, self.engine.structure_impulses())
             self._note(self.time, self._columns())
+            self._keep_snapshots()
             self._observe()
 
     def plan(self, most: int) -> int:
         """Set the next time step [s]; returns the number of such steps until the next record, at most ``most``.
 
-        ``looks`` are those after which the maps are updated. The last step may pass the time of the row, but not a snapshot or the
-        end.
+        ``looks`` are those after which the maps are updated. Length and number of the steps of a series follow from the flow, the
+        rows of the ledger and the end. Snapshots and forces interrupt a series but do not change it.
         """
-        control = self.control
-        left = self._next_stop() - self.time
-        self.dt = min(_on_ladder(self.engine.stable_step()), left)
-        to_row = math.ceil((min(self.ledger_due, self.forces.due) - self.time) / self.dt - 1e-9)
-        count = max(1, min(self._bearable(most), to_row, int(left / self.dt)))
+        if self.made < self.planned and not self.scene.bears(self.dt, self.engine.max_speed):
+            self._end_series()
+        if self.made == self.planned:
+            self._plan_series(most)
+        count = self.planned - self.made
+        if self.forces.structures:
+            count = min(count, max(1, self._steps_until(self.forces.due) - self.made))
+        if self.pending:
+            count = min(count, self._steps_before_snapshot())
+        planned = range(self.first_look, self.planned + 1, self.look_every)
+        self.looks = [step - self.made for step in planned if self.made < step <= self.made + count]
+        return count
+
+    def _plan_series(self, most: int) -> None:
+        """Set length and number of the next steps, and the looks after them.
+
+        A step is at most twice as long as the one before. The last steps before the end are equal: where less than a step would be
+        left behind the series, the time to the end is divided by their number.
+        """
+        control, longest = self.control, 2.0 * self.dt or math.inf
+        left = control.end_time - self.time
+        self.begun, self.made = self.time, 0
+        self.dt = _on_ladder(min(self.engine.stable_step(), longest))
+        count = max(1, min(self._bearable(most), self._steps_until(self.ledger_due)))
+        if left < (count + 1) * self.dt:
+            to_end = max(1, math.ceil(left / self.dt - 1e-9))
+            self.dt, count = left / to_end, min(count, to_end)
+        self.planned = count
         crossing = control.crossing * self.scene.observed_length / max(self.engine.max_speed, 1e-3)
         wait = min(control.end_time / OBSERVATIONS, crossing)
-        first = max(1, math.ceil((self.due - self.time) / self.dt - 1e-9))
-        self.looks = list(range(first, count + 1, max(1, int(wait / self.dt))))
-        if self.looks:
-            self.due = self.time + self.dt * self.looks[-1] + wait
-        return count
+        self.first_look, self.look_every = max(1, self._steps_until(self.due)), max(1, int(wait / self.dt))
+        if self.first_look <= count:
+            last = count - (count - self.first_look) % self.look_every
+            self.due = self.time + self.dt * last + wait
+
+    def _steps_until(self, time: float) -> int:
+        """Number of steps of the series that reach a time [s]."""
+        return math.ceil((time - self.begun) / self.dt - 1e-9)
+
+    def _time_after(self, steps: int) -> float:
+        """Time [s] after so many more steps; equal bit by bit however the series is interrupted."""
+        return self.begun + self.dt * (self.made + steps)
+
+    def _steps_before_snapshot(self) -> int:
+        """Number of steps to the last state before the next snapshot, or, from that state, which is kept, 1."""
+        ahead = (self.pending[0] - self.time) / self.dt
+        if ahead > 1.0 - 1e-9:
+            return max(1, int(ahead + 1e-9))
+        if self.frame_before is None:
+            self.frame_before = self._frame()
+        return 1
 
     def _bearable(self, most: int) -> int:
         """At most so many steps of the present length, which stay stable while gravity speeds up the fastest particle."""
@@ -233,16 +282,22 @@ class Run:
         started, scene = clock.perf_counter(), self.scene
         if footprints.apply_to(scene) and not self.peaks.on_lattice:
             columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))
-        self._note(self.time + self.dt * step, columns)
+        self._note(self._time_after(step), columns)
         self.observing += clock.perf_counter() - started
 
     def arrive(self, count: int) -> None:
-        """Account for ``count`` finished steps; record a row of the ledger if it is due."""
-        self.time += self.dt * count
-        if self.time >= self.forces.due - 1e-12 * self.control.end_time:
+        """Account for ``count`` finished steps; record forces, snapshots and a row of the ledger if they are due."""
+        self.time, self.made = self._time_after(count), self.made + count
+        if self.time >= self.forces.due - self._rounding:
             self.forces.record(self.time, self.engine.structure_impulses())
-        if self.time >= min(self.ledger_due, self._next_stop()) - 1e-12 * self.control.end_time:
+        self._keep_snapshots()
+        if self.time >= min(self.ledger_due, self.control.end_time) - self._rounding:
             self._observe()
+
+    @property
+    def _rounding(self) -> float:
+        """Error of a time by rounding [s]."""
+        return 1e-12 * self.control.end_time
 
     def _note(self, time: float, columns: RasterSums) -> None:
         """Update maps and probes with the columns at one time [s]."""
@@ -250,16 +305,23 @@ class Run:
         if self.probes:
             self.probes.observe(time, columns, self.dt)
 
-    def _next_stop(self) -> float:
-        return min([self.control.end_time, *self.pending[:1]])
+    def _keep_snapshots(self) -> None:
+        """Keep the snapshots up to the present time: between the states before and after one, both are weighted by time."""
+        if not self.pending or self.pending[0] > self.time + self._rounding:
+            return
+        started, after = clock.perf_counter(), self._frame()
+        while self.pending and self.pending[0] <= self.time + self._rounding:
+            time = self.pending.pop(0)
+            frame = self.frame_before.blend(after, time) if self.frame_before else after
+            self.snapshots.append((time, frame.thickness, frame.speed))
+            if self.sample.size:
+                self.particle_frames.append(frame.particles)
+        self.frame_before = None
+        self.observing += clock.perf_counter() - started
 
     def _observe(self) -> None:
         """Record the present state, and update the maps if it is the last."""
         started, control = clock.perf_counter(), self.control
-        while self.pending and self.time >= self.pending[0] - 1e-12 * control.end_time:
-            self.snapshots.append((self.pending.pop(0), *self._frame(self._raster_columns())))
-            if self.sample.size:
-                self.particle_frames.append(self.sample.take(self.engine.particles(), self.scene.spacing))
         if self.time >= control.end_time * (1 - 1e-12):
             self.reason = "end time"
         self._record(self.engine.ledger(), self.engine.memory_bytes())
@@ -289,11 +351,14 @@ class Run:
         engine = self.engine
         return engine.flow_columns() if self.control.crop and isinstance(engine, WindowBackend) else engine.columns()
 
-    def _frame(self, columns: RasterSums) -> tuple[np.ndarray, np.ndarray]:
-        """Thickness [m] and speed [m/s] on the whole raster."""
-        whole = np.zeros((2, self.scene.raster.rows, self.scene.raster.columns))
-        whole[:, *columns.window] = flow_fields(columns, self.scene.raster)
-        return whole[0], whole[1]
+    def _frame(self) -> Frame:
+        """The present state on the whole raster, and that of the sample of particles."""
+        columns, raster = self._raster_columns(), self.scene.raster
+        whole = np.zeros((2, raster.rows, raster.columns))
+        whole[:, *columns.window] = flow_fields(columns, raster)
+        empty = np.zeros((0, 4), np.float32)
+        particles = self.sample.take(self.engine.particles(), self.scene.spacing) if self.sample.size else empty
+        return Frame(self.time, whole[0], whole[1], particles)
 
 
 def _on_ladder(limit: float) -> float:

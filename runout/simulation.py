@@ -11,7 +11,6 @@ from runout.checkpoint import EVERY, checkpoint_for, run_key
 from runout.memory import expected_memory, require_memory
 from runout.model import basal_strength
 from runout.model.basal_friction import USUAL_ANGLE, BasalFriction
-from runout.model.depth_resolution import FEWEST_CELLS
 from runout.model.friction import FrictionZones
 from runout.model.materials import Material
 from runout.model.probes import Probes
@@ -117,7 +116,7 @@ def simulate(
     arrival_threshold : float
         Thickness from which a cell counts as reached [m].
     snapshot_times : sequence of float
-        Times [s] at which maps of thickness and speed are stored.
+        Times [s] at which maps of thickness and speed are stored, interpolated between two steps; they change no step.
     snapshot_particles : int
         Most particles whose positions and speeds are stored at these times, evenly chosen; 0: none.
     force_interval : float, optional
@@ -174,5 +173,5 @@ def simulate(
     if keep:
         keep.remove()
     if result.depth_resolution.is_coarse:
-        LOGGER.warning("%s; use at least %d cells", result.depth_resolution.statement(), FEWEST_CELLS)
+        LOGGER.warning("%s", result.depth_resolution.warning())
     return result

@@ -12,7 +12,11 @@ from runout.physics import numerical_scales as formulas
 
 FEWEST_CELLS = 4  # cells through the depth; with fewer, numerical viscosity stops shear within about a second
 # reduction over several runs to the least resolved
-WORST = {"cells_through_depth": min, "numerical_viscosity": max, "shear_decay_time": min, "smallest_feature": max}
+WORST = {"depth": min, "cells_through_depth": min, "numerical_viscosity": max, "shear_decay_time": min, "smallest_feature": max}
+LOST = (
+    f"with fewer than {FEWEST_CELLS} cells the velocity profile and the shear through the depth are lost: the mass moves in "
+    "columns, as in depth-averaged models"
+)
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,10 @@ class DepthResolution:
             f"{self.cells_through_depth:.2g} cells through a depth of {self.depth:.3g} m; the transfers act like a viscosity of "
             f"{self.numerical_viscosity:.2g} m2/s, which stops shear through the depth in {self.shear_decay_time:.2g} s"
         )
+
+    def warning(self) -> str:
+        """What a flow with few cells through its depth loses, as a clause for a sentence; empty if it is resolved."""
+        return f"{self.statement()}; {LOST}" if self.is_coarse else ""
 
     def attributes(self) -> dict[str, float]:
         """Attributes for a file; numbers that are undefined without a flow or viscosity are left out."""

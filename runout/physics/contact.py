@@ -104,6 +104,19 @@ def started_time(v: Any, fastest: Any, dt: Any):
     return lasting
 
 
+def kept_share(dt: Any, before: Any):
+    """Share [1] of the force of a step of ``before`` [s] from which contacts start in a step of ``dt`` [s].
+
+    An impulse also corrects what differs between the weights of two steps, which does not shrink with the step: the force of a very
+    short step is as many times too large as the step is shorter than the next. So the impulse at the start is at most twice that of
+    the step before. ``before`` is 0 if there was none.
+    """
+    share = real(1.0)
+    if dt > real(2.0) * before and before > real(0.0):
+        share = real(2.0) * before / dt
+    return share
+
+
 def largest_share(around: Any):
     """Largest reciprocal sum of weights that :func:`area_share` counts, from the mean of the sums ``around`` a contact."""
     return real(1.0) / (real(RIM) * around)
@@ -129,7 +142,7 @@ def impulse(u: Any, n: Any, gap: Any, compliance: Any, basal: Any, dt: Any, give
     """Impulse [N s] of the ground on a particle in a step: unilateral, with friction on the whole tangential vector.
 
     One sweep of projected Jacobi iteration (Moreau and Jean 1996) that starts from the impulse ``given`` [N s], which the
-    velocity ``u`` contains already; :func:`warm_start` takes it from the step before. Lumped compliances correct what all
+    velocity ``u`` contains already; it is the force of the step before times dt. Lumped compliances correct what all
     neighbours share in one sweep and what differs between them in several, so that sweeps of a static load go on over the steps.
 
     Normal: u.n is brought to :func:`normal_target`; the total never pulls. Tangential: sticks if the steady impulse R of the law

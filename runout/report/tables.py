@@ -8,7 +8,7 @@ import numpy as np
 
 from runout.config.parameter_variables import parameter_variable
 from runout.map_quantities import QUANTITIES
-from runout.model.depth_resolution import FEWEST_CELLS
+from runout.model.depth_resolution import WORST, DepthResolution
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
@@ -158,22 +158,18 @@ def _still_moving(ledger: Ledger) -> bool:
 
 def _coarse(study: Study) -> list[str]:
     found = depth_resolution(study)
-    if not found or found["cells_through_depth"] >= FEWEST_CELLS:
+    if not found or not (coarse := DepthResolution(**found).warning()):
         return []
-    return [
-        f"The member that is resolved least has {number(found['cells_through_depth'], 2)} grid cells through its depth; "
-        f"below {FEWEST_CELLS} cells the velocity profile is not resolved and speeds are damped (the scheme stops shear through "
-        f"the depth in {quantity(found['shear_decay_time'], 's', 2)}). "
-        "Use smaller cells, or a depth-averaged method for thin flows."
-    ]
+    return [f"The member that is resolved least has {coarse}."]
 
 
 def depth_resolution(study: Study) -> dict[str, float]:
     """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the member with the fewest cells.
 
-    They are read from ``run.json``; empty if it does not contain them.
+    They are read from ``run.json``; empty if it does not contain all of them.
     """
-    return dict(study.run.get("resolution", {}))
+    found = study.run.get("resolution", {})
+    return dict(found) if set(WORST) <= {*found, "smallest_feature"} else {}
 
 
 def _unclosed(study: Study) -> list[str]:

@@ -45,7 +45,7 @@ class Slide:
 
 
 @dataclass(frozen=True)
-class _Ground:
+class Ground:
     """The sliding surface below the masses, and which cells of the terrain (nx, ny) have an elevation, from the south-west."""
 
     surface: Surface
@@ -53,7 +53,7 @@ class _Ground:
     size: tuple[float, float]
 
     @classmethod
-    def under(cls, releases: Sequence[Release], spacing: tuple[float, float]) -> "_Ground":
+    def under(cls, releases: Sequence[Release], spacing: tuple[float, float]) -> "Ground":
         """The ground of releases on a grid of ``spacing`` [m]."""
         terrain, dug = releases[0].terrain, np.sum([r.excavation for r in releases], axis=0)
         surface = raster_surface(terrain, dug if dug.any() else None, spacing)
@@ -68,7 +68,7 @@ class _Ground:
 
 
 @dataclass
-class _Points:
+class Points:
     """Points that move.
 
     Attributes
@@ -88,18 +88,18 @@ class _Points:
     thinness: np.ndarray
 
     @classmethod
-    def of(cls, releases: Sequence[Release], members: int, points: int) -> "_Points":
+    def of(cls, releases: Sequence[Release], members: int, points: int) -> "Points":
         """Points that stand for equal volumes of the releases, the same for every member."""
         number, place = _starts(releases, np.outer(SEQUENCE, np.arange(1.0, points + 1.0)) % 1.0)
         release, place = np.tile(number, members), np.tile(place, (1, members))
         return cls(np.repeat(np.arange(members), points), release, place, np.zeros_like(place), np.ones(len(release)))
 
-    def advance(self, ground: _Ground, resistance: Resistance, dt: float) -> np.ndarray:
-        """Speed (n,) [m/s] after a step of ``dt`` [s]."""
+    def advance(self, ground: Ground, resistance: Resistance, dt: float, pressed: np.ndarray | float = 0.0) -> np.ndarray:
+        """Speed (n,) [m/s] after a step of ``dt`` [s]; ``pressed`` (2, n) [1] is what neighbours add to the slope."""
         _, *slopes = ground.surface.evaluate(*self.place)
         slope = np.array(slopes)
         cosine2 = 1.0 / (1.0 + (slope**2).sum(0))
-        self.velocity -= dt * STANDARD_GRAVITY * cosine2 * slope
+        self.velocity -= dt * STANDARD_GRAVITY * cosine2 * (slope + pressed)
         speed = np.sqrt((self.velocity**2).sum(0) + (self.velocity * slope).sum(0) ** 2)
         (x, y), cosine = self.place, np.sqrt(cosine2)
         steady, drag = resistance(Columns(self.member, self.release, x, y, cosine, speed, self.thinness))
@@ -143,7 +143,7 @@ class _Gathering:
         size = math.sqrt(sum(r.area for r in releases)) / SQUARES
         return cls(sum(r.volume for r in releases) / points, size, np.asarray(most))
 
-    def count(self, points: _Points, way: float) -> None:
+    def count(self, points: Points, way: float) -> None:
         """Set the thinness of points, of which the fastest has moved on by ``way`` [m]; seldom, where they hardly move."""
         self.moved += way
         if self.moved < CROSSING * self.size:
@@ -187,7 +187,7 @@ def slide(
         Vertical thickness [m] of each release for which ``resistance`` was made. With it the columns are as thick as the points
         gather, at most so; without it they keep the thickness of the resistance.
     """
-    ground, moving = _Ground.under(releases, spacing), _Points.of(releases, members, points)
+    ground, moving = Ground.under(releases, spacing), Points.of(releases, members, points)
     gathering = None if most is None else _Gathering.of(releases, points, most)
     rows: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
     cell, time, fastest = min(ground.surface.spacing), 0.0, np.zeros(1)

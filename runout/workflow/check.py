@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from runout.config.structures import StructureSettings
     from runout.model.depth_resolution import DepthResolution
     from runout.model.friction import FrictionZones
-    from runout.model.materials import Material
     from runout.model.release import Release
     from runout.model.terrain import Terrain
     from runout.stiffness import Stiffness
@@ -39,6 +38,7 @@ class Findings:
     releases: "list[Release]" = field(default_factory=list)
     zones: "FrictionZones | None" = None
     stiffness: "list[Stiffness]" = field(default_factory=list)  # of the site as stated, then of each member
+    resolution: "DepthResolution | None" = None  # forecast, of the member that is resolved least
 
     def note(self, error: RunoutError) -> None:
         """Add an error, or each of the problems that it lists; what was found before is not repeated."""
@@ -55,8 +55,11 @@ class Findings:
             texts[:] = [without_fetched_folders(within_site(text, folder)) for text in texts]
 
 
-def inspect(checked: "Path | Site") -> Findings:
-    """Problems and warnings of the configuration, the DEM and the releases of a site, or of a site folder or site.yaml."""
+def inspect(checked: "Path | Site", *, forecast: bool = True) -> Findings:
+    """Problems and warnings of the configuration, the DEM and the releases of a site, or of a site folder or site.yaml.
+
+    With ``forecast``, also the depth of the flow, which takes up to some seconds.
+    """
     from runout.config.read import files_outside
     from runout.config.site import read_site
 
@@ -70,6 +73,8 @@ def inspect(checked: "Path | Site") -> Findings:
         readable = _readable_part(checked, [problem.key for problem in error.problems])
     if readable is not None:
         _inspect_inputs(found, readable)
+        if forecast and found.site is not None and found.releases and not found.problems:
+            _forecast_depth(found, found.site)
         found.name_files_as_stated(readable.folder)
         found.notes[:0] = files_outside(readable.settings, readable.folder) if found.terrain else []
     return found
@@ -216,15 +221,22 @@ def _inspect_overlaps(found: Findings, terrain: "Terrain") -> None:
 def _inspect_resolution(found: Findings, site: "Site") -> None:
     if not found.releases:
         return
-    grid = site.grid(found.releases)
-    spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3)
+    spacing = np.broadcast_to(np.asarray(site.grid(found.releases)["cell_size"], float), 3)
     found.stiffness = check_stiffness.site_stiffness(site, found.releases, found.zones)
     found.warnings += check_stiffness.warnings(found.stiffness)
-    for release, material in zip(found.releases, found.stiffness[0].materials, strict=True):
+    for release in found.releases:
         found.problems += _too_coarse(release, spacing)
-        found.warnings += _too_thin(release, depth_resolution(release, material, site, grid))
         found.warnings += _below_the_threshold(release, site.settings.simulation.arrival_threshold)
         found.warnings += _trapped(release, site)
+
+
+def _forecast_depth(found: Findings, site: "Site") -> None:
+    """Forecast how the flow will be resolved, and warn of few cells through its depth."""
+    from runout.workflow.flow_forecast import least_resolved
+
+    found.resolution = least_resolved(site, found.stiffness[1:])
+    if coarse := found.resolution.warning():
+        found.warnings.append(f"the member that is resolved least is forecast to have {coarse}")
 
 
 def _inspect_obstacles(found: Findings, site: "Site", terrain: "Terrain") -> None:
@@ -272,32 +284,6 @@ def _too_coarse(release: "Release", spacing: np.ndarray) -> Iterator[str]:
         finer = math.sqrt(release.area) / 4
         area = f"its area of {release.area:.4g} m2 is {cells:.2g} cells"
         yield f"release {release.name}: {area}; set simulation.cell_size to {finer:.2g} or less"
-
-
-def depth_resolution(release: "Release", material: "Material", site: "Site", grid: "dict[str, Any]") -> "DepthResolution":
-    """Depth resolution of a release at its greatest thickness, with the time step of its material at rest."""
-    from runout.model.depth_resolution import DepthResolution
-    from runout.model.scene import Raster, Scene
-
-    stated, (rows, columns) = site.settings.simulation, release.thickness.shape
-    spacing = np.broadcast_to(np.asarray(grid["cell_size"], float), 3).tolist()
-    raster = Raster(rows, columns, release.terrain.cell_size)
-    scene = Scene(
-        tuple(spacing), None, raster, (material,), (0.0,), cfl=grid["cfl"], transfer=stated.transfer, flip_ratio=stated.flip_ratio
-    )
-    return DepthResolution.of(float(release.thickness.max()), scene, scene.stable_step(0.0))
-
-
-def _too_thin(release: "Release", found: "DepthResolution") -> Iterator[str]:
-    from runout.model.depth_resolution import FEWEST_CELLS
-
-    if found.is_coarse:
-        finer = found.depth / FEWEST_CELLS
-        yield (
-            f"release {release.name}: {found.cells_through_depth:.1f} cells through its greatest thickness of {found.depth:.3g} m; "
-            f"below {FEWEST_CELLS} numerical viscosity slows the flow ({found.numerical_viscosity:.2g} m2/s stop shear through the "
-            f"depth in {found.shear_decay_time:.2g} s), cell_size <= {finer:.2g} m in the vertical avoids it"
-        )
 
 
 def _below_the_threshold(release: "Release", threshold: float) -> Iterator[str]:
@@ -368,6 +354,6 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
 
 def require_sound(site: "Path | Site") -> None:
     """Raise ConfigError with all problems of a site, if there are any."""
-    problems = inspect(site).problems
+    problems = inspect(site, forecast=False).problems
     if problems:
         raise ConfigError("\n".join(problems))

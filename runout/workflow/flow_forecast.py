@@ -1,4 +1,4 @@
-"""How many steps the members of a site take, without a run: the duration of their flows, and the length of their steps."""
+"""Steps of the members of a site, and depth of their flows, without a run: points slide in place of the mass."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,16 +9,21 @@ import numpy as np
 
 from runout.model import basal_strength
 from runout.model.column_resistance import ColumnResistance, Resistance, ground_below, resting_resistance
+from runout.model.depth_resolution import DepthResolution
 from runout.model.friction_laws import DEFAULT_FRICTION
 from runout.model.limits import spacing_of
 from runout.model.scene import Raster, Scene
 from runout.observers import AtRest
 from runout.terrain.drag_speed import GATHERED
+from runout.terrain.pressed_points import forecast_depth, lateral_pressure
 from runout.terrain.sliding_points import Slide, slide
+from runout.workflow.check_physics import samples_of
+from runout.workflow.check_stiffness import VOLUME, member_stiffness
 
 if TYPE_CHECKING:
     from runout.config.site import Site
     from runout.ensemble.member import Member
+    from runout.model.materials import Material
     from runout.model.release import Release
     from runout.stiffness import Stiffness
 
@@ -78,6 +83,32 @@ def _flows_from_one_scar(arguments: Sequence[Mapping[str, Any]], largest_speed: 
     return [_flow(found, k, end_time, settling if first["stop"] else None) for k in range(len(arguments))]
 
 
+def depth_of_flow(arguments: Mapping[str, Any], flow_speed: float) -> float:
+    """Depth [m] of the flow of a member with these arguments of :func:`runout.simulate`; it reaches about ``flow_speed`` [m/s]."""
+    releases, spacing = arguments["release"], spacing_of(arguments["cell_size"])
+    thickness = [float(r.thickness[r.thickness > 0].mean()) for r in releases]
+    resistance = _resistance([arguments], releases, spacing[2], flow_speed, thickness)
+    pressure = lateral_pressure([r.material or arguments["material"] for r in releases])
+    return forecast_depth(releases, resistance, pressure, spacing[:2], float(arguments["end_time"]), thickness)
+
+
+def least_resolved(site: "Site", members: "Sequence[Stiffness]") -> DepthResolution:
+    """Forecast resolution of the flow with the fewest cells through its depth, from the stiffness of all ``members`` of a site.
+
+    Flows become thinner the faster they are and the less volume they have: the fastest member of all and of the least volume count.
+    """
+    samples, data = samples_of(site), site.data()
+    volumes = np.array([sample.get(VOLUME, 1.0) for sample in samples])
+    speeds = np.array([one.flow_speed for one in members])
+    chosen = {int(speeds.argmax()), int(np.where(volumes == volumes.min(), speeds, -1.0).argmax())}
+    found = []
+    for k in sorted(chosen):
+        arguments = site.member_arguments(samples[k], data)
+        scene = _scene(arguments, members[k].materials)
+        found.append(DepthResolution.of(depth_of_flow(arguments, members[k].flow_speed), scene, scene.stable_step(0.0)))
+    return min(found, key=lambda one: one.depth)
+
+
 def _flow(found: Slide, k: int, end_time: float, settling: float | None) -> Flow:
     """Flow of member k; ``settling`` is its duration over that of points, None for a run that ends at ``end_time`` [s]."""
     time, speed = found.time, found.speed[:, k]
@@ -116,8 +147,6 @@ def _rests(speed: np.ndarray) -> np.ndarray:
 
 def member_steps(site: "Site", members: "Sequence[Member]") -> list[MemberSteps]:
     """Steps of each member."""
-    from runout.workflow.check_stiffness import member_stiffness
-
     data = site.data()
     found = member_stiffness(site, data.releases, data.friction_zones, [m.parameters for m in members])
     speeds = np.array([s.flow_speed for s in found])
@@ -135,10 +164,14 @@ def member_steps(site: "Site", members: "Sequence[Member]") -> list[MemberSteps]
 
 def _steps(grid: Mapping[str, Any], stiffness: "Stiffness", flow: Flow) -> MemberSteps:
     """Steps of a flow in which pressure waves pass a cell in the time that the Courant number leaves."""
-    materials = stiffness.materials
-    scene = Scene(
-        spacing_of(grid["cell_size"]), None, Raster(1, 1, (1.0, 1.0)), materials, (0.0,) * len(materials), cfl=grid["cfl"],
-        transfer=grid["transfer"], flip_ratio=grid["flip_ratio"], f_bar=grid["f_bar"],
-    )  # fmt: skip
+    scene = _scene(grid, stiffness.materials)
     steps = STEP_RATIO * (flow.duration + flow.path / scene.wave_speed) / scene.stable_step(0.0)
     return MemberSteps(steps, steps * flow.share)
+
+
+def _scene(grid: Mapping[str, Any], materials: "Sequence[Material]") -> Scene:
+    """Scene without ground, for the step and the resolution that it gives."""
+    return Scene(
+        spacing_of(grid["cell_size"]), None, Raster(1, 1, (1.0, 1.0)), tuple(materials), (0.0,) * len(materials), cfl=grid["cfl"],
+        transfer=grid["transfer"], flip_ratio=grid["flip_ratio"], f_bar=grid["f_bar"],
+    )  # fmt: skip

@@ -20,7 +20,7 @@ def run(backend, youngs_modulus, **choices):
     place = {"device": HASH_DEVICE} if backend == "hash" else {"threads": 1}
     return simulate(
         terrain=TERRAIN, release=Release(THICKNESS, TERRAIN, placement="on_surface"), material=material, basal_friction_angle=5.0,
-        cell_size=5.0, end_time=5.0, precision="float64", backend=backend, **place, **choices,
+        cell_size=5.0, precision="float64", backend=backend, **{"end_time": 5.0, **place, **choices},
     )  # fmt: skip
 
 

@@ -200,6 +200,7 @@ CASES = [
     Case(contact.column_work, "svv", "s", (between(0.1, 50.0), vector, vector)),
     Case(contact.fastest_start, "sss", "s", (between(0.1, 5.0), between(0.0, 10.0), step)),
     Case(contact.started_time, "vss", "s", (vector, between(0.01, 5.0), step)),
+    Case(contact.kept_share, "ss", "s", (step, between(1e-6, 0.1))),
     Case(contact.largest_share, "s", "s", (between(0.05, 5.0),)),
     Case(contact.area_share, "sss", "s", (between(0.0, 1.0), between(0.1, 50.0), between(0.1, 50.0))),
     Case(contact.ground_area, "sss", "s", (between(0.1, 50.0), between(0.1, 4.0), between(0.2, 1.0))),

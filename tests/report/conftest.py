@@ -17,7 +17,7 @@ FRICTION = np.linspace(12.0, 22.0, 8)
 FAILED = 5
 CHANGES = ["rows were turned to north up"]
 METADATA = {"author": "A. Name", "institution": "A survey", "purpose": "screening <of> a road"}
-RESOLUTION = {"cells_through_depth": 1.5, "numerical_viscosity": 4.0, "shear_decay_time": 0.15}
+RESOLUTION = {"depth": 30.0, "cells_through_depth": 1.5, "numerical_viscosity": 4.0, "shear_decay_time": 0.15}
 DAM = shapely.box(WEST + 1400.0, SOUTH + 1000.0, WEST + 1700.0, SOUTH + 1060.0)
 ZONES = [
     shapely.box(WEST + 900.0, SOUTH + 1300.0, WEST + 1300.0, SOUTH + 1600.0),

@@ -187,11 +187,11 @@ def test_cells_through_the_depth_are_those_of_the_record(site, copy):
     assert "The smallest feature that the maps can show is 12\u202fm wide" in tables.balance(study)["resolution"]
     assert "has 1.5 cells through its depth" in tables.balance(study)["resolution"]
     assert "a viscosity of 4\u202fm² s⁻¹, which stops shear through the depth in 0.15\u202fs" in tables.balance(study)["resolution"]
-    (said,) = [w for w in tables.warnings(study, site.resolved()) if "through its depth" in w]
-    assert "has 1.5 grid cells through its depth" in said
-    assert "the scheme stops shear through the depth in 0.15\u202fs" in said
+    (said,) = [w for w in tables.warnings(study, site.resolved()) if "through a depth" in w]
+    assert "has 1.5 cells through a depth of" in said
+    assert "stops shear through the depth in 0.15 s; with fewer than 4 cells the velocity profile and the shear" in said
     deep = change(cells_through_depth=5.0)
-    assert not any("through its depth" in w for w in tables.warnings(deep, site.resolved()))
+    assert not any("through a depth" in w for w in tables.warnings(deep, site.resolved()))
     assert "has 5 cells through its depth" in tables.balance(deep)["resolution"]
 
 

@@ -150,3 +150,19 @@ def test_particles_that_start_inside_do_no_harm():
     row = engine.ledger()
     gained = row.kinetic_energy + row.potential_energy + row.elastic_energy - start.potential_energy
     assert gained < 1e-3 * start.potential_energy
+
+
+@pytest.mark.parametrize("name", ["scan", "hash"])
+def test_a_step_after_a_very_short_one_presses_no_harder_on_any_backend(name):
+    """Forces of structures are limited as those of the ground: with a step of 1e-4 the largest speed hardly changes."""
+    found, expected, usual = (
+        slide(engine_of(backend), SCENE, STEPS - 15) for backend in (name, "reference", "scan")
+    )  # fmt: skip
+    dt = 0.5 * usual.stable_step()
+    for engine, short in ((found, 1e-4), (expected, 1e-4), (usual, 1.0)):
+        for k in range(15):
+            engine.step(dt * (short if k == 7 else 1.0))
+    impulses = expected.structure_impulses()
+    np.testing.assert_allclose(found.structure_impulses(), impulses, rtol=0, atol=1e-9 * np.abs(impulses).max())
+    np.testing.assert_allclose(found.particles().velocity, expected.particles().velocity, rtol=0, atol=1e-8)
+    assert found.max_speed == pytest.approx(usual.max_speed, rel=0.05)

@@ -7,6 +7,7 @@ from ramp_site import SITE, write_site
 import runout
 from runout.ensemble.member import plan_members
 from runout.workflow import flow_forecast, plan
+from runout.workflow.check_stiffness import member_stiffness
 from runout.workflow.step_cost import StepCost, measured_step_cost
 
 AUTO = SITE.replace("youngs_modulus: 2.0e+6, ", "")
@@ -31,8 +32,23 @@ def test_steps_and_particle_steps_are_forecast_within_a_factor_of_one_and_a_half
         result = runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1})
         assert 1 / 1.5 < expected.steps / result.steps < 1.5
         held = np.interp(np.linspace(0, result.series["time"][-1], 200), result.series["time"], result.series["mass"])
+        depth = flow_forecast.depth_of_flow(site.member_arguments(member.parameters), 0.0)
+        assert 1 / 1.5 < depth / result.depth_resolution.depth < 1.5
         done = result.steps * held.mean() / held[0]
         assert 1 / 1.5 < expected.per_particle / done < 1.5
+
+
+def test_the_member_that_is_resolved_least_is_forecast_from_the_fastest_and_the_smallest(tmp_path):
+    volumes = "release_volume_factor: {distribution: uniform, low: 0.6, high: 1.4}"
+    text = SITE.replace("low: 12, high: 22}", f"low: 12, high: 22}}\n    {volumes}")
+    site = runout.read_site(write_site(tmp_path / "ramp", text))
+    members = plan_members(site)
+    stiffness = member_stiffness(site, site.data().releases, None, [m.parameters for m in members])
+    found = flow_forecast.least_resolved(site, stiffness)
+    runs = [runout.simulate(**{**site.member_arguments(m.parameters), "seed": m.seed, "threads": 1}) for m in members]
+    cells = [run.depth_resolution.cells_through_depth for run in runs]
+    assert 0.7 < min(cells) / found.cells_through_depth < 1.4
+    assert found.cells_through_depth == pytest.approx(found.depth / 10.0)
 
 
 def test_a_slab_that_goes_twelve_times_its_length_down_a_smooth_slope_comes_to_rest_at_once(tmp_path):
@@ -91,6 +107,8 @@ def test_a_thin_flow_with_drag_in_a_channel_is_forecast_within_a_factor_of_one_a
     result = runout.simulate(**{**site.member_arguments(member.parameters), "seed": member.seed, "threads": 1})
     assert result.stop_reason == "at rest"
     assert 1 / 1.5 < expected.steps / result.steps < 1.5
+    depth = flow_forecast.depth_of_flow(site.member_arguments(member.parameters), 30.0)
+    assert 1 / 1.5 < depth / result.depth_resolution.depth < 1.5
 
 
 def test_forecast_counts_particles_exactly_and_adds_up_its_members(tmp_path, monkeypatch):

@@ -32,6 +32,7 @@ from runout.errors import CapacityError, StabilityError
 from runout.model.particle_source import ParticleSource
 from runout.model.particles import Particles
 from runout.model.scene import Scene
+from runout.physics.contact import kept_share
 
 STEPS_PER_SORT = 64  # the particles come back into the order of their cells in memory after so many steps
 SORTS_BEFORE = 2  # for either place of the rows, before a sort is recorded as a graph
@@ -191,9 +192,22 @@ class Batch:
             longer = wp.array(now - before, dtype=scenes.number)
             groups = parts.store.group, parts.index.block_group, scenes.constants, scenes.materials
             run(parts.k.change_step, parts.store.n, *groups, longer)
+        self._limit_forces(now, before)
         for account, length in zip(self.accounts, now, strict=True):
             account.packed_dt = float(length)
         scenes.set_steps(now)
+
+    def _limit_forces(self, now: np.ndarray, before: np.ndarray) -> None:
+        """Reduce the forces from which contacts start where the steps of a scene become much longer than those before."""
+        shares = np.array([kept_share(*lengths) for lengths in zip(now, before, strict=True)])
+        if shares.min() == 1.0:
+            return
+        factor = np.repeat(shares, [a.particles for a in self.accounts])[:, None]
+        structures = self.parts.structures
+        for held in (self.parts.store.forces, *([structures.forces] if structures else [])):
+            forces = held.numpy()
+            forces[:, 1:] *= factor.astype(forces.dtype)
+            held.assign(forces)
 
     def _require_stable(self, dt: Sequence[float], count: Sequence[int]) -> None:
         """A scene whose step is too long ends the run if it is the only one; one of several leaves."""

@@ -24,7 +24,7 @@ from runout.model.laws import Law
 from runout.model.particle_source import ParticleSource, gathered
 from runout.model.particles import Particles, require_index_range
 from runout.model.scene import Scene
-from runout.physics import blocks, bspline
+from runout.physics import blocks, bspline, contact
 from runout.physics.transfers import dilatation, kept_velocity, with_dilatation
 
 MATRIX = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where the components xx, yy, zz, xy, yz, zx stand
@@ -64,7 +64,7 @@ class ReferenceBackend:
         self._p = given.take(np.argsort(given.identity, kind="stable"))
         self.particle_volume = given.sums(scene.densities).mean_volume
         self._basal = self._plastic = self._escaped_mass = self._escaped_energy = 0.0
-        self._contacts, self._basal_impulse = 0, np.zeros(3)
+        self._contacts, self._basal_impulse, self._dt = 0, np.zeros(3), 0.0
         self.structures = None
         if scene.structures:
             loops = compiled_loops(scene.law, numbers_of(0.0)[0])  # the law of a friction coefficient
@@ -84,7 +84,7 @@ class ReferenceBackend:
         self.scene.require_stable(dt, self._max_speed(), self.counters.steps + 1)
         self.counters.steps += 1
         self.counters.particle_steps += len(self._p)
-        self._contacts = 0
+        self._contacts, self._dt, self._share = 0, dt, contact.kept_share(dt, self._dt)
         if not len(self._p):
             return
         self.counters.rebuilds += 1
@@ -94,7 +94,7 @@ class ReferenceBackend:
         if self.scene.surface is not None:
             self._touch_ground(stencils, mass, velocity, dt)
         if self.structures:
-            self.structures.touch(self._p, stencils, mass, velocity, dt)
+            self.structures.touch(self._p, stencils, mass, velocity, dt, self._share)
         slips = self._slips(stencils, given) if self.scene.keeps else ()
         self._grid_to_particles(stencils, velocity, dt)
         self._move(dt)
@@ -180,8 +180,8 @@ class ReferenceBackend:
         self.loops.find_contacts(self._p.velocity, self._p.radius, dt, band, gap, normal, touches)
         self._contacts = len(chosen := np.flatnonzero(touches))
         compliance = stencils.gather(quotient(stencils.scatter(np.ones((len(chosen), 1)), chosen), mass), chosen)[:, 0]
-        p, work = self._p.take(chosen), np.zeros(len(chosen))
-        impulses, area = begun_impulses(self.scene, p, dt), contact_areas(self.scene, stencils, chosen, normal[chosen, 2])
+        p, work, area = self._p.take(chosen), np.zeros(len(chosen)), contact_areas(self.scene, stencils, chosen, normal[chosen, 2])
+        impulses = self._share * begun_impulses(self.scene, p, dt)
         velocity += quotient(stencils.scatter(impulses, chosen), mass)
         u, given = stencils.gather(velocity, chosen), impulses.copy()
         basal = self.basal[self.scene.basal.rows(p.release, *p.position(self.spacing).T[:2])]

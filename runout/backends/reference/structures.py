@@ -52,12 +52,12 @@ class StructureContacts:
         """What the next step needs, by name."""
         return arrays_of(self, ("friction",), prefix)
 
-    def touch(self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float) -> None:
-        """Change nodal velocities (nodes, 3) [m/s] by the impulses of the structures in a step of ``dt`` [s]."""
+    def touch(self, p: Particles, stencils: Stencils, mass: np.ndarray, velocity: np.ndarray, dt: float, share: float) -> None:
+        """Change nodal velocities (nodes, 3) [m/s] in a step of ``dt`` [s]; it starts from a ``share`` [1] of the last forces."""
         rows = np.searchsorted(self.identity, p.identity)
         contacts = self._found(p, dt)
         chosen, _, gap, normal, patch = contacts
-        given = dt * self.force[rows[chosen]]
+        given = share * dt * self.force[rows[chosen]]
         self.force[:] = 0.0
         if not len(chosen):
             return

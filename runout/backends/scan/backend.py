@@ -40,6 +40,7 @@ from runout.errors import CapacityError, ConfigError, StabilityError
 from runout.model.particle_source import ParticleSource, slices
 from runout.model.particles import Particles, node_range, require_index_range
 from runout.model.scene import Scene
+from runout.physics.contact import kept_share
 
 MARGIN = 3  # cells that a particle may move before the index is rebuilt
 MOST_IN_A_BLOCK = 2**18
@@ -222,6 +223,10 @@ class ScanBackend:
 
     def _change_step(self, dt: float) -> None:
         """Set the constants of steps of ``dt`` [s], and pack the records anew."""
+        share = kept_share(dt, float(self.tables.step.dt))
+        if share < 1.0:
+            for forces in (self.store.particles.force, *([self.structures.force] if self.structures else [])):
+                forces[:, 1:] *= self.scene.dtype(share)
         longer, c = self.tables.set_step(self.scene, dt), self.tables.constants
         if self.scene.packed:
             self.k.change_step(self.store.particles, self.index.blocks, self.tables.moduli, longer, c.h)
