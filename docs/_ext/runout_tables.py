@@ -97,13 +97,13 @@ class PresetsTable(SphinxDirective):
                 f"`{name}`",
                 f"{p.cells:g}",
                 f"{p.cfl:g}",
-                f"{p.particle_steps:.2g}",
-                f"{100 * p.map_error:.2g} %",
-                f"{100 * p.runout_error:.2g} %",
+                f"{(p.cells / PRESETS['standard'].cells) ** 4:.2g}",
+                f"± {100 * p.runout_error:.2g} %",
+                f"± {100 * p.map_error:.2g} %",
             ]
             for name, p in PRESETS.items()
         ]
-        heads = ["preset", "cells through the depth", "cfl", "work", "error of the map", "of the run-out"]
+        heads = ["preset", "cells through the depth", "cfl", "work", "error of the run-out", "of the thickness map"]
         return _table(self, heads, rows)
 
 
