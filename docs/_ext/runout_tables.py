@@ -90,7 +90,7 @@ class PresetsTable(SphinxDirective):
 
     def run(self) -> list[Any]:
         """Nodes of the table."""
-        from runout.accuracy import PRESETS
+        from runout.accuracy import PRESETS, expected_errors
 
         rows = [
             [
@@ -98,8 +98,7 @@ class PresetsTable(SphinxDirective):
                 f"{p.cells:g}",
                 f"{p.cfl:g}",
                 f"{(p.cells / PRESETS['standard'].cells) ** 4:.2g}",
-                f"± {100 * p.runout_error:.2g} %",
-                f"± {100 * p.map_error:.2g} %",
+                *(f"± {100 * error:.2g} %" for error in reversed(expected_errors(p.cells))),
             ]
             for name, p in PRESETS.items()
         ]

@@ -121,7 +121,7 @@ class ErrorBars:
         return {"arrival_bias": None if mean is None else abs(mean), "arrival_rmse": root, "missed_arrivals": missed}
 
     def _changed(self, table: Contingency, quantity: str, threshold: float) -> float | None:
-        """Area [m2] in which the two finest grids differ, for the modelled area of a table."""
+        """Error of the modelled area of a table by cells that change sides [m2]."""
         index = self._field(quantity).get("critical_success_index")
         agreement = _number(index, f"{threshold:g}")
         return None if agreement is None else (1.0 - agreement) * table.modelled
@@ -138,11 +138,13 @@ class ErrorBars:
 
 def _scaled(field: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Sums and shares of a difference of two maps that is ``factor`` times as large."""
-    found = {name: value * factor ** POWERS[name] for name in POWERS if (value := _number(field, name)) is not None}
+    found: dict[str, Any] = {
+        name: value * factor**power for name, power in POWERS.items() if (value := _number(field, name)) is not None
+    }
     index = field.get("critical_success_index")
     if isinstance(index, Mapping):
-        at = {name: _number(index, name) for name in index}
-        found["critical_success_index"] = {name: value and max(0.0, 1.0 - factor * (1.0 - value)) for name, value in at.items()}
+        known = {name: value for name in index if (value := _number(index, name)) is not None}
+        found["critical_success_index"] = {name: max(0.0, 1.0 - factor * (1.0 - value)) for name, value in known.items()}
     return found
 
 

@@ -116,7 +116,12 @@ def statements(convergence: Mapping[str, Any]) -> Iterator[str]:
             yield f"{found['title']} ± {100 * error:.2g} %"
         else:
             percent = f" ({100 * error / abs(fine):.2g} %)" if fine else ""
-            yield f"{found['title']} {fine:.4g} ± {error:.2g} {found['unit']}{percent}"
+            yield f"{found['title']} {_rounded(fine, 4)} ± {_rounded(error, 2)} {found['unit']}{percent}"
+
+
+def _rounded(value: float, digits: int) -> str:
+    """A number to so many digits, without an exponent."""
+    return f"{float(f'{value:.{digits}g}'):.12g}"
 
 
 def require_error_bars(content: Mapping[str, Any], path: Path) -> Mapping[str, Any]:

@@ -1,11 +1,11 @@
 """Page of the coverage of the error bars: how many hold, and how wide they are beside the true difference."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
 from typing import Any
 
-from runout.accuracy import BOUNDS
-from runout.scores.numerical_error import MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
+from runout.accuracy import BOUNDS, PRESETS
+from runout.scores.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
 from runout.studies.convergence import COARSER
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
 
@@ -42,10 +42,10 @@ that from a finer grid with {truth:g} cells through the mean thickness of the re
 Bars and differences are medians, relative to the value on the finest grid of a case. Each true value is the mean of two
 shifted runs; half their distance, its noise, has a median of {noise:.2g} %.
 
-## Errors of the presets
+## Expected errors
 
-19 of 20 differences near the cells of a preset, brought to its cells by first order, are below these numbers.
-`runout check`, the report and {{doc}}`../guide/choosing` state them for a site that is not yet measured.
+19 of 20 differences, brought to the cells of a preset by first order, are below these numbers. `runout check`, the report and
+{{doc}}`../guide/choosing` state them for a site that is not measured.
 
 {presets}
 
@@ -93,7 +93,7 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         sites=_table(cases, "site", "site"),
         through=_table(cases, "cells", "cells", "cells through the thickness"),
         noise=100 * median(case["noise"] for case in cases),
-        presets=markdown(("preset", "run-out", "thickness map"), map(_preset, content["presets"].items())),
+        presets=markdown(("preset", "cells through the thickness", "run-out", "thickness map"), _presets(content["expected"])),
         table=download("error_bars.csv", f"all {len(cases)} bars"),
         run_seconds=content["seconds"]["runs"],
         **{name: content[name] for name in ("backend", "device", "processes", "truth", "end_time", "command")},
@@ -104,9 +104,11 @@ def page(content: Mapping[str, Any]) -> StudyPage:
     return StudyPage("error_bars", text, {"error_bars.csv": table}, {"error_bars.png": _figure(cases)})
 
 
-def _preset(entry: tuple[str, Mapping[str, float]]) -> tuple[str, ...]:
-    name, errors = entry
-    return f"`{name}`", *(f"± {100 * errors[key]:.2g} %" for key in ("runout_error", "map_error"))
+def _presets(expected: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
+    """Rows: expected error bars of each preset."""
+    for name, preset in PRESETS.items():
+        errors = (f"± {100 * expected[quantity] / preset.cells:.2g} %" for quantity in ("f99", MAP))
+        yield f"`{name}`", f"{preset.cells:g}", *errors
 
 
 def _groups(cases: Sequence[Mapping[str, Any]], key: str) -> dict[Any, list[Mapping[str, Any]]]:

@@ -63,9 +63,9 @@ def test_a_value_of_zero_has_no_relative_error():
 
 
 def test_statements_name_quantity_value_bar_and_unit():
-    front, field = ErrorBar(1347.0, 20.0, 12.0, 61.0), ErrorBar(None, 0.06, 0.02, 0.08)
+    front, field = ErrorBar(1347.2, 80.0, 22.0, 123.0), ErrorBar(None, 0.06, 0.02, 0.08)
     found = {"quantities": {"f99": front.as_dict("f99"), MAP: field.as_dict(MAP)}}
     assert list(statements(found)) == [
-        "run-out of 99 % of the mass 1347 ± 61 m (4.5 %)",
+        "run-out of 99 % of the mass 1347 ± 120 m (9.1 %)",
         "map of flow thickness (relative L1) ± 8 %",
     ]

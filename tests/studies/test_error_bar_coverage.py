@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runout.accuracy import PRESETS
 from runout.scores.numerical_error import MAP
 from runout.studies.convergence import Run, plan
 from runout.studies.error_bar_page import coverage, page
@@ -47,11 +46,14 @@ def test_a_difference_beyond_the_bar_counts_as_missed():
     assert held == {"f99": False, MAP: True}
 
 
-def test_errors_of_a_preset_are_those_of_the_cases_near_its_cells():
-    cases = [{"quantity": name, "cells": cells, "difference": 0.06 / cells} for name in ("f99", MAP) for cells in (1.0, 1.5, 2.25)]
-    found = study.preset_errors(cases)
-    for name, preset in PRESETS.items():
-        assert found[name]["runout_error"] == pytest.approx(0.06 / preset.cells)
+def test_expected_errors_are_those_that_nineteen_of_twenty_cases_stay_below():
+    cases = [
+        {"quantity": name, "cells": cells, "difference": 0.1 * k / 100 / cells}
+        for name in ("f99", MAP)
+        for cells in (1.0, 2.0)
+        for k in range(101)
+    ]
+    assert study.expected_errors(cases) == pytest.approx({"f99": 0.095, MAP: 0.095})
 
 
 def test_cases_share_no_shift_and_the_true_value_has_runs_of_its_own():
