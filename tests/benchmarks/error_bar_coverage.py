@@ -18,13 +18,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from runout.io.atomic import whole_file, write_json
+from runout.scores import numerical_error
 from runout.scores.numerical_error import MAP
 from runout.studies.convergence import SHIFT, Run, bars, plan, run_once
 from runout.studies.error_bar_page import FILE, coverage, page
@@ -83,12 +86,14 @@ class Task:
             )
         return made.seconds
 
-    def made(self, folder: Path) -> Run:
-        """The finished run."""
-        with np.load(folder / self.path) as content:
-            maps = {name: content[name] for name in KEPT}
-            found = json.loads(str(content["quantities"]))
-            return Run(self.ratio, found, maps, float(content["seconds"]), int(content["particles"]))
+
+@cache
+def finished(task: Task, folder: Path) -> Run:
+    """The run of a task, read once."""
+    with np.load(folder / task.path) as content:
+        maps = {name: content[name] for name in KEPT}
+        found = json.loads(str(content["quantities"]))
+        return Run(task.ratio, found, maps, float(content["seconds"]), int(content["particles"]))
 
 
 @cache
@@ -155,8 +160,8 @@ def cases_of(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: fl
     """Bar, true value with its noise, difference, and whether the bar holds it, for each quantity of each case."""
     for (site, friction, cells), each in plans.items():
         if cells != truth:
-            true = [task.made(folder) for task in plans[site, friction, truth]]
-            runs = [task.made(folder) for task in each]
+            true = [finished(task, folder) for task in plans[site, friction, truth]]
+            runs = [finished(task, folder) for task in each]
             for case in judged(runs, true):
                 yield {"site": Path(site).name, "friction": friction, "cells": cells, **case}
 
@@ -177,6 +182,17 @@ def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]
             scale = abs(bar.fine) if bar.fine else 1.0
             found = {"truth": value, "noise": noise / scale, "difference": float(difference / scale)}
             yield {"quantity": name, **bar.as_dict(name), **found, "holds": bool(difference <= bar.error)}
+
+
+def constants(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[str]:
+    """Lines on other constants of a bar: share of bars that hold, in all and by site, and median bar over median difference."""
+    for safety, scatters, share in product((1.0, 1.25, 1.5), (1.0, 2.0), (0.2, 0.3, 0.4, 0.5, 0.6)):
+        with patch.multiple(numerical_error, SAFETY=safety, SCATTERS=scatters, SHARE=share):
+            cases = list(cases_of(plans, truth, folder))
+        found, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
+        sites = (f"{name} {coverage([c for c in cases if c['site'] == name])['holds']:.2f}" for name in names)
+        chosen = f"SAFETY {safety:g} SCATTERS {scatters:g} SHARE {share:g}"
+        yield f"{chosen}: {found['holds']:.3f} ({', '.join(sites)}), ratio {found['ratio']:.2f}"
 
 
 def expected_errors(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
@@ -212,6 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--cases", nargs="+", help="SITE:ANGLE,ANGLE with made, a name below sites/ or the path of a site")
     parser.add_argument("--cells", nargs="+", type=float, help="cells through the mean thickness, one case each")
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
+    parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
     parser.add_argument("--end-time", type=float, default=END_TIME)
     chosen = parser.parse_args(arguments)
     chosen.truth = chosen.truth or (SMALL_TRUTH if chosen.small else TRUTH)
@@ -220,6 +237,8 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     started, plans, folder = time.perf_counter(), tasks(named, cells, chosen.truth, **run), chosen.out / "runs"
     seconds = finish(plans, folder, chosen.processes)
     content = record(list(cases_of(plans, chosen.truth, folder)), seconds, time.perf_counter() - started, chosen)
+    for line in constants(plans, chosen.truth, folder) if chosen.constants else ():
+        print(line, flush=True)
     write_json(content, chosen.out / FILE)
     print(page(content).write(chosen.out), json.dumps(content["coverage"]), json.dumps(content["expected"]))
     return content
