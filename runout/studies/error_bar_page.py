@@ -55,13 +55,13 @@ shifted runs; half their distance, its noise, has a median of {noise:.2g} %.
 
 ## How to make this page
 
-    python tests/benchmarks/error_bar_coverage.py --out DIR
+    python tests/benchmarks/error_bar_coverage.py {options}
 
 It writes this page, its table, its figure and the record `error_bars.json`. `python -m runout.studies.documentation`
 makes the same files again from the record in `tests/benchmarks/records/`.
 
 Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, backend {backend} on {device}, float32; flows of
-{end_time:g} s; {processes} processes on {cores} cores ({architecture}), {run_seconds} s of runs; options `{command}`.
+{end_time:g} s; {processes} processes on {cores} cores ({architecture}), {run_seconds} s of runs.
 """
 
 
@@ -96,7 +96,7 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         presets=markdown(("preset", "cells through the thickness", "run-out", "thickness map"), _presets(content["expected"])),
         table=download("error_bars.csv", f"all {len(cases)} bars"),
         run_seconds=content["seconds"]["runs"],
-        **{name: content[name] for name in ("backend", "device", "processes", "truth", "end_time", "command")},
+        **{name: content[name] for name in ("backend", "device", "processes", "truth", "end_time", "options")},
         **{name: versions[name] for name in ("runout", "commit", "numba", "numpy")},
         **{name: machine[name] for name in ("cores", "architecture")},
     )

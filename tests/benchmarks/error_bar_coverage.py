@@ -208,8 +208,7 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
     return {
         "machine": machine(),
         "versions": versions(),
-        "command": " ".join(sys.argv[1:]),
-        **{name: getattr(chosen, name) for name in ("backend", "device", "processes", "truth", "end_time")},
+        **{name: getattr(chosen, name) for name in ("options", "backend", "device", "processes", "truth", "end_time")},
         "seconds": {"runs": round(seconds), "wall": round(wall)},
         "coverage": coverage(cases),
         "expected": expected_errors(cases),
@@ -220,7 +219,7 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
 def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     """Make all runs, and write record, page, table and figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True, help="folder of runs, record and page")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--backend", default="scan")
     parser.add_argument("--device", default="cpu")
@@ -230,7 +229,9 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
     parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
     parser.add_argument("--end-time", type=float, default=END_TIME)
-    chosen = parser.parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = parser.parse_args(given)
+    chosen.options = " ".join(given).replace(str(chosen.out), "DIR")
     chosen.truth = chosen.truth or (SMALL_TRUTH if chosen.small else TRUTH)
     run = {name: getattr(chosen, name) for name in ("end_time", "backend", "device")}
     named, cells = chosen.cases or (SMALL if chosen.small else CASES), chosen.cells or (SMALL_CELLS if chosen.small else CELLS)
