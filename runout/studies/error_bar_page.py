@@ -21,10 +21,11 @@ OPENING = """# Coverage of the error bars
 {coarser} times as large, each shifted against the terrain. {bounds}
 
 A fit through the runs, of order {order:g} in the cell size, gives a trend, which is the difference from a grid of vanishing
-cells, and the scatter of the runs. The bar of a quantity is {safety:g} times the root of the sum of squares of the trend, of
-{scatters:g} scatters, and of {share:g} of the error of its map. The last keeps the bar of a quantity true that turns between the
-grids. The bar of a map comes from its distances to the maps of the coarser grids, by a fit of order {map_order:g}: their trend,
-and the noise that leaves a distance between equal grids.
+cells, and the scatter of the runs. The order is given: one that is fitted to few runs turns with their scatter. The bar of a
+quantity is {safety:g} times the root of the sum of squares of the trend, of {scatters:g} scatters, and of {share:g} of the error of
+its map. The last part holds where a quantity turns between the grids and has no trend. The bar of a map comes from its
+distances to the maps of the coarser grids, by a fit of order {map_order:g}: their trend, and the noise that leaves a distance
+between equal grids. The option `--constants` of the study prints the coverage with other numbers.
 
 **{held} of {count} bars hold ({part:.0f} %). The median bar is {ratio:.1f} times the median difference.** The difference is
 that from a finer grid with {truth:g} cells through the mean thickness of the release; the bars come from grids with {cells}.
@@ -44,7 +45,7 @@ shifted runs; half their distance, its noise, has a median of {noise:.2g} %.
 
 ## Expected errors
 
-19 of 20 differences, brought to the cells of a preset by first order, are below these numbers. `runout check`, the report and
+Medians of the bars, brought to the cells of a preset by first order. `runout check`, the report and
 {{doc}}`../guide/choosing` state them for a site that is not measured.
 
 {presets}
@@ -137,6 +138,7 @@ def _figure(cases: Sequence[Mapping[str, Any]]) -> bytes:
     low, high = axes.get_xlim()
     axes.plot([low, high], [low, high], color="0.4", lw=0.8)
     axes.set(xlabel="error bar, relative", ylabel="difference from the value of the fine grid, relative")
+    axes.xaxis.set_minor_formatter("")
     axes.grid(color="0.9", which="major")
     canvas.legend(loc="outside right upper", fontsize=8, frameon=False)
     return as_png(canvas)
