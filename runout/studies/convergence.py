@@ -114,7 +114,7 @@ def bars(runs: Sequence[Run]) -> dict[str, ErrorBar]:
     """Error bar of each quantity that all runs have, and of the map of flow thickness; the last run is the finest."""
     ratios, fine = [run.ratio for run in runs], runs[-1]
     of_map = {name: ErrorBar.of_map(ratios[:-1], _distances(runs, name)) for name in ("flow_thickness", "speed")}
-    found = {MAP: of_map["flow_thickness"]}
+    found = {}
     for name in fine.quantities:
         values = [run.quantities[name] for run in runs]
         if np.isfinite(values).all():
@@ -122,7 +122,7 @@ def bars(runs: Sequence[Run]) -> dict[str, ErrorBar]:
             found[name] = ErrorBar.of_value(ratios, values, map_error)
         else:
             LOGGER.warning("%s has no error bar: more than %g %% of the mass left the terrain", name, 100 * MOST_ESCAPED)
-    return found
+    return {**found, MAP: of_map["flow_thickness"]}
 
 
 def _distances(runs: Sequence[Run], name: str) -> list[float]:

@@ -61,8 +61,8 @@ Medians of the bars, brought to the cells of a preset by first order. `runout ch
 It writes this page, its table, its figure and the record `error_bars.json`. `python -m runout.studies.documentation`
 makes the same files again from the record in `tests/benchmarks/records/`.
 
-Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, backend {backend} on {device}, float32; flows of
-{end_time:g} s; {processes} processes on {cores} cores ({architecture}), {run_seconds} s of runs.
+Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, {engines}, float32; flows of {end_time:g} s;
+{processes} processes on {cores} cores ({architecture}), {run_seconds} s of runs.
 """
 
 
@@ -97,7 +97,7 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         presets=markdown(("preset", "cells through the thickness", "run-out", "thickness map"), _presets(content["expected"])),
         table=download("error_bars.csv", f"all {len(cases)} bars"),
         run_seconds=content["seconds"]["runs"],
-        **{name: content[name] for name in ("backend", "device", "processes", "truth", "end_time", "options")},
+        **{name: content[name] for name in ("engines", "processes", "truth", "end_time", "options")},
         **{name: versions[name] for name in ("runout", "commit", "numba", "numpy")},
         **{name: machine[name] for name in ("cores", "architecture")},
     )

@@ -4,9 +4,12 @@
 
 A case is a site at a basal friction angle with a number of grid cells through the mean thickness of its release. Its bar comes from
 the runs of `runout verify SITE --convergence`, on other shifts in each case. Its true value is the mean of two shifted runs on a
-finer grid; half their distance is the noise of the true value. Each run is a file in DIR/runs: a second call does those that are
-missing, so take another folder for another version. Copy DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its
-`expected` over into runout/accuracy.py, then run `python -m runout.studies.documentation`.
+finer grid; half their distance is the noise of the true value.
+
+Each run is a file in DIR/runs. A second call does those that are missing, so take another folder for another version. Calls with
+other `--cases` may share a folder and run at the same time, one on a GPU; a last call with all cases makes the record. Copy
+DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its `expected` over into runout/accuracy.py, then run
+`python -m runout.studies.documentation`.
 """
 
 import argparse
@@ -61,7 +64,7 @@ class Task:
     def path(self) -> str:
         """File name."""
         case = f"{Path(self.site).name}_{self.friction:g}_{self.cells:g}"
-        return f"{case}_{self.ratio:g}_{self.number}_{self.end_time:g}_{self.backend}.npz"
+        return f"{case}_{self.ratio:g}_{self.number}_{self.end_time:g}.npz"
 
     @property
     def shift(self) -> float:
@@ -80,9 +83,8 @@ class Task:
         made = run_once({**arguments, **changed, **single}, self.ratio, self.shift, abs(self.number), thresholds)
         with whole_file(path) as temporary, temporary.open("wb") as file:
             maps = {name: made.maps[name].astype(np.float32) for name in KEPT}
-            np.savez_compressed(
-                file, quantities=json.dumps(made.quantities), seconds=made.seconds, particles=made.particles, **maps
-            )
+            facts = {"seconds": made.seconds, "particles": made.particles, "engine": f"{self.backend} on {self.device}"}
+            np.savez_compressed(file, quantities=json.dumps(made.quantities), **facts, **maps)
         return made.seconds
 
 
@@ -93,6 +95,12 @@ def finished(task: Task, folder: Path) -> Run:
         maps = {name: content[name] for name in KEPT}
         found = json.loads(str(content["quantities"]))
         return Run(task.ratio, found, maps, float(content["seconds"]), int(content["particles"]))
+
+
+def engines(plans: Mapping[Any, Sequence[Task]], folder: Path) -> str:
+    """Backends and devices of all runs."""
+    paths = (folder / task.path for each in plans.values() for task in each)
+    return ", ".join(sorted({str(np.load(path)["engine"]) for path in paths}))
 
 
 @cache
@@ -206,7 +214,7 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
     return {
         "machine": machine(),
         "versions": versions(),
-        **{name: getattr(chosen, name) for name in ("options", "backend", "device", "processes", "truth", "end_time")},
+        **{name: getattr(chosen, name) for name in ("options", "engines", "processes", "truth", "end_time")},
         "seconds": {"runs": round(seconds), "wall": round(wall)},
         "coverage": coverage(cases),
         "expected": expected_errors(cases),
@@ -235,6 +243,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     named, cells = chosen.cases or (SMALL if chosen.small else CASES), chosen.cells or (SMALL_CELLS if chosen.small else CELLS)
     started, plans, folder = time.perf_counter(), tasks(named, cells, chosen.truth, **run), chosen.out / "runs"
     finish(plans, folder, chosen.processes)
+    chosen.engines = engines(plans, folder)
     seconds = sum(finished(task, folder).seconds for each in plans.values() for task in each)
     content = record(list(cases_of(plans, chosen.truth, folder)), seconds, time.perf_counter() - started, chosen)
     for line in constants(plans, chosen.truth, folder) if chosen.constants else ():
