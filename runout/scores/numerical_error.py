@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from runout.accuracy import BOUNDS as BOUNDS
 from runout.errors import StorageError
 from runout.model.limits import is_number
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import log
+from runout.accuracy import BOUNDS
 from runout.errors import ConfigError
 from runout.scores.elevation_change import elevation_change
-from runout.scores.numerical_error import BOUNDS, MAP, ErrorBar, statements
+from runout.scores.numerical_error import MAP, ErrorBar, statements
 from runout.studies.map_distance import area_above, common_differences, compared
 
 if TYPE_CHECKING:

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from runout.scores.numerical_error import BOUNDS, ORDER, SAFETY, SCATTERS, SHARE
+from runout.accuracy import BOUNDS
+from runout.scores.numerical_error import ORDER, SAFETY, SCATTERS, SHARE
 from runout.studies.study_page import markdown
 
 METHOD = (
