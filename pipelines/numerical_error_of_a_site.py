@@ -1,8 +1,8 @@
-"""Numerical error of the maps of a site: three grids, shifted and reseeded -> error bars -> JSON and page.
+"""Numerical error of the maps of a site: runs on several grids, shifted and reseeded -> error bars -> JSON and page.
 
     python pipelines/numerical_error_of_a_site.py sites/jacksboro [OUT]
 
-`runout verify SITE --convergence` is the command. `runout/studies/error_bar_coverage.py` measures how often such bars hold.
+`runout verify SITE --convergence` is the command. `tests/benchmarks/error_bar_coverage.py` measures how often such bars hold.
 """
 
 import sys

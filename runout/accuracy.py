@@ -1,6 +1,6 @@
-"""Presets of accuracy: cell size and Courant number of each, and its measured errors and cost.
+"""Presets of accuracy: cell size and Courant number of each, and the numerical errors of grids.
 
-The numbers of :data:`PRESETS` come from :data:`SOURCE`; a test compares both.
+The errors come from :data:`SOURCE`; a test compares both.
 """
 
 import math
@@ -13,8 +13,14 @@ from runout.errors import ConfigError
 if TYPE_CHECKING:
     from runout.model.release import Release
 
-SOURCE = "tests/benchmarks/records/work_precision.json"
-EXAMPLE = "two sites, flows 35 and 55 m thick, 60 s"  # flows on which the errors were measured; presets state the larger error
+SOURCE = "tests/benchmarks/records/error_bars.json"
+EXAMPLE = "four sites"  # whose error bars were measured
+MAP_ERROR, RUNOUT_ERROR = 0.13, 0.053  # of a grid with one cell through the mean thickness
+FEWEST_MEASURED = 0.7  # cells through the mean thickness for which this holds
+BOUNDS = "Error bars hold 19 of 20 cases. They hold the error of the grid only, not that of friction, release, law or elevation."
+EXPECTED = (
+    f"Expected errors are medians of the error bars of {EXAMPLE}; `runout verify SITE --convergence` measures those of this site."
+)
 PARTICLES_PER_CELL, CFL = (2, 2, 4), 0.6  # default; release/arrangement.py has another one for masses that stay thick
 FEWEST_ACROSS = 4.0  # cells across a square of the area of a release
 CHOICES = ("cell_size", "cfl")  # settings of a preset
@@ -31,18 +37,10 @@ class Preset:
     cells : float
         Cells through the mean thickness of the release.
     cfl : float
-    map_error, runout_error : float
-        Expected numerical error of the map of flow thickness (relative L1) and of the run-out of 99 % of the mass (relative),
-        the larger of those measured on :data:`EXAMPLE`. They depend on the site.
-    particle_steps : float
-        Work on the first of these flows relative to that of the preset "standard".
     """
 
     cells: float
     cfl: float
-    map_error: float
-    runout_error: float
-    particle_steps: float
 
     def cell_size(self, thickness: float, area: float) -> float:
         """Spacing [m] for a release of mean ``thickness`` [m] whose smallest part covers ``area`` [m2], rounded down."""
@@ -52,9 +50,9 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "screening": Preset(1.0, 0.6, 0.19, 0.055, 0.19),
-    "standard": Preset(1.5, 0.6, 0.14, 0.035, 1),
-    "high": Preset(3.0, 0.6, 0.098, 0.0093, 20),
+    "screening": Preset(1.0, 0.6),
+    "standard": Preset(1.5, 0.6),
+    "high": Preset(3.0, 0.6),
 }
 
 
@@ -94,6 +92,14 @@ def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[
     return {"cell_size": size, "cfl": chosen.cfl, **stated}
 
 
+def expected_errors(cells: float) -> tuple[float, float]:
+    """Expected error bars of the map of flow thickness and of the run-out [1] with so many cells through the mean thickness.
+
+    The medians of the error bars that :mod:`runout.scores.numerical_error` gives :data:`EXAMPLE`, of first order in the cell size.
+    """
+    return MAP_ERROR / cells, RUNOUT_ERROR / cells
+
+
 def work(grid: Mapping[str, Any]) -> float:
     """Particle-steps of a run with cell_size, particles_per_cell and cfl, up to a factor that depends on the site."""
     size, count = grid["cell_size"], grid["particles_per_cell"]
@@ -108,25 +114,40 @@ def lines(
     grid: Mapping[str, Any],
     particles: Callable[[float], tuple[int, int, int]],
 ) -> list[str]:
-    """Lines of ``runout check``: the cells of a run, and for each preset cells, relative work and errors.
+    """Lines of ``runout check``: the cells of a run with its expected error bars, and those of each preset with its relative work.
 
     ``particles`` gives the default particles per cell (px, py, pz) for a cell height [m].
     """
     depth = sum(r.volume for r in releases) / sum(r.area for r in releases)
-    size = grid["cell_size"]
-    high = size[2] if isinstance(size, Sequence) else size
-    name = f"accuracy {accuracy}: " if accuracy else ""
-    cells = f"cells of {_sizes(size)} with {_count(grid['particles_per_cell'])} particles"
-    said = [f"grid      {name}{cells}, {depth / high:.1f} through the mean thickness of {depth:.3g} m"]
-    for other, one in PRESETS.items():
+    name, through = f"accuracy {accuracy}: " if accuracy else "", _through(grid, depth)
+    cells = f"cells of {_sizes(grid['cell_size'])} with {_count(grid['particles_per_cell'])} particles"
+    said = [f"grid      {name}{cells}, {through:.1f} through the mean thickness of {depth:.3g} m; {error_statement(through)}"]
+    for other in PRESETS:
         given = choices(other, releases, {})
         count = particles(given["cell_size"])
         ratio = work({**given, "particles_per_cell": count}) / work(grid)
         said.append(
             f"          {other}: {_sizes(given['cell_size'])} with {_count(count)}, {ratio:.3g} times this work; "
-            f"numerical error about {100 * one.map_error:.2g} % of the thickness map, {100 * one.runout_error:.2g} % of the run-out"
+            f"{error_statement(_through(given, depth))}"
         )
-    return [*said, f"          (errors measured on {EXAMPLE}; those of this site: `runout verify SITE --convergence`)"]
+    return [*said, f"          ({EXPECTED} {BOUNDS})"]
+
+
+def error_statement(through: float) -> str:
+    """Expected error bars of a grid with so many cells ``through`` the mean thickness of the release, in words.
+
+    With fewer than :data:`FEWEST_MEASURED` they were not measured.
+    """
+    if through < FEWEST_MEASURED:
+        return f"expected numerical error not known with fewer than {FEWEST_MEASURED:g} cells through the mean thickness"
+    of_map, of_runout = expected_errors(through)
+    return f"expected numerical error ± {100 * of_runout:.2g} % of the run-out, ± {100 * of_map:.2g} % of the thickness map"
+
+
+def _through(grid: Mapping[str, Any], depth: float) -> float:
+    """Cells through a depth [m]."""
+    size = grid["cell_size"]
+    return float(depth / (size[2] if isinstance(size, Sequence) else size))
 
 
 def _count(particles: int | Sequence[int]) -> str:

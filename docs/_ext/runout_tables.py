@@ -90,20 +90,19 @@ class PresetsTable(SphinxDirective):
 
     def run(self) -> list[Any]:
         """Nodes of the table."""
-        from runout.accuracy import PRESETS
+        from runout.accuracy import PRESETS, expected_errors
 
         rows = [
             [
                 f"`{name}`",
                 f"{p.cells:g}",
                 f"{p.cfl:g}",
-                f"{p.particle_steps:.2g}",
-                f"{100 * p.map_error:.2g} %",
-                f"{100 * p.runout_error:.2g} %",
+                f"{(p.cells / PRESETS['standard'].cells) ** 4:.2g}",
+                *(f"± {100 * error:.2g} %" for error in reversed(expected_errors(p.cells))),
             ]
             for name, p in PRESETS.items()
         ]
-        heads = ["preset", "cells through the depth", "cfl", "work", "error of the map", "of the run-out"]
+        heads = ["preset", "cells through the depth", "cfl", "work", "error of the run-out", "of the thickness map"]
         return _table(self, heads, rows)
 
 

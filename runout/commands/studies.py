@@ -83,7 +83,7 @@ def verify(
 ) -> int:
     """Check the scheme against closed forms and its orders of convergence; --out DIR writes page and figure.
 
-    `runout verify SITE --convergence` finds the numerical error of the maps of a site, from three grids.
+    `runout verify SITE --convergence` finds the numerical error of the maps of a site, from runs on several grids.
     """
     if convergence:
         return _convergence(cases, session.out, device)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runout.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.config.parameter_variables import parameter_variable
 from runout.map_quantities import QUANTITIES
 from runout.model.depth_resolution import WORST, DepthResolution
@@ -14,6 +15,7 @@ from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
+from runout.scores.numerical_error import statements
 from runout.stiffness import sentence_of
 from runout.variables import VARIABLES
 
@@ -313,13 +315,13 @@ def provenance(run: dict[str, Any]) -> dict[str, Any]:
     return {"inputs": inputs, "lines": _lines(rest), "changes": run.get("changes", [])}
 
 
-def numerical_error(convergence: Mapping[str, Any] | None) -> str | None:
-    """Sentence on the numerical error of the maps; None if it was not computed."""
-    if convergence is None:
-        return None
-    bars = [
-        f"{q['title']} {number(q['fine'])} ± {quantity(q['error'], q['unit'].replace('m/s', 'm s-1'), 2)}"
-        for q in convergence["quantities"].values()
-    ]
-    size = quantity(convergence["levels"][-1]["cell_size"][0], "m")
-    return f"Of the median scenario on cells of {size}, from three grids: {'; '.join(bars)}."
+def numerical_error(study: Study, settings: Mapping[str, Any]) -> str:
+    """Sentences on the numerical error: that measured on the site, or else that expected of its grid."""
+    if study.convergence is not None:
+        size = quantity(study.convergence["levels"][-1]["cell_size"][0], "m")
+        said = f"Of the median scenario on cells of {size}, from runs on several grids: {'; '.join(statements(study.convergence))}."
+        return f"{said} {BOUNDS}"
+    thickness = study.hazard["release_thickness"].values
+    height = float(np.ravel(settings["simulation"]["cell_size"])[-1])
+    cells = float(thickness[thickness > 0].mean()) / height
+    return f"{error_statement(cells).capitalize()}. {EXPECTED} {BOUNDS}"

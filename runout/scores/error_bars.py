@@ -11,6 +11,10 @@ from runout.scores.field_errors import FieldErrors
 from runout.scores.thalweg import ThalwegErrors
 
 Bars = dict[str, float | None]
+POWERS = {
+    **dict.fromkeys(("absolute_sum", "net_sum", "mean", "root_mean_square", "alone"), 1),
+    "squared_sum": 2,
+}  # of a difference of two maps in what the study states of it
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,8 @@ class ErrorBars:
     """What ``convergence.json`` of a site says of the errors of its maps.
 
     The study is that of the median scenario (``runout verify SITE --convergence``). A score inherits it to first order. Below, d is
-    the difference of a map on the two finest grids, and A = (1 - CSI of the two finest grids) times the modelled area.
+    the difference of a map on the site's grid and on a coarser one, and A = (1 - CSI of both) times the modelled area, each times
+    the error of the map over this difference (:mod:`runout.scores.numerical_error`).
 
     ==============================  ===========================================================================================
     score                           error bar
@@ -116,18 +121,31 @@ class ErrorBars:
         return {"arrival_bias": None if mean is None else abs(mean), "arrival_rmse": root, "missed_arrivals": missed}
 
     def _changed(self, table: Contingency, quantity: str, threshold: float) -> float | None:
-        """Area [m2] in which the two finest grids differ, for the modelled area of a table."""
+        """Error of the modelled area of a table by cells that change sides [m2]."""
         index = self._field(quantity).get("critical_success_index")
         agreement = _number(index, f"{threshold:g}")
         return None if agreement is None else (1.0 - agreement) * table.modelled
 
     def _field(self, quantity: str) -> Mapping[str, Any]:
-        """What the study says of a map on the two finest grids."""
+        """Differences of a map on two grids, scaled to its error."""
         fields = self.content.get("fields")
         for field in fields if isinstance(fields, list) else ():
-            if isinstance(field, Mapping) and (field.get("level"), field.get("map")) == (1, quantity):
-                return field
+            if isinstance(field, Mapping) and field.get("map") == quantity:
+                factor = _number(field, "error_over_difference")
+                return field if factor is None else {**field, **_scaled(field, factor)}
         return {}
+
+
+def _scaled(field: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Sums and shares of a difference of two maps that is ``factor`` times as large."""
+    found: dict[str, Any] = {
+        name: value * factor**power for name, power in POWERS.items() if (value := _number(field, name)) is not None
+    }
+    index = field.get("critical_success_index")
+    if isinstance(index, Mapping):
+        known = {name: value for name in index if (value := _number(index, name)) is not None}
+        found["critical_success_index"] = {name: max(0.0, 1.0 - factor * (1.0 - value)) for name, value in known.items()}
+    return found
 
 
 def _number(entry: Any, name: str) -> float | None:

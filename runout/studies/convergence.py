@@ -1,7 +1,6 @@
-"""Numerical error of the maps of a site, from three grids that are also shifted against the terrain."""
+"""Numerical error of the maps of a site, from runs on its grid and on coarser ones that are shifted against the terrain."""
 
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from runout import log
+from runout.accuracy import BOUNDS
 from runout.errors import ConfigError
 from runout.scores.elevation_change import elevation_change
-from runout.studies.grid_index import GridIndex, area_above, common_differences, compared
+from runout.scores.numerical_error import MAP, ErrorBar, statements
+from runout.studies.map_distance import area_above, common_differences, compared
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -20,12 +21,9 @@ if TYPE_CHECKING:
 
 LOGGER = logging.getLogger("runout.convergence")
 FILE = "convergence.json"
-RATIO = math.sqrt(2.0)  # ratio of cell sizes of neighbouring grids; the next coarser one has a quarter of the cost
-TITLES = {
-    "f99": ("front of 99 % of the mass", "m"),
-    "centre_of_mass_runout": ("run-out of the centre of mass", "m"),
-    "peak_speed": ("peak speed (99th percentile of the cells)", "m/s"),
-}
+COARSER = (2.0, 2.0, 1.7, 1.7, 1.4, 1.4, 1.2)  # cell sizes over those of the site, one a run; uneven, so that no two share a raster
+COMPARED = 1.4  # of these, the grid whose maps are compared in all scores
+SHIFT = 0.382  # cells between the shifts of one run and the next
 MAPS = {
     "flow_thickness": "max_flow_thickness",
     "deposit": "deposit_thickness",
@@ -33,13 +31,15 @@ MAPS = {
     "pressure": "max_pressure",
     "arrival": "arrival_time",
 }  # name in the study -> map of a run
-SHIFTS = 5  # shifts of the grid against the terrain, for all grids but the finest
+FROM_MAP = {"peak_speed": "speed"}  # map that a quantity is taken from, where it is not that of flow thickness
+MOST_ESCAPED = 0.01  # share of the mass beyond the terrain up to which run-out is known
 
 
 @dataclass(frozen=True)
 class Run:
-    """Result of one run: quantities by name, and maps (rows, columns) on the cells of the DEM."""
+    """Result of one run: cells over those of the site, quantities by name, and maps (rows, columns) on the cells of the DEM."""
 
+    ratio: float
     quantities: dict[str, float]
     maps: dict[str, np.ndarray]
     seconds: float
@@ -49,24 +49,21 @@ class Run:
 def study(
     site: "Site",
     *,
-    shifts: int = SHIFTS,
-    ratio: float = RATIO,
+    coarser: Sequence[float] = COARSER,
     simulate: "Callable[..., Result] | None" = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
     """Numerical error of the maps of a site's median scenario at its own cell size.
 
-    The scenario, every sampled parameter at its median, runs on the site's grid and on two coarser ones with the same
-    number of particles a cell and the same volume. Each coarser grid is also shifted against the terrain, upwards in equal
-    parts of a cell, with other positions of the particles.
+    The scenario, every sampled parameter at its median, runs on the site's grid and on coarser ones with the same number of
+    particles a cell and the same volume. Each coarser grid is also shifted against the terrain, upwards by another part of a cell,
+    with other positions of the particles.
 
     Parameters
     ----------
     site : Site
-    shifts : int
-        Number of runs on each coarser grid, at least 2.
-    ratio : float
-        Ratio of cell sizes of neighbouring grids, more than 1.
+    coarser : sequence of float
+        Cell size of each further run over the site's, above 1; at least two sizes.
     simulate : callable, optional
         Replaces :func:`runout.simulate`.
     progress : callable, optional
@@ -75,31 +72,66 @@ def study(
     Returns
     -------
     dict
-        ``quantities``: one :class:`runout.studies.grid_index.GridIndex` a quantity as plain numbers; ``fields``: relative L1
-        distance, other differences and critical success index between a map of a grid and of the finest; ``levels``: cells,
-        particles, seconds.
+        ``quantities``: one :class:`runout.scores.numerical_error.ErrorBar` a quantity as plain numbers, and that of the map of flow
+        thickness; ``fields``: differences of each map from that of one coarser grid, with the ratio of its error to this
+        difference; ``levels``: cells, particles, seconds of each run, the site's last.
 
     Raises
     ------
     ConfigError
-        If a number is out of its range, or the coarsest cells are larger than a release.
+        If there are fewer than two coarser grids or one is not coarser, or the coarsest cells are larger than a release.
     """
-    if shifts < 2 or ratio <= 1.0:
-        raise ConfigError(f"shifts is {shifts} and ratio {ratio:g}; at least 2 shifts and a ratio above 1 are needed")
+    if len(set(coarser)) < 2 or min(coarser) <= 1.0:
+        raise ConfigError(f"coarser grids are {[*coarser]}; give at least two cell sizes over that of the site, all above 1")
     arguments = site.member_arguments(median_parameters(site))
     spacing = np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
-    _require_room(arguments, ratio**2 * spacing)
+    _require_room(arguments, max(coarser) * spacing)
     thresholds = site.settings.hazard.thickness_thresholds
-    plan = [(level, shift) for level in (2, 1, 0) for shift in range(shifts if level else 1)]
-    costs = np.cumsum([ratio ** (-4 * level) for level, _ in plan])
-    runs: dict[int, list[Run]] = {0: [], 1: [], 2: []}
-    for (level, shift), cost in zip(plan, costs, strict=True):
-        h = ratio**level * spacing
-        runs[level].append(run_once(arguments, h, shift / shifts, shift, thresholds, simulate))
-        LOGGER.info("cells of %.4g m, shifted by %.2g: %.1f s", h[0], shift / shifts, runs[level][-1].seconds)
+    grids = plan(coarser)
+    costs = np.cumsum([ratio**-4.0 for ratio, _ in grids])
+    runs: list[Run] = []
+    for (ratio, number), cost in zip(grids, costs, strict=True):
+        runs.append(run_once(arguments, ratio, number * SHIFT, number, thresholds, simulate))
+        LOGGER.info("cells of %.4g m, shifted by %.2g: %.1f s", ratio * spacing[0], number * SHIFT % 1.0, runs[-1].seconds)
         if progress:
             progress(cost / costs[-1])
-    return _summary(runs, spacing, ratio, site, arguments["terrain"].cell_size)
+    return {
+        "site": site.name,
+        "scenario": median_parameters(site),
+        "levels": [
+            {"cell_size": [*map(float, run.ratio * spacing)], "particles": run.particles, "seconds": run.seconds} for run in runs
+        ],
+        "quantities": {name: bar.as_dict(name) for name, bar in bars(runs).items()},
+        "fields": _fields(runs, site, arguments["terrain"].cell_area),
+    }
+
+
+def plan(coarser: Sequence[float] = COARSER) -> list[tuple[float, int]]:
+    """Cell size over the site's and number of each run, coarse first; the site's own is 0 and is not shifted."""
+    return [*((ratio, k + 1) for k, ratio in enumerate(sorted(coarser, reverse=True))), (1.0, 0)]
+
+
+def bars(runs: Sequence[Run]) -> dict[str, ErrorBar]:
+    """Error bar of each quantity that all runs have, and of the map of flow thickness; the last run is the finest."""
+    ratios, fine = [run.ratio for run in runs], runs[-1]
+    of_map = {name: ErrorBar.of_map(ratios[:-1], _distances(runs, name)) for name in ("flow_thickness", "speed")}
+    found = {}
+    for name in fine.quantities:
+        values = [run.quantities[name] for run in runs]
+        if np.isfinite(values).all():
+            map_error = of_map[FROM_MAP.get(name, "flow_thickness")].error
+            found[name] = ErrorBar.of_value(ratios, values, map_error)
+        else:
+            LOGGER.warning("%s has no error bar: more than %g %% of the mass left the terrain", name, 100 * MOST_ESCAPED)
+    return {**found, MAP: of_map["flow_thickness"]}
+
+
+def _distances(runs: Sequence[Run], name: str) -> list[float]:
+    """Distance of a map of each coarser grid to that of the finest: relative L1 [1], of arrival the root mean square [s]."""
+    fine = runs[-1].maps[name]
+    if name == "arrival":
+        return [common_differences(run.maps[name], fine)["root_mean_square"] or 0.0 for run in runs[:-1]]
+    return [compared(run.maps[name], fine, ())["relative_l1"] for run in runs[:-1]]
 
 
 def median_parameters(site: "Site") -> dict[str, float]:
@@ -120,82 +152,66 @@ def _require_room(arguments: Mapping[str, Any], coarsest: np.ndarray) -> None:
 
 
 def run_once(
-    arguments: Mapping[str, Any], h: np.ndarray, shift: float, seed: int, thresholds: Sequence[float], simulate: Any = None
+    arguments: Mapping[str, Any], ratio: float, shift: float, seed: int, thresholds: Sequence[float], simulate: Any = None
 ) -> Run:
-    """One run with cells ``h`` (3,) [m], the terrain raised by ``shift`` cells."""
+    """One run with cells ``ratio`` times those of ``arguments``, the terrain raised by ``shift`` cells, less whole ones."""
     from runout.hazard.observed import removed
 
     if simulate is None:
         from runout.simulation import simulate
-    terrain = arguments["terrain"]
-    raised = replace(terrain, elevation=terrain.elevation + shift * h[2])
+    terrain, h = arguments["terrain"], ratio * np.broadcast_to(np.asarray(arguments["cell_size"], float), 3)
+    raised = replace(terrain, elevation=terrain.elevation + shift % 1.0 * h[2])
     changed = {"terrain": raised, "cell_size": tuple(float(x) for x in h), "seed": arguments["seed"] + seed}
     result = simulate(**{**arguments, **changed})
     found = quantities(result, arguments["release"], thresholds)
     maps = {name: result.fields[of_run] for name, of_run in MAPS.items() if of_run in result.fields}
     change = elevation_change(maps["deposit"], removed(arguments["release"]))
     maps |= {"erosion": np.maximum(-change, 0.0), "deposition": np.maximum(change, 0.0)}
-    return Run(found, maps, result.timing["total"] - result.timing["setup"], result.n_particles)
+    return Run(ratio, found, maps, result.timing["total"] - result.timing["setup"], result.n_particles)
 
 
 def quantities(result: "Result", releases: Sequence[Any], thresholds: Sequence[float]) -> dict[str, float]:
-    """Run-out of 99 % of the mass and of its centre [m], peak speed [m/s], areas [m2] and largest deposit [m]."""
-    terrain = result.terrain
+    """Run-out of 99 % of the mass and of its centre [m], peak speed [m/s], areas [m2].
+
+    Run-out is the horizontal distance from the centre of the released mass. Mass beyond the terrain counts as farther than all
+    other; nan where run-out is not known for it.
+    """
+    terrain, released = result.terrain, np.sum([release.thickness for release in releases], axis=0)
     rows, columns = terrain.shape
-    released = np.sum([release.thickness for release in releases], axis=0)
     x = (np.arange(columns) + 0.5) * terrain.cell_size[0]
     y = (rows - 0.5 - np.arange(rows)) * terrain.cell_size[1]
     start = np.array([(released.sum(0) * x).sum(), (released.sum(1) * y).sum()]) / released.sum()
     place, mass = result.state.position(np.array(result.spacing))[:, :2], result.state.mass
+    whole = float(result.series["mass"][0])
     distance = np.hypot(*(place - start).T)
     order = np.argsort(distance)
-    share = np.cumsum(mass[order]) / mass.sum()
+    farthest = np.searchsorted(np.cumsum(mass[order], dtype=float), (1.0 - MOST_ESCAPED) * whole)
+    known = farthest < len(mass)
+    speed = result.fields["max_speed"]
     found = {
-        "f99": float(distance[order][np.searchsorted(share, 0.99)]),
-        "centre_of_mass_runout": float(np.hypot(*((mass @ place) / mass.sum() - start))),
-        "peak_speed": float(np.quantile(result.fields["max_speed"][result.fields["max_speed"] > 0], 0.99)),
+        "f99": float(distance[order][farthest]) if known else np.nan,
+        "centre_of_mass_runout": float(np.hypot(*((mass @ place) / mass.sum() - start))) if known else np.nan,
+        "peak_speed": float(np.quantile(speed[speed > 0], 0.99)) if (speed > 0).any() else 0.0,
     }
     for threshold in thresholds:
         found[f"area_above_{threshold:g}_m"] = area_above(result.fields["max_flow_thickness"], threshold, terrain.cell_area)
     return found
 
 
-def _summary(
-    runs: Mapping[int, Sequence[Run]], spacing: np.ndarray, ratio: float, site: "Site", cell: tuple[float, float]
-) -> dict[str, Any]:
-    """Return value of :func:`study`."""
-    names = runs[0][0].quantities
-    values = {name: [[run.quantities[name] for run in runs[level]] for level in (2, 1, 0)] for name in names}
-    block = max(1, math.ceil(ratio**2 * float(spacing[:2].max()) / min(cell) - 1e-9))
-    fine = runs[0][0]
-    fields = [
-        {"level": level, "map": name, **_compared(name, runs[level][0].maps[name], best, block, cell, site)}
-        for level in (2, 1)
-        for name, best in fine.maps.items()
-    ]
-    return {
-        "site": site.name,
-        "scenario": median_parameters(site),
-        "ratio": ratio,
-        "levels": [
-            {
-                "level": level,
-                "cell_size": [float(x) for x in ratio**level * spacing],
-                "runs": len(runs[level]),
-                "particles": runs[level][0].particles,
-                "seconds": sum(run.seconds for run in runs[level]),
-            }
-            for level in (2, 1, 0)
-        ],
-        "block_of_cells": block,
-        "quantities": {name: {**_titled(name), **GridIndex.of(v, ratio).as_dict()} for name, v in values.items()},
-        "fields": fields,
-    }
+def _fields(runs: Sequence[Run], site: "Site", cell_area: float) -> list[dict[str, Any]]:
+    """Differences of the maps of the site's grid from those of a coarser one, and their errors over these differences."""
+    ratios, fine = [run.ratio for run in runs[:-1]], runs[-1]
+    other = min(range(len(ratios)), key=lambda k: abs(ratios[k] - COMPARED))
+    found = []
+    for name, best in fine.maps.items():
+        distances = _distances(runs, name)
+        over = ErrorBar.of_map(ratios, distances).error / distances[other] if distances[other] else 1.0
+        differences = _compared(name, runs[other].maps[name], best, site, cell_area)
+        found.append({"ratio": ratios[other], "map": name, "error_over_difference": over, **differences})
+    return found
 
 
-def _compared(
-    name: str, coarse: np.ndarray, best: np.ndarray, block: int, cell: tuple[float, float], site: "Site"
-) -> dict[str, Any]:
+def _compared(name: str, coarse: np.ndarray, best: np.ndarray, site: "Site", cell_area: float) -> dict[str, Any]:
     """Differences of a map on two grids; those of thickness and change also by the area above the thresholds of the site."""
     if name == "arrival":
         return common_differences(coarse, best)
@@ -205,7 +221,7 @@ def _compared(
     elif name in ("erosion", "deposition"):
         thresholds = _detection_limits(site)
         coarse, best = (np.where(one < max(thresholds, default=0.0), 0.0, one) for one in (coarse, best))
-    return compared(coarse, best, block, thresholds, cell[0] * cell[1])
+    return compared(coarse, best, thresholds, cell_area)
 
 
 def _detection_limits(site: "Site") -> list[float]:
@@ -214,23 +230,20 @@ def _detection_limits(site: "Site") -> list[float]:
     return [observed.difference.detection_limit] if observed and observed.difference else []
 
 
-def _titled(name: str) -> dict[str, str]:
-    title, unit = TITLES.get(name) or (f"area deeper than {name.removeprefix('area_above_').removesuffix('_m')} m", "m2")
-    return {"title": title, "unit": unit}
-
-
-def command(site_path: Path, out: Path | None, device: str | None = None, shifts: int | None = None) -> int:
+def command(site_path: Path, out: Path | None, device: str | None = None) -> int:
     """Command ``runout verify SITE --convergence``: runs the study, prints it, and writes convergence.json and .md."""
     from runout.errors import ExitCode
     from runout.io.atomic import write_json, write_text
-    from runout.studies.convergence_page import as_lines, as_markdown
+    from runout.studies.convergence_page import as_markdown
     from runout.workflow.study import Study
 
     opened = Study.open(site_path, out, device=device)
     with log.to_file(opened.results / "run.log"), log.progress("convergence") as bar:
-        found = study(opened.site, shifts=shifts or SHIFTS, progress=bar)
-    for line in as_lines(found):
-        log.output().print(line, markup=False)
+        found = study(opened.site, coarser=COARSER, progress=bar)
+    size = found["levels"][-1]["cell_size"][0]
+    log.output().print(f"{found['site']}: numerical error of the median scenario with cells of {size:g} m", markup=False)
+    for line in [*statements(found), BOUNDS]:
+        log.output().print(f"  {line}", markup=False)
     for path in (
         write_json(found, opened.results / FILE),
         write_text(as_markdown(found), opened.results / "convergence.md"),

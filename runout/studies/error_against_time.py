@@ -19,17 +19,15 @@ from runout.errors import ConfigError
 from runout.io.atomic import write_json
 from runout.studies.error_cases.choice import BASE, REPEATED_BELOW, Outcome, Variation
 from runout.studies.error_cases.curve import cost_at, fitted, on_front
-from runout.studies.error_cases.presets import at_hand, measured_presets
 from runout.studies.error_cases.problems import PROBLEMS, Problem
+from runout.studies.error_cases.terrains import at_hand
 from runout.studies.error_page import page, rows
-from runout.studies.grid_index import GridIndex
 from runout.studies.verification_cases.column_collapse import measured_surface
 from runout.studies.work_precision import machine, versions
 
 LOGGER = logging.getLogger("runout.work_precision")
 SCHEMA = 1
 FILE = "work_precision.json"
-PRESETS_COARSER = 4.0  # cell size of presets in the small study, relative to the presets
 REPEATS = 2  # runs of each point in the full study
 COARSE = 2  # number of grids of a slow variation; one in the small study
 
@@ -90,12 +88,11 @@ def measured(
         started = time.perf_counter()
         done.append(_solved(_sized(problem, full), full, repeats, _part(progress, k, len(chosen))))
         LOGGER.info("%s: %.0f s", problem.name, time.perf_counter() - started)
-    presets = measured_presets(1.0 if full else PRESETS_COARSER) if any(p.name == "terrain" for p in chosen) else []
-    return recorded(done, presets, full)
+    return recorded(done, full)
 
 
-def recorded(problems: Sequence[Mapping[str, Any]], presets: Sequence[Mapping[str, Any]], full: bool) -> dict[str, Any]:
-    """The record of problems, each as :func:`measured` describes it, and presets."""
+def recorded(problems: Sequence[Mapping[str, Any]], full: bool) -> dict[str, Any]:
+    """The record of problems, each as :func:`measured` describes it."""
     return {
         "schema": SCHEMA,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -104,7 +101,6 @@ def recorded(problems: Sequence[Mapping[str, Any]], presets: Sequence[Mapping[st
         "versions": versions(),
         "seed": 0,
         "problems": list(problems),
-        "presets": list(presets),
     }
 
 
@@ -170,7 +166,7 @@ def assembled(problem: Problem, curves: Mapping[str, Sequence[Mapping[str, Any]]
     return {
         **{name: getattr(problem, name) for name in ("name", "title", "error", "remark")},
         "jit_seconds": compiling,
-        "curves": [{"variation": name, "points": _marked(curve, best[name]), **_fit(curve)} for name, curve in curves.items()],
+        "curves": [{"variation": name, "points": _marked(curve, best[name]), "fit": _fit(curve)} for name, curve in curves.items()],
         "cost_at_equal_error": _ranked(curves),
     }
 
@@ -199,14 +195,10 @@ def _marked(curve: Sequence[Mapping[str, Any]], best: Sequence[bool]) -> list[di
     ]
 
 
-def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Order and floor of the errors; grid convergence index of the value where three grids differ by one ratio."""
+def _fit(curve: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Order and floor of the errors of a curve; None where none fits."""
     fit = fitted([p["cell"] for p in curve], [p["error"] for p in curve])
-    found: dict[str, Any] = {"fit": asdict(fit) if fit else None, "gci": None}
-    if len(curve) >= 3 and all(p["value"] is not None for p in curve[-3:]):
-        index = GridIndex.of([[p["value"]] for p in curve[-3:]], float(np.sqrt(curve[-3]["cell"] / curve[-1]["cell"])))
-        found["gci"] = {"relative": index.relative, "order": index.order, "converging": index.converging}
-    return found
+    return asdict(fit) if fit else None
 
 
 def _ranked(curves: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:

@@ -1,100 +1,129 @@
 """Page of the coverage of the error bars: how many hold, and how wide they are beside the true difference."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
 from typing import Any
 
+from runout.accuracy import BOUNDS, PRESETS
+from runout.scores.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
+from runout.studies.convergence import COARSER
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
 
-NAMES = {"f99": "front of 99 % of the mass"}
+FILE = "error_bars.json"
 COLUMNS = (
-    *("site", "friction", "cell", "quantity", "coarse", "middle", "fine", "spread"),
-    *("order", "converging", "error", "truth", "holds"),
+    *("site", "friction", "cells", "quantity", "fine", "trend", "scatter", "error", "relative_error"),
+    *("truth", "difference", "noise", "holds"),
 )
+HEADS = ("", "bars that hold", "", "median bar", "median difference", "ratio")
 OPENING = """# Coverage of the error bars
 
-`runout verify SITE --convergence` gives each quantity an error bar from three grids. A bar should contain the value
-of a grid twice as fine.
+`runout verify SITE --convergence` gives each quantity an error bar from {runs} runs: the grid of the site and cells
+{coarser} times as large, each shifted against the terrain. {bounds}
 
-**{held} of {count} bars hold ({share:.0f} %)**: {sites}. Of the {trusted} bars whose grids show a converging order,
-{trusted_held} hold.
+A fit through the runs, of order {order:g} in the cell size, gives a trend, which is the difference from a grid of vanishing
+cells, and the scatter of the runs. The order is given: one that is fitted to few runs turns with their scatter. The bar of a
+quantity is {safety:g} times the root of the sum of squares of the trend, of {scatters:g} scatters, and of {share:g} of the error of
+its map. The last part holds where a quantity turns between the grids and has no trend. The bar of a map comes from its
+distances to the maps of the coarser grids, by a fit of order {map_order:g}: their trend, and the noise that leaves a distance
+between equal grids. The option `--constants` of the study prints the coverage with other numbers.
+
+**{held} of {count} bars hold ({part:.0f} %). The median bar is {ratio:.1f} times the median difference.** The difference is
+that from a finer grid with {truth:g} cells through the mean thickness of the release; the bars come from grids with {cells}.
 
 ![Difference from the value of the fine grid against the bar](error_bars.png)
 
 *Below the line: the bar holds. Differences below 1e-4 are drawn at 1e-4.*
 
-{table}
+{quantities}
 
-Bars and differences are medians, relative to the value of the finest grid of a case. The bars are wide because most
-grids of the study are too coarse to show an order; the bar then assumes an order of 0.5.
+{sites}
 
-The study uses a sequence of seven grids, each finer by the square root of two, with basal friction angles of
-{frictions} deg, for 60 s. A case uses three neighbouring grids for the bar, and the grid twice as fine for the
-true value. Cells of the finest grid of a case: {cells}.
+{through}
+
+Bars and differences are medians, relative to the value on the finest grid of a case. Each true value is the mean of two
+shifted runs; half their distance, its noise, has a median of {noise:.2g} %.
+
+## Expected errors
+
+Medians of the bars, brought to the cells of a preset by first order. `runout check`, the report and
+{{doc}}`../guide/choosing` state them for a site that is not measured.
+
+{presets}
 
 ## Full table
 
-{cases}: values on the three grids, order, bar, true value
+{table}: value, trend, scatter, bar, true value
 
 ## How to make this page
 
-    python -m runout.studies.error_bar_coverage DIR
+    python tests/benchmarks/error_bar_coverage.py {options}
 
 It writes this page, its table, its figure and the record `error_bars.json`. `python -m runout.studies.documentation`
 makes the same files again from the record in `tests/benchmarks/records/`.
 
-Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, backend scan, float32; {cores} cores
-({architecture}), with other work, {seconds} s.
+Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, {engines}, float32; flows of {end_time:g} s;
+{processes} processes on {cores} cores ({architecture}), {run_seconds} s of runs.
 """
 
 
+def coverage(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Number of bars, share of those that hold, and median bar over median difference."""
+    bars, differences = (median(case[key] for case in cases) for key in ("relative_error", "difference"))
+    held = sum(case["holds"] for case in cases)
+    return {"bars": len(cases), "holds": held / len(cases), "bar": bars, "difference": differences, "ratio": bars / differences}
+
+
 def page(content: Mapping[str, Any]) -> StudyPage:
-    """The page of a record of :mod:`runout.studies.error_bar_coverage`."""
-    cases, versions = content["cases"], content["versions"]
-    trusted = [case for case in cases if case["converging"]]
-    heads = ("quantity", "bars that hold", "median bar", "median difference")
+    """The page of a record of ``tests/benchmarks/error_bar_coverage.py``."""
+    cases, versions, machine, found = content["cases"], content["versions"], content["machine"], coverage(content["cases"])
     text = OPENING.format(
+        runs=len(COARSER) + 1,
+        coarser=", ".join(f"{ratio:g}" for ratio in sorted(set(COARSER))),
+        bounds=BOUNDS,
+        safety=SAFETY,
+        scatters=SCATTERS,
+        share=SHARE,
+        order=ORDER,
+        map_order=MAP_ORDER,
         held=sum(case["holds"] for case in cases),
         count=len(cases),
-        share=100 * sum(case["holds"] for case in cases) / len(cases),
-        sites=", ".join(f"{site} {held} of {count}" for site, (held, count) in content["by_site"].items()),
-        trusted=len(trusted),
-        trusted_held=sum(case["holds"] for case in trusted),
-        table=markdown(heads, (_row(name, _of(cases, "quantity", name)) for name in content["by_quantity"])),
-        frictions=", ".join(f"{angle:g}" for angle in sorted({case["friction"] for case in cases})),
-        cells="; ".join(f"{site} {_cells(_of(cases, 'site', site))} m" for site in content["by_site"]),
-        cases=download("error_bars.csv", f"all {len(cases)} bars"),
-        runout=content["version"],
-        commit=content.get("commit") or "not recorded",
-        seconds=content["seconds"],
-        **{name: versions[name] for name in ("numba", "numpy")},
-        **content["machine"],
+        part=100 * found["holds"],
+        ratio=found["ratio"],
+        cells=" to ".join(f"{limit(case['cells'] for case in cases):g}" for limit in (min, max)),
+        quantities=_table(cases, "quantity", "title"),
+        sites=_table(cases, "site", "site"),
+        through=_table(cases, "cells", "cells", "cells through the thickness"),
+        noise=100 * median(case["noise"] for case in cases),
+        presets=markdown(("preset", "cells through the thickness", "run-out", "thickness map"), _presets(content["expected"])),
+        table=download("error_bars.csv", f"all {len(cases)} bars"),
+        run_seconds=content["seconds"]["runs"],
+        **{name: content[name] for name in ("engines", "processes", "truth", "end_time", "options")},
+        **{name: versions[name] for name in ("runout", "commit", "numba", "numpy")},
+        **{name: machine[name] for name in ("cores", "architecture")},
     )
     table = as_csv(COLUMNS, ([case[name] for name in COLUMNS] for case in cases))
     return StudyPage("error_bars", text, {"error_bars.csv": table}, {"error_bars.png": _figure(cases)})
 
 
-def _of(cases: Sequence[Mapping[str, Any]], key: str, value: str) -> list[Mapping[str, Any]]:
-    return [case for case in cases if case[key] == value]
+def _presets(expected: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
+    """Rows: expected error bars of each preset."""
+    for name, preset in PRESETS.items():
+        errors = (f"± {100 * expected[quantity] / preset.cells:.2g} %" for quantity in ("f99", MAP))
+        yield f"`{name}`", f"{preset.cells:g}", *errors
 
 
-def _cells(cases: Sequence[Mapping[str, Any]]) -> str:
-    return ", ".join(f"{size:.0f}" for size in sorted({case["cell"] for case in cases}, reverse=True))
+def _groups(cases: Sequence[Mapping[str, Any]], key: str) -> dict[Any, list[Mapping[str, Any]]]:
+    return {value: [case for case in cases if case[key] == value] for value in dict.fromkeys(case[key] for case in cases)}
 
 
-def _row(name: str, cases: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    bar = median(case["error"] / abs(case["fine"]) for case in cases if case["fine"])
-    difference = median(_difference(case) for case in cases if case["fine"])
-    return named(name), f"{sum(c['holds'] for c in cases)} of {len(cases)}", f"{100 * bar:.2g} %", f"{100 * difference:.2g} %"
-
-
-def named(name: str) -> str:
-    """A quantity of the study of convergence in words."""
-    return NAMES.get(name, name.replace("_", " "))
-
-
-def _difference(case: Mapping[str, Any]) -> float:
-    return float(abs(case["truth"] - case["fine"]) / abs(case["fine"]))
+def _table(cases: Sequence[Mapping[str, Any]], key: str, title: str, head: str = "") -> str:
+    """Coverage by the values of a key, in Markdown."""
+    rows = []
+    for some in _groups(cases, key).values():
+        found = coverage(some)
+        numbers = f"{100 * found['holds']:.0f} %", f"{100 * found['bar']:.2g} %", f"{100 * found['difference']:.2g} %"
+        rows.append((str(some[0][title]), f"{sum(c['holds'] for c in some)} of {len(some)}", *numbers, f"{found['ratio']:.1f}"))
+    return markdown((head or key, *HEADS[1:]), rows)
 
 
 def _figure(cases: Sequence[Mapping[str, Any]]) -> bytes:
@@ -103,13 +132,13 @@ def _figure(cases: Sequence[Mapping[str, Any]]) -> bytes:
 
     canvas = Figure(figsize=(7.5, 4.2), layout="constrained")
     axes = canvas.add_subplot()
-    for name in dict.fromkeys(case["quantity"] for case in cases):
-        some = [case for case in _of(cases, "quantity", name) if case["fine"] and case["error"] > 0]
-        bars, differences = [c["error"] / abs(c["fine"]) for c in some], [max(_difference(c), 1e-4) for c in some]
-        axes.loglog(bars, differences, "o", markersize=4, alpha=0.7, label=named(name))
+    for some in _groups(cases, "quantity").values():
+        bars, differences = [c["relative_error"] for c in some], [max(c["difference"], 1e-4) for c in some]
+        axes.loglog(bars, differences, "o", markersize=4, alpha=0.7, label=some[0]["title"])
     low, high = axes.get_xlim()
     axes.plot([low, high], [low, high], color="0.4", lw=0.8)
     axes.set(xlabel="error bar, relative", ylabel="difference from the value of the fine grid, relative")
+    axes.xaxis.set_minor_formatter("")
     axes.grid(color="0.9", which="major")
     canvas.legend(loc="outside right upper", fontsize=8, frameon=False)
     return as_png(canvas)

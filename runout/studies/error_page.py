@@ -43,12 +43,10 @@ let it settle too far ({{doc}}`../decisions/12-accuracy-and-time-step`).
 
 {places}
 
-{presets}
 ## Full tables
 
 - {runs}: cells, particles, steps, blocks, wall and processor time, memory, quantity of interest, error
-- {curves}: order and floor of the error, grid convergence index (GCI), cost at equal error in particle-steps and in
-  time
+- {curves}: order and floor of the error, cost at equal error in particle-steps and in time
 
 ## How to make this page
 
@@ -64,23 +62,13 @@ machine.
 Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, Python {python}; {cores} cores
 ({architecture}, vectors of {vector_bits} bits); seed {seed}; {created}.
 """
-PRESETS = """## Presets of accuracy
-
-Two sites, 60 s, with `accuracy=...` alone. The error is the distance from a reference, `high` with half its cell
-size, plus the estimated error of the reference. The estimate uses the order of convergence of `standard`, `high` and
-reference (safety factor 1.25), or the last distance if this order is not between 0.5 and 3. Errors differ between
-sites; `runout verify SITE --convergence` measures them.
-
-{table}
-
-"""
 SLIGHTEST = 0.1  # orders below this are not stated
 RUNS = (
     *("problem", "choice", "cell [m]", "particles", "steps", "blocks", "wall [s]", "processor [s]", "setup [s]", "memory [MB]"),
     *("quantity of interest", "error", "DoE = -log10(error x processor time)", "on the front by particle-steps"),
 )
 CURVES = (
-    *("problem", "choice", "order", "floor", "GCI of the finest grid", "order of the GCI", "GCI converging"),
+    *("problem", "choice", "order", "floor"),
     *("particle-steps over the defaults", "processor time over the defaults"),
 )
 
@@ -94,7 +82,6 @@ def page(content: Mapping[str, Any]) -> StudyPage:
         problems=markdown(("problem", "", "error"), ((p["name"], p["title"], p["error"]) for p in problems)),
         ranking=rows(content),
         places=markdown(("problem", "grids", "on the front by processor time", "by particle-steps"), _places(content)),
-        presets=_presets(content["presets"]),
         runs=download("work_precision_runs.csv", "every run"),
         curves=download("work_precision_curves.csv", "every curve"),
         full=" --full" if content["full"] else "",
@@ -176,33 +163,16 @@ def _panel(axes: Any, problem: Mapping[str, Any], styles: Mapping[str, Mapping[s
         axes.xaxis.set_minor_formatter("")
 
 
-def _presets(presets: Sequence[Mapping[str, Any]]) -> str:
-    """Section on the presets of accuracy; empty if they were not run."""
-    if not presets:
-        return ""
-    heads = ("site", "preset", "cells [m]", "particles", "steps", "work over standard", "processor [s]")
-    found = [
-        (
-            *(p["site"], p["name"], f"{p['cell_size'][0]:g}", str(p["particles"]), str(p["steps"])),
-            *(f"{p['particle_steps']:.2g}", f"{p['seconds']:.3g}"),
-            *(f"{100 * p[error]:.2g} %" for error in ("map_error", "runout_error")),
-        )
-        for p in presets
-    ]
-    return PRESETS.format(table=markdown((*heads, "error of the map", "error of the run-out"), found))
-
-
 def _curves(content: Mapping[str, Any]) -> str:
-    """Order, floor, index and cost of every curve, as CSV."""
+    """Order, floor and cost of every curve, as CSV."""
     found = []
     for problem in content["problems"]:
         for curve in problem["curves"]:
-            fit, gci, cost = curve["fit"] or {}, curve["gci"] or {}, problem["cost_at_equal_error"].get(curve["variation"], {})
+            fit, cost = curve["fit"] or {}, problem["cost_at_equal_error"].get(curve["variation"], {})
             seen = fit.get("order", 0.0) >= SLIGHTEST
             order, floor = (f"{fit['order']:.2f}", f"{fit['floor']:.1e}") if seen else (None, None)
-            index = (_form(gci.get("relative"), ".2g"), _form(gci.get("order"), ".1f"), gci.get("converging"))
             costs = (_form(cost.get(name), ".3g") for name in ("particle_steps", "seconds"))
-            found.append((problem["name"], curve["variation"], order, floor, *index, *costs))
+            found.append((problem["name"], curve["variation"], order, floor, *costs))
     return as_csv(CURVES, found)
 
 

@@ -24,7 +24,7 @@ from runout.model.scene import Scene
 from runout.model.structures import CELLS, Patches, StructureField
 from runout.run import Run, RunControl
 from runout.scenario import build_scene
-from runout.studies.grid_index import relative_l1
+from runout.studies.map_distance import relative_l1
 from runout.studies.recorded_sites import with_vertical_edges
 from runout.studies.sloping_layer import Layer
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown

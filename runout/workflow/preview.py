@@ -64,6 +64,8 @@ def _counted(console: "Console", site_path: Path) -> "Site | None":
 
 def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path | None, device: str | None) -> int:
     from runout.accuracy import lines
+    from runout.scores.numerical_error import require_error_bars, statements
+    from runout.scores.products import read_convergence
     from runout.workflow import check_stiffness
     from runout.workflow.probes import other_members
     from runout.workflow.status import print_stages
@@ -79,6 +81,9 @@ def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path |
         console.print(f"flow      about {found.resolution.statement()}", markup=False)
     for line in lines(site.settings.simulation.accuracy, data.releases, grid, partial(site.default_particles, data)):
         console.print(line, markup=False)
+    if measured := read_convergence(study.results):
+        size = require_error_bars(measured, study.results / "convergence.json")["levels"][-1]["cell_size"][0]
+        console.print(f"          measured on this site, cells of {size:g} m: {'; '.join(statements(measured))}", markup=False)
     for line in check_stiffness.lines(site.material(), found.stiffness):
         console.print(line, markup=False)
     print_stages(console, study)

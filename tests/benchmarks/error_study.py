@@ -3,7 +3,7 @@
     python tests/benchmarks/error_study.py --out DIR [--workers 16]
 
 Times are processor times on one thread, as in `runout bench --error --full`, which does the same one after the other. The
-references and the presets come first, then the curves. A part that is done is kept in DIR/parts, and a second run does those
+references come first, then the curves. A part that is done is kept in DIR/parts, and a second run does those
 that are missing. Copy DIR/work_precision.json to tests/benchmarks/records/, then run `python -m runout.studies.documentation`.
 """
 
@@ -38,14 +38,13 @@ def kept(folder: Path, make: Callable[..., Rows], *key: str) -> Rows:
 
 
 def reference(folder: Path, problem: str) -> Rows:
-    """Run that the errors of a problem on terrain are measured from, kept as a file; with the presets of its site."""
+    """Run that the errors of a problem on terrain are measured from, kept as a file; no rows."""
     from runout.studies.error_cases.flows import at_reference
-    from runout.studies.error_cases.presets import PRESET_SITES, presets_on
 
     p = _problem(problem)
     result = at_reference(p.measure.reference, p.site)
     (folder / f"{problem}.pickle").write_bytes(pickle.dumps(result))
-    return presets_on(p.site) if p.site in PRESET_SITES else []
+    return []
 
 
 def curve(folder: Path, problem: str, variation: str) -> Rows:
@@ -69,8 +68,8 @@ def _problem(name: str) -> Any:
     return PROBLEMS[name.lower()]
 
 
-def run_parts(pool: ProcessPoolExecutor, folder: Path, problems: Mapping[str, Any]) -> tuple[Rows, dict[Key, Rows]]:
-    """Presets, and points by problem and variation; curves on terrain start when their reference is there."""
+def run_parts(pool: ProcessPoolExecutor, folder: Path, problems: Mapping[str, Any]) -> dict[Key, Rows]:
+    """Points by problem and variation; curves on terrain start when their reference is there."""
     order = sorted(problems, key=lambda n: LONGEST_FIRST.index(n) if n in LONGEST_FIRST else len(LONGEST_FIRST))
     jobs: dict[Any, Key] = {pool.submit(kept, folder, reference, n): (n,) for n in order if problems[n].site}
 
@@ -86,15 +85,14 @@ def run_parts(pool: ProcessPoolExecutor, folder: Path, problems: Mapping[str, An
         done[key] = job.result()
         if len(key) == 1:
             jobs |= curves_of(key[0])
-    presets = [row for name in problems for row in done.get((name,), [])]
-    return presets, {key: rows for key, rows in done.items() if len(key) == 2}
+    return {key: rows for key, rows in done.items() if len(key) == 2}
 
 
 def main() -> None:
     """Run all parts, and write record, page, tables and figure."""
     from runout.studies.error_against_time import FILE, assembled, recorded
-    from runout.studies.error_cases.presets import at_hand
     from runout.studies.error_cases.problems import PROBLEMS
+    from runout.studies.error_cases.terrains import at_hand
     from runout.studies.error_page import page, rows
     from runout.studies.verification_cases.column_collapse import measured_surface
 
@@ -109,9 +107,9 @@ def main() -> None:
     for name in ("terrain_25", "U9"):  # compile once, for all processes
         kept(folder, curve, name, "defaults") if not problems[name].site else kept(folder, reference, name)
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:
-        presets, curves = run_parts(pool, folder, problems)
+        curves = run_parts(pool, folder, problems)
     found = [assembled(p, {v.name: curves[name, v.name] for v in p.variations()}, None) for name, p in problems.items()]
-    content = recorded(found, presets, full=True)
+    content = recorded(found, full=True)
     print(rows(content))
     write_json(content, a.out / FILE)
     print(page(content).write(a.out))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from runout.accuracy import BOUNDS, expected_errors
 from runout.errors import StorageError
 from runout.report import tables
 from runout.report.html import render, write_report
@@ -274,14 +275,21 @@ def test_a_template_name_without_a_value_is_an_error():
         render({"title": "x"})
 
 
-def test_numerical_error_is_said_where_it_was_found_out(site, copy, text):
-    assert "The grid itself has an error" not in text
-    front = {"title": "front of 99 % of the mass", "unit": "m", "fine": 1234.0, "error": 21.4}
-    found = {"quantities": {"f99": front}, "levels": [{"cell_size": [8.0] * 3}, {"cell_size": [4.0] * 3}]}
+def test_numerical_error_is_that_of_the_site_where_it_was_measured_or_else_the_expected_one(site, results, copy, text):
+    expected = re.search(
+        r"The grid itself has an error\.</b> Expected numerical error ± (\S+) % of the run-out, ± (\S+) % of", text
+    )
+    thickness = read_study(results).hazard["release_thickness"].values
+    of_map, of_runout = expected_errors(thickness[thickness > 0].mean() / site.resolved()["simulation"]["cell_size"])
+    assert [float(part) for part in expected.groups()] == pytest.approx([100 * of_runout, 100 * of_map], rel=0.06)
+    assert BOUNDS in text
+    front = {"title": "run-out of 99 % of the mass", "unit": "m", "fine": 1234.0, "error": 21.4}
+    depth = {"title": "map of flow thickness (relative L1)", "unit": "", "fine": None, "error": 0.08}
+    found = {"quantities": {"f99": front, "thickness_map": depth}, "levels": [{"cell_size": [8.0] * 3}, {"cell_size": [4.0] * 3}]}
     (copy / "convergence.json").write_text(json.dumps(found), encoding="utf-8")
     said = write_report(site, copy).read_text(encoding="utf-8").replace("\u202f", " ")
-    assert "The grid itself has an error.</b> Of the median scenario on cells of 4 m, from three grids: " in said
-    assert "front of 99 % of the mass 1 230 ± 21 m." in said
+    assert "The grid itself has an error.</b> Of the median scenario on cells of 4 m, from runs on several grids: " in said
+    assert "run-out of 99 % of the mass 1234 ± 21 m (1.7 %); map of flow thickness (relative L1) ± 8 %. " + BOUNDS in said
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,13 @@ import pytest
 import runout
 from runout import scores
 from runout.scores import scoring
-from runout.studies.grid_index import compared
+from runout.studies.map_distance import compared
 
 BARS = scores.ErrorBars(
     {
         "quantities": {"f99": {"error": 12.0}, "area_above_0.5_m": {"error": 200.0}},
         "fields": [
-            {"level": 2, "map": "flow_thickness", "critical_success_index": {"0.5": 0.5}},
-            {"level": 1, "map": "flow_thickness", "critical_success_index": {"0.5": 0.9}},
+            {"map": "flow_thickness", "critical_success_index": {"0.5": 0.9}},
         ],
     }
 )
@@ -55,7 +54,7 @@ def test_a_switch_of_cells_within_the_bar_moves_csi_by_no_more_than_it():
     for share in (0.02, 0.1):
         other = np.where(rng.random(one.shape) < share, 1.0 - one, one)
         agreement = scores.contingency(other, one).critical_success_index
-        bars = scores.ErrorBars({"fields": [{"level": 1, "map": "deposit", "critical_success_index": {"1": agreement}}]})
+        bars = scores.ErrorBars({"fields": [{"map": "deposit", "critical_success_index": {"1": agreement}}]})
         table = scores.contingency(one, observed)
         (bar,) = [s.numerical_error for s in scoring.area_scores("", table, bars, "deposit", 1.0) if s.name == "csi"]
         moved = scores.contingency(other, observed).critical_success_index
@@ -77,7 +76,7 @@ def test_front_and_energy_line_carry_the_error_of_the_front():
 
 
 @pytest.mark.parametrize(
-    "content", [{"quantities": 3, "fields": 4}, {"quantities": {"f99": {"error": "x"}}, "fields": [1, {"level": 1}]}]
+    "content", [{"quantities": 3, "fields": 4}, {"quantities": {"f99": {"error": "x"}}, "fields": [1, {"map": 1}]}]
 )
 def test_a_study_that_is_not_as_it_was_written_gives_no_bars(content):
     bars = scores.ErrorBars(content)
@@ -93,8 +92,8 @@ def test_stored_scores_hold_no_numbers_that_json_cannot():
 
 def rough_bars(one, other, cell_area, name):
     """Error bars of a study whose two finest grids gave these maps."""
-    found = compared(other, one, 1, (0.5,), cell_area)
-    return scores.ErrorBars({"fields": [{"level": 1, "map": name, **found}]})
+    found = compared(other, one, (0.5,), cell_area)
+    return scores.ErrorBars({"fields": [{"map": name, **found}]})
 
 
 def test_scores_of_a_map_move_by_no_more_than_their_bars():
@@ -121,13 +120,31 @@ def test_scores_of_a_change_move_by_no_more_than_their_bars():
     fields = []
     for name, pair in parts.items():
         maps = pair if name == "deposit" else [np.where(values < 0.5, 0.0, values) for values in pair]
-        fields.append({"level": 1, "map": name, **compared(maps[1], maps[0], 1, (0.5,), 25.0)})
+        fields.append({"map": name, **compared(maps[1], maps[0], (0.5,), 25.0)})
     bars = scores.ErrorBars({"fields": fields})
     errors = (scores.change_errors(values, observed, 25.0, 0.5) for values in (one, other))
     before, after = (list(scoring.change_scores("change", found, bars, 0.5)) for found in errors)
     for first, second in zip(before, after, strict=True):
         assert abs(first.value - second.value) <= 1.2 * first.numerical_error, first.name
         assert first.numerical_error < 0.2
+
+
+def test_differences_of_two_grids_grow_to_the_error_of_the_map():
+    """An error of three differences: areas and sums three times as large, their squares nine times, no index below zero."""
+    difference = {
+        "map": "deposit",
+        "net_sum": -2.0,
+        "absolute_sum": 3.0,
+        "squared_sum": 4.0,
+        "critical_success_index": {"1": 0.9, "2": 0.5},
+    }
+    one, three = (scores.ErrorBars({"fields": [{**difference, "error_over_difference": factor}]}) for factor in (1.0, 3.0))
+    errors = scores.field_errors(np.ones((2, 2)), np.full((2, 2), 2.0), 25.0)
+    for name, bar in one.of_field(errors, "deposit").items():
+        assert three.of_field(errors, "deposit")[name] == pytest.approx(3.0 * bar), name
+    for threshold, factor in ((1.0, 3.0), (2.0, 2.0)):
+        before, after = (bars.of_contingency(TABLE, "deposit", threshold)["csi"] for bars in (one, three))
+        assert after == pytest.approx(factor * before)
 
 
 def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
@@ -141,8 +158,8 @@ def test_sides_arrivals_and_points_carry_the_differences_of_the_study():
         "width_bias": pytest.approx(changed / (50.0 * 20.0)),
     }
     fields = [
-        {"level": 1, "map": "arrival", "mean": -0.4, "root_mean_square": 0.9, "alone": 0.1},
-        {"level": 1, "map": "speed", "squared_sum": 400.0, "reached_area": 100.0},
+        {"map": "arrival", "mean": -0.4, "root_mean_square": 0.9, "alone": 0.1},
+        {"map": "speed", "squared_sum": 400.0, "reached_area": 100.0},
     ]
     bars = scores.ErrorBars({"fields": fields})
     arrivals = scoring.arrival_scores("gauges", scores.arrival_errors([1.0, 2.0, np.inf], [1.0, 3.0, 4.0]), bars)

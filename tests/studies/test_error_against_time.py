@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from runout import cli
-from runout.accuracy import SOURCE
 from runout.errors import ExitCode
 from runout.model.surface import Surface
 from runout.studies import error_against_time
@@ -163,7 +162,7 @@ def test_problems_that_are_not_there_are_named():
         measured(["U99"])
 
 
-PUBLISHED = json.loads((Path(__file__).parents[2] / SOURCE).read_text())
+PUBLISHED = json.loads((Path(__file__).parents[1] / "benchmarks" / "records" / "work_precision.json").read_text())
 
 
 def test_no_choice_of_the_published_study_is_as_cheap_as_the_defaults_on_every_problem_that_ranks():

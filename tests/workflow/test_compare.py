@@ -279,7 +279,7 @@ def test_error_bars_of_the_site_stand_beside_the_scores(finished_site, members, 
 
     bars = finished_site[0] / "results" / "convergence.json"
     quantity = {"title": "t", "unit": "m", "fine": 1.0, "error": 7.0}
-    index = [{"level": 1, "map": "flow_thickness", "critical_success_index": {"0.1": 0.9}, "relative_l1": 0.1}]
+    index = [{"map": "flow_thickness", "critical_success_index": {"0.1": 0.9}, "relative_l1": 0.1}]
     write_json({"quantities": {"f99": quantity, "area_above_0.1_m": quantity}, "fields": index, "levels": []}, bars)
     try:
         _, found, _ = compare(capsys, *members, "--threshold", "0.1")

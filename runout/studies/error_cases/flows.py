@@ -13,7 +13,7 @@ from runout.simulation import simulate
 from runout.studies.convergence import quantities
 from runout.studies.error_cases.choice import BASE, March, Outcome, Variation
 from runout.studies.error_cases.terrains import SITE, site_arguments
-from runout.studies.grid_index import relative_l1
+from runout.studies.map_distance import relative_l1
 from runout.studies.verification_cases import column_collapse, flow, spreading_cap
 from runout.studies.verification_cases.dam_breaks import as_one, columns, relative
 

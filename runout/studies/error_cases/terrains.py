@@ -1,5 +1,6 @@
 """Flows on real terrain and on that of ISeeSnow that the error study runs: sites of the repository with one friction each."""
 
+import logging
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from runout.studies.recorded_sites import with_vertical_edges
 from runout.terrain.prepare import steepness
 from runout.terrain.read import read_terrain
 
+LOGGER = logging.getLogger("runout.work_precision")
 SITES = Path(__file__).parents[3] / "sites"
 SITE, FINE_SITE = "jacksboro", "frank_slide"
 FLOW_TIME, BASAL_ANGLE = 60.0, 15.0  # [s], [deg]
@@ -59,6 +61,15 @@ FLOWS = {
     "frank_slide_20": Flow(FINE_SITE, 20.0, "frank_slide_1903"),
     "coulomb_only": Flow("", float(np.degrees(np.arctan(COULOMB_ONLY))), "iseesnow/CoulombOnly"),
 }
+
+
+def at_hand(site: str) -> bool:
+    """Whether the rasters of a site are available; logs a warning if not."""
+    needed = FLOWS[site].rasters if site else ""
+    if not needed or (data_folder() / needed).is_dir():
+        return True
+    LOGGER.warning("%s is left out: %s names no folder with its rasters", site, DATA_FOLDER)
+    return False
 
 
 def data_folder() -> Path:

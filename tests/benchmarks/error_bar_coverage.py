@@ -1,0 +1,258 @@
+"""Coverage of error bars: how often the bar of a convergence study holds the value of a finer grid, and how wide it is.
+
+    python tests/benchmarks/error_bar_coverage.py --out DIR [--processes 16] [--backend hash --device cuda:0] [--small]
+
+A case is a site at a basal friction angle with a number of grid cells through the mean thickness of its release. Its bar comes from
+the runs of `runout verify SITE --convergence`, on other shifts in each case. Its true value is the mean of two shifted runs on a
+finer grid; half their distance is the noise of the true value.
+
+Each run is a file in DIR/runs. A second call does those that are missing, so take another folder for another version. Calls with
+other `--cases` may share a folder and run at the same time, one on a GPU; a last call with all cases makes the record. Copy
+DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its `expected` over into runout/accuracy.py, then run
+`python -m runout.studies.documentation`.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from runout.io.atomic import whole_file, write_json
+from runout.scores import numerical_error
+from runout.scores.numerical_error import MAP
+from runout.studies.convergence import SHIFT, Run, bars, plan, run_once
+from runout.studies.error_bar_page import FILE, coverage, page
+from runout.studies.map_distance import relative_l1
+
+SITES = Path(__file__).parents[2] / "sites"
+CASES = ("jacksboro:11,13,16,19", "frank_slide:11,13,16,19", "cascades_2021:10,13,16,19", "made:15,17,19,22")  # [deg]
+SMALL = ("jacksboro:15",)
+CELLS, TRUTH = (1.0, 1.22, 1.5, 1.83, 2.25), 4.5  # through the mean thickness of the release
+SMALL_CELLS, SMALL_TRUTH = (0.6, 0.75), 1.5
+END_TIME = 60.0  # [s]
+TRUTHS = 2  # runs of a true value
+OFFSET = 0.23  # shift for a degree of friction [cells]
+KEPT = ("flow_thickness", "speed")  # maps of a run
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run: case, cells through the thickness in the case, cell size over that, and number; negative for the true value."""
+
+    site: str
+    friction: float
+    cells: float
+    ratio: float
+    number: int
+    end_time: float
+    backend: str
+    device: str
+
+    @property
+    def path(self) -> str:
+        """File name."""
+        case = f"{Path(self.site).name}_{self.friction:g}_{self.cells:g}"
+        return f"{case}_{self.ratio:g}_{self.number}_{self.end_time:g}.npz"
+
+    @property
+    def shift(self) -> float:
+        """Of the grid against the terrain [cells], another one in each case."""
+        return abs(self.number) * SHIFT + OFFSET * self.friction + self.cells
+
+    def run(self, folder: Path) -> float:
+        """Run, unless the file is there; returns its seconds."""
+        path = folder / self.path
+        if path.is_file():
+            return 0.0
+        arguments, thresholds = problem(self.site, self.friction)
+        depth = sum(r.volume for r in arguments["release"]) / sum(r.area for r in arguments["release"])
+        single = {"threads": 1} if self.device == "cpu" else {}
+        changed = {"cell_size": depth / self.cells, "end_time": self.end_time, "backend": self.backend, "device": self.device}
+        made = run_once({**arguments, **changed, **single}, self.ratio, self.shift, abs(self.number), thresholds)
+        with whole_file(path) as temporary, temporary.open("wb") as file:
+            maps = {name: made.maps[name].astype(np.float32) for name in KEPT}
+            facts = {"seconds": made.seconds, "particles": made.particles, "engine": f"{self.backend} on {self.device}"}
+            np.savez_compressed(file, quantities=json.dumps(made.quantities), **facts, **maps)
+        return made.seconds
+
+
+@cache
+def finished(task: Task, folder: Path) -> Run:
+    """The run of a task, read once."""
+    with np.load(folder / task.path) as content:
+        maps = {name: content[name] for name in KEPT}
+        found = json.loads(str(content["quantities"]))
+        return Run(task.ratio, found, maps, float(content["seconds"]), int(content["particles"]))
+
+
+def engines(plans: Mapping[Any, Sequence[Task]], folder: Path) -> str:
+    """Backends and devices of all runs."""
+    paths = (folder / task.path for each in plans.values() for task in each)
+    return ", ".join(sorted({str(np.load(path)["engine"]) for path in paths}))
+
+
+@cache
+def problem(site: str, friction: float) -> tuple[dict[str, Any], Sequence[float]]:
+    """Arguments of ``runout.simulate`` and thresholds of thickness [m]; "made", a name below sites or the path of a site."""
+    from runout import log, read_site
+
+    if site == "made":
+        return {**made_site(), "basal_friction_angle": friction, "seed": 0}, (0.5, 1.0, 2.0, 5.0)
+    with log.muted():
+        known = read_site(SITES / site if (SITES / site).is_dir() else Path(site))
+        arguments = known.member_arguments({"basal_friction_angle_deg": friction})
+    return {**arguments, "stop": False}, known.settings.hazard.thickness_thresholds
+
+
+def made_site() -> dict[str, Any]:
+    """15 m of rock on a slope with relief of all wavelengths and an oscillation of two cells of 5 m, as resampled rasters have."""
+    import runout
+
+    rng, cell = np.random.default_rng(3), 5.0
+    row, column = np.indices((260, 420))
+    x, y = column * cell, (len(row) - row) * cell
+    frequency = np.hypot(np.fft.fftfreq(row.shape[0], cell)[:, None], np.fft.fftfreq(row.shape[1], cell)[None, :])
+    frequency[0, 0] = 1.0
+    spectrum = np.where(frequency < 1 / 800, 0.0, frequency**-1.6)
+    rough = np.fft.ifft2(np.fft.fft2(rng.standard_normal(row.shape)) * spectrum).real
+    smooth = 900.0 * np.exp(-x / 900.0) + 60.0 * ((y - len(row) * cell / 2) / 600.0) ** 2
+    oscillation = np.where((row + column) % 2, 1, -1) * rng.uniform(0.5, 1.5, row.shape)
+    terrain = runout.Terrain.from_array(smooth + 4.0 * rough / rough.std() + oscillation, cell)
+    thickness = np.zeros(row.shape)
+    thickness[110:150, 20:60] = 15.0
+    release = runout.Release.from_array(thickness, terrain, placement="on_surface")
+    return {"terrain": terrain, "release": [release], "material": runout.DruckerPrager(density=2000.0, friction_angle=32.0)}
+
+
+def tasks(cases: Sequence[str], cells: Sequence[float], truth: float, **run: Any) -> dict[tuple[str, float, float], list[Task]]:
+    """Runs by site, friction [deg] and cells through the thickness; those of the true value have the cells of ``truth``."""
+    found = {}
+    for site, angles in (case.split(":") for case in cases):
+        for friction in map(float, angles.split(",")):
+            found[site, friction, truth] = [Task(site, friction, truth, 1.0, -1 - k, **run) for k in range(TRUTHS)]
+            for through in cells:
+                found[site, friction, through] = [Task(site, friction, through, ratio, number, **run) for ratio, number in plan()]
+    return found
+
+
+def finish(plans: Mapping[Any, Sequence[Task]], folder: Path, processes: int) -> None:
+    """Run what is missing, the finest first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    left = [task for each in plans.values() for task in each if not (folder / task.path).is_file()]
+    left.sort(key=lambda task: -task.cells / task.ratio)
+    for task in [left.pop()] if left and processes > 1 else left:
+        task.run(folder)  # the first one compiles for all processes
+    if processes == 1:
+        return
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        jobs = {pool.submit(task.run, folder): task for task in left}
+        for k, job in enumerate(as_completed(jobs)):
+            print(f"{k + 1} of {len(jobs)}: {jobs[job].path}, {job.result():.1f} s", flush=True)
+
+
+def cases_of(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[dict[str, Any]]:
+    """Bar, true value with its noise, difference, and whether the bar holds it, for each quantity of each case."""
+    for (site, friction, cells), each in plans.items():
+        if cells != truth:
+            true = [finished(task, folder) for task in plans[site, friction, truth]]
+            runs = [finished(task, folder) for task in each]
+            for case in judged(runs, true):
+                yield {"site": Path(site).name, "friction": friction, "cells": cells, **case}
+
+
+def judged(runs: Sequence[Run], true: Sequence[Run]) -> Iterator[dict[str, Any]]:
+    """Each quantity with the error bar of ``runs``, the finest last, and its difference from the mean of the true runs."""
+    fine = runs[-1]
+    for name, bar in bars(runs).items():
+        if name == MAP:
+            maps = [run.maps["flow_thickness"] for run in true]
+            mean, value = np.mean(maps, axis=0), None
+            difference, noise = relative_l1(fine.maps["flow_thickness"], mean), relative_l1(maps[0], mean)
+        else:
+            values = [run.quantities[name] for run in true]
+            value, noise = float(np.mean(values)), float(np.ptp(values) / 2.0)
+            difference = abs(value - fine.quantities[name])
+        if np.isfinite(difference) and bar.relative is not None:
+            scale = abs(bar.fine) if bar.fine else 1.0
+            found = {"truth": value, "noise": noise / scale, "difference": float(difference / scale)}
+            yield {"quantity": name, **bar.as_dict(name), **found, "holds": bool(difference <= bar.error)}
+
+
+def constants(plans: Mapping[tuple[str, float, float], Sequence[Task]], truth: float, folder: Path) -> Iterator[str]:
+    """Lines on other constants of a bar: share of bars that hold, in all and by site, and median bar over median difference."""
+    for safety, scatters, share in product((1.0, 1.25, 1.5), (1.0, 2.0), (0.2, 0.3, 0.4, 0.5, 0.6)):
+        with patch.multiple(numerical_error, SAFETY=safety, SCATTERS=scatters, SHARE=share):
+            cases = list(cases_of(plans, truth, folder))
+        found, names = coverage(cases), dict.fromkeys(case["site"] for case in cases)
+        sites = (f"{name} {coverage([c for c in cases if c['site'] == name])['holds']:.2f}" for name in names)
+        chosen = f"SAFETY {safety:g} SCATTERS {scatters:g} SHARE {share:g}"
+        yield f"{chosen}: {found['holds']:.3f} ({', '.join(sites)}), ratio {found['ratio']:.2f}"
+
+
+def expected_errors(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Median bars of map and run-out, brought to one cell through the thickness by first order."""
+    scaled = {name: [c["relative_error"] * c["cells"] for c in cases if c["quantity"] == name] for name in (MAP, "f99")}
+    return {name: float(np.median(bars)) for name, bars in scaled.items() if bars}
+
+
+def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chosen: argparse.Namespace) -> dict[str, Any]:
+    """Machine, versions, command, cases, how many bars hold, and expected errors."""
+    from runout.studies.work_precision import machine, versions
+
+    return {
+        "machine": machine(),
+        "versions": versions(),
+        **{name: getattr(chosen, name) for name in ("options", "engines", "processes", "truth", "end_time")},
+        "seconds": {"runs": round(seconds), "wall": round(wall)},
+        "coverage": coverage(cases),
+        "expected": expected_errors(cases),
+        "cases": list(cases),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
+    """Make all runs, and write record, page, table and figure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, help="folder of runs, record and page")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--backend", default="scan")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--small", action="store_true", help="one coarse case, for CI")
+    parser.add_argument("--cases", nargs="+", help="SITE:ANGLE,ANGLE with made, a name below sites/ or the path of a site")
+    parser.add_argument("--cells", nargs="+", type=float, help="cells through the mean thickness, one case each")
+    parser.add_argument("--truth", type=float, help="cells through the mean thickness of the true value")
+    parser.add_argument("--constants", action="store_true", help="print the coverage with other constants of a bar as well")
+    parser.add_argument("--end-time", type=float, default=END_TIME)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    chosen = parser.parse_args(given)
+    chosen.options = " ".join(given).replace(str(chosen.out), "DIR")
+    chosen.truth = chosen.truth or (SMALL_TRUTH if chosen.small else TRUTH)
+    run = {name: getattr(chosen, name) for name in ("end_time", "backend", "device")}
+    named, cells = chosen.cases or (SMALL if chosen.small else CASES), chosen.cells or (SMALL_CELLS if chosen.small else CELLS)
+    started, plans, folder = time.perf_counter(), tasks(named, cells, chosen.truth, **run), chosen.out / "runs"
+    finish(plans, folder, chosen.processes)
+    chosen.engines = engines(plans, folder)
+    seconds = sum(finished(task, folder).seconds for each in plans.values() for task in each)
+    content = record(list(cases_of(plans, chosen.truth, folder)), seconds, time.perf_counter() - started, chosen)
+    for line in constants(plans, chosen.truth, folder) if chosen.constants else ():
+        print(line, flush=True)
+    write_json(content, chosen.out / FILE)
+    print(page(content).write(chosen.out), json.dumps(content["coverage"]), json.dumps(content["expected"]))
+    return content
+
+
+if __name__ == "__main__":
+    os.environ["NUMBA_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"  # of each process
+    main()
