@@ -2,8 +2,8 @@
 
 Relief of fewer than about four grid cells is not resolved. A flow meets it as friction, and as another one for each ratio of grid
 and raster. So the grid gets the raster, without its waves of two cells, averaged over a triangle of the spacing of the grid at its
-own nodes. The raster itself remains where it is smooth, and at crests and channels that stand out of the roughness around them,
-since dams are what a map is asked for.
+own nodes. The raster itself remains where it is smooth; where its waves of two cells are resolved, unless it is rougher than
+terrain is; and at crests and channels that stand out of the roughness around them, since dams are what a map is asked for.
 """
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy as np
 from runout.physics import heightfield
 from runout.terrain.crests import Crests
 
-SMOOTH = 0.15, 0.3  # two-cell share of the relief: up to the one the ground is smooth, from the other on rough
+SMOOTH = 0.15, 0.3  # two-cell share of the relief: up to the one the ground is smooth, from the other on not
+ROUGH = 0.6, 0.75  # two-cell share: up to the one it is that of terrain, from the other on more; white noise has 0.85
+RESOLVED = 3.0, 4.0  # grid cells in a wave of two cells of the raster: up to the one it is filtered, from the other on it stays
 AROUND = 11  # cells across the window of that share
 STAND_OUT = 5.0, 10.0  # times the roughness: crests below the one are filtered, above the other kept
 WINDOW = 31  # cells across the window of the roughness around a crest
@@ -56,22 +58,35 @@ def _weights(x: np.ndarray, half_width: float) -> np.ndarray:
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def smoothness(z: np.ndarray) -> np.ndarray:
-    """How smooth the relief around each elevation (nx, ny) is, 0 to 1: 1 where it consists of waves of about eight cells or more.
+def two_cell_share(z: np.ndarray) -> np.ndarray:
+    """Share of waves of two cells in the relief around each elevation (nx, ny), 0 to 1: sin^2(pi/n) for waves of n cells.
 
-    From the oscillation of two cells that the fourth differences show, over that of the second ones, root mean squares in a
-    window: sin^2(pi/n) for waves of n cells.
+    The oscillation of two cells that the fourth differences show over that of the second ones, root mean squares in a window,
+    along the axis where it is larger. 0 where the ground is plane.
     """
     from scipy import ndimage
 
-    worst, (low, high) = np.zeros(z.shape), SMOOTH
-    least = 1e-24 * float(np.square(np.ptp(z))) + 1e-300
+    worst, least = np.zeros(z.shape), 1e-24 * float(np.square(np.ptp(z))) + 1e-300
     for axis in (0, 1):
         bend = _two_cell_waves(np.pad(np.moveaxis(z, axis, 0), ((2, 2), (0, 0)), mode="reflect", reflect_type="odd"))
         squares = [ndimage.uniform_filter(v * v, AROUND, mode="nearest") for v in (_two_cell_waves(bend), bend[1:-1])]
         share = np.sqrt(np.maximum(squares[0], 0.0) / np.maximum(squares[1], least))
         worst = np.maximum(worst, np.moveaxis(share, 0, axis))
-    return np.asarray(np.clip((high - worst) / (high - low), 0.0, 1.0))
+    return worst
+
+
+def stays(two_cell_share: np.ndarray, ratio: float) -> np.ndarray:
+    """How much of each elevation stays unfiltered, 0 to 1, by the share of waves of two cells.
+
+    ``ratio`` is that of the cells of grid and raster. All of it stays where the ground is smooth, and where waves of two cells are resolved and no more than those of terrain.
+    """
+    smooth, terrain = 1.0 - _ramp(two_cell_share, SMOOTH), 1.0 - _ramp(two_cell_share, ROUGH)
+    return np.maximum(smooth, terrain * _ramp(np.asarray(2.0 / ratio), RESOLVED))
+
+
+def _ramp(value: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
+    """0 up to the first end, 1 from the second one on."""
+    return np.clip((value - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
 
 
 def beside_crests(z: np.ndarray, size: tuple[float, float], crests: Crests) -> np.ndarray:
@@ -82,7 +97,7 @@ def beside_crests(z: np.ndarray, size: tuple[float, float], crests: Crests) -> n
     """
     from scipy import ndimage
 
-    stays, falls, (low, high) = np.zeros(z.shape), np.zeros(z.shape), STAND_OUT
+    beside, falls = np.zeros(z.shape), np.zeros(z.shape)
     for axis in (0, 1):
         rows = np.pad(np.moveaxis(z, axis, 0), ((BESIDE, BESIDE), (0, 0)), mode="reflect", reflect_type="odd")
         fall = 0.5 * np.abs(heightfield.second_difference(rows[: -2 * BESIDE], rows[BESIDE:-BESIDE], rows[2 * BESIDE :]))
@@ -91,8 +106,8 @@ def beside_crests(z: np.ndarray, size: tuple[float, float], crests: Crests) -> n
     rough = np.maximum(ndimage.uniform_filter(np.sqrt(np.sqrt(falls)), WINDOW, mode="nearest"), 0.0) ** 4
     for cell in cells:
         stands = np.abs(crests.height) / np.maximum(rough[cell], 1e-9 * np.abs(crests.height))
-        np.maximum.at(stays, cell, np.clip((stands - low) / (high - low), 0.0, 1.0))
-    return np.asarray(ndimage.maximum_filter(stays, 2 * BESIDE + 1, mode="nearest"))
+        np.maximum.at(beside, cell, _ramp(stands, STAND_OUT))
+    return np.asarray(ndimage.maximum_filter(beside, 2 * BESIDE + 1, mode="nearest"))
 
 
 def cells_of(crests: Crests, shape: tuple[int, int], size: tuple[float, float]) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -81,6 +81,12 @@ class _Raster:
         """The surface through the means."""
         return Surface.through(self.means, self.sizes, (self.sizes[0] / 2, self.sizes[1] / 2), self.count)
 
+    @cached_property
+    def stays(self) -> np.ndarray:
+        """How much of each mean stays unfiltered, 0 to 1, crests apart."""
+        ratio = max(h / cell for h, cell in zip(self.grid, self.cell, strict=True))
+        return relief.stays(relief.two_cell_share(self.means), ratio)
+
     def surface(self) -> Surface:
         """The surface of the relief that the grid can carry, on its nodes; on the cells of the raster if these are coarser."""
         places = [self._places(axis) for axis in (0, 1)]
@@ -88,7 +94,7 @@ class _Raster:
         widths = [h / cell for h, cell in zip(self.grid, self.cell, strict=True)]
         z = relief.filtered(relief.filtered(self.lattice, widths[0], places[0]).T, widths[1], places[1]).T
         own = self.means if self.on_cells else self.unfiltered.on_lattice(x, y)
-        z += self.between(relief.smoothness(self.means), x, y) * (own - z)
+        z += self.between(self.stays, x, y) * (own - z)
         return Surface.through(z, (float(x[1] - x[0]), float(y[1] - y[0])), (float(x[0]), float(y[0])))
 
     def _places(self, axis: int) -> np.ndarray:
@@ -110,7 +116,7 @@ def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
     cells, first = tuple(slice(*sides) for sides in box), (box[0][0], box[1][0])
     corner = first[0] * sizes[0], first[1] * sizes[1]
     found = crests.Crests.of(raster.means[cells], sizes, min(grid))
-    stays = relief.beside_crests(raster.means[cells], sizes, found)
+    stays = np.maximum(raster.stays[cells], relief.beside_crests(raster.means[cells], sizes, found))
     share = np.maximum(*(stays[cell] for cell in relief.cells_of(found, stays.shape, sizes)))
     found = replace(found, weight=found.weight * share).take(share > 0.0).moved(corner)
     if not len(found.axis):

@@ -47,9 +47,24 @@ def test_smooth_ground_stays_and_rough_ground_is_filtered():
     x = np.arange(60.0)
     hills = 10 * np.sin(2 * np.pi * x / 20)[:, None] * np.cos(2 * np.pi * x / 16)
     noise = np.random.default_rng(2).normal(0.0, 1.0, hills.shape)
-    assert relief.smoothness(hills)[6:-6, 6:-6].min() == 1.0
-    assert relief.smoothness(hills + 0.4 * noise)[8:-8, 8:-8].max() < 0.5
-    assert relief.smoothness(noise).max() == 0.0
+    for ratio in (0.3, 1.0, 3.0):
+        assert relief.stays(relief.two_cell_share(hills), ratio)[6:-6, 6:-6].min() == 1.0
+        assert relief.stays(relief.two_cell_share(hills + 0.4 * noise), ratio)[8:-8, 8:-8].max() < 0.5
+        assert relief.stays(relief.two_cell_share(noise), ratio).max() == 0.0
+
+
+def test_relief_that_the_grid_resolves_stays_where_it_is_that_of_terrain():
+    """Waves whose amplitude is the square of their length, as most terrain has; rougher relief is filtered on any grid."""
+    random, n = np.random.default_rng(4), 128
+    f = np.hypot(*np.meshgrid(np.fft.fftfreq(n), np.fft.fftfreq(n)))
+    f[0, 0] = 1.0
+    waves = np.fft.fft2(random.standard_normal((n, n)))
+    terrain, rough = (np.fft.ifft2(waves * np.where(f < 0.02, 0.0, f**-power)).real for power in (2.4, 1.0))
+    for ratio, least in ((0.5, 0.9), (0.25, 0.9)):
+        assert np.mean(relief.stays(relief.two_cell_share(terrain), ratio)) > least
+        assert np.mean(relief.stays(relief.two_cell_share(rough), ratio)) < 0.1
+    for ratio in (0.7, 1.0, 3.0):
+        assert np.mean(relief.stays(relief.two_cell_share(terrain), ratio)) < 0.2
 
 
 def test_relief_of_the_ground_does_not_turn_on_the_ratio_of_cell_and_raster():
