@@ -36,7 +36,7 @@ class Footprint:
     sharing : float
         Number of particles that share each place.
     widths : tuple of int
-        Squares [cells of the lattice] over which a box of one grid cell may be smoothed, ascending.
+        Squares [cells of the lattice] over which a box of one grid cell is smoothed, ascending; 1: not at all.
     """
 
     sharing: float
@@ -44,15 +44,15 @@ class Footprint:
 
     @property
     def areas(self) -> np.ndarray:
-        """Areas of the box and of what each width makes of it [grid cells], (1 + number of widths,)."""
-        return np.array([1.0, *(smoothed_area(width / HALVES) for width in self.widths)])
+        """Area that each width makes of the box [grid cells], (number of widths,)."""
+        return np.array([smoothed_area(width / HALVES) if width > 1 else 1.0 for width in self.widths])
 
 
-EXTENT = Footprint(4.0, (3, 5))  # extent of the flow
+EXTENT = Footprint(4.0, (1, 3, 5))  # extent of the flow
 DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 SHARING = np.array([EXTENT.sharing, DEPTH.sharing])
-AREAS = np.array([[*EXTENT.areas, np.inf], DEPTH.areas])  # the extent has one footprint less
+AREAS = np.array([EXTENT.areas, DEPTH.areas])
 CELLS_OF_A_THREAD = 2**14  # of a loop: a thread of its own pays off for more
 FINER = 2  # times that a raster is finer than the lattice from which on maps are kept on the lattice until the end
 

@@ -52,6 +52,14 @@ def covered_part(volume: Any, particle_volume: Any):
     return min(real(4.0) * volume / particle_volume, real(1.0))
 
 
+def flowing_part(count: Any, sharing: Any):
+    """Part of the volume at a place that flows as one mass, 0 to 1, where ``count`` particles share the square around it.
+
+    All of it where ``sharing`` or more do. Half as many or fewer are single particles: they have no thickness.
+    """
+    return min(max(real(2.0) * count / sharing - real(1.0), real(0.0)), real(1.0))
+
+
 def smoothed_area(width: Any):
     """Area [grid cells] of the footprint that a box of one cell smoothed over squares of ``width`` [cells] is: variances add."""
     return real(1.0) + width * width
