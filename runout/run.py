@@ -231,7 +231,7 @@ class Run:
     def look(self, step: int, columns: RasterSums) -> None:
         """Update the maps with the columns after a step of those planned."""
         started, scene = clock.perf_counter(), self.scene
-        if footprints.apply_to(scene) and not self.peaks.on_lattice:
+        if not self.peaks.on_lattice:
             columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))
         self._note(self.time + self.dt * step, columns)
         self.observing += clock.perf_counter() - started

@@ -2,9 +2,10 @@
 
 Bands are independent of each other and sums have one order, so that bits do not depend on threads. They hold no formula.
 
-Footprints are boxes of one grid cell smoothed over squares of 1, 3, 5 and 9 cells. A mean over a square is a sum along the row and one across the rows, over all cells of
-a band in one loop: the band is stored row behind row, with :data:`MARGIN` empty columns, so that a sum which passes the end of a
-row finds nothing there. Each loop leaves out as many cells at both ends of the band as it reads beyond.
+Footprints are boxes of one grid cell smoothed over squares of 1, 3, 5 and 9 cells. A mean over a square is a sum along the row and
+one across the rows, over all cells of a band in one loop: the band is stored row behind row, with :data:`MARGIN` empty columns, so
+that a sum which passes the end of a row finds nothing there. Each loop leaves out as many cells at both ends of the band as it
+reads beyond.
 """
 
 from typing import Any
@@ -217,20 +218,21 @@ def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, sha
 
 
 def take_peaks(
-    volume: Any, mass: Any, momentum: Any, corner: Any, area: float, threshold: float, times: Any, thickness: Any, peaks: Any,
-    arrival: Any,
+    volume: Any, flowing: Any, mass: Any, momentum: Any, corner: Any, area: float, threshold: float, times: Any, thickness: Any,
+    peaks: Any, arrival: Any,
 ):  # fmt: skip
     """Raise the ``peaks`` (quantities, rows, columns) to those of a window of columns, from ``corner`` on; thickness is the first.
 
-    ``thickness`` (rows, columns) is that of the look before, and becomes that of this one; ``times`` (2,) are those of both. Cells
-    of ``area`` [m2] count from a ``threshold`` [m] on, and get the time of ``arrival`` at which the thickness passed it.
+    ``thickness`` (rows, columns) is that of the look before, and becomes that of this one; ``times`` (2,) are those of both. Peaks
+    are those of the ``flowing`` volume. Cells of ``area`` [m2] count from a ``threshold`` [m] on, and get the time of ``arrival``
+    at which the thickness passed it.
     """
     for i in prange(volume.shape[0]):
         r = corner[0] + i
         for j in range(volume.shape[1]):
             c = corner[1] + j
-            before, depth = thickness[r, c], volume[i, j] / area
-            thickness[r, c] = depth
+            before, depth = thickness[r, c], flowing[i, j] / area
+            thickness[r, c] = volume[i, j] / area
             if depth > peaks[0, r, c]:
                 peaks[0, r, c] = depth
             if depth >= threshold and depth > 0.0:

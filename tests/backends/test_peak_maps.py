@@ -139,7 +139,7 @@ def test_columns_between_the_steps_of_a_series_are_those_of_steps_made_one_by_on
     for step in range(1, 41):
         single.step(0.06)
         if step in looks:
-            wanted[step] = single.lattice_columns() if footprints.apply_to(a_scene) else single.flow_columns()
+            wanted[step] = single.lattice_columns()
     assert list(found) == looks
     for step, columns in wanted.items():
         assert_same_columns(found[step], columns, f"after {step}")
@@ -155,6 +155,6 @@ def test_window_of_a_look_holds_the_mass_that_moved_while_nobody_looked(raster):
     engine.load(a_scene, particles)
     for looks in ([1], *[[]] * 10, [5]):
         engine.steps(0.06, 5, looks, lambda step, columns: found.update({step: columns}))
-    fresh = engine.lattice_columns() if footprints.apply_to(a_scene) else engine.flow_columns()
+    fresh = engine.lattice_columns()
     assert found[5].mass.sum() == pytest.approx(particles.mass.sum(), rel=1e-12)
     assert_same_columns(found[5], fresh, "in the last look")
