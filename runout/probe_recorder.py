@@ -2,7 +2,8 @@
 
 A point has the values of the cell that holds it. The volume that passes a cross-section is the flux of volume through the line,
 summed over every observation of the run: the columns' momentum over their density, bilinear between the middles of the cells. Mass
-and momentum are spread over the same footprint, so that this flux and the change of the volume on either side agree. Particles
+and momentum are spread over the same footprint, so that this flux and the change of the volume on either side agree but for
+changes of the footprints. Depths are those of the volume that flows. Particles
 arrive where they are with the velocity of their last step: the flux of that step is that of the columns half a step upstream.
 """
 

@@ -99,10 +99,16 @@ class Run:
         self.pending, self.reason = list(control.snapshot_times), ""
         self.looks: list[int] = []
         self.time = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
+        self.particle_volume = 0.0  # mean [m3]
+
+    def count(self, particles: ParticleSource) -> None:
+        """Note number and mean volume of the particles."""
+        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
+        self.particle_volume = particles.sums(self.scene.densities).mean_volume
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
-        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
+        self.count(particles)
         state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
@@ -167,7 +173,7 @@ class Run:
     def depth_resolution(self) -> DepthResolution:
         """Resolution of the flow so far, with the mean time step."""
         depth, steps = flow_depth(self.peaks.peaks[THICKNESS]), self.engine.counters.steps
-        return DepthResolution.of(depth, self.scene, self.time / max(1, steps))
+        return DepthResolution.of(depth, self.scene, self.time / max(1, steps), self.particle_volume)
 
     def go(self) -> None:
         """Step until the end time or rest."""

@@ -24,6 +24,7 @@ from runout.backends import column_peaks, spreading
 from runout.backends.compile import numba_binding, threads_at_most
 from runout.backends.protocol import RasterSums
 from runout.map_quantities import peak_quantities
+from runout.model.depth_resolution import SHARING as FEWEST
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.physics.numerical_scales import smoothed_area
@@ -52,7 +53,7 @@ class Footprint:
         return np.array([smoothed_area(width / HALVES) if width > 1 else 1.0 for width in self.widths])
 
 
-EXTENT = Footprint(4.0, (1, 3, 5))  # extent of the flow
+EXTENT = Footprint(FEWEST, (1, 3, 5))  # extent of the flow
 DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 SHARING = np.array([EXTENT.sharing, DEPTH.sharing])

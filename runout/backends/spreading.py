@@ -20,7 +20,6 @@ prange = range  # that of the compiler takes its place
 BAND = 64  # rows of the lattice that a thread spreads at once
 HALO = 13  # rows around a band that its footprints depend on: 4 of mass, 4 of the covered part, 4 of the extent, and one
 REACH = 4  # cells that a mass spreads at most
-SQUARE = 6.25  # grid cells that five by five of the lattice cover
 MARGIN = 6  # empty columns on either side of a band, so that no footprint reaches from one row into the next
 
 
@@ -92,7 +91,7 @@ def find_extent(v: Any, one: float, sharing: float, areas: Any, columns: int, wo
     _five(row, m, a, n - a, around)
     for j in range(a, n - a):
         area = footprint_area(share * around[j] / one, sharing, areas[2])
-        flowing[j] = flowing_part(SQUARE * share * around[j] / one, sharing)
+        flowing[j] = flowing_part(share * around[j] / one, sharing)
         beyond = part_beyond(area, areas[1], areas[2])
         within = part_beyond(area, areas[0], areas[1])
         around[j] = (1.0 - within) * v[j]
