@@ -33,7 +33,6 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.observers import ParticleSample
 from runout.result import Result
 from runout.run import BATCH, Run, RunControl
 from runout.scenario import build_scene

@@ -28,7 +28,7 @@ from runout.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
 OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger
-CROSSING = 0.5  # largest travel between two observations, in grid cells or, if longer, raster cells
+CROSSING = 1.0  # largest travel between two observations, in grid cells or, if longer, raster cells
 BATCH = 32  # steps of one size before it is chosen again, at most
 STEP_RATIO = 1.04  # ratio of successive step sizes, so that records are repacked rarely
 
