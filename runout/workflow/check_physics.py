@@ -63,12 +63,12 @@ def least_thickness(site: "Site", releases: "Sequence[Release]", zones: "Frictio
     from runout.model.limits import spacing_of
     from runout.physics.numerical_scales import least_thickness as of_particles
     from runout.release.arrangement import default_particles
-    from runout.release.sample import particles_per_axis
 
     x, y, z = spacing_of(site.grid(releases)["cell_size"])
     stated, basal = site.settings.simulation.particles_per_cell, site.friction.of_run({})
-    count = particles_per_axis(stated or default_particles(releases, site.material(), basal, z, zones))
-    return float(of_particles(x * y * z / math.prod(count), x * y, SHARING))
+    count = stated or default_particles(releases, site.material(), basal, z, zones)
+    in_a_cell = count if isinstance(count, int) else math.prod(count)
+    return float(of_particles(x * y * z / in_a_cell, x * y, SHARING))
 
 
 def _thinner_than_the_grid_shows(site: "Site", least: float) -> Iterator[str]:
