@@ -33,7 +33,6 @@ from runout.model.release import Release
 from runout.model.scene import Scene
 from runout.model.structures import Structures
 from runout.model.terrain import Terrain
-from runout.observers import ParticleSample
 from runout.result import Result
 from runout.run import BATCH, Run, RunControl
 from runout.scenario import build_scene
@@ -270,7 +269,7 @@ class _Together:
             Run(view, job.scene, job.control, job.progress, None, job.structures) for view, job in zip(views, jobs, strict=True)
         ]
         for run, job in zip(self.runs, jobs, strict=True):
-            run.sample = ParticleSample.of(len(job.particles), job.control.snapshot_particles)
+            run.count(job.particles)
         self.todo = [0] * len(jobs)  # steps of each run to its next observation
         self.planned = [0] * len(jobs)
         self.started = clock.perf_counter()

@@ -23,9 +23,9 @@ BLOCK_NODES = 64
 class PeakMaps:
     """Peaks over time in columns of the flow.
 
-    Thickness is vertical: the volume over a cell divided by its area. Speed is that of the column as a whole, momentum
-    over mass; all but the thickness count while the flow is at least ``arrival_threshold`` thick, so that a single stray
-    particle makes no peak. Between two observations, thickness grows at a steady rate to where it arrives.
+    Thickness is vertical: the volume that flows over a cell divided by its area; single particles have none. Speed is that of the
+    column as a whole, momentum over mass; all but the thickness count while the flow is at least ``arrival_threshold`` thick.
+    Between two observations, thickness grows at a steady rate to where it arrives.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class PeakMaps:
     arrival : (rows, columns)
         [s], NaN where nothing has arrived.
     thickness : (rows, columns)
-        That of the last observation [m].
+        That of all volume at the last observation [m], single particles included.
     window : (4,)
         First row and column, and one past the last, outside of which that is zero.
     """
@@ -68,9 +68,9 @@ class PeakMaps:
         self._clear_beside(window)
         momentum = np.ascontiguousarray(np.moveaxis(columns.momentum, -1, 0))
         footprints.loop(
-            "take_peaks", columns.mass.size, np.ascontiguousarray(columns.volume), np.ascontiguousarray(columns.mass), momentum,
-            corner, self.cell[0] * self.cell[1], self.arrival_threshold, np.array((self.time, time)), self.thickness, self.peaks,
-            self.arrival,
+            "take_peaks", columns.mass.size, np.ascontiguousarray(columns.volume), np.ascontiguousarray(columns.depth_volume),
+            np.ascontiguousarray(columns.mass), momentum, corner, self.cell[0] * self.cell[1], self.arrival_threshold,
+            np.array((self.time, time)), self.thickness, self.peaks, self.arrival,
         )  # fmt: skip
         self.time, self.window = time, window
         self.looks, self.cells = self.looks + 1, self.cells + columns.mass.size
@@ -86,9 +86,10 @@ class PeakMaps:
             self.thickness[rows, columns] = 0.0
 
     def maps(self) -> dict[str, np.ndarray]:
-        """The maps (rows, columns) by name, on the raster."""
+        """The maps (rows, columns) by name, on the raster; the largest thickness is at least that of the deposit."""
         maps = self._on_raster() if self.on_lattice else (*self.peaks, self.arrival, self.thickness)
-        return dict(zip(member_map_names(), maps, strict=True))
+        thickest, *others, deposit = maps
+        return dict(zip(member_map_names(), (np.maximum(thickest, deposit), *others, deposit), strict=True))
 
     def _on_raster(self) -> np.ndarray:
         """The maps (maps, rows, columns) on the raster: volumes by area, the others as means over the volume that has arrived."""

@@ -2,7 +2,8 @@
 
 A point has the values of the cell that holds it. The volume that passes a cross-section is the flux of volume through the line,
 summed over every observation of the run: the columns' momentum over their density, bilinear between the middles of the cells. Mass
-and momentum are spread over the same footprint, so that this flux and the change of the volume on either side agree. Particles
+and momentum are spread over the same footprint, so that this flux and the change of the volume on either side agree but for
+changes of the footprints. Depths are those of the volume that flows. Particles
 arrive where they are with the velocity of their last step: the flux of that step is that of the columns half a step upstream.
 """
 
@@ -108,13 +109,14 @@ class ProbeRecorder:
         self.times, self.steps, self.rows = state["time"].tolist(), state["dt"].tolist(), list(state["rows"])
 
     def _gathered(self, columns: RasterSums, place: np.ndarray) -> np.ndarray:
-        """Volume [m3], mass [kg] and momentum (3) [kg m/s] (5, n) of columns at cells (2, n), counted from the south."""
+        """Volume, flowing volume [m3], mass [kg] and momentum (3) [kg m/s] (6, n) of columns at cells (2, n) from the south."""
         row = place[0] if self.from_south else self.shape[0] - 1 - place[0]
         row, column = row - columns.row, place[1] - columns.column
-        found, (rows, count) = np.zeros((5, place.shape[1])), columns.mass.shape
+        found, (rows, count) = np.zeros((6, place.shape[1])), columns.mass.shape
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < count)
         at = row[inside], column[inside]
-        found[0, inside], found[1, inside], found[2:, inside] = columns.volume[at], columns.mass[at], columns.momentum[at].T
+        found[:3, inside] = columns.volume[at], columns.depth_volume[at], columns.mass[at]
+        found[3:, inside] = columns.momentum[at].T
         return found
 
     def _at_points(self, columns: RasterSums) -> np.ndarray:
@@ -123,9 +125,9 @@ class ProbeRecorder:
         if not len(self.probes.points):
             return np.zeros(0)
         sums = self._gathered(columns, place) * share
-        volume, mass, *momentum = (np.bincount(owner, values, len(self.probes.points)) for values in sums)
+        volume, flowing, mass, *momentum = (np.bincount(owner, values, len(self.probes.points)) for values in sums)
         speed = array_binding().flow_columns.column_speed(np.maximum(mass, TINY), *momentum)
-        return np.concatenate([volume / self.point_area, speed, mass / np.maximum(volume, TINY)])
+        return np.concatenate([flowing / self.point_area, speed, mass / np.maximum(volume, TINY)])
 
     def _at_lines(self, columns: RasterSums, dt: float) -> np.ndarray:
         """Flux [m3/s], covered width [m] and largest thickness [m] of the lines, one after another."""
@@ -134,7 +136,7 @@ class ProbeRecorder:
             return np.zeros(OF_LINE * count)
         flux = np.bincount(self.pieces.owner, self._flux(self.pieces, columns, dt), count)
         crossed, cell, length = self.line_cells
-        depth = self._gathered(columns, cell)[0] / self.area
+        depth = self._gathered(columns, cell)[1] / self.area
         width = np.bincount(crossed, length * (depth >= self.arrival_threshold), count)
         largest = np.zeros(count)
         np.maximum.at(largest, crossed, depth)
@@ -154,7 +156,7 @@ class ProbeRecorder:
 
         Bilinear between the columns of the nine cells around, each half a step upstream of where it is now.
         """
-        volume, mass, *momentum, _ = self._gathered(columns, pieces.cells)
+        volume, _, mass, *momentum, _ = self._gathered(columns, pieces.cells)
         velocity = np.array(momentum) / np.maximum(mass, TINY)
         moved = 0.5 * dt * velocity / np.array(self.cell)[:, None]
         share_x, share_y = np.maximum(1.0 - np.abs(pieces.apart + np.take(moved, pieces.around, axis=1)), 0.0)

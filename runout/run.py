@@ -28,7 +28,7 @@ from runout.structure_forces import named_structures
 
 LOGGER = logging.getLogger(__name__)
 OBSERVATIONS = 200  # least number of observations over the whole time, and that of rows of the ledger
-CROSSING = 0.5  # largest travel between two observations, in grid cells or, if longer, raster cells
+CROSSING = 1.0  # largest travel between two observations, in grid cells or, if longer, raster cells
 BATCH = 32  # steps of one size before it is chosen again, at most
 STEP_RATIO = 1.04  # ratio of successive step sizes, so that records are repacked rarely
 
@@ -104,10 +104,16 @@ class Run:
         self.planned = self.made = self.first_look = 0
         self.look_every = 1
         self.time = self.begun = self.dt = self.due = self.ledger_due = self.seconds = self.observing = 0.0
+        self.particle_volume = 0.0  # mean [m3]
+
+    def count(self, particles: ParticleSource) -> None:
+        """Note number and mean volume of the particles."""
+        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
+        self.particle_volume = particles.sums(self.scene.densities).mean_volume
 
     def start(self, particles: ParticleSource) -> None:
         """Load the backend with the particles, or with the state of a checkpoint of this run."""
-        self.sample = ParticleSample.of(len(particles), self.control.snapshot_particles)
+        self.count(particles)
         state = self.keep.read() if self.keep else None
         if state is None or not isinstance(self.engine, ResumableBackend):
             self.engine.load(self.scene, particles)
@@ -172,7 +178,7 @@ class Run:
     def depth_resolution(self) -> DepthResolution:
         """Resolution of the flow so far, with the mean time step."""
         depth, steps = flow_depth(self.peaks.peaks[THICKNESS]), self.engine.counters.steps
-        return DepthResolution.of(depth, self.scene, self.time / max(1, steps))
+        return DepthResolution.of(depth, self.scene, self.time / max(1, steps), self.particle_volume)
 
     def go(self) -> None:
         """Step until the end time or rest."""
@@ -280,7 +286,7 @@ class Run:
     def look(self, step: int, columns: RasterSums) -> None:
         """Update the maps with the columns after a step of those planned."""
         started, scene = clock.perf_counter(), self.scene
-        if footprints.apply_to(scene) and not self.peaks.on_lattice:
+        if not self.peaks.on_lattice:
             columns = footprints.on_raster(columns, scene.raster, footprints.lattice_cell(scene))
         self._note(self._time_after(step), columns)
         self.observing += clock.perf_counter() - started

@@ -1,10 +1,14 @@
-"""Footprints of particles on rasters finer than the grid: sums on a lattice of half grid cells, smoothed, mapped to the raster.
+"""Columns of the flow: sums on a lattice of half grid cells, smoothed over footprints of particles, mapped to the raster.
 
-A backend adds each particle, a box of one grid cell, to the lattice. Where particles have moved apart, their mass is smoothed
-over more cells of the lattice (:func:`runout.physics.numerical_scales.footprint_area`), mass, momentum and volume alike: over so
-many that few particles share them to find where the flow is, and over so many that more share them, inside that, to say how much is
-there. Every cell of the raster then takes its share by area. Each stage keeps the sums to rounding, and no order depends on
-threads.
+This is the one estimator of every map, probe and profile. A backend adds each particle, a box of one grid cell, to the lattice.
+Mass, momentum and volume are then smoothed over more cells of the lattice (:func:`runout.physics.numerical_scales.footprint_area`):
+over so many that few particles share them to find where the flow is, and over so many that more share them, inside that, to say how
+much is there. The second are at least one and a half grid cells wide, since the particles of a cell stand above each other in few
+columns: the largest thickness over time of narrower ones is too large. Every cell of the raster takes its share by area. Each stage
+keeps the sums to rounding, and no order depends on threads.
+
+Single particles, fewer than share the extent, are mass at a place, not a thickness there: the part of the volume that flows
+(:func:`runout.physics.numerical_scales.flowing_part`) is a sum of its own.
 """
 
 import inspect
@@ -20,6 +24,7 @@ from runout.backends import column_peaks, spreading
 from runout.backends.compile import numba_binding, threads_at_most
 from runout.backends.protocol import RasterSums
 from runout.map_quantities import peak_quantities
+from runout.model.depth_resolution import SHARING as FEWEST
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.physics.numerical_scales import smoothed_area
@@ -36,7 +41,7 @@ class Footprint:
     sharing : float
         Number of particles that share each place.
     widths : tuple of int
-        Squares [cells of the lattice] over which a box of one grid cell may be smoothed, ascending.
+        Squares [cells of the lattice] over which a box of one grid cell is smoothed, ascending; 1: not at all.
     """
 
     sharing: float
@@ -44,15 +49,15 @@ class Footprint:
 
     @property
     def areas(self) -> np.ndarray:
-        """Areas of the box and of what each width makes of it [grid cells], (1 + number of widths,)."""
-        return np.array([1.0, *(smoothed_area(width / HALVES) for width in self.widths)])
+        """Area that each width makes of the box [grid cells], (number of widths,)."""
+        return np.array([smoothed_area(width / HALVES) if width > 1 else 1.0 for width in self.widths])
 
 
-EXTENT = Footprint(4.0, (3, 5))  # extent of the flow
+EXTENT = Footprint(FEWEST, (1, 3, 5))  # extent of the flow
 DEPTH = Footprint(16.0, (3, 5, 9))  # thickness within the extent
 REACH = max(*EXTENT.widths, *DEPTH.widths) // 2  # cells of the lattice
 SHARING = np.array([EXTENT.sharing, DEPTH.sharing])
-AREAS = np.array([[*EXTENT.areas, np.inf], DEPTH.areas])  # the extent has one footprint less
+AREAS = np.array([EXTENT.areas, DEPTH.areas])
 CELLS_OF_A_THREAD = 2**14  # of a loop: a thread of its own pays off for more
 FINER = 2  # times that a raster is finer than the lattice from which on maps are kept on the lattice until the end
 
@@ -81,11 +86,6 @@ class Lattice:
         first, last = HALVES * np.asarray(low, int) - REACH, HALVES * np.asarray(high, int) + REACH
         (east, north), (columns, rows) = first.tolist(), (last - first).tolist()
         return cls((east, north), (columns, rows), lattice_cell(scene))
-
-
-def apply_to(scene: Scene) -> bool:
-    """Whether footprints are needed: cells of the raster are smaller than those of the grid."""
-    return any(cell < h * (1 - 1e-9) for cell, h in zip(scene.raster.cell_size, scene.spacing[:2], strict=True))
 
 
 def lattice_cell(scene: Scene) -> tuple[float, float]:
@@ -125,13 +125,14 @@ def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: 
     ``sums`` (lanes, rows, columns) on the lattice, rows from the south, of particles of the mean volume [m3]: volume, momentum
     (3), and mass unless all have one ``density`` [kg/m3].
     """
-    total, count = np.empty_like(sums), lattice_shape(raster, lattice.cell)
+    lanes, count = len(sums), lattice_shape(raster, lattice.cell)
+    total = np.empty((lanes + 1, *sums.shape[1:]))
     loop("spread_bands", sums.size, sums, particle_volume / HALVES**2, SHARING, AREAS, total)
     (east, north) = lattice.first
     north, total = _inside(total, 1, north, count[0])
     east, total = _inside(total, 2, east, count[1])
-    mass = total[4] if len(total) > 4 else density * total[0]
-    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east)
+    mass = total[4] if lanes > 4 else density * total[0]
+    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes])
 
 
 def lattice_shape(raster: Raster, cell: tuple[float, float]) -> tuple[int, int]:
@@ -142,9 +143,11 @@ def lattice_shape(raster: Raster, cell: tuple[float, float]) -> tuple[int, int]:
 
 def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> RasterSums:
     """Columns over the cells of the raster under columns ``found`` on the lattice of ``cell`` [m]."""
-    sums = np.stack([found.volume, found.mass, *np.moveaxis(found.momentum, -1, 0)])
+    if not found.mass.size:
+        return found
+    sums = np.stack([found.volume, found.mass, found.depth_volume, *np.moveaxis(found.momentum, -1, 0)])
     row, column, shared = shared_by_area(sums, (found.row, found.column), raster, cell)
-    return RasterSums(shared[0], shared[1], np.moveaxis(shared[2:], 0, -1), row, column)
+    return RasterSums(shared[0], shared[1], np.moveaxis(shared[3:], 0, -1), row, column, shared[2])
 
 
 def shared_by_area(
@@ -165,21 +168,17 @@ def shared_by_area(
 def on_whole(found: RasterSums, raster: Raster) -> RasterSums:
     """The same columns on all cells of the raster."""
     shape = raster.rows, raster.columns
-    whole = RasterSums(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)))
+    whole = RasterSums(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)), flowing=np.zeros(shape))
     for name in ("volume", "mass", "momentum"):
         getattr(whole, name)[found.window] = getattr(found, name)
+    whole.depth_volume[found.window] = found.depth_volume
     return whole
 
 
 def columns_of(scene: Scene, particles: Particles, particle_volume: float) -> RasterSums:
     """Columns over all cells of the raster in plain NumPy, for the reference backend."""
-    raster = scene.raster
-    if not apply_to(scene):
-        sums = _box_sums(scene, particles, Lattice((0, 0), (raster.columns, raster.rows), raster.cell_size))[:, ::-1]
-        return RasterSums(sums[0], sums[4], np.moveaxis(sums[1:4], 0, -1))
-    if not len(particles):
-        return on_whole(nothing(), raster)
-    return on_whole(on_raster(lattice_columns(scene, particles, particle_volume), raster, lattice_cell(scene)), raster)
+    found = lattice_columns(scene, particles, particle_volume)
+    return on_whole(on_raster(found, scene.raster, lattice_cell(scene)), scene.raster)
 
 
 def lattice_columns(scene: Scene, particles: Particles, particle_volume: float) -> RasterSums:

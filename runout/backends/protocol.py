@@ -59,6 +59,12 @@ class RasterSums:
     momentum: np.ndarray  # (rows, columns, 3) [kg m/s]
     row: int = 0  # first row and column of the window
     column: int = 0
+    flowing: np.ndarray | None = None  # [m3] without single particles, the volume that has a thickness; None: all of it
+
+    @property
+    def depth_volume(self) -> np.ndarray:
+        """Volume [m3] of which the thickness of the flow is made."""
+        return self.volume if self.flowing is None else self.flowing
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -121,7 +127,7 @@ class BatchBackend(Protocol):
         """``count`` explicit steps of ``dt`` [s].
 
         After the steps that ``looks`` names, from 1 on, ``take`` gets the number of the step and its columns: those of
-        :meth:`WindowBackend.lattice_columns` if the scene needs footprints, else those of :meth:`WindowBackend.flow_columns`.
+        :meth:`WindowBackend.lattice_columns`.
         """
 
 

@@ -2,9 +2,10 @@
 
 Bands are independent of each other and sums have one order, so that bits do not depend on threads. They hold no formula.
 
-Footprints have widths of 3, 5 and 9 cells. A mean over a square is a sum along the row and one across the rows, over all cells of
-a band in one loop: the band is stored row behind row, with :data:`MARGIN` empty columns, so that a sum which passes the end of a
-row finds nothing there. Each loop leaves out as many cells at both ends of the band as it reads beyond.
+Footprints are boxes of one grid cell smoothed over squares of 1, 3, 5 and 9 cells. A mean over a square is a sum along the row and
+one across the rows, over all cells of a band in one loop: the band is stored row behind row, with :data:`MARGIN` empty columns, so
+that a sum which passes the end of a row finds nothing there. Each loop leaves out as many cells at both ends of the band as it
+reads beyond.
 """
 
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 
 from runout.backends.column_peaks import raise_peaks
 from runout.physics.flow_columns import column_speed, time_of_passing
-from runout.physics.numerical_scales import covered_part, footprint_area, part_beyond
+from runout.physics.numerical_scales import covered_part, flowing_part, footprint_area, part_beyond
 
 prange = range  # that of the compiler takes its place
 BAND = 64  # rows of the lattice that a thread spreads at once
@@ -77,8 +78,11 @@ def _fill(values: Any, south: int, west: int, columns: int, band: Any):
                 band[i * columns + j] = values[k, west + j]
 
 
-def find_extent(v: Any, one: float, sharing: float, areas: Any, columns: int, work: Any, covered: Any):
-    """Part of each cell of a band that the flow covers: its volume ``v`` over narrow footprints. ``work`` holds five bands."""
+def find_extent(v: Any, one: float, sharing: float, areas: Any, columns: int, work: Any, covered: Any, flowing: Any):
+    """Part of each cell of a band that its volume ``v`` covers over narrow footprints, and part of that which flows.
+
+    ``work`` holds five bands.
+    """
     m, n = np.uint64(columns), np.uint64(len(v))
     row, around, narrow, wide, share = work[0], work[1], work[2], work[3], 1.0 / 25.0
     a = np.uint64(2)
@@ -87,6 +91,7 @@ def find_extent(v: Any, one: float, sharing: float, areas: Any, columns: int, wo
     _five(row, m, a, n - a, around)
     for j in range(a, n - a):
         area = footprint_area(share * around[j] / one, sharing, areas[2])
+        flowing[j] = flowing_part(share * around[j] / one, sharing)
         beyond = part_beyond(area, areas[1], areas[2])
         within = part_beyond(area, areas[0], areas[1])
         around[j] = (1.0 - within) * v[j]
@@ -104,7 +109,7 @@ def find_extent(v: Any, one: float, sharing: float, areas: Any, columns: int, wo
 
 
 def find_scales(v: Any, one: float, sharing: float, areas: Any, columns: int, covered: Any, work: Any, scales: Any):
-    """Parts of the mass of each cell of a band that get each of four footprints, over the covered part of these (4, cells)."""
+    """Parts of the mass of each cell of a band that get each of three footprints, over the covered part of these (3, cells)."""
     m, n, by = np.uint64(columns), np.uint64(len(v)), np.uint64(1)
     row, around, three, five, nine = work[0], work[1], work[2], work[3], work[4]
     a = np.uint64(4)
@@ -121,28 +126,26 @@ def find_scales(v: Any, one: float, sharing: float, areas: Any, columns: int, co
     above, two = np.uint64(3) * m, m + m
     for j in range(a, n - a):
         volume = (around[j - above] + around[j] + around[j + above]) / 81.0
-        area = footprint_area(volume / one, sharing, areas[3])
+        area = footprint_area(volume / one, sharing, areas[2])
         first = part_beyond(area, areas[0], areas[1])
         second = part_beyond(area, areas[1], areas[2])
-        third = part_beyond(area, areas[2], areas[3])
         in_three = three[j - m] + three[j] + three[j + m]
         in_five = (five[j - two] + five[j - m]) + five[j] + (five[j + m] + five[j + two])
         in_nine = nine[j - above] + nine[j] + nine[j + above]
-        scales[0, j] = 1.0 - first  # where no mass is, nothing may be covered
-        scales[1, j] = (first - second) / max(in_three, 1e-300)
-        scales[2, j] = (second - third) / max(in_five, 1e-300)
-        scales[3, j] = third / max(in_nine, 1e-300)
+        scales[0, j] = (1.0 - first) / max(in_three, 1e-300)  # where no mass is, nothing may be covered
+        scales[1, j] = (first - second) / max(in_five, 1e-300)
+        scales[2, j] = second / max(in_nine, 1e-300)
 
 
 def smooth_band(x: Any, scales: Any, columns: int, covered: Any, work: Any, total: Any):
-    """Sums ``x`` of a band over the footprints that the ``scales`` (4, cells) tell, within the covered part of each cell."""
+    """Sums ``x`` of a band over the footprints that the ``scales`` (3, cells) tell, within the covered part of each cell."""
     m, n, by = np.uint64(columns), np.uint64(len(x)), np.uint64(1)
     part, three, five, nine, row = work[0], work[1], work[2], work[3], work[4]
     o, two, above = np.uint64(8) * m + np.uint64(8), m + m, np.uint64(3) * m
     a = o + np.uint64(4)
-    _three_parts(x, scales[1], a, n - a, three)
-    _five_parts(x, scales[2], a, n - a, five)
-    _three_parts(x, scales[3], o + by, n - o - by, row)
+    _three_parts(x, scales[0], a, n - a, three)
+    _five_parts(x, scales[1], a, n - a, five)
+    _three_parts(x, scales[2], o + by, n - o - by, row)
     _three(row, np.uint64(3), a, n - a, part)
     _three(part, m, a + m, n - a - m, nine)
     a += np.uint64(4) * m
@@ -150,23 +153,22 @@ def smooth_band(x: Any, scales: Any, columns: int, covered: Any, work: Any, tota
         in_three = three[j - m] + three[j] + three[j + m]
         in_five = (five[j - two] + five[j - m]) + five[j] + (five[j + m] + five[j + two])
         in_nine = nine[j - above] + nine[j] + nine[j + above]
-        total[j] = covered[j] * (in_three + in_five + in_nine) + scales[0, j] * x[j]
+        total[j] = covered[j] * (in_three + in_five + in_nine)
 
 
 def spread_band(sums: Any, one: float, sharing: Any, areas: Any, first: int, spread: Any):
-    """Write the rows of a band, from ``first`` on, of ``spread`` (lanes, rows, columns): see :func:`spread_bands`."""
+    """Write the rows of a band, from ``first`` on, of ``spread`` (lanes + 1, rows, columns): see :func:`spread_bands`."""
     lanes, rows, columns = sums.shape
     end = min(first + BAND, rows)
     low, high = _columns_with_mass(sums[0], first - HALO, end + HALO)
-    for k in range(lanes):
-        spread[k, first:end] = 0.0
+    spread[:, first:end] = 0.0
     if low >= high:
         return
     west, m, n = low - MARGIN, high - low + 2 * MARGIN, end - first + 2 * HALO
     x, covered, total = np.empty(n * m), np.empty(n * m), np.empty(n * m)
-    work, scales = np.empty((5, n * m)), np.empty((4, n * m))
+    flowing, work, scales = np.empty(n * m), np.empty((5, n * m)), np.empty((3, n * m))
     _fill(sums[0], first - HALO, west, m, x)
-    find_extent(x, one, sharing[0], areas[0], m, work, covered)
+    find_extent(x, one, sharing[0], areas[0], m, work, covered, flowing)
     find_scales(x, one, sharing[1], areas[1], m, covered, work, scales)
     for k in range(lanes):
         if k > 0:
@@ -174,14 +176,18 @@ def spread_band(sums: Any, one: float, sharing: Any, areas: Any, first: int, spr
         smooth_band(x, scales, m, covered, work, total)
         for i in range(first, end):
             for j in range(max(low - REACH, 0), min(high + REACH, columns)):
-                spread[k, i, j] = total[(i - first + HALO) * m + j - west]
+                at = (i - first + HALO) * m + j - west
+                spread[k, i, j] = total[at]
+                if k == 0:
+                    spread[lanes, i, j] = flowing[at] * total[at]
 
 
 def spread_bands(sums: Any, one: float, sharing: Any, areas: Any, spread: Any):
     """Bring ``sums`` (lanes, rows, columns) on a lattice to ``spread``, each mass over the footprint that the volume around needs.
 
-    The first lane is volume, ``one`` that of a particle a cell [m3]. ``sharing`` (2,) particles share each place of the extent and
-    of the thickness; ``areas`` (2, 4) are those of the box and of the footprints [grid cells].
+    The first lane is volume, ``one`` that of a particle a cell [m3]; ``spread`` has one more lane, the part of it that flows.
+    ``sharing`` (2,) particles share each place of the extent and of the thickness; ``areas`` (2, 3) are those of the footprints
+    [grid cells].
     """
     for band in prange((sums.shape[1] + BAND - 1) // BAND):
         spread_band(sums, one, sharing, areas, BAND * band, spread)
@@ -211,20 +217,21 @@ def share(sums: Any, row: Any, row_part: Any, column: Any, column_part: Any, sha
 
 
 def take_peaks(
-    volume: Any, mass: Any, momentum: Any, corner: Any, area: float, threshold: float, times: Any, thickness: Any, peaks: Any,
-    arrival: Any,
+    volume: Any, flowing: Any, mass: Any, momentum: Any, corner: Any, area: float, threshold: float, times: Any, thickness: Any,
+    peaks: Any, arrival: Any,
 ):  # fmt: skip
     """Raise the ``peaks`` (quantities, rows, columns) to those of a window of columns, from ``corner`` on; thickness is the first.
 
-    ``thickness`` (rows, columns) is that of the look before, and becomes that of this one; ``times`` (2,) are those of both. Cells
-    of ``area`` [m2] count from a ``threshold`` [m] on, and get the time of ``arrival`` at which the thickness passed it.
+    ``thickness`` (rows, columns) is that of the look before, and becomes that of this one; ``times`` (2,) are those of both. Peaks
+    are those of the ``flowing`` volume. Cells of ``area`` [m2] count from a ``threshold`` [m] on, and get the time of ``arrival``
+    at which the thickness passed it.
     """
     for i in prange(volume.shape[0]):
         r = corner[0] + i
         for j in range(volume.shape[1]):
             c = corner[1] + j
-            before, depth = thickness[r, c], volume[i, j] / area
-            thickness[r, c] = depth
+            before, depth = thickness[r, c], flowing[i, j] / area
+            thickness[r, c] = volume[i, j] / area
             if depth > peaks[0, r, c]:
                 peaks[0, r, c] = depth
             if depth >= threshold and depth > 0.0:

@@ -11,8 +11,12 @@ from runout.model.scene import Scene
 from runout.physics import numerical_scales as formulas
 
 FEWEST_CELLS = 4  # cells through the depth; with fewer, numerical viscosity stops shear within about a second
+SHARING = 4.0  # particles in a neighbourhood that make a flow, not single particles
 # reduction over several runs to the least resolved
-WORST = {"depth": min, "cells_through_depth": min, "numerical_viscosity": max, "shear_decay_time": min, "smallest_feature": max}
+WORST = {
+    "depth": min, "cells_through_depth": min, "numerical_viscosity": max, "shear_decay_time": min, "smallest_feature": max,
+    "least_thickness": max,
+}  # fmt: skip
 LOST = (
     f"with fewer than {FEWEST_CELLS} cells the velocity profile and the shear through the depth are lost: the mass moves in "
     "columns, as in depth-averaged models"
@@ -35,6 +39,8 @@ class DepthResolution:
         Time [s] in which numerical viscosity reduces that shear to 1/e.
     smallest_feature : float
         Width [m] of the smallest feature that the maps can show.
+    least_thickness : float
+        Least thickness [m] that the maps can show: thinner flows are single particles.
     """
 
     depth: float
@@ -42,17 +48,23 @@ class DepthResolution:
     numerical_viscosity: float
     shear_decay_time: float
     smallest_feature: float = 0.0
+    least_thickness: float = 0.0
 
     @classmethod
-    def of(cls, depth: float, scene: Scene, dt: float) -> "DepthResolution":
-        """Resolution of a flow of ``depth`` [m] in a scene with time step ``dt`` [s]; all zero for depth 0."""
+    def of(cls, depth: float, scene: Scene, dt: float, particle_volume: float = 0.0) -> "DepthResolution":
+        """Resolution of a flow of ``depth`` [m] in a scene with time step ``dt`` [s]; that of the depth is zero for depth 0.
+
+        ``particle_volume`` [m3] is that of a particle, 0 if unknown.
+        """
         h = scene.spacing[2]
         feature = formulas.smallest_feature(max(scene.spacing[:2]), max(scene.raster.cell_size))
+        thinnest = formulas.least_thickness(particle_volume, scene.spacing[0] * scene.spacing[1], SHARING)
         if not (depth > 0 and dt > 0):
-            return cls(0.0, 0.0, 0.0, math.inf, feature)
+            return cls(0.0, 0.0, 0.0, math.inf, feature, thinnest)
         wave = formulas.shear_wave_length(depth)
         viscosity = formulas.numerical_viscosity(h, wave, dt, scene.keeps)
-        return cls(depth, depth / h, viscosity, formulas.decay_time(viscosity, wave) if viscosity > 0 else math.inf, feature)
+        decay = formulas.decay_time(viscosity, wave) if viscosity > 0 else math.inf
+        return cls(depth, depth / h, viscosity, decay, feature, thinnest)
 
     @property
     def is_coarse(self) -> bool:

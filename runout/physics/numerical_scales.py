@@ -52,6 +52,28 @@ def covered_part(volume: Any, particle_volume: Any):
     return min(real(4.0) * volume / particle_volume, real(1.0))
 
 
+def neighbourhood(cell: Any):
+    """What is in the square of 2.5 by 2.5 grid cells around a place, where each holds ``cell``: particles, or area [m2]."""
+    return real(6.25) * cell
+
+
+def flowing_part(count: Any, sharing: Any):
+    """Part of the volume at a place that flows as one mass, 0 to 1, where ``count`` particles stand over a grid cell.
+
+    All of it where ``sharing`` or more are in the neighbourhood. Half as many or fewer are single particles: they have no
+    thickness.
+    """
+    return min(max(real(2.0) * neighbourhood(count) / sharing - real(1.0), real(0.0)), real(1.0))
+
+
+def least_thickness(particle_volume: Any, area: Any, sharing: Any):
+    """Least thickness [m] that maps can show on grid cells of plan ``area`` [m2]: ``sharing`` particles in a neighbourhood.
+
+    ``particle_volume`` [m3] is that of a particle. Thinner flows are single particles.
+    """
+    return sharing * particle_volume / neighbourhood(area)
+
+
 def smoothed_area(width: Any):
     """Area [grid cells] of the footprint that a box of one cell smoothed over squares of ``width`` [cells] is: variances add."""
     return real(1.0) + width * width

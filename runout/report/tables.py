@@ -104,7 +104,8 @@ def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
 
 def warnings(study: Study, settings: dict[str, Any]) -> list[str]:
     """Warnings for readers of the maps, one sentence each."""
-    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *_coarse(study), *_unclosed(study)]
+    of_the_grid = [*_coarse(study), *_thin(study)]
+    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *of_the_grid, *_unclosed(study)]
 
 
 def _incomplete(study: Study) -> list[str]:
@@ -165,6 +166,18 @@ def _coarse(study: Study) -> list[str]:
     return [f"The member that is resolved least has {coarse}."]
 
 
+def _thin(study: Study) -> list[str]:
+    """Warning of thresholds of inundation below the least thickness that the maps can show."""
+    least = depth_resolution(study).get("least_thickness", 0.0)
+    low = [number(float(value)) for value in study.hazard["thickness_threshold"].values if value < least]
+    if not low:
+        return []
+    return [
+        f"The least thickness that the grid can show is {quantity(least, 'm', 2)}, since single particles have none; areas and "
+        f"probabilities over {' and '.join(low)} m are those over that thickness. Use smaller cells, or larger thresholds."
+    ]
+
+
 def depth_resolution(study: Study) -> dict[str, float]:
     """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the member with the fewest cells.
 
@@ -218,6 +231,8 @@ def _resolved(found: dict[str, float]) -> str:
     viscosity, time = quantity(found["numerical_viscosity"], "m2 s-1", 2), quantity(found["shear_decay_time"], "s", 2)
     cells, width = number(found["cells_through_depth"], 2), found.get("smallest_feature")
     feature = f" The smallest feature that the maps can show is {quantity(width, 'm', 2)} wide." if width else ""
+    least = found.get("least_thickness")
+    feature += f" The least thickness that they can show is {quantity(least, 'm', 2)}." if least else ""
     return (
         f"The member that is resolved least has {cells} cells through its depth; there the scheme acts like a viscosity of "
         f"{viscosity}, which stops shear through the depth in {time}.{feature}"

@@ -78,7 +78,8 @@ def two_cell_share(z: np.ndarray) -> np.ndarray:
 def stays(two_cell_share: np.ndarray, ratio: float) -> np.ndarray:
     """How much of each elevation stays unfiltered, 0 to 1, by the share of waves of two cells.
 
-    ``ratio`` is that of the cells of grid and raster. All of it stays where the ground is smooth, and where waves of two cells are resolved and no more than those of terrain.
+    ``ratio`` is that of the cells of grid and raster. All of it stays where the ground is smooth, and where waves of two cells are
+    resolved and no more than those of terrain.
     """
     smooth, terrain = 1.0 - _ramp(two_cell_share, SMOOTH), 1.0 - _ramp(two_cell_share, ROUGH)
     return np.maximum(smooth, terrain * _ramp(np.asarray(2.0 / ratio), RESOLVED))

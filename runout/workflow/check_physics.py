@@ -1,4 +1,4 @@
-"""Checks the physics of the members of a site: basal friction in effect."""
+"""Checks the physics of the members of a site: basal friction in effect, and thicknesses that the grid can show."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,6 +10,7 @@ import numpy as np
 from runout.config.friction import sampled_ranges
 from runout.config.material import OF_THE_RUN
 from runout.model.basal_strength import least_angle, sentence, strengths
+from runout.model.depth_resolution import SHARING
 
 if TYPE_CHECKING:
     from runout.config.site import Site
@@ -50,10 +51,40 @@ def warnings(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones 
     """
     if not releases:
         return
+    yield from _thinner_than_the_grid_shows(site, least_thickness(site, releases, zones))
     for base, release in zip(bases_of(site, releases), releases, strict=True):
         yield from _stronger_ground(base, zones)
         if site.friction.law.drags and not site.friction.law.drags_column:
             yield from _sheared_by_drag(base, release, zones)
+
+
+def least_thickness(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:
+    """Least thickness [m] that the maps of a site as stated can show (:mod:`runout.physics.numerical_scales`)."""
+    from runout.model.limits import spacing_of
+    from runout.physics.numerical_scales import least_thickness as of_particles
+    from runout.release.arrangement import default_particles
+
+    x, y, z = spacing_of(site.grid(releases)["cell_size"])
+    stated, basal = site.settings.simulation.particles_per_cell, site.friction.of_run({})
+    count = stated or default_particles(releases, site.material(), basal, z, zones)
+    in_a_cell = count if isinstance(count, int) else math.prod(count)
+    return float(of_particles(x * y * z / in_a_cell, x * y, SHARING))
+
+
+def _thinner_than_the_grid_shows(site: "Site", least: float) -> Iterator[str]:
+    """Warn of thresholds of thickness below the ``least`` [m] that the maps can show."""
+    simulation, hazard = site.settings.simulation, site.settings.hazard
+    stated = {
+        "simulation.arrival_threshold": [simulation.arrival_threshold],
+        "hazard.thickness_thresholds": hazard.thickness_thresholds, "hazard.deposit_thresholds": hazard.deposit_thresholds,
+    }  # fmt: skip
+    low = {name: [f"{value:g}" for value in values if value < least] for name, values in stated.items()}
+    told = ", ".join(f"{name} {', '.join(values)} m" for name, values in low.items() if values)
+    if told:
+        yield (
+            f"{told}: below {least:.2g} m, the least thickness that this grid can show (4 particles on 2.5 by 2.5 cells); areas "
+            "and probabilities over these thresholds are those over that thickness: use smaller cells, or larger thresholds"
+        )
 
 
 def least_friction(site: "Site", releases: "Sequence[Release]", zones: "FrictionZones | None" = None) -> float:

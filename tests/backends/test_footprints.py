@@ -1,4 +1,4 @@
-"""Footprints on rasters finer than the grid: mass exact, no holes between particles that have moved apart, bits that repeat."""
+"""Footprints of particles: mass exact, no holes between particles that have moved apart, bits that repeat."""
 
 import itertools
 from dataclasses import replace
@@ -10,7 +10,7 @@ from scenes import HARD, at, engine_of, loaded, scene
 from test_columns import overlaps
 
 from runout.backends import footprints
-from runout.backends.footprints import AREAS, DEPTH, EXTENT, SHARING, apply_to, lattice_cell, loops, on_raster, on_whole
+from runout.backends.footprints import AREAS, DEPTH, EXTENT, SHARING, lattice_cell, loops, on_raster, on_whole
 from runout.model.scene import Raster
 from runout.physics.numerical_scales import footprint_area
 
@@ -106,8 +106,9 @@ def mean_over_squares(values, width):
 def spread_plainly(sums, one):
     """What the compiled loops of a band make of ``sums``, in whole arrays, as docs/guide/maps.md states it."""
     covered = np.ones(sums.shape[1:])
+    flowing = np.clip(2.0 * 6.25 * mean_over_squares(sums[0], 5) / one / EXTENT.sharing - 1.0, 0.0, 1.0)
     for footprint in (EXTENT, DEPTH):
-        widths, areas = (1, *footprint.widths), footprint.areas
+        widths, areas = footprint.widths, footprint.areas
         around = mean_over_squares(sums[0], widths[-1])
         area = np.clip(footprint.sharing * one / np.maximum(around, 1e-300), 1.0, areas[-1])
         beyond = [
@@ -115,13 +116,13 @@ def spread_plainly(sums, one):
             *(np.clip((area - a) / (b - a), 0.0, 1.0) for a, b in itertools.pairwise(areas)),
             0.0,
         ]
-        total = (beyond[0] - beyond[1]) * sums
-        for n, width in enumerate(widths[1:], 1):
+        total = np.zeros_like(sums)
+        for n, width in enumerate(widths):
             part = (beyond[n] - beyond[n + 1]) * sums / np.maximum(mean_over_squares(covered, width), 1e-300)
             total = total + covered * np.array([mean_over_squares(lane, width) for lane in part])
         if footprint is EXTENT:
             covered = np.minimum(4.0 * total[0] / one, 1.0)
-    return total
+    return np.concatenate([total, [total[0] * flowing]])
 
 
 def test_bands_of_rows_spread_as_whole_arrays_do():
@@ -131,7 +132,7 @@ def test_bands_of_rows_spread_as_whole_arrays_do():
     count = rng.poisson(3.0 * np.maximum(0.0, 1.0 - ((x - 45) / 32) ** 2 - ((y - 85) / 75) ** 2))
     boxes = mean_over_squares(count.astype(float), 3)
     sums = np.array([2.0 * boxes, *(boxes * rng.normal(size=(3, *boxes.shape)))])
-    found = np.empty_like(sums)
+    found = np.empty((5, *boxes.shape))
     loops().spread_bands(sums, 0.5, SHARING, AREAS, found)
     np.testing.assert_allclose(found, spread_plainly(sums, 0.5), rtol=0, atol=1e-13 * sums.max())
     assert found[0].sum() == pytest.approx(sums[0].sum(), rel=1e-13)
@@ -144,9 +145,14 @@ def test_sums_have_the_same_bits_for_any_number_of_threads():
     assert (one.momentum == two.momentum).all()
 
 
-def test_raster_as_coarse_as_the_grid_needs_no_footprints():
-    assert not apply_to(scene(spacing=(2.0, 2.5, 1.0)))
-    assert apply_to(scene(spacing=(2.0, 2.6, 1.0)))
+def test_single_particles_have_mass_but_no_thickness_and_four_that_share_a_place_have_one(backend):
+    """Squares of 2.5 grid cells: one and two particles are spray, three are half of a flow, four are a flow."""
+    parts = []
+    for count in (1, 2, 3, 4):
+        c = loaded(backend, scene(spacing=COARSE), at([(41.3, 36.1, 0.0)] * count, COARSE)).columns()
+        assert c.mass.sum() == pytest.approx(250.0 * count, rel=1e-13)
+        parts.append(c.depth_volume[29 - 14, 20] / c.volume[29 - 14, 20])
+    assert parts == pytest.approx([0.0, 0.0, 0.5, 1.0], abs=1e-12)
 
 
 def test_footprint_is_shared_by_as_many_particles_between_its_bounds():

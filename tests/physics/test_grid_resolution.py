@@ -37,6 +37,14 @@ def test_two_footprints_share_a_mass_so_that_its_mean_area_is_kept():
     assert resolution.part_beyond(9.0, 2.0, 8.0) == 1.0
 
 
+def test_four_particles_on_six_and_a_quarter_cells_are_a_flow_and_two_are_single_particles():
+    parts = [resolution.flowing_part(count / 6.25, 4.0) for count in (0.0, 1.0, 2.0, 3.0, 4.0, 50.0)]
+    assert parts == pytest.approx([0.0, 0.0, 0.0, 0.5, 1.0, 1.0])
+    least = resolution.least_thickness(1000.0 / 16.0, 100.0, 4.0)  # 16 particles in a cube of 10 m
+    assert least == pytest.approx(0.04 * 10.0)
+    assert resolution.flowing_part(least * 100.0 / (1000.0 / 16.0), 4.0) == pytest.approx(1.0)
+
+
 def test_smallest_feature_is_two_cells_of_the_coarser_of_grid_and_raster():
     assert resolution.smallest_feature(2.0, 5.0) == 10.0
     assert resolution.smallest_feature(5.0, 2.0) == 10.0

@@ -191,6 +191,10 @@ def test_cells_through_the_depth_are_those_of_the_record(site, copy):
     (said,) = [w for w in tables.warnings(study, site.resolved()) if "through a depth" in w]
     assert "has 1.5 cells through a depth of" in said
     assert "stops shear through the depth in 0.15 s; with fewer than 4 cells the velocity profile and the shear" in said
+    assert not any("least thickness" in w for w in tables.warnings(study, site.resolved()))
+    thin = change(least_thickness=20.0)
+    assert "The least thickness that they can show is 20\u202fm." in tables.balance(thin)["resolution"]
+    assert sum("The least thickness that the grid can show" in w for w in tables.warnings(thin, site.resolved())) == 1
     deep = change(cells_through_depth=5.0)
     assert not any("through a depth" in w for w in tables.warnings(deep, site.resolved()))
     assert "has 5 cells through its depth" in tables.balance(deep)["resolution"]

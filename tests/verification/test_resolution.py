@@ -7,7 +7,7 @@ import pytest
 
 from runout import DruckerPrager, Elastic, Release, Terrain, simulate
 from runout.backends.protocol import get_backend
-from runout.model.depth_resolution import LOST, DepthResolution, flow_depth, worst
+from runout.model.depth_resolution import LOST, WORST, DepthResolution, flow_depth, worst
 from runout.model.particles import Particles
 from runout.model.scene import Raster, Scene
 from runout.physics.numerical_scales import numerical_viscosity
@@ -51,12 +51,12 @@ def test_transfers_damp_as_the_viscosity_that_is_stated(cells, choices):
 def test_ten_cells_keep_their_shear_a_minute_and_three_for_half_a_second():
     """Numbers of the glossary: cells of 2 m, steps of 1 ms."""
     scene = still_air(2.0)
-    assert DepthResolution.of(20.0, scene, 1e-3).shear_decay_time == pytest.approx(68.0, rel=0.02)
-    three = DepthResolution.of(6.0, scene, 1e-3)
+    assert DepthResolution.of(20.0, scene, 1e-3, 0.5).shear_decay_time == pytest.approx(68.0, rel=0.02)
+    three = DepthResolution.of(6.0, scene, 1e-3, 0.5)
     assert three.is_coarse
     assert three.shear_decay_time == pytest.approx(0.55, rel=0.02)
     assert "3 cells through a depth of 6 m" in three.statement()
-    kept = DepthResolution.of(6.0, still_air(2.0, transfer="aflip", flip_ratio=1.0), 1e-3)
+    kept = DepthResolution.of(6.0, still_air(2.0, transfer="aflip", flip_ratio=1.0), 1e-3, 0.5)
     assert kept.shear_decay_time == np.inf
     assert "shear_decay_time" not in kept.attributes()  # a file of JSON has no infinity
 
@@ -64,10 +64,11 @@ def test_ten_cells_keep_their_shear_a_minute_and_three_for_half_a_second():
 def test_without_a_flow_nothing_is_coarse_and_the_worst_of_none_is_nothing():
     assert flow_depth(np.zeros((3, 3))) == 0.0
     assert flow_depth(np.array([[2.0, 4.0], [np.nan, 0.0]])) == pytest.approx(20.0 / 6.0)
-    assert not DepthResolution.of(0.0, still_air(), 0.1).is_coarse
+    assert not DepthResolution.of(0.0, still_air(), 0.1, 0.5).is_coarse
     assert worst([{}, {"cells_through_depth": 3.0}]) == {}
-    two = [DepthResolution.of(depth, still_air(), 0.1).attributes() for depth in (3.0, 6.0)]
-    assert set(worst(two)) == {"depth", "cells_through_depth", "numerical_viscosity", "shear_decay_time", "smallest_feature"}
+    two = [DepthResolution.of(depth, still_air(), 0.1, 0.5).attributes() for depth in (3.0, 6.0)]
+    assert set(worst(two)) == set(WORST)
+    assert worst(two)["least_thickness"] == 4.0 * 0.5 / (6.25 * still_air().spacing[0] * still_air().spacing[1])
     assert worst(two) == {name: two[0][name] for name in worst(two)}
     assert worst(two)["smallest_feature"] == 2 * max(*still_air().spacing[:2], *still_air().raster.cell_size)
 
@@ -76,7 +77,7 @@ def test_without_a_flow_nothing_is_coarse_and_the_worst_of_none_is_nothing():
 def test_a_run_reports_its_resolution_and_warns_of_few_cells(tmp_path, caplog, thickness, coarse):
     terrain = Terrain.from_array(np.zeros((20, 20)), 5.0)
     heap = np.zeros((20, 20))
-    heap[8:12, 8:12] = thickness
+    heap[6:14, 6:14] = thickness
     sand = DruckerPrager(density=2000.0, youngs_modulus=5e6, poisson_ratio=0.3, friction_angle=30.0)
     with caplog.at_level(logging.WARNING, "runout"):
         result = simulate(

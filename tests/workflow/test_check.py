@@ -128,6 +128,17 @@ def test_a_release_below_the_arrival_threshold_is_warned_of(tmp_path):
     assert any("8 m is not above simulation.arrival_threshold of 8 m" in warning for warning in found.warnings)
 
 
+def test_thresholds_thinner_than_the_grid_shows_are_warned_of(tmp_path):
+    """Cells of 10 m with 8 particles: 0.8 m."""
+    found = inspect(write_site(tmp_path / "ramp"))
+    (said,) = [warning for warning in found.warnings if "the least thickness that this grid can show" in warning]
+    assert "simulation.arrival_threshold 0.1 m" in said
+    assert "hazard.deposit_thresholds 0.5 m: below 0.8 m" in said
+    thick = SITE.replace("end_time: 20}", "end_time: 20, arrival_threshold: 0.9}")
+    others = [warning for warning in inspect(write_site(tmp_path / "thick", thick)).warnings if "grid can show" in warning]
+    assert not any("arrival_threshold" in warning for warning in others)
+
+
 def test_rasters_of_friction_are_read_by_the_law_of_a_site_with_other_problems(tmp_path):
     text = SITE.replace("basal_friction_angle_deg: 20", "basal_friction: {law: voellmy, mu: 0.2, xi: 1000}")
     text = text.replace("basal_friction_angle_deg: {", "basal_mu: {").replace("low: 12, high: 22", "low: 0.1, high: 0.3")

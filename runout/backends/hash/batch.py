@@ -314,10 +314,10 @@ class Batch:
         """The same over a window of cells that holds all mass."""
         s = self.parts.scenes.scenes[scene]
         found = self.lattice_columns_of(scene)
-        return footprints.on_raster(found, s.raster, footprints.lattice_cell(s)) if footprints.apply_to(s) else found
+        return footprints.on_raster(found, s.raster, footprints.lattice_cell(s))
 
     def lattice_columns_of(self, scene: int) -> RasterSums:
-        """The same of a scene that needs footprints, on their lattice."""
+        """The same on the lattice of footprints."""
         if scene not in self.report.cached_columns:
             self.look_at([scene])
         return self.report.cached_columns[scene]

@@ -12,9 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from runout.backends import footprints
 from runout.backends.hash.account import Account
 from runout.backends.hash.parts import Parts
-from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of, columns_from, window_around
+from runout.backends.hash.readback import Bounds, LaunchedSums, Report, bounds_of, columns_from
 from runout.backends.protocol import RasterSums
 
 MARGIN = 8  # grid cells around the mass
@@ -57,13 +58,13 @@ class Looks:
 
     def launch(self, parts: Parts, accounts: Sequence[Account], step: int, left: np.ndarray) -> None:
         """Launch the sums that are wanted after this ``step`` of a batch, before which ``left`` (scenes,) steps were."""
-        done, plans = self.made - self.begun, {}
+        done, windows = self.made - self.begun, {}
         for s, steps in self.wanted.items():
             bounds = self.bounds[s]
             if left[s] >= step and done[s] + step in steps and bounds is not None:
-                plans[s] = window_around(parts.scenes.scenes[s], bounds)
-        if plans:
-            self.launched.append(LaunchedSums(parts, accounts, plans, {s: int(self.made[s]) + step for s in plans}))
+                windows[s] = footprints.Lattice.around(parts.scenes.scenes[s], *bounds)
+        if windows:
+            self.launched.append(LaunchedSums(parts, accounts, windows, {s: int(self.made[s]) + step for s in windows}))
 
     def deliver(self, parts: Parts, accounts: Sequence[Account]) -> None:
         """Hand over what has been launched, each as soon as it is on the host; not those of steps that the device left out."""

@@ -267,7 +267,7 @@ def write_sums(status: StatusGroup, sums: SumGroup):
 
 
 def _covered(x: wp.float64, width: wp.float64, i: int):
-    """Share of an interval from ``x`` on that lies in raster cell ``i``."""
+    """Share of an interval from ``x`` on that lies in cell ``i``."""
     return (wp.min(x + width, wp.float64(i + 1)) - wp.max(x, wp.float64(i))) / width
 
 
@@ -281,12 +281,12 @@ def add_columns(
     status: StatusGroup, particles: ParticleGroup, blocks: BlockGroup, scenes: SceneGroup, windows: Table2, scales: Doubles2,
     raster: Longs,
 ):  # fmt: skip
-    """Add each particle, spread over a plan box of one grid cell, to the window (rows x columns x 5) of its scene.
+    """Add each particle, spread over a plan box of one grid cell, to the window (rows x columns x 5) of its scene's lattice.
 
     A window holds all mass; a particle outside counts at its rim, so that no other memory is written. Its row: place in ``raster``
-    or -1, rows of the whole, first row, first column, rows, columns.
+    or -1, columns, rows; rows are counted from the south.
     Volume, mass, momentum: whole numbers of a tiny unit, exact in any order, so that they repeat bit by bit. A row of ``scales``:
-    a grid cell in raster cells, how many units make one, and where the whole begins [cells].
+    a grid cell in cells of the lattice, how many units make one, and the first cell of the window, east and north.
     """
     p = wp.tid()
     k = particles.key[p]
@@ -299,26 +299,22 @@ def add_columns(
     place = _place(particles.rec, p, k, blocks.coordinates, scenes.shift[s])
     qx = place[0]
     qy = place[1]
-    wx = scales[s, 0]
-    wy = scales[s, 1]
-    x = (qx - wp.float64(0.5)) * wx - scales[s, 5]
-    y = (qy - wp.float64(0.5)) * wy - scales[s, 6]
+    wide = scales[s, 0]
+    x = (qx - wp.float64(0.5)) * wide - scales[s, 4]
+    y = (qy - wp.float64(0.5)) * wide - scales[s, 5]
     m = wp.float64(particles.rec[MASS, p])
-    volume = m / scenes.density[int(particles.release[p])] * scales[s, 2]
-    north = windows[s, 1] - 1 - windows[s, 2]
-    west = windows[s, 3]
-    rows = windows[s, 4]
-    columns = windows[s, 5]
-    for i in range(int(wp.floor(x)), int(wp.floor(x + wx)) + 1):
-        sx = _covered(x, wx, i)
-        for j in range(int(wp.floor(y)), int(wp.floor(y + wy)) + 1):
-            share = sx * _covered(y, wy, j)
+    volume = m / scenes.density[int(particles.release[p])] * scales[s, 1]
+    columns = windows[s, 1]
+    rows = windows[s, 2]
+    for i in range(int(wp.floor(x)), int(wp.floor(x + wide)) + 1):
+        sx = _covered(x, wide, i)
+        for j in range(int(wp.floor(y)), int(wp.floor(y + wide)) + 1):
+            share = sx * _covered(y, wide, j)
             if share > wp.float64(0.0):
-                o = wp.clamp(north - j, 0, rows - 1) * columns
-                o = begin + (o + wp.clamp(i - west, 0, columns - 1)) * 5
+                o = begin + (wp.clamp(j, 0, rows - 1) * columns + wp.clamp(i, 0, columns - 1)) * 5
                 added = whole5()
                 added[0] = wp.int64(wp.round(share * volume))
-                added[1] = wp.int64(wp.round(share * m * scales[s, 3]))
+                added[1] = wp.int64(wp.round(share * m * scales[s, 2]))
                 for d in range(3):
-                    added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * scales[s, 4]))
+                    added[2 + d] = wp.int64(wp.round(share * wp.float64(particles.rec[MOMENTUM + d, p]) * scales[s, 3]))
                 add_wholes(raster, o, added)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from types import SimpleNamespace
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import warp as wp
@@ -28,7 +28,6 @@ KEPT = BOOKED + SUMS  # numbers of a scene that a sort keeps
 LEDGER_NUMBERS = KEPT + SUMS + 7  # numbers of a scene; the last are blocks with particles and their extent
 NO_BLOCKS = np.array([0, *[2**29] * 3, *[-(2**29)] * 3])
 FASTEST = 1024.0  # [m/s] of a column; sums of momentum have bits that do not depend on when the host last read the speed
-Window: TypeAlias = tuple[int, int, int, int]
 Bounds: TypeAlias = tuple[np.ndarray, np.ndarray]
 LANES = [0, 2, 3, 4, 1]  # of sums by column, in the order of footprints: volume, momentum, mass
 REACH = 5  # cells from the first of a block that its particles cover
@@ -155,24 +154,17 @@ def _brought(parts: Parts, scene: int, places: np.ndarray) -> Particles:
 def whole(parts: Parts, report: Report, accounts: Sequence[Account], scene: int) -> RasterSums:
     """Sums over all cells of a scene's raster."""
     s = parts.scenes.scenes[scene]
-    if footprints.apply_to(s):
-        found = around_flow(parts, report, accounts, [scene])[scene]
-        return footprints.on_whole(footprints.on_raster(found, s.raster, footprints.lattice_cell(s)), s.raster)
-    every = (0, 0, s.raster.rows, s.raster.columns)
-    plan = _raster_window(s, every)
-    return columns_from(s, accounts[scene], plan, LaunchedSums(parts, accounts, {scene: plan}).arrived()[scene][1])
+    found = around_flow(parts, report, accounts, [scene])[scene]
+    return footprints.on_whole(footprints.on_raster(found, s.raster, footprints.lattice_cell(s)), s.raster)
 
 
 def around_flow(parts: Parts, report: Report, accounts: Sequence[Account], chosen: Iterable[int]) -> dict[int, RasterSums]:
-    """Sums over the smallest windows that hold all mass of chosen scenes; the host waits once for all.
-
-    They are windows of the raster, or of the lattice of a scene that needs footprints.
-    """
+    """Sums over windows of the lattice that hold all mass of chosen scenes; the host waits once for all."""
     scenes = parts.scenes.scenes
     bounds = {n: bounds_of(parts, report, n) for n in chosen}
-    plans = {n: window_around(scenes[n], b) for n, b in bounds.items() if b is not None}
-    sums = LaunchedSums(parts, accounts, plans).arrived()
-    found = {n: columns_from(scenes[n], accounts[n], plan, sums[n][1]) for n, plan in plans.items()}
+    windows = {n: footprints.Lattice.around(scenes[n], *b) for n, b in bounds.items() if b is not None}
+    sums = LaunchedSums(parts, accounts, windows).arrived()
+    found = {n: columns_from(scenes[n], accounts[n], window, sums[n][1]) for n, window in windows.items()}
     return dict.fromkeys(bounds, footprints.nothing()) | found
 
 
@@ -185,71 +177,30 @@ def bounds_of(parts: Parts, report: Report, scene: int, margin: int = 0) -> Boun
     return low - shift - margin, high - shift + REACH + margin
 
 
-def _window(s: Scene, low: np.ndarray, high: np.ndarray) -> Window:
-    """First row, first column, rows and columns of the raster's smallest window between two nodes."""
-    r, h, cell = s.raster, np.array(s.spacing[:2]), np.array(s.raster.cell_size)
-    most = np.array((r.columns, r.rows)) - 1
-    first = np.clip(np.floor(low * h / cell - 1e-6), 0, most).astype(int)
-    last = np.clip(np.floor(high * h / cell + 1e-6), 0, most).astype(int)
-    (west, south), (columns, rows) = first.tolist(), (last - first + 1).tolist()
-    return r.rows - south - rows, west, rows, columns
-
-
-class PlanWindow(NamedTuple):
-    """A window of plan cells: place and size in the whole, the whole, grid cells over plan cells, and where the whole begins."""
-
-    window: Window
-    rows: int
-    columns: int
-    wide: tuple[float, float]
-    begin: tuple[int, int] = (0, 0)
-    lattice: footprints.Lattice | None = None
-
-
-def window_around(s: Scene, bounds: Bounds) -> PlanWindow:
-    """Window of the raster, or of the lattice of footprints, around all mass between two nodes."""
-    if footprints.apply_to(s):
-        return _lattice_window(s, footprints.Lattice.around(s, *bounds))
-    return _raster_window(s, _window(s, *bounds))
-
-
-def _raster_window(s: Scene, window: Window) -> PlanWindow:
-    cell = s.raster.cell_size
-    return PlanWindow(window, s.raster.rows, s.raster.columns, (s.spacing[0] / cell[0], s.spacing[1] / cell[1]))
-
-
-def _lattice_window(s: Scene, lattice: footprints.Lattice) -> PlanWindow:
-    columns, rows = lattice.shape
-    wide = s.spacing[0] / lattice.cell[0], s.spacing[1] / lattice.cell[1]
-    return PlanWindow((0, 0, rows, columns), rows, columns, wide, lattice.first, lattice)
-
-
-def columns_from(s: Scene, account: Account, plan: PlanWindow, sums: np.ndarray) -> RasterSums:
-    """Columns from sums (rows, columns, 5) over a window, of the lattice if the scene needs footprints."""
-    if plan.lattice is None:
-        return RasterSums(sums[..., 0], sums[..., 1], sums[..., 2:], *plan.window[:2])
-    lanes = np.ascontiguousarray(np.moveaxis(sums[::-1, :, LANES], -1, 0))
-    return footprints.spread(lanes, plan.lattice, s.raster, account.particle_volume)
+def columns_from(s: Scene, account: Account, lattice: footprints.Lattice, sums: np.ndarray) -> RasterSums:
+    """Columns over a window of the lattice from sums (rows, columns, 5) over it."""
+    lanes = np.ascontiguousarray(np.moveaxis(sums[..., LANES], -1, 0))
+    return footprints.spread(lanes, lattice, s.raster, account.particle_volume)
 
 
 class LaunchedSums:
-    """Volume, mass and momentum over windows of plan cells of some scenes that the device adds up; windows hold all mass.
+    """Volume, mass and momentum over windows of the lattices of some scenes that the device adds up; windows hold all mass.
 
     The launch is made at once. :meth:`arrived` waits until the sums are on the host, and for no later launch. ``steps`` are
     those that the scenes should have made by then.
     """
 
     def __init__(
-        self, parts: Parts, accounts: Sequence[Account], covered: Mapping[int, PlanWindow], steps: Mapping[int, int] | None = None
-    ):
+        self, parts: Parts, accounts: Sequence[Account], covered: Mapping[int, footprints.Lattice],
+        steps: Mapping[int, int] | None = None,
+    ):  # fmt: skip
         many, begin, self.expected = len(accounts), 0, steps or {}
-        self.covered, self.windows, self.scales = covered, np.full((many, 6), -1, np.int32), np.zeros((many, 7))
-        for n, plan in covered.items():
-            row, column, rows, width = plan.window
+        self.covered, self.windows, self.scales = covered, np.full((many, 3), -1, np.int32), np.zeros((many, 6))
+        for n, lattice in covered.items():
             require_index(begin, "sums of maps")
-            self.windows[n] = begin, plan.rows, row, column, rows, width
-            self.scales[n] = *plan.wide, *_units(accounts[n], parts.scenes.scenes[n]), *plan.begin
-            begin += 5 * rows * width
+            self.windows[n] = begin, *lattice.shape
+            self.scales[n] = footprints.HALVES, *_units(accounts[n], parts.scenes.scenes[n]), *lattice.first
+            begin += 5 * lattice.shape[0] * lattice.shape[1]
         require_index(begin + many, "sums of maps")
         raster = wp.zeros(begin + many, dtype=wp.int64)
         if begin:
@@ -267,10 +218,10 @@ class LaunchedSums:
         if self.event is not None:
             wp.synchronize_event(self.event)
         numbers, found = self.numbers.numpy()[: self.size], {}
-        for n, plan in self.covered.items():
-            _, _, rows, width = plan.window
-            part = numbers[self.windows[n, 0] :][: 5 * rows * width].reshape(rows, width, 5)
-            found[n] = int(numbers[n - len(self.windows)]), part / np.repeat(self.scales[n, 2:5], (1, 1, 3))
+        for n, lattice in self.covered.items():
+            columns, rows = lattice.shape
+            part = numbers[self.windows[n, 0] :][: 5 * rows * columns].reshape(rows, columns, 5)
+            found[n] = int(numbers[n - len(self.windows)]), part / np.repeat(self.scales[n, 1:4], (1, 1, 3))
         self.buffers.take_back(self.numbers)
         return found
 

@@ -19,7 +19,6 @@ from runout.backends.scan import (
     ground,
     groups,
     index,
-    lattice_sums,
     node_columns,
     observe,
     particles_to_grid,
@@ -57,7 +56,6 @@ COMMON = (
     sort,
     observe,
     raster_sums,
-    lattice_sums,
     rest,
     zones,
 )  # know no law
