@@ -184,7 +184,7 @@ def depth_resolution(study: Study) -> dict[str, float]:
     They are read from ``run.json``; empty if it does not contain all of them.
     """
     found = study.run.get("resolution", {})
-    return dict(found) if set(WORST) <= {*found, "smallest_feature"} else {}
+    return dict(found) if set(WORST) <= {*found, "smallest_feature", "least_thickness"} else {}
 
 
 def _unclosed(study: Study) -> list[str]:
