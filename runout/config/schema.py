@@ -132,6 +132,10 @@ class TerrainSettings(Settings):
     resolution: float | None = limited(
         "resolution", "average the raster over whole blocks of cells to about this size; cells of a mesh", None, examples=[10.0]
     )
+    smoothing: float | None = limited(
+        "smoothing", "average the elevations, as they are read, over a triangle of this half-width along both axes: against relief "
+        "that is an artefact of the survey", None, examples=[20.0],
+    )  # fmt: skip
     overhang_friction_angle_deg: float | None = limited(
         "basal_friction_angle", "friction angle of what overhangs in a mesh; by default that of the ground under the mass", None,
         examples=[30.0],
