@@ -38,6 +38,7 @@ ABBREVIATIONS = {
 }
 SETTING_UNITS = {
     "cell_size": "m",
+    "smoothing": "m",
     "end_time": "s",
     "arrival_threshold": "m",
     "thickness": "m",

@@ -1,4 +1,4 @@
-"""Relief that a grid sees in reach of a mass: what it carries, what its filter takes out, what it costs, and if the raster oscillates.
+"""Relief in reach of a mass: what a grid carries and its filter takes out, what that costs, and whether the raster oscillates.
 
 A flow cannot follow waves of a few cells of its grid: it climbs them and falls on them, which acts as friction, whether the
 relief is real or an artefact of the survey.
@@ -18,8 +18,8 @@ from runout.terrain.relief import filtered
 from runout.terrain.sdf import raster_surface
 
 WAVES = 3.0  # cells of the grid: half-width of the mean from which carried relief is counted; half of waves of six cells counts
-SCATTER = 2.5  # upper end of the cost over the fit to slabs on rough planes: docs/theory.md, the ground
-LEAST_COST = 0.1  # degrees of friction that are said
+LEAST, MOST = 0.65, 2.2  # times the cost of slabs on rough planes that was measured on terrains: docs/theory.md, the ground
+SAID = 0.1  # degrees of friction: less is not worth a number
 
 BANDS = ((2.0, 2.2), (2.2, 2.5), (2.5, 3.0), (3.0, 4.0), (4.0, 6.0), (6.0, 10.0))  # wave lengths [cells of the raster]
 LINE = 64  # cells of the lines whose spectra are taken
@@ -27,7 +27,7 @@ RISE = 1.5  # power of waves over that of longer ones from which on the raster o
 STEEP = 0.02  # least slope of such waves, root mean square
 SMOOTH = 1e-8  # variance over that of the roughest line: lines with less are lakes and planes
 
-CELLS = 100_000  # of the windows in which relief is measured, and of the points there
+CELLS = 60_000  # of the windows in which relief is measured, and of the points there
 GRID_CELLS = 24  # least width of a window, in cells of the grid
 
 
@@ -42,7 +42,7 @@ class Roughness:
     removed : float
         Difference of raster and ground: what the filter of the grid takes out [m].
     friction : float
-        By which the carried relief raises the coefficient of friction [1] at least; up to :data:`SCATTER` times as much.
+        By which the carried relief raises the coefficient of friction [1]; on terrains :data:`LEAST` to :data:`MOST` times as much.
     wave : float
         Length [m] of waves in which the raster oscillates, of two to six of its cells; 0 without.
     """
@@ -63,14 +63,11 @@ class Roughness:
 
     def statement(self) -> str:
         """What the grid does with the relief, as a sentence."""
-        angle = math.degrees(math.atan(self.friction))
-        if angle >= LEAST_COST:
-            cost = f"it acts like {_figure(angle)} to {_figure(angle * SCATTER)} degrees of friction more, real or not"
-        else:
-            cost = f"it acts like less than {LEAST_COST:g} degrees of friction"
+        low, high = (math.degrees(math.atan(times * self.friction)) for times in (LEAST, MOST))
+        more = f"{low:.2g} to {high:.2g} degrees" if high >= SAID else f"less than {SAID:g} degrees"
         return (
-            f"Relief in reach of the mass: the ground of this grid has {self.carried:.2g} m (rms) in waves of up to six cells; {cost}; "
-            f"the filter of the grid takes {self.removed:.2g} m out"
+            f"Relief in reach of the mass: the ground of this grid has {self.carried:.2g} m (rms) in waves of up to six cells, "
+            f"which act like {more} of friction more, real or not; the filter of the grid takes {self.removed:.2g} m out"
         )
 
     def warning(self) -> str:
@@ -78,8 +75,8 @@ class Roughness:
         if not self.wave:
             return ""
         return (
-            f"The elevations oscillate in waves of {self.wave:.3g} m, as those of resampled or photogrammetric rasters do: their power "
-            f"spectrum rises there; if the ground is smoother, terrain.smoothing: {_figure(self.wave, 3)} takes them out"
+            f"The elevations oscillate in waves of {self.wave:.3g} m, as those of resampled or photogrammetric rasters do: "
+            f"their power spectrum rises there; if the ground is smoother, terrain.smoothing: {self.wave:.3g} takes them out"
         )
 
 
@@ -126,10 +123,10 @@ def _windows(terrain: Terrain, spacing: tuple[float, float], reach: np.ndarray) 
 
 
 def _relief(part: Terrain, spacing: tuple[float, float], inside: np.ndarray) -> tuple[float, float, float, float]:
-    """Relief [m] that the ground carries and that the filter takes out, slope [1] of the first, and cells ``inside`` (rows, columns)."""
+    """Relief [m] that the ground has and that the filter takes out, mean slope [1] of the first, and number of cells ``inside``."""
     surface, known = raster_surface(part, None, spacing), inside[::-1].T
-    step = [max(h / 2, extent / math.sqrt(CELLS)) for h, extent in zip(spacing, part.size, strict=True)]
-    axes = [np.arange(0.5 * h, max(extent, h), h) for h, extent in zip(step, part.size, strict=True)]
+    step = [min(max(h / 2, extent / math.sqrt(CELLS)), extent / 4) for h, extent in zip(spacing, part.size, strict=True)]
+    axes = [np.arange(0.5 * h, extent, h) for h, extent in zip(step, part.size, strict=True)]
     x, y = np.meshgrid(*axes, indexing="ij")
     z, *slopes = (values.reshape(x.shape) for values in surface.evaluate(x.ravel(), y.ravel()))
     widths = [WAVES * h / one for h, one in zip(spacing, step, strict=True)]
@@ -172,7 +169,3 @@ def spectrum(windows: list[tuple[np.ndarray, np.ndarray]], axis: int) -> np.ndar
     bands = np.array([power[:, (frequency >= 1 / long) & (frequency < 1 / short + 1e-9)].sum(axis=1) for short, long in BANDS]).T
     rough = (bands > SMOOTH * bands.sum(axis=1).max(initial=0.0)).any(axis=1) & (bands > 0.0).all(axis=1)
     return np.exp(np.log(bands[rough]).mean(axis=0)) if rough.any() else np.zeros(len(BANDS))
-
-
-def _figure(value: float, digits: int = 2) -> str:
-    return f"{value:.{digits}g}"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-WORDS_BY_HAND, WORDS_OF_A_DECISION, WORDS_OF_A_BACKEND, WORDS_OF_CHANGES = 25_000, 350, 650, 1_650
+WORDS_BY_HAND, WORDS_OF_A_DECISION, WORDS_OF_A_BACKEND, WORDS_OF_CHANGES = 25_400, 350, 650, 1_650
 GENERATED = {
     "stress.md",
     "verification.md",
