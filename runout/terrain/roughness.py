@@ -125,11 +125,11 @@ def _windows(terrain: Terrain, spacing: tuple[float, float], reach: np.ndarray) 
 def _relief(part: Terrain, spacing: tuple[float, float], inside: np.ndarray) -> tuple[float, float, float, float]:
     """Relief [m] that the ground has and that the filter takes out, mean slope [1] of the first, and number of cells ``inside``."""
     surface, known = raster_surface(part, None, spacing), inside[::-1].T
-    step = [min(max(h / 2, extent / math.sqrt(CELLS)), extent / 4) for h, extent in zip(spacing, part.size, strict=True)]
+    step = [min(max(h / 2, extent / math.sqrt(CELLS)), extent / 8) for h, extent in zip(spacing, part.size, strict=True)]
     axes = [np.arange(0.5 * h, extent, h) for h, extent in zip(step, part.size, strict=True)]
     x, y = np.meshgrid(*axes, indexing="ij")
     z, *slopes = (values.reshape(x.shape) for values in surface.evaluate(x.ravel(), y.ravel()))
-    widths = [WAVES * h / one for h, one in zip(spacing, step, strict=True)]
+    widths = [min(WAVES * h / one, count - 4.0) for h, one, count in zip(spacing, step, x.shape, strict=True)]
     smooth = filtered(filtered(z, widths[0], np.arange(float(len(z)))).T, widths[1], np.arange(float(z.shape[1]))).T
     fall = np.stack(np.gradient(smooth, *step))
     along = np.abs(((np.stack(slopes) - fall) * fall).sum(0)) / np.maximum(np.sqrt((fall**2).sum(0)), 1e-12)
