@@ -27,7 +27,7 @@ RISE = 1.5  # power of waves over that of longer ones from which on the raster o
 STEEP = 0.02  # least slope of such waves, root mean square
 SMOOTH = 1e-8  # variance over that of the roughest line: lines with less are lakes and planes
 
-CELLS = 60_000  # of the windows in which relief is measured, and of the points there
+CELLS = 150_000  # of the windows in which relief is measured, and of the points there
 GRID_CELLS = 24  # least width of a window, in cells of the grid
 
 
@@ -105,7 +105,7 @@ def of_ground(terrain: Terrain, spacing: tuple[float, float], reach: np.ndarray,
 
 
 def _windows(terrain: Terrain, spacing: tuple[float, float], reach: np.ndarray) -> Iterator[tuple[Terrain, np.ndarray]]:
-    """Parts of a terrain with their cells in reach, spread evenly over the area in reach."""
+    """Parts of a terrain with their cells in reach; of many, some that are drawn with a fixed seed."""
     reach = reach & np.isfinite(terrain.elevation)
     sides = [
         min(count, max(LINE, math.ceil(GRID_CELLS * h / cell)))
@@ -117,7 +117,7 @@ def _windows(terrain: Terrain, spacing: tuple[float, float], reach: np.ndarray) 
     chosen = np.flatnonzero(inside > 0.25 * inside.max()) if inside.any() else np.array([], int)
     most = max(1, CELLS // (sides[0] * sides[1]))
     if len(chosen) > most:
-        chosen = chosen[(np.arange(most) + 0.5).astype(int) * len(chosen) // most]
+        chosen = np.sort(np.random.default_rng(1).permutation(chosen)[:most])  # an even step would follow the columns
     for k in chosen:
         yield terrain.part(*squares[k]), reach[squares[k]]
 

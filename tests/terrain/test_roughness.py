@@ -144,6 +144,19 @@ def test_rasters_resampled_by_the_nearest_cell_are_named(factor):
     assert 2 * CELL / factor <= named.wave <= 6 * CELL / factor
 
 
+@pytest.mark.parametrize("h", [5.0, 20.0])
+def test_of_a_large_raster_windows_spread_over_the_reach_are_taken(h):
+    terrain = Terrain.from_array(slope((900, 1100)), CELL)
+    reach = np.zeros(terrain.shape, bool)
+    reach[:, 300:] = True
+    windows = list(roughness._windows(terrain, (h, h), reach))
+    assert sum(part.elevation.size for part, _ in windows) <= roughness.CELLS
+    west, south = np.array([(part.west, part.south) for part, _ in windows]).T
+    assert min(west) >= 300 * CELL - windows[0][0].size[0]
+    assert np.ptp(west) > 1800.0
+    assert np.ptp(south) > 1800.0
+
+
 @pytest.mark.parametrize("shape", [(3, 3), (3, 80), (7, 5)])
 @pytest.mark.parametrize("h", [1.0, 7.0, 100.0])
 def test_small_rasters_and_grids_of_any_spacing_are_measured(shape, h):
