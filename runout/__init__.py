@@ -62,6 +62,7 @@ declare_readers(
         "Terrain.from_raster": "runout.terrain.read:read_terrain",
         "Terrain.from_mesh": "runout.terrain.mesh:terrain_from_mesh",
         "Terrain.averaged": "runout.terrain.averaging:averaged",
+        "Terrain.smoothed": "runout.terrain.averaging:smoothed",
         "Terrain.with_obstacles": "runout.terrain.obstacles:with_obstacles",
         "Terrain.plot": "runout.report.plots:plot_terrain",
         "Release.plot": "runout.report.plots:plot_release",

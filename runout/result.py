@@ -228,4 +228,5 @@ class Result:
 
     def _attributes(self) -> dict[str, Any]:
         run = {"steps": self.steps, "particles": self.n_particles, "stop_reason": self.stop_reason}
+        run |= {"ground_filter_half_width": np.array(self.spacing[:2])}
         return run | dict(self.start) | self.depth_resolution.attributes()

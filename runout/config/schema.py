@@ -132,10 +132,12 @@ class TerrainSettings(Settings):
     resolution: float | None = limited(
         "resolution", "average the raster over whole blocks of cells to about this size; cells of a mesh", None, examples=[10.0]
     )
+    smoothing: float | None = limited(
+        "smoothing", "average the elevations over a triangle of this half-width against survey artefacts", None, examples=[20.0]
+    )
     overhang_friction_angle_deg: float | None = limited(
-        "basal_friction_angle", "friction angle of what overhangs in a mesh; by default that of the ground under the mass", None,
-        examples=[30.0],
-    )  # fmt: skip
+        "basal_friction_angle", "friction angle of the overhangs of a mesh; by default that of the ground", None, examples=[30.0]
+    )
     obstacles: list[ObstacleSettings] | None = quantity(
         "list of dams, walls and basins that the raster does not contain: polygons of a vector file, with the height by which they "
         "raise the ground",

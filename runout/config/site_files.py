@@ -50,15 +50,18 @@ class SiteFiles:
     def _elevations(self, extent: "Sequence[float] | None") -> "Terrain":
         stated = self.settings.terrain
         edges = None if extent is None else (extent[0], extent[1], extent[2], extent[3])
+        from runout.terrain.averaging import averaged, smoothed
+
         if is_mesh(stated.dem):
             from runout.terrain.mesh import read_mesh_terrain
 
-            return read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)[0]
-        from runout.terrain.averaging import averaged
-        from runout.terrain.read import read_terrain
+            terrain, blocks = read_mesh_terrain(self._located(stated.dem), stated.resolution, stated.crs, edges)[0], None
+        else:
+            from runout.terrain.read import read_terrain
 
-        terrain = read_terrain(self._located(stated.dem), stated.crs, edges)
-        return averaged(terrain, stated.resolution, self.file.name) if stated.resolution else terrain
+            terrain, blocks = read_terrain(self._located(stated.dem), stated.crs, edges), stated.resolution
+        terrain = smoothed(terrain, stated.smoothing, self.file.name) if stated.smoothing else terrain
+        return averaged(terrain, blocks, self.file.name) if blocks else terrain
 
     def _overhangs(self, terrain: "Terrain") -> "list[Solid]":
         """Bodies of the overhangs of a mesh."""

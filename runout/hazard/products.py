@@ -25,12 +25,14 @@ from runout.io.member_maps import MemberMaps
 from runout.io.provenance import file_record, provenance
 from runout.io.vector import write_outlines
 from runout.model.depth_resolution import worst
+from runout.model.limits import spacing_of
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 from runout.scores.observations import Observations
 from runout.stiffness import RECORDED, extremes
 from runout.terrain.fill import continued
 from runout.terrain.prepare import steepness
+from runout.terrain.roughness import of_ground
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,6 +91,7 @@ def write_products(
     attributes = _attributes(site, ensemble, origin)
     hazard, of_members = _write_members(site, ensemble, terrain, releases, attributes, results / "members.nc")
     origin |= {name: values for name, values in of_members.items() if values}
+    origin |= _relief(hazard, terrain, origin)
     observed = site.observed.read(terrain)
     if observed is not None:
         origin["observations"] = _score(observed, site, ensemble, terrain, releases, results, hazard)
@@ -128,6 +131,19 @@ def _write_members(
 
         hazard = hazard_dataset(site, ensemble, terrain, releases, attrs, folder=path.parent, each=each)
     return hazard, {"resolution": resolution, "stiffness": extremes(stiffness)}
+
+
+def _relief(hazard: "xr.Dataset", terrain: Terrain, origin: Mapping[str, Any]) -> dict[str, Any]:
+    """Entry of ``run.json`` on the relief of the ground that members reached, at their largest speeds there."""
+    reached = hazard["members_reached"].values > 0
+    speed = float(np.sqrt(np.mean(np.square(hazard["peak_speed"].values[reached])))) if reached.any() else 0.0
+    found = of_ground(terrain, _filter_half_width(origin), reached, speed)
+    return {"relief": found.record()} if found else {}
+
+
+def _filter_half_width(origin: Mapping[str, Any]) -> tuple[float, float]:
+    """Half-width [m], east and north, of the filter that the grid puts on the ground: its spacing."""
+    return spacing_of(origin["configuration"]["simulation"]["cell_size"])[:2]
 
 
 def hazard_dataset(
@@ -236,6 +252,8 @@ def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> 
     description = getattr(site.settings, "description", None) or ""
     checksum = origin["configuration_sha256"]
     changes = {"changes_of_inputs": "; ".join(origin["changes"])} if origin["changes"] else {}
+    smoothing = origin["configuration"].get("terrain", {}).get("smoothing")
+    changes |= {"terrain_smoothing": smoothing} if smoothing else {}
     return {
         "id": f"{site.name}-{checksum[:16]}",
         "summary": f"{description} ".lstrip()
@@ -250,6 +268,7 @@ def _attributes(site: "Site", ensemble: Ensemble, origin: Mapping[str, Any]) -> 
         "inputs": json.dumps(origin["inputs"]),
         "versions": json.dumps(origin["versions"]),
         "device": origin["device"],
+        "ground_filter_half_width": np.array(_filter_half_width(origin)),
         "command": origin["command"],
     } | (changes | study_attributes(stated_metadata(site)))
 

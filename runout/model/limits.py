@@ -70,6 +70,7 @@ LIMITS = {
     "elevation": Range(-12000, 9000, "m"),
     "cell_size": Range(1e-5, 1000, "m"),
     "resolution": Range(1e-5, 1e5, "m"),
+    "smoothing": Range(0, 1e5, "m", "it is the half-width of a mean over elevations", open_low=True),
     "end_time": Range(1e-6, 86400, "s"),
     "arrival_threshold": Range(1e-6, 1000, "m"),
     "sleep_speed": Range(0, 1000, "m/s"),

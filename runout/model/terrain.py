@@ -140,6 +140,11 @@ class Terrain:
         made: Terrain = reader("Terrain.averaged")(self, resolution)
         return made
 
+    def smoothed(self, length: float) -> "Terrain":
+        """The terrain averaged over a triangle of half-width ``length`` [m] along both axes, as ``terrain.smoothing`` does it."""
+        made: Terrain = reader("Terrain.smoothed")(self, length)
+        return made
+
     def plot(self, *, title: str = "") -> Any:
         """Axes of matplotlib with a map of the elevation over hillshade, on a new figure of pyplot."""
         return reader("Terrain.plot")(self, title=title)

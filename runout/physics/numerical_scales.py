@@ -90,3 +90,13 @@ def part_beyond(area: Any, narrow: Any, wide: Any):
 def smallest_feature(h: Any, raster_cell: Any):
     """Width [m] of the smallest feature that maps show: two grid cells, or two cells of a coarser raster."""
     return real(2.0) * max(h, raster_cell)
+
+
+def relief_friction(s: Any, v: Any, g: Any, h: Any):
+    """Increase of the friction coefficient [1] by relief of a few cells of ``h`` [m], under a mass of a speed ``v`` [m/s].
+
+    ``s`` [1] is the mean of its absolute slope along the fall of the ground. A mass climbs waves that it cannot follow, which adds
+    their slope to the friction angle (Patton 1966), and loses the energy (v s)^2/2 with which they throw it. Fit to slabs on rough
+    planes (docs/theory, the ground).
+    """
+    return s * (real(0.35) + s * (real(3.0) + real(0.7) * v * v / (g * h)))

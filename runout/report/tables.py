@@ -17,6 +17,7 @@ from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
 from runout.scores.numerical_error import statements
 from runout.stiffness import sentence_of
+from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 
 BOOKKEEPING = ("weight", "seed", "file", "status", "failure_reason")
 # entries of run.json that the report prints in another place
-ELSEWHERE = ("inputs", "configuration", "ensemble", "products", "changes", "metadata", "resolution", "stiffness", "observations")
+ELSEWHERE = (
+    *("inputs", "configuration", "ensemble", "products", "changes", "metadata", "observations"),
+    *("resolution", "relief", "stiffness"),
+)
 ABBREVIATIONS = {
     "crs": "CRS",
     "dem": "DEM",
@@ -36,6 +40,7 @@ ABBREVIATIONS = {
 }
 SETTING_UNITS = {
     "cell_size": "m",
+    "smoothing": "m",
     "end_time": "s",
     "arrival_threshold": "m",
     "thickness": "m",
@@ -104,8 +109,8 @@ def hazard_volume(thickness: "xr.DataArray", hazard: "xr.Dataset") -> float:
 
 def warnings(study: Study, settings: dict[str, Any]) -> list[str]:
     """Warnings for readers of the maps, one sentence each."""
-    of_the_grid = [*_coarse(study), *_thin(study)]
-    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *of_the_grid, *_unclosed(study)]
+    of_the_grid = [*_coarse(study), *_thin(study), *_oscillating(study), *_unclosed(study)]
+    return [*_incomplete(study), *_lost_mass(study), *_unfinished(study, settings), *of_the_grid]
 
 
 def _incomplete(study: Study) -> list[str]:
@@ -178,6 +183,12 @@ def _thin(study: Study) -> list[str]:
     ]
 
 
+def _oscillating(study: Study) -> list[str]:
+    """Sentence on a raster that oscillates."""
+    relief = Roughness.recorded(study.run.get("relief", {}))
+    return [f"{relief.warning()}."] if relief and relief.wave else []
+
+
 def depth_resolution(study: Study) -> dict[str, float]:
     """Cells through the depth, numerical viscosity [m2/s] and decay time of shear [s] of the member with the fewest cells.
 
@@ -221,6 +232,7 @@ def balance(study: Study) -> dict[str, str]:
         "mass": kept if math.isfinite(mass) else UNKNOWN,
         "energy": percent(energy),
         "resolution": _resolved(depth_resolution(study)),
+        "relief": f"{relief.statement()}." if (relief := Roughness.recorded(study.run.get("relief", {}))) else "",
     }
 
 

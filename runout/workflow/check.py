@@ -340,6 +340,7 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
     thickness = np.sum([release.thickness for release in found.releases], axis=0)
     reach = prepare.reachable(terrain, thickness, check_physics.least_friction(site, found.releases, found.zones))
     found.notes += open_edge.note(terrain)
+    _inspect_relief(found, site, terrain, reach)
     cells = open_edge.open_cells(terrain, reach)
     if cells.any():
         found.warnings.append(open_edge.statement(terrain, cells))
@@ -350,6 +351,18 @@ def _inspect_reach(found: Findings, site: "Site", terrain: "Terrain") -> None:
             f"{terrain.source}: the mass may leave the DEM in the {' and '.join(sides)} (energy line); mass that leaves is "
             "booked as escaped mass; a larger DEM avoids it"
         )
+
+
+def _inspect_relief(found: Findings, site: "Site", terrain: "Terrain", reach: np.ndarray) -> None:
+    """Note what relief in reach of the mass costs; warn of elevations that oscillate."""
+    from runout.model.limits import spacing_of
+    from runout.terrain.roughness import of_ground
+
+    speed = math.sqrt(0.5) * found.stiffness[0].flow_speed
+    relief = of_ground(terrain, spacing_of(site.grid(found.releases)["cell_size"])[:2], reach, speed)
+    if relief is not None:
+        found.notes.append(relief.statement())
+        found.warnings += [relief.warning()] if relief.wave else []
 
 
 def require_sound(site: "Path | Site") -> None:

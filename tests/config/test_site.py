@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runout import read_site, simulate
+from runout import Terrain, read_site, simulate
 from runout.errors import ConfigError, MaterialError
 
 
@@ -165,3 +165,35 @@ def test_metadata_is_part_of_the_configuration_and_not_of_what_a_member_computes
     assert plan_members(site) == before
     with pytest.raises(ConfigError, match=r"name@example\.org"):
         read_site(edited("name@example.org", "nobody"))
+
+
+def test_smoothing_averages_the_elevations_as_they_are_read_and_says_so(edited):
+    site = read_site(edited("  crs:", "  smoothing: 25\n  crs:"))
+    terrain = site.terrain()
+    assert "averaged over a triangle of half-width 25 m along both axes (terrain.smoothing)" in terrain.changes
+    ours = Terrain.from_raster(site.folder / "inputs" / "dem.asc").smoothed(25.0)
+    np.testing.assert_array_equal(ours.elevation, terrain.elevation)
+
+
+def test_another_smoothing_makes_other_members(edited):
+    from runout.ensemble.member import plan_members
+
+    plans = [plan_members(read_site(edited("  crs:", "  crs:")))]
+    plans.append(plan_members(read_site(edited("  crs:", "  smoothing: 25\n  crs:"))))
+    plans.append(plan_members(read_site(edited("smoothing: 25", "smoothing: 30"))))
+    assert len({plan[0].key for plan in plans}) == 3
+
+
+@pytest.mark.parametrize(
+    ("length", "said"),
+    [
+        ("5", r"5 m averages nothing on cells of 10 m x 10 m; write 10 or more"),
+        ("150", r"150 m is more than a third of a raster of 300 m x 200 m; write 66\.7 or less"),
+        ("0", r"must be above 0"),
+        ("-20", r"must be above 0"),
+        ("rough", r"number"),
+    ],
+)
+def test_a_smoothing_without_effect_or_too_long_is_refused(edited, length, said):
+    with pytest.raises(ConfigError, match=rf"terrain\.smoothing: .*{said}"):
+        read_site(edited("  crs:", f"  smoothing: {length}\n  crs:")).terrain()

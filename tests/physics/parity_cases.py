@@ -289,6 +289,7 @@ CASES = [
     ),
     Case(flow_columns.time_of_passing, "sssss", "s", (between(0.1, 0.2), between(0.0, 0.1), between(0.3, 2.0), speed, speed)),
     Case(numerical_scales.smallest_feature, "ss", "s", (between(0.1, 50.0), between(0.1, 50.0))),
+    Case(numerical_scales.relief_friction, "ssss", "s", (between(0.0, 0.5), speed, between(1.0, 20.0), between(0.1, 50.0))),
     Case(timestep.acoustic_limit, "ssss", "s", (angle, step, speed, between(1.0, 300.0))),
     Case(timestep.isolated_limit, "sss", "s", (modulus, modulus, between(0.5, 1.0))),
     Case(timestep.particle_limit, "ss", "s", (step, between(0.1, 50.0))),

@@ -14,6 +14,7 @@ from runout.report import tables
 from runout.report.html import render, write_report
 from runout.report.sheets import exceedance_sheet
 from runout.report.study import read_study
+from runout.terrain.roughness import Roughness
 
 
 @pytest.fixture(scope="module")
@@ -198,6 +199,19 @@ def test_cells_through_the_depth_are_those_of_the_record(site, copy):
     deep = change(cells_through_depth=5.0)
     assert not any("through a depth" in w for w in tables.warnings(deep, site.resolved()))
     assert "has 5 cells through its depth" in tables.balance(deep)["resolution"]
+
+
+def test_relief_is_said_as_check_says_it(site, copy):
+    run = json.loads((copy / "run.json").read_text(encoding="utf-8"))
+    relief = Roughness(carried=0.52, removed=1.14, friction=0.02, wave=10.0)
+    (copy / "run.json").write_text(json.dumps({k: v for k, v in run.items() if k != "relief"}), encoding="utf-8")
+    assert tables.balance(read_study(copy))["relief"] == ""
+    assert not any("oscillate" in w for w in tables.warnings(read_study(copy), site.resolved()))
+    (copy / "run.json").write_text(json.dumps(run | {"relief": relief.record()}), encoding="utf-8")
+    assert tables.balance(read_study(copy))["relief"] == f"{relief.statement()}."
+    assert "has 0.52 m (rms)" in relief.statement()
+    assert "act like 0.74 to 2.5 degrees of friction more" in relief.statement()
+    assert f"{relief.warning()}." in tables.warnings(read_study(copy), site.resolved())
 
 
 def test_a_record_without_a_resolution_says_nothing_of_it(site, copy):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from runout import DruckerPrager, Release, Terrain, simulate
+from runout.errors import InputError
 from runout.terrain import relief, sdf
 
 CELL = 5.0
@@ -108,3 +109,33 @@ def test_run_out_does_not_turn_on_the_ratio_of_cell_and_raster(noise):
     ratio = np.array(found[1:]) / found[:-1]
     assert ratio.min() > 0.95
     assert ratio.max() < 1.03
+
+
+@pytest.mark.parametrize("cell", [5.0, (5.0, 8.0)])
+def test_smoothing_keeps_planes_and_unknown_cells(cell):
+    """An unknown cell stays one, takes no other with it, and its neighbours do not know of it."""
+    row, column = np.indices((40, 50))
+    plane = 900.0 - 2.0 * column + 1.3 * row
+    plane[18:22, 30:33] = plane[0, :7] = np.nan
+    smooth = Terrain.from_array(plane, cell).smoothed(22.0)
+    np.testing.assert_allclose(smooth.elevation, plane, rtol=0, atol=1e-9)
+    assert smooth.changes == ("averaged over a triangle of half-width 22 m along both axes (smoothing)",)
+
+
+def test_smoothing_keeps_the_volume_of_a_hill_and_takes_waves_of_two_cells_out():
+    z = np.zeros((41, 61))
+    z[20, 30] = 8.0
+    hill = Terrain.from_array(z, 5.0).smoothed(20.0).elevation
+    assert hill.sum() == pytest.approx(8.0)
+    assert hill.max() < 0.6
+    smooth = Terrain.from_array(rough(1.0), CELL).smoothed(CELL)
+    even = Terrain.from_array(rough(0.0), CELL).smoothed(CELL)
+    assert np.std(smooth.elevation - even.elevation) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("length", "said"), [(2.5, "averages nothing"), (210.0, "more than a third"), (-1.0, "above 0"), (np.nan, "nan")]
+)
+def test_smoothing_refuses_other_lengths(length, said):
+    with pytest.raises(InputError, match=said):
+        Terrain.from_array(rough(0.0), CELL).smoothed(length)

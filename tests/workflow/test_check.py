@@ -34,6 +34,22 @@ def test_a_good_site_is_planned_and_left_as_it_is(tmp_path, capsys):
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_relief_and_its_cost_are_stated_and_an_oscillation_is_named(tmp_path):
+    text = SITE.replace("inputs/dem.tif", "inputs/dem.tif\n  smoothing: 20")
+    even = inspect(write_site(tmp_path / "even"))
+    (said,) = [note for note in even.notes if note.startswith("Relief in reach of the mass")]
+    assert "0.34 m (rms) in waves of up to six cells, which act like 0.099 to 0.33 degrees of friction more" in said
+    assert not any("oscillate" in warning for warning in even.warnings)
+    z = ramp()
+    rough = z + np.where(np.indices(z.shape).sum(0) % 2, 1.0, -1.0) * np.random.default_rng(1).uniform(0.5, 1.5, z.shape)
+    found = inspect(write_site(tmp_path / "rough", elevation=rough))
+    (warning,) = [w for w in found.warnings if "oscillate in waves of 20 m" in w]
+    assert "terrain.smoothing: 20 takes them out" in warning
+    smooth = inspect(write_site(tmp_path / "smooth", text, rough))
+    assert not any("oscillate" in w for w in smooth.warnings)
+    assert any("averaged over a triangle of half-width 20 m along both axes (terrain.smoothing)" in n for n in smooth.notes)
+
+
 def test_check_compiles_nothing(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("runout.workflow.step_cost.measured_step_cost", lambda arguments: pytest.fail("a step is measured"))
     code, out = said(capsys, "check", write_site(tmp_path / "ramp"))

@@ -76,3 +76,19 @@ def test_run_json_and_members_record_the_start_and_the_friction_that_acts(finish
         assert attributes["initial_stress"] == "at_rest"
         assert attributes["basal_friction"] == pytest.approx(math.tan(math.radians(angle)))
         assert attributes["acting_basal_friction"] == pytest.approx(min(math.tan(math.radians(angle)), 0.5))
+
+
+def test_run_json_records_what_relief_costs_and_products_the_filter_of_the_grid(finished_site):
+    import xarray as xr
+
+    results = finished_site[0] / "results"
+    relief = json.loads((results / "run.json").read_text(encoding="utf-8"))["relief"]
+    assert relief.keys() == {"carried", "removed", "friction", "wave"}
+    assert 0.0 < relief["friction"] < 0.1
+    assert relief["wave"] == 0.0
+    with xr.open_dataset(results / "hazard.nc") as hazard:
+        assert hazard.attrs["ground_filter_half_width"].tolist() == [10.0, 10.0]
+        assert "terrain_smoothing" not in hazard.attrs
+    (member, *_) = sorted((results / "members").glob("*.nc"))
+    with xr.open_dataset(member) as maps:
+        assert maps.attrs["ground_filter_half_width"].tolist() == [10.0, 10.0]
