@@ -12,7 +12,7 @@ from runout.physics import heightfield
 from runout.terrain.crests import Crests
 
 SMOOTH = 0.15, 0.3  # two-cell share of the relief: up to the one the ground is smooth, from the other on not
-ROUGH = 0.7, 0.8  # two-cell share: up to the one it is that of terrain, from the other on more; white noise has 0.85
+ROUGH = 0.65, 0.75  # two-cell share: up to the one it is that of terrain, from the other on more; white noise has 0.85
 RESOLVED = 3.0, 4.0  # grid cells in a wave of two cells of the raster: up to the one it is filtered, from the other on it stays
 AROUND = 11  # cells across the window of that share
 STAND_OUT = 5.0, 10.0  # times the roughness: crests below the one are filtered, above the other kept
