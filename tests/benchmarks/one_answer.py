@@ -25,8 +25,9 @@ LEVEL = 1.0  # [m] of the area
 
 def scenario(site: str) -> dict[str, Any]:
     """Arguments of ``runout.simulate`` but for the grid; the release has one part."""
-    import runout
     from error_bar_coverage import made_site
+
+    import runout
 
     data = Path(os.environ["RUNOUT_DATA"])
     if site == "made":
