@@ -6,12 +6,14 @@ own nodes. The raster itself remains where it is smooth; where its waves of two 
 terrain is; and at crests and channels that stand out of the roughness around them, since dams are what a map is asked for.
 """
 
+import math
+
 import numpy as np
 
 from runout.physics import heightfield
 from runout.terrain.crests import Crests
 
-SMOOTH = 0.15, 0.3  # two-cell share of the relief: up to the one the ground is smooth, from the other on not
+SMOOTH = 8.0, 5.5  # cells in a wave, of the raster and of the grid: relief of longer ones than the one is smooth, of the other not
 ROUGH = 0.65, 0.75  # two-cell share: up to the one it is that of terrain, from the other on more; white noise has 0.85
 RESOLVED = 3.0, 4.0  # grid cells in a wave of two cells of the raster: up to the one it is filtered, from the other on it stays
 AROUND = 11  # cells across the window of that share
@@ -75,13 +77,14 @@ def two_cell_share(z: np.ndarray) -> np.ndarray:
     return worst
 
 
-def stays(two_cell_share: np.ndarray, ratio: float) -> np.ndarray:
+def stays(two_cell_share: np.ndarray, ratio: float, coarser: float = 1.0) -> np.ndarray:
     """How much of each elevation stays unfiltered, 0 to 1, by the share of waves of two cells.
 
-    ``ratio`` is that of the cells of grid and raster. All of it stays where the ground is smooth, and where waves of two cells are
-    resolved and no more than those of terrain.
+    ``ratio`` is that of the cells of grid and raster, ``coarser`` that of the cells of the grid and those of the share. All of it
+    stays where the ground is smooth, and where waves of two cells are resolved and no more than those of terrain.
     """
-    smooth, terrain = 1.0 - _ramp(two_cell_share, SMOOTH), 1.0 - _ramp(two_cell_share, ROUGH)
+    long, short = (math.sin(math.pi / (cells * max(1.0, coarser))) ** 2 for cells in SMOOTH)
+    smooth, terrain = 1.0 - _ramp(two_cell_share, (long, short)), 1.0 - _ramp(two_cell_share, ROUGH)
     return np.maximum(smooth, terrain * _ramp(np.asarray(2.0 / ratio), RESOLVED))
 
 

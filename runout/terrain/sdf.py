@@ -84,8 +84,8 @@ class _Raster:
     @cached_property
     def stays(self) -> np.ndarray:
         """How much of each mean stays unfiltered, 0 to 1, crests apart."""
-        ratio = max(h / cell for h, cell in zip(self.grid, self.cell, strict=True))
-        return relief.stays(relief.two_cell_share(self.means), ratio)
+        ratio, coarser = (max(h / one for h, one in zip(self.grid, sizes, strict=True)) for sizes in (self.cell, self.sizes))
+        return relief.stays(relief.two_cell_share(self.means), ratio, coarser)
 
     def surface(self) -> Surface:
         """The surface of the relief that the grid can carry, on its nodes; on the cells of the raster if these are coarser."""
