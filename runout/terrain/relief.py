@@ -16,6 +16,7 @@ from runout.terrain.crests import Crests
 SMOOTH = 8.0, 5.5  # cells in a wave, of the raster and of the grid: relief of longer ones than the one is smooth, of the other not
 ROUGH = 0.65, 0.75  # two-cell share: up to the one it is that of terrain, from the other on more; white noise has 0.85
 RESOLVED = 3.0, 4.0  # grid cells in a wave of two cells of the raster: up to the one it is filtered, from the other on it stays
+NARROWEST = 0.05  # cells: narrower triangles make no difference, and their weights lose digits
 AROUND = 11  # cells across the window of that share
 STAND_OUT = 5.0, 10.0  # times the roughness: crests below the one are filtered, above the other kept
 WINDOW = 31  # cells across the window of the roughness around a crest
@@ -39,6 +40,7 @@ def filtered(z: np.ndarray, half_width: float, places: np.ndarray) -> np.ndarray
     """
     from scipy import sparse
 
+    half_width = max(half_width, NARROWEST)
     reach, last = int(np.ceil(half_width)) + 2, len(z) - 1
     cell = np.floor(places).astype(np.int64)[:, None] + np.arange(-reach, reach + 2)
     weight = _weights(cell - places[:, None], half_width)
