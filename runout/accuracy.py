@@ -95,7 +95,7 @@ def choices(accuracy: str | None, releases: "Sequence[Release]", given: Mapping[
 def expected_errors(cells: float) -> tuple[float, float]:
     """Expected error bars of the map of flow thickness and of the run-out [1] with so many cells through the mean thickness.
 
-    The medians of the error bars that :mod:`runout.scores.numerical_error` gives :data:`EXAMPLE`, of first order in the cell size.
+    The medians of the error bars that :mod:`runout.numerical_error` gives :data:`EXAMPLE`, of first order in the cell size.
     """
     return MAP_ERROR / cells, RUNOUT_ERROR / cells
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from runout.ensemble.member import members_folder
 from runout.errors import InputError, StorageError
 from runout.io.probe_files import SITE_FILES
+from runout.numerical_error import require_error_bars
 from runout.report.maps import Basemap
 from runout.report.marks import Mark
 from runout.report.members import Ledger, Reach, member_figures, representative
 from runout.report.structures import Loads, read_loads
 from runout.report.wording import MINUS, number
-from runout.scores.numerical_error import require_error_bars
 
 if TYPE_CHECKING:
     import pandas as pd

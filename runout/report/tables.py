@@ -10,12 +10,12 @@ from runout.accuracy import BOUNDS, EXPECTED, error_statement
 from runout.config.parameter_variables import parameter_variable
 from runout.map_quantities import QUANTITIES
 from runout.model.depth_resolution import WORST, DepthResolution
+from runout.numerical_error import statements
 from runout.report.figures import parameter_label
 from runout.report.members import FIGURES, Ledger
 from runout.report.sheets import hazard_extent
 from runout.report.study import Study
 from runout.report.wording import UNKNOWN, number, percent, quantity, span, unit, volume
-from runout.scores.numerical_error import statements
 from runout.stiffness import sentence_of
 from runout.terrain.roughness import Roughness
 from runout.variables import VARIABLES

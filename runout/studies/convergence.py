@@ -11,8 +11,8 @@ import numpy as np
 from runout import log
 from runout.accuracy import BOUNDS
 from runout.errors import ConfigError
+from runout.numerical_error import MAP, ErrorBar, statements
 from runout.scores.elevation_change import elevation_change
-from runout.scores.numerical_error import MAP, ErrorBar, statements
 from runout.studies.map_distance import area_above, common_differences, compared
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def study(
     Returns
     -------
     dict
-        ``quantities``: one :class:`runout.scores.numerical_error.ErrorBar` a quantity as plain numbers, and that of the map of flow
+        ``quantities``: one :class:`runout.numerical_error.ErrorBar` a quantity as plain numbers, and that of the map of flow
         thickness; ``fields``: differences of each map from that of one coarser grid, with the ratio of its error to this
         difference; ``levels``: cells, particles, seconds of each run, the site's last.
 

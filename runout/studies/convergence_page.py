@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from runout.accuracy import BOUNDS
-from runout.scores.numerical_error import ORDER, SAFETY, SCATTERS, SHARE
+from runout.numerical_error import ORDER, SAFETY, SCATTERS, SHARE
 from runout.studies.study_page import markdown
 
 METHOD = (

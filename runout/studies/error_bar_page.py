@@ -5,7 +5,7 @@ from statistics import median
 from typing import Any
 
 from runout.accuracy import BOUNDS, PRESETS
-from runout.scores.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
+from runout.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
 from runout.studies.convergence import COARSER
 from runout.studies.study_page import StudyPage, as_csv, as_png, download, markdown
 

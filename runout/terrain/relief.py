@@ -3,7 +3,7 @@
 Relief of fewer than about four grid cells is not resolved. A flow meets it as friction, and as another one for each ratio of grid
 and raster. So the grid gets the raster, without its waves of two cells, averaged over a triangle of the spacing of the grid at its
 own nodes. The raster itself remains where it is smooth; where its waves of two cells are resolved, unless it is rougher than
-terrain is; and at crests and channels that stand out of the roughness around them, since dams are what a map is asked for.
+terrain is; and at what stands out of the roughness around it, since dams, gullies and cliffs are what a map is asked for.
 """
 
 import math
@@ -18,9 +18,10 @@ ROUGH = 0.65, 0.75  # two-cell share: up to the one it is that of terrain, from 
 RESOLVED = 3.0, 4.0  # grid cells in a wave of two cells of the raster: up to the one it is filtered, from the other on it stays
 NARROWEST = 0.05  # cells: narrower triangles make no difference, and their weights lose digits
 AROUND = 11  # cells across the window of that share
-STAND_OUT = 5.0, 10.0  # times the roughness: crests below the one are filtered, above the other kept
-WINDOW = 31  # cells across the window of the roughness around a crest
-BESIDE = 3  # cells on each side of a crest that are kept with it
+STAND_OUT = 5.0, 10.0  # times the roughness: what differs from the ground around it by the one is filtered, by the other kept
+WINDOW = 31  # cells across the window of the roughness
+BESIDE = 3  # cells to the ground on each side
+LEAST = 1e-9  # of all heights: differences that rounding makes
 
 
 def filtered(z: np.ndarray, half_width: float, places: np.ndarray) -> np.ndarray:
@@ -95,25 +96,23 @@ def _ramp(value: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
     return np.clip((value - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
 
 
-def beside_crests(z: np.ndarray, size: tuple[float, float], crests: Crests) -> np.ndarray:
-    """How much of each elevation (nx, ny) [m] stays, 0 to 1, since it lies beside a crest that stands out of the roughness.
+def standing_out(z: np.ndarray) -> np.ndarray:
+    """How much of each elevation (nx, ny) [m] stays, 0 to 1, since it stands out of the roughness around: a dam, a gully, a cliff.
 
-    That of a crest is its height over the roughness, a mean of how much the elevations differ from the ground around them, which
-    hardly knows of single crests: the mean of the fourth roots. ``size`` is that of the cells [m].
+    By its difference from the ground on both sides over the roughness, a mean of these differences that hardly knows of few large
+    ones: the mean of their fourth roots.
     """
     from scipy import ndimage
 
-    beside, falls = np.zeros(z.shape), np.zeros(z.shape)
+    falls = np.zeros(z.shape)
     for axis in (0, 1):
         rows = np.pad(np.moveaxis(z, axis, 0), ((BESIDE, BESIDE), (0, 0)), mode="reflect", reflect_type="odd")
         fall = 0.5 * np.abs(heightfield.second_difference(rows[: -2 * BESIDE], rows[BESIDE:-BESIDE], rows[2 * BESIDE :]))
         falls = np.maximum(falls, np.moveaxis(fall, 0, axis))
-    cells = cells_of(crests, z.shape, size)
+    falls = np.where(falls > LEAST * np.ptp(z), falls, 0.0)
     rough = np.maximum(ndimage.uniform_filter(np.sqrt(np.sqrt(falls)), WINDOW, mode="nearest"), 0.0) ** 4
-    for cell in cells:
-        stands = np.abs(crests.height) / np.maximum(rough[cell], 1e-9 * np.abs(crests.height))
-        np.maximum.at(beside, cell, _ramp(stands, STAND_OUT))
-    return np.asarray(ndimage.maximum_filter(beside, 2 * BESIDE + 1, mode="nearest"))
+    stands = _ramp(falls / np.maximum(rough, 1e-9 * np.maximum(falls, 1e-300)), STAND_OUT)
+    return np.asarray(ndimage.maximum_filter(stands, 3, mode="nearest"))
 
 
 def cells_of(crests: Crests, shape: tuple[int, int], size: tuple[float, float]) -> list[tuple[np.ndarray, np.ndarray]]:

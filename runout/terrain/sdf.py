@@ -111,21 +111,22 @@ class _Raster:
 
 
 def _with_crests(raster: _Raster, box: Box) -> NodalSurface:
-    """The surface of a raster on the nodes of a grid; in a box of its means, crests that stand out are those of the raster."""
+    """The surface of a raster on the nodes of a grid; in a box of its means, what stands out is that of the raster."""
     surface, sizes, grid = raster.surface(), raster.sizes, raster.grid
     cells, first = tuple(slice(*sides) for sides in box), (box[0][0], box[1][0])
     corner = first[0] * sizes[0], first[1] * sizes[1]
+    edges = relief.standing_out(raster.means[cells])
+    stays = np.maximum(raster.stays[cells], edges)
     found = crests.Crests.of(raster.means[cells], sizes, min(grid))
-    stays = np.maximum(raster.stays[cells], relief.beside_crests(raster.means[cells], sizes, found))
     share = np.maximum(*(stays[cell] for cell in relief.cells_of(found, stays.shape, sizes)))
     found = replace(found, weight=found.weight * share).take(share > 0.0).moved(corner)
-    if not len(found.axis):
+    if not len(found.axis) and not edges.any():
         return NodalSurface(surface, grid)
     own, middle = raster.unfiltered, (corner[0] + sizes[0] / 2, corner[1] + sizes[1] / 2)
     own.coefficients[cells] = crests.kept(Surface(own.coefficients[cells], sizes, middle), found).coefficients
     if raster.on_cells:
         surface.coefficients[cells] += stays * (own.coefficients[cells] - surface.coefficients[cells])
-        if not needs_table(sizes, grid):
+        if not len(found.axis) or not needs_table(sizes, grid):
             return NodalSurface(surface, grid)
     low, high = (
         [round_of(sides[k] * size / h) + beyond for sides, size, h in zip(box, sizes, grid, strict=True)]

@@ -20,7 +20,7 @@ THICKNESS = np.zeros(TERRAIN.shape)
 THICKNESS[5:9, 2:8] = 4.0
 RELEASE = Release(THICKNESS, TERRAIN, placement="on_surface")
 PLACES = {"upper": 56.0, "lower": 91.0, "deposit": 111.0}
-TOLERANCES = {"upper": 0.002, "lower": 0.015, "deposit": 0.01}  # footprints change while few particles pass, and in a deposit
+TOLERANCES = {"upper": 0.002, "lower": 0.02, "deposit": 0.01}  # footprints change while few particles pass, and in a deposit
 LINES = {name: [(1000.0 + x, 2000.5), (1000.0 + x, 2069.5)] for name, x in PLACES.items()}
 PROBES = Probes({"slope": (1047.0, 2034.0), "foot": (1096.0, 2031.0), "dry": (1178.0, 2004.0)}, LINES, interval=0.25)
 FRICTION, END = 18.0, 14.0
@@ -57,7 +57,7 @@ def upstream(thickness, x):
 
 
 def test_series_agree_with_mass_balance_columns_and_maps(finished):
-    """The volume through a line is what was upstream minus what stays there, within 0.2 to 1.5 % of the release."""
+    """The volume through a line is what was upstream minus what stays there, within 0.2 to 2 % of the release."""
     result, recorder, seen = finished
     series, deposit = result.probes, result.fields["deposit_thickness"]
     passed = series.cross_sections["passed_volume"]

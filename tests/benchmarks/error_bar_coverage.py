@@ -29,9 +29,9 @@ from unittest.mock import patch
 
 import numpy as np
 
+from runout import numerical_error
 from runout.io.atomic import whole_file, write_json
-from runout.scores import numerical_error
-from runout.scores.numerical_error import MAP
+from runout.numerical_error import MAP
 from runout.studies.convergence import SHIFT, Run, bars, plan, run_once
 from runout.studies.error_bar_page import FILE, coverage, page
 from runout.studies.map_distance import relative_l1

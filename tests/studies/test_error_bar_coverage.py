@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runout.scores.numerical_error import MAP
+from runout.numerical_error import MAP
 from runout.studies.convergence import Run, plan
 from runout.studies.error_bar_page import coverage, page
 from tests.benchmarks import error_bar_coverage as study

@@ -285,4 +285,4 @@ def test_error_bars_of_the_site_stand_beside_the_scores(finished_site, members, 
         _, found, _ = compare(capsys, *members, "--threshold", "0.1")
     finally:
         bars.unlink()
-    assert re.search(r"CSI [\d.]+ \+- 0\.0\d+, POD", found["flow of 0.1 m"])
+    assert re.search(r"CSI [\d.]+ \+- 0\.\d+, POD", found["flow of 0.1 m"])
