@@ -9,6 +9,7 @@ them, by least squares with weights of 1/h (Eca & Hoekstra 2014, J. Comput. Phys
 of the runs. The order p is given, not fitted: an order that is fitted to few runs turns with their scatter.
 """
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -17,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from runout.errors import StorageError
+from runout.errors import ObservationError, StorageError
 from runout.model.limits import is_number
 
 ORDER, MAP_ORDER = 1.5, 1.0  # of values, whose errors are of the first to the second order, and of distances of maps
@@ -121,6 +122,26 @@ def statements(convergence: Mapping[str, Any]) -> Iterator[str]:
 def _rounded(value: float, digits: int) -> str:
     """A number to so many digits, without an exponent."""
     return f"{float(f'{value:.{digits}g}'):.12g}"
+
+
+def read_convergence(results: Path) -> Mapping[str, Any]:
+    """Content of ``convergence.json`` of a results folder; empty if there is none.
+
+    Raises
+    ------
+    ObservationError
+        If it is damaged.
+    """
+    path = Path(results) / "convergence.json"
+    if not path.is_file():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as cause:
+        content = cause
+    if not isinstance(content, dict):
+        raise ObservationError(f"{path}: not what was written there; run `runout verify --convergence` again, or remove the file")
+    return content
 
 
 def require_error_bars(content: Mapping[str, Any], path: Path) -> Mapping[str, Any]:

@@ -1,10 +1,8 @@
 """Reads what is compared: results of a site, members, rasters, outlines and points."""
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +11,7 @@ from runout.io import netcdf
 from runout.io.boundary import exists
 from runout.io.member_maps import read_maps
 from runout.io.opening import open_netcdf
+from runout.numerical_error import read_convergence
 from runout.scores.error_bars import ErrorBars
 from runout.scores.flow import Flow, percentile_of
 from runout.scores.grid import Grid
@@ -188,23 +187,3 @@ def _of_member(path: Path, member: "xr.Dataset", reading: Reading) -> Product:
 
 def _bars(results: Path) -> ErrorBars:
     return ErrorBars(read_convergence(results))
-
-
-def read_convergence(results: Path) -> Mapping[str, Any]:
-    """Content of ``convergence.json`` of a results folder; empty if there is none.
-
-    Raises
-    ------
-    ObservationError
-        If it is damaged.
-    """
-    path = Path(results) / "convergence.json"
-    if not path.is_file():
-        return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as cause:
-        content = cause
-    if not isinstance(content, dict):
-        raise ObservationError(f"{path}: not what was written there; run `runout verify --convergence` again, or remove the file")
-    return content

@@ -64,8 +64,7 @@ def _counted(console: "Console", site_path: Path) -> "Site | None":
 
 def _print_plan(console: "Console", found: "Findings", site: "Site", out: Path | None, device: str | None) -> int:
     from runout.accuracy import lines
-    from runout.numerical_error import require_error_bars, statements
-    from runout.scores.products import read_convergence
+    from runout.numerical_error import read_convergence, require_error_bars, statements
     from runout.workflow import check_stiffness
     from runout.workflow.probes import other_members
     from runout.workflow.status import print_stages
