@@ -29,7 +29,7 @@ def test_errors_of_the_given_and_of_higher_orders_are_within_their_bars(order):
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
 @pytest.mark.parametrize("noise", [0.0, 0.2, 1.0])
-def test_nineteen_of_twenty_bars_hold_with_a_map_as_uncertain_as_the_value(order, noise):
+def test_nine_of_ten_bars_hold_with_a_map_as_uncertain_as_the_value(order, noise):
     """A bar of 9 of 10 cases, where the relative error of the map is twice that of the value, as maps have it."""
     made = [values(order, noise, seed) for seed in range(400)]
     bars = [ErrorBar.of_value(RATIOS, found, SAFETY * 2.0 * np.hypot(3.0, noise) / 100.0) for found in made]
