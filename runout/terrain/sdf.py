@@ -30,8 +30,8 @@ def sliding_surface(
 ) -> NodalSurface:
     """Surface on which the mass slides, on the nodes of the grid: elevation minus what is excavated.
 
-    That of :func:`raster_surface`. Where the ``mass`` may come, without one everywhere, crests and channels that stand out of the
-    roughness around them have the elevations of the raster (:mod:`runout.terrain.crests`). Elsewhere, and on rasters beyond
+    That of :func:`raster_surface`. Dams, gullies and cliffs that stand out of the roughness around them have the elevations of the
+    raster where the ``mass`` may come; without a mass, everywhere (:mod:`runout.terrain.crests`). Elsewhere, and on rasters beyond
     :data:`runout.terrain.crest_window.LARGEST` cells far from the mass, they are filtered as the rest; the surface has no step
     there. On nodes so close together that :func:`runout.terrain.crest_window.needs_table` is false, the crests are those of the
     raster's lattice, true to 3 %. Contact, releases and maps of the ground take the same surface; the last few are kept by their
@@ -83,7 +83,7 @@ class _Raster:
 
     @cached_property
     def stays(self) -> np.ndarray:
-        """How much of each mean stays unfiltered, 0 to 1, crests apart."""
+        """How much of each mean stays unfiltered, 0 to 1, whether it stands out or not."""
         ratio, coarser = (max(h / one for h, one in zip(self.grid, sizes, strict=True)) for sizes in (self.cell, self.sizes))
         return relief.stays(relief.two_cell_share(self.means), ratio, coarser)
 
