@@ -1,11 +1,10 @@
-"""Length of the pages, and the places that they and the code name."""
+"""Parts that each page has, and the places that pages and code name."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-WORDS_BY_HAND, WORDS_OF_A_DECISION, WORDS_OF_A_BACKEND, WORDS_OF_CHANGES = 25_400, 350, 650, 1_650
 GENERATED = {
     "stress.md",
     "verification.md",
@@ -30,11 +29,6 @@ DOC_ROLE = re.compile(r"\{doc\}`(?:[^`<]*<)?([^`>]+)>?`")
 PATH_IN_CODE = re.compile(r"\bdocs/[\w./-]+\.(?:md|json|png|py)\b")
 
 
-def words(text: str) -> int:
-    """Number of words and numbers; rules and bars of tables are none."""
-    return sum(1 for word in text.split() if re.search(r"\w", word))
-
-
 @pytest.fixture(scope="module")
 def docs(repository) -> Path:
     return repository / "docs"
@@ -57,26 +51,20 @@ def test_there_are_at_most_fifteen_decisions_numbered_without_gaps(decisions):
     assert [int(name[len("decisions/") :][:2]) for name in decisions] == list(range(1, len(decisions) + 1))
 
 
-def test_a_decision_fits_on_a_screen_and_has_all_its_parts(decisions):
+def test_a_decision_has_all_its_parts_and_one_table(decisions):
     for name, text in decisions.items():
-        assert words(text) <= WORDS_OF_A_DECISION, (name, words(text))
         assert len(re.findall(r"^\|[ :|-]*---", text, re.M)) <= 1, f"{name} has more than one table"
         for part in PARTS_OF_A_DECISION:
             assert part in text, (name, part)
 
 
-def test_pages_by_hand_have_few_words_in_all(pages):
+def test_every_generated_page_exists(pages):
     assert set(pages) >= GENERATED
-    by_hand = {name: words(text) for name, text in pages.items() if name not in GENERATED}
-    assert sum(by_hand.values()) <= WORDS_BY_HAND, by_hand
 
 
-def test_pages_of_backends_and_the_changelog_are_short(pages):
+def test_pages_of_backends_show_their_picture(pages):
     for name in ("reference", "scan", "hash"):
-        text = pages[f"backends/{name}.md"]
-        assert words(text) <= WORDS_OF_A_BACKEND, name
-        assert f"../images/backend_{name}.png" in text
-    assert words(pages["changelog.md"]) <= WORDS_OF_CHANGES
+        assert f"../images/backend_{name}.png" in pages[f"backends/{name}.md"]
 
 
 def test_pages_by_hand_name_no_commit(pages):
