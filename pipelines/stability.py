@@ -1,4 +1,4 @@
-"""Numerical stability: options at their limits, alone and combined -> trials with invariants -> page.
+"""Numerical stability: options at their limits, alone and combined -> trials with invariants -> record.
 
     python pipelines/stability.py OUT [BACKEND]
 
@@ -12,7 +12,7 @@ from runout.studies.stability_stress import stress
 
 
 def main(out: Path, backend: str = "scan") -> bool:
-    """Whether no trial failed, after writing the page to ``out``. A refused trial is no failure."""
+    """Whether no trial failed, after writing the record to ``out``. A refused trial is no failure."""
     trials = stress(out, full=False, backend=backend)
     for verdict in ("survived", "refused", "failed"):
         print(f"{verdict}: {sum(trial.verdict == verdict for trial in trials)}")

@@ -1,4 +1,4 @@
-"""Validation: public data and friction -> run -> scores against tools, experiment or event -> page with table and figure.
+"""Validation: public data and friction -> run -> scores against tools, experiment or event -> record.
 
     python pipelines/validation.py OUT CASE
 
@@ -8,14 +8,14 @@
 import sys
 from pathlib import Path
 
-from runout.studies.validation import run
+from runout.studies.validation import RECORD, run
 
 
 def main(out: Path, case: str) -> Path:
-    """Page of a case in ``out``, after printing a line for each run and each tool."""
+    """Record of a case in ``out``, after printing a line for each run and each tool."""
     record = run(case, full=False, out=out)
     print("\n".join(record["results"]["lines"]))
-    return out / f"{record['case']}.md"
+    return out / RECORD.format(record["case"])
 
 
 if __name__ == "__main__":

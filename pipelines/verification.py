@@ -1,4 +1,4 @@
-"""Verification: closed forms and convergence orders -> table of errors and bounds -> page and figure.
+"""Verification: closed forms and convergence orders -> table of errors and bounds -> record.
 
     python pipelines/verification.py OUT [CASE ...]
 
@@ -12,7 +12,7 @@ from runout.studies.verification import run
 
 
 def main(out: Path, cases: list[str]) -> bool:
-    """Whether every bound holds, after writing the page of the cases to ``out``."""
+    """Whether every bound holds, after writing the record of the cases to ``out``."""
     findings = run(cases, out=out)
     for finding in findings:
         print(f"{finding.case.name}: {'holds' if finding.holds else 'FAILS'}")

@@ -15,50 +15,20 @@ PICTURES = (".png", ".svg", ".pdf")
 
 def bench(
     *,
-    error: Annotated[
-        bool, Parameter(negative="", help="Error against time instead: problems with a known answer; --out DIR writes a page.")
-    ] = False,
-    published: Annotated[
-        bool, Parameter(negative="", help="The benchmarks of the published sparse method instead; --out DIR writes a page.")
-    ] = False,
-    full: Annotated[
-        bool, Parameter(negative="", help="Up to 1e7 particles (hours); with --error or --published finer grids (half an hour).")
-    ] = False,
+    full: Annotated[bool, Parameter(negative="", help="Up to 1e7 particles (hours).")] = False,
     json: Annotated[Path | None, Parameter(help="Write all measurements to this file."), Written()] = None,
     figure: Annotated[Path | None, Parameter(help="Draw it to this file (.png, .svg, .pdf)."), Written(endings=PICTURES)] = None,
-    against: Annotated[Path | None, Parameter(help="Prototype script to measure side by side.")] = None,
     device: Annotated[str, Parameter(help="cpu, or cuda:0.")] = "cpu",
     threads: Annotated[tuple[int, ...], Parameter(consume_multiple=True, negative="")] = (1, 2),
     precision: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")] = ("float32", "float64"),
     session: Injected,
 ) -> int:
-    """Measure the cost of a step on this machine against size, threads, precision, depth and sparsity; or error against time."""
-    _require_one_benchmark(error, published, {"--json": json, "--figure": figure, "--against": against})
-    if error:
-        from runout.studies import error_against_time
-
-        error_against_time.command(session.out, full)
-        return ExitCode.OK
-    if published:
-        from runout.studies import published_benchmarks
-
-        published_benchmarks.command(session.out, full, device, json)
-        return ExitCode.OK
+    """Measure the cost of a step on this machine against size, threads, precision, depth and sparsity."""
     from runout.studies import work_precision
 
-    choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision, against=against)
+    choices = work_precision.Choices(full=full, device=device, threads=threads, precision=precision)
     work_precision.report(work_precision.run(choices, json, figure))
     return ExitCode.OK
-
-
-def _require_one_benchmark(error: bool, published: bool, files: dict[str, Path | None]) -> None:
-    """ConfigError if two benchmarks are chosen, or a file of another one is named."""
-    if error and published:
-        raise ConfigError("--error and --published: these are two benchmarks; choose one of them")
-    chosen = "--error" if error else "--published"
-    unused = [name for name, path in files.items() if path and (error or (published and name != "--json"))]
-    if unused:
-        raise ConfigError(f"{unused[0]}: {chosen} does not use it; remove it, or use --out")
 
 
 def verify(
@@ -81,7 +51,7 @@ def verify(
     device: Device = None,
     session: Injected,
 ) -> int:
-    """Check the scheme against closed forms and its orders of convergence; --out DIR writes page and figure.
+    """Check the scheme against closed forms and its orders of convergence; --out DIR writes a record.
 
     `runout verify SITE --convergence` finds the numerical error of the maps of a site, from runs on several grids.
     """
@@ -106,7 +76,7 @@ def validate(
     full: Annotated[bool, Parameter(negative="", help="At the sizes of the documentation; takes minutes a case.")] = False,
     session: Injected,
 ) -> int:
-    """Run a case beside published tools, an experiment or an observed event; --out DIR writes its page."""
+    """Run a case beside published tools, an experiment or an observed event; --out DIR writes a record."""
     from runout.studies.validation import command
 
     return command(cases, full, session.out)
@@ -119,7 +89,7 @@ def stress(
     device: Annotated[str, Parameter(help="cpu, or cuda:0 with --backend hash.")] = "cpu",
     session: Injected,
 ) -> int:
-    """Test extreme values of every setting of a run; --out DIR writes a page."""
+    """Test extreme values of every setting of a run; --out DIR writes a record."""
     from runout.studies.stability_stress import command
 
     return command(session.out, full, backend, device)

@@ -59,9 +59,7 @@ def _distinct(conditions: list[Any]) -> list[Any]:
 
 Percentiles = Annotated[list[Annotated[float, Field(gt=0, lt=100)]], Field(min_length=1), AfterValidator(_percent)]
 JointSettings = create_model("JointSettings", __base__=_JointSettings, **{name: _part(q) for name, q in QUANTITIES.items()})  # type: ignore[call-overload]
-_Thresholds: Any = create_model(
-    "_Thresholds", __base__=Settings, **{q.setting: _thresholds(q) for q in QUANTITIES.values()}
-)  # type: ignore[call-overload]
+_Thresholds: Any = create_model("_Thresholds", __base__=Settings, **{q.setting: _thresholds(q) for q in QUANTITIES.values()})  # type: ignore[call-overload]
 
 
 class HazardSettings(_Thresholds):  # type: ignore[misc]

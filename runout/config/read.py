@@ -233,9 +233,7 @@ def _coordinate_system(document: Document) -> Iterator[Problem]:
 def _unknown_system(document: Document, place: Location, stated: str) -> Iterator[Problem]:
     named = file_named_by(stated)
     if named:
-        yield document.problem(
-            place, f"names the file {named!r}, which is not read", "write a code, for example EPSG:32632"
-        )
+        yield document.problem(place, f"names the file {named!r}, which is not read", "write a code, for example EPSG:32632")
         return
     from pyproj import CRS
     from pyproj.exceptions import CRSError

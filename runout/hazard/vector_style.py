@@ -73,7 +73,13 @@ def _symbol(parent: Element, name: str, kind: str, stated: dict[str, str]) -> No
 def _labels(root: Element, expression: str, colour: str, kind: str) -> None:
     settings = SubElement(SubElement(root, "labeling", type="simple"), "settings", calloutType="simple")
     text = SubElement(
-        settings, "text-style", fieldName=expression, isExpression="1", fontSize="9", fontSizeUnit="Point", fontWeight="75",
+        settings,
+        "text-style",
+        fieldName=expression,
+        isExpression="1",
+        fontSize="9",
+        fontSizeUnit="Point",
+        fontWeight="75",
         textColor=_rgb(colour),
     )
     SubElement(text, "text-buffer", bufferDraw="1", bufferSize="1", bufferSizeUnits="MM", bufferColor="255,255,255,255")

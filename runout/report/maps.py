@@ -117,9 +117,7 @@ def draw_map(basemap: Basemap, values: np.ndarray, style: MapStyle, window: Wind
     return axes.figure
 
 
-def blank_map(
-    basemap: Basemap, window: Window, title: str = "", new_figure: Callable[..., Any] | None = None
-) -> tuple[Any, Any]:
+def blank_map(basemap: Basemap, window: Window, title: str = "", new_figure: Callable[..., Any] | None = None) -> tuple[Any, Any]:
     """Axes of a map with everything but its values, and axes for the colour bar, on a figure that ``new_figure`` makes."""
     axes, bar = _sheet(basemap.extent(window), TITLE_HEIGHT if title else 0.0, new_figure)
     axes.set_title(title, loc="left", fontsize=NORMAL, color=INK, pad=6)

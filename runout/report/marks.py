@@ -129,9 +129,7 @@ def _hatched(geometry: Any) -> Any:
     return PathPatch(path, facecolor=(1.0, 1.0, 1.0, 0.35), edgecolor=OBSTACLE, linewidth=1.2, hatch="////", zorder=3)
 
 
-def _label(
-    axes: Any, mark: Mark, colour: str, *, taken: list[np.ndarray], kept_clear: Sequence[np.ndarray] | None = None
-) -> None:
+def _label(axes: Any, mark: Mark, colour: str, *, taken: list[np.ndarray], kept_clear: Sequence[np.ndarray] | None = None) -> None:
     """Write a label inside the visible part of a mark where it covers none of ``taken``, boxes (4,) of the labels before.
 
     With ``kept_clear`` it is written beside a mark that is too small for it, clear of these boxes too if there is such a place.

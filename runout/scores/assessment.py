@@ -184,9 +184,7 @@ def values_at_gauges(flow: Flow, gauges: Gauges) -> dict[str, np.ndarray]:
     }
 
 
-def add_points(
-    found: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray, bars: ErrorBars = NO_BARS
-) -> None:
+def add_points(found: Assessment, name: str, modelled: np.ndarray, observed: np.ndarray, bars: ErrorBars = NO_BARS) -> None:
     """Scores of a quantity at gauges."""
     of = f"gauges, {name.replace('_', ' ')}"
     if name == "arrival_time":

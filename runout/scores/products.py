@@ -180,9 +180,7 @@ def _of_member(path: Path, member: "xr.Dataset", reading: Reading) -> Product:
     terrain, release = netcdf.read(results / "terrain.nc"), netcdf.read(results / "release.nc")
     if not Grid.of_dataset(terrain, "terrain.nc").same_cells(flow.grid):
         return found
-    return replace(
-        found, elevation=terrain["elevation"].values, release=release["release_thickness"].values, bars=_bars(results)
-    )
+    return replace(found, elevation=terrain["elevation"].values, release=release["release_thickness"].values, bars=_bars(results))
 
 
 def _bars(results: Path) -> ErrorBars:

@@ -196,5 +196,3 @@ def _elevation_at(terrain: Terrain, place: np.ndarray) -> float:
     row = int(np.argmin(np.abs(terrain.northing - place[1])))
     column = int(np.argmin(np.abs(terrain.easting - place[0])))
     return float(terrain.elevation[row, column])
-
-

@@ -21,7 +21,7 @@ class VectorContent:
 
     @property
     def kind(self) -> str:
-        """"outline" or "points"."""
+        """ "outline" or "points"."""
         return "outline" if self.gauges is None else "points"
 
 

@@ -19,6 +19,7 @@ WATER_DENSITY = 1000.0  # [kg m-3]
 LARGEST_FACTOR = 10.0  # factors of safety are cut there; level ground has no finite one
 BLOCK = 16_384  # cells whose samples are held at once
 
+
 @dataclass(frozen=True)
 class Stability:
     """Stability of a terrain.

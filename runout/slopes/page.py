@@ -111,4 +111,3 @@ def _sheets(
             marked = name == "sink_depth" and sinks
             image = embedded(png(draw_map(_with_sinks(base, sinks), values, style)) if marked else pictures.png(values, style))
             yield {"title": title, "caption": caption, "image": image}
-

@@ -70,9 +70,7 @@ def sinks(drained: "Drainage", least_depth: float = LEAST_DEPTH) -> tuple[list[S
     return [_sink(drained, depth, label, int(k), boxes[k - 1], float(volumes[k])) for k in order], totals
 
 
-def _sink(
-    drained: "Drainage", depth: np.ndarray, label: np.ndarray, number: int, box: tuple[slice, slice], volume: float
-) -> Sink:
+def _sink(drained: "Drainage", depth: np.ndarray, label: np.ndarray, number: int, box: tuple[slice, slice], volume: float) -> Sink:
     inside = label[box] == number
     own = np.where(inside, depth[box], 0.0)
     row, column = np.unravel_index(np.argmax(own), own.shape)

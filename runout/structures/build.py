@@ -95,9 +95,7 @@ def _blocks_near(pieces: Pieces, lattice: float, band: float) -> tuple[np.ndarra
     return first, blocks[np.lexsort((blocks // GROUP).T)]
 
 
-def _nearest(
-    low: np.ndarray, lattice: float, blocks: np.ndarray, corners: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _nearest(low: np.ndarray, lattice: float, blocks: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distance [m] to the nearest triangle, its row, and its nearest point at the nodes of blocks (n, 9, 9, 9)."""
     nodes = len(low), *(NODES,) * 3
     distance, index, foot = np.empty(nodes), np.empty(nodes, np.int32), np.empty((*nodes, 3))

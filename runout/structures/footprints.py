@@ -190,5 +190,3 @@ def _triangles(shape: Any, points: np.ndarray) -> np.ndarray:
     parts = shapely.get_parts(shapely.orient_polygons(shapely.constrained_delaunay_triangles(shape)))
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     return cKDTree(points).query(corners)[1]  # type: ignore[no-any-return]
-
-

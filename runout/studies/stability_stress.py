@@ -1,9 +1,9 @@
-"""Stability stress test: runs extreme values of every setting and checks invariants; writes a table and a page."""
+"""Stability stress test: runs extreme values of every setting and checks invariants; writes a record."""
 
 import logging
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from runout.errors import ExitCode
 from runout.io.atomic import write_json
 from runout.studies.stability_cases.layout import Layout
 from runout.studies.stability_cases.matrix import one_at_a_time, pinned, sampled
-from runout.studies.stability_cases.page import changes, page
 from runout.studies.stability_cases.trial import Trial, attempt
 from runout.studies.work_precision import commit
 
@@ -29,7 +28,7 @@ def stress(out: Path | None = None, full: bool = False, backend: str = "scan", d
     Parameters
     ----------
     out : Path or None
-        Folder for ``stress.md``, its table and figure, and :data:`FILE`; nothing is written when None.
+        Folder for the record :data:`FILE`; nothing is written when None.
     full : bool
         Every choice alone and the Latin hypercube (some minutes) instead of the pinned set (seconds).
     backend : str
@@ -55,8 +54,7 @@ def stress(out: Path | None = None, full: bool = False, backend: str = "scan", d
         chosen = {"--full": full, f"--backend {backend}": backend != "scan", f"--device {device}": device != "cpu"}
         said = " ".join(["runout stress", *(option for option, given in chosen.items() if given), "--out DIR"])
         content = {**as_json(trials, time.perf_counter() - started), "command": said, "backend": backend, "device": device}
-        write_json(content, out / FILE)
-        page(content).write(out)
+        LOGGER.info("wrote %s", write_json(content, out / FILE))
     return trials
 
 
@@ -80,3 +78,14 @@ def as_line(trial: Trial) -> str:
 
 def _changed(trial: Trial) -> dict[str, Any]:
     return {name: value for name, value in asdict(trial.layout).items() if value != DEFAULTS[name]}
+
+
+def changes(changed: Mapping[str, Any]) -> str:
+    """What a trial changes, in words."""
+    return ", ".join(f"{name} {_shown(value)}" for name, value in changed.items())
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(str, value))})"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Validation: runs beside published tools, experiments and observed events, each as a record and a page."""
+"""Validation: runs beside published tools, experiments and observed events, each as a record."""
 
 import logging
 import time
@@ -26,8 +26,7 @@ def run(name: str, full: bool = False, out: Path | None = None) -> dict[str, Any
     full : bool
         At the sizes of the documentation (minutes) instead of those of CI (a minute at most).
     out : Path or None
-        Folder for the page of the case, its table and figure, and the record ``validation_NAME.json``; nothing is written when
-        None.
+        Folder for the record ``validation_NAME.json``; nothing is written when None.
 
     Returns
     -------
@@ -57,9 +56,7 @@ def run(name: str, full: bool = False, out: Path | None = None) -> dict[str, Any
         "results": results,
     }
     if out is not None:
-        written = case.page(record).write(out)
-        write_json(record, out / RECORD.format(case.name))
-        LOGGER.info("wrote %s, its table, its figure and %s", written, RECORD.format(case.name))
+        LOGGER.info("wrote %s", write_json(record, out / RECORD.format(case.name)))
     return record
 
 

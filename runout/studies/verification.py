@@ -1,4 +1,4 @@
-"""Verification: closed forms, manufactured solutions and orders of convergence, as a table, a page and a figure."""
+"""Verification: closed forms, manufactured solutions and orders of convergence, as lines and a record."""
 
 import json
 import logging
@@ -31,8 +31,7 @@ from runout.studies.verification_cases import (
     transfers,
     zone_crossing,
 )
-from runout.studies.verification_cases.finding import Case, Finding
-from runout.studies.verification_cases.page import as_lines, page
+from runout.studies.verification_cases.finding import Case, Finding, as_lines
 from runout.studies.verification_cases.record import as_json, kept
 from runout.studies.work_precision import commit
 
@@ -55,7 +54,7 @@ CASES: dict[str, Case] = {
 def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) -> list[Finding]:
     """Run cases of verification; returns their findings, in order.
 
-    With ``out``, the page is rewritten after each case. An interrupted run continues after its last complete case if the code is
+    With ``out``, the record is rewritten after each case. An interrupted run continues after its last complete case if the code is
     the same. A complete run is measured again.
 
     Parameters
@@ -65,7 +64,7 @@ def run(cases: Sequence[str] = (), full: bool = False, out: Path | None = None) 
     full : bool
         At the sizes of the documentation (about an hour) instead of those of CI (about two minutes).
     out : Path or None
-        Folder for ``verification.md``, its tables and figure, and :data:`FILE`; nothing is written when None.
+        Folder for the record :data:`FILE`; nothing is written when None.
 
     Raises
     ------
@@ -164,10 +163,9 @@ def _named(name: str) -> Case:
 
 
 def _write(findings: Sequence[Finding], cases: Sequence[str], code: Mapping[str, Any], out: Path) -> None:
-    """Write page, tables, figure and finally the record, each completely or not at all."""
+    """Write the record, completely or not at all."""
     command = " ".join(["runout verify", *cases, *(["--full"] if code["full"] else []), "--out DIR"])
     content = {**as_json(findings, code["full"]), **code, "command": command}
-    written = page(content).write(out)
-    write_json(content, out / FILE)
+    written = write_json(content, out / FILE)
     if len(findings) == len(code["cases_asked"]):
-        LOGGER.info("wrote %s, its tables, its figure and %s", written, FILE)
+        LOGGER.info("wrote %s", written)

@@ -19,7 +19,6 @@ from runout import __version__, log
 from runout.accuracy import PARTICLES_PER_CELL
 from runout.backends.protocol import INDEXES
 from runout.errors import BudgetError, CapacityError, ConfigError
-from runout.studies.prototype import PrototypeRun, load_prototype
 from runout.studies.sloping_layer import PER_CELL, Layer
 from runout.studies.timing import Case, TimedRun, take_turns
 
@@ -30,7 +29,6 @@ SIZE = 100_000  # of the studies other than that of size
 THIN, DEEP = (2, 3), 16  # cells through the depth
 UPWARDS = (PARTICLES_PER_CELL[2], PER_CELL)  # particles of a cell above each other: the default, and as many as beside
 SPARSITIES = (1.0, 3.0, 10.0, 100.0, 400.0)
-AGAINST = 400_000, 1_000_000
 NEEDED = 900  # bytes a particle while a scene is loaded, twice for cases that take turns
 REAL_NUMBERS = 24  # of the state: position 3, velocity 3, affine 9, strain 6, history, mass, volume
 NODE_SUMS = 27 * (4 + 3)  # least multiply-adds of quadratic splines: mass and momentum to the grid, velocity back
@@ -40,13 +38,12 @@ Study = dict[str, list[dict[str, Any]]]
 
 @dataclass(frozen=True)
 class Choices:
-    """What to measure: sizes beyond 4e5 with ``full``, device, threads and precisions, the prototype's script."""
+    """What to measure: sizes beyond 4e5 with ``full``, device, threads and precisions."""
 
     full: bool = False
     device: str = "cpu"
     threads: tuple[int, ...] = (1, 2)
     precision: tuple[str, ...] = ("float32", "float64")
-    against: Path | None = None
     repetitions: int = 5
     sizes: tuple[int, ...] | None = None
     size: int = SIZE
@@ -107,16 +104,13 @@ def measured(choices: Choices) -> dict[str, Any]:
         and multiply-adds (float32) per second, for each number of threads. ``studies``: for each study its measurements
         (:meth:`runout.studies.timing.TimedRun.measured`). ``ratios`` of the table.
     """
-    prototype = load_prototype(choices.against) if choices.against else None
     roofline = measured_roofline(choices)
     studies: Study = {}
     plan = planned(choices)
     with log.progress("bench") as bar:
         for number, (name, cases) in enumerate(plan):
-            tick = _ticks(bar, number, len(plan) + bool(prototype), choices.repetitions)
+            tick = _ticks(bar, number, len(plan), choices.repetitions)
             studies.setdefault(name, []).extend(take_turns(_timed_runs(cases), choices.repetitions, tick))
-        if prototype:
-            studies["against"] = _against(prototype, choices)
     return {
         "schema": SCHEMA,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -165,17 +159,6 @@ def _fits(particles: int, cases: int) -> bool:
     return fits
 
 
-def _against(prototype: Any, choices: Choices) -> list[dict[str, Any]]:
-    """The prototype and runout on the same particles, each with one and more threads, in turns."""
-    done = []
-    for size in choices.sizes or AGAINST:
-        layer = Layer(size, depth=DEEP)
-        timed_runs: list[Any] = [PrototypeRun(prototype, layer, t) for t in choices.usable_threads]
-        timed_runs += [TimedRun(Case(layer, t, device=choices.device)) for t in choices.usable_threads]
-        done += take_turns(timed_runs, choices.repetitions)
-    return done
-
-
 def _ticks(bar: Callable[[float], None], number: int, total: int, repetitions: int) -> Callable[[], None]:
     done = iter(range(1, repetitions + 1))
     return lambda: bar((number + next(done) / repetitions) / total)
@@ -212,7 +195,6 @@ def ratios(studies: Study, roofline: Sequence[dict[str, float]]) -> dict[str, An
         {"depth": d, "deep": DEEP, "upwards": u, "ratio": depth[d, u] / depth[DEEP, u]} for u in UPWARDS for d in THIN
     ]
     found["sparsity"] = _sparsity_ratios(studies.get("sparsity", []))
-    found["against"] = _prototype_ratios(studies.get("against", []))
     found["roofline"] = [share for m in sizes for share in _bounds(m, roofline)]
     return found
 
@@ -222,17 +204,6 @@ def _sparsity_ratios(measurements: Sequence[dict[str, Any]]) -> list[dict[str, A
     first = next((m["rate_of_steps"] for m in measurements if m["case"]["index"] == "sparse"), 1.0)
     return [
         {"sparsity": m["case"]["sparsity"], "index": m["case"]["index"], "ratio": m["rate_of_steps"] / first} for m in measurements
-    ]
-
-
-def _prototype_ratios(measurements: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rate with everything on over that of the prototype, which leaves out index, sort, contact and observers."""
-    theirs = {(m["particles"], m["case"]["threads"]): m["rate"] for m in measurements if "prototype" in m["case"]}
-    own = [m for m in measurements if "prototype" not in m["case"]]
-    return [
-        {"particles": m["particles"], "threads": t, "ratio": m["rate"] / theirs[m["particles"], t]}
-        for m in own
-        for t in [m["case"]["threads"]]
     ]
 
 

@@ -1,11 +1,16 @@
 """Table and figure of a benchmark from its JSON."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from runout.studies.study_page import markdown
-
 STAGE_COLOURS = ("#33658a", "#86bbd8", "#758e4f", "#f6ae2d", "#f26419", "#8d6a9f", "#b0a8b9", "#5c5c5c")
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown, without a line break at its end."""
+    lines = [heads, ["---"] * len(heads), *([cell.replace("|", "/") for cell in row] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def table(content: dict[str, Any]) -> str:
@@ -18,7 +23,7 @@ def table(content: dict[str, Any]) -> str:
     rows += [(layer.format(**x), thin, x["ratio"]) for x in r["thin_over_deep"]]
     apart = studies["sparsity"][0]["particles"]
     rows += [(f"{x['index']}, sparsity {x['sparsity']:g}, over sparse 1", apart, x["ratio"]) for x in r["sparsity"][1:]]
-    rows += [(f"runout over the prototype, threads: {x['threads']}", x["particles"], x["ratio"]) for x in r["against"]]
+    rows += [(f"runout over the prototype, threads: {x['threads']}", x["particles"], x["ratio"]) for x in r.get("against", ())]
     for bound in ("bandwidth", "arithmetic"):
         rows += [(f"of the {bound} bound, threads: {x['threads']}", x["particles"], x[f"of_{bound}"]) for x in r["roofline"]]
     return markdown(("rate of particle-steps", "particles", "ratio"), [(a, _count(b), f"{c:.3g}") for a, b, c in rows])
@@ -119,7 +124,7 @@ def _comparisons(axes: Any, content: dict[str, Any]) -> None:
     rows = [(f"{x['threads']} threads / {_fewest(content)}, {_count(x['particles'])}", x["ratio"]) for x in r["threads"]]
     rows += [("float64 / float32", r["float64_over_float32"])] if "float64_over_float32" in r else []
     rows += [(f"{x['depth']} / {x['deep']} cells deep, 2 x 2 x {x['upwards']}", x["ratio"]) for x in r["thin_over_deep"]]
-    rows += [(f"runout / prototype, {x['threads']} thr., {_count(x['particles'])}", x["ratio"]) for x in r["against"]]
+    rows += [(f"runout / prototype, {x['threads']} thr., {_count(x['particles'])}", x["ratio"]) for x in r.get("against", ())]
     rows = rows[::-1]
     bars = axes.barh(range(len(rows)), [value for _, value in rows], color=STAGE_COLOURS[1])
     axes.bar_label(bars, [f"{value:.2f}" for _, value in rows], padding=3, fontsize=8)

@@ -46,9 +46,7 @@ def draped_image(path: Path, extent: tuple[float, float, float, float], crs: str
     return np.where(known[..., None], colours, np.uint8(200))
 
 
-def _warped(
-    file: Any, extent: tuple[float, float, float, float], crs: str | None, most: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _warped(file: Any, extent: tuple[float, float, float, float], crs: str | None, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Three bands (3, height, width) on the window, and the pixels that the file covers."""
     from rasterio.enums import Resampling
     from rasterio.transform import from_bounds

@@ -1,6 +1,6 @@
 """Coverage of error bars: how often the bar of a convergence study holds the value of a finer grid, and how wide it is.
 
-    python tests/benchmarks/error_bar_coverage.py --out DIR [--processes 16] [--backend hash --device cuda:0] [--small]
+    python -m tests.benchmarks.error_bar_coverage --out DIR [--processes 16] [--backend hash --device cuda:0] [--small]
 
 A case is a site at a basal friction angle with a number of grid cells through the mean thickness of its release. Its bar comes from
 the runs of `runout verify SITE --convergence`, on other shifts in each case. Its true value is the mean of two shifted runs on a
@@ -9,7 +9,7 @@ finer grid; half their distance is the noise of the true value.
 Each run is a file in DIR/runs. A second call does those that are missing, so take another folder for another version. Calls with
 other `--cases` may share a folder and run at the same time, one on a GPU; a last call with all cases makes the record. Copy
 DIR/error_bars.json to tests/benchmarks/records/, take the numbers of its `expected` over into runout/accuracy.py, then run
-`python -m runout.studies.documentation`.
+`python -m docs.pages`.
 """
 
 import argparse
@@ -29,11 +29,11 @@ from unittest.mock import patch
 
 import numpy as np
 
+from docs.pages.error_bars import FILE, coverage
 from runout import numerical_error
 from runout.io.atomic import whole_file, write_json
 from runout.numerical_error import MAP
 from runout.studies.convergence import SHIFT, Run, bars, plan, run_once
-from runout.studies.error_bar_page import FILE, coverage, page
 from runout.studies.map_distance import relative_l1
 
 SITES = Path(__file__).parents[2] / "sites"
@@ -223,9 +223,9 @@ def record(cases: Sequence[Mapping[str, Any]], seconds: float, wall: float, chos
 
 
 def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
-    """Make all runs, and write record, page, table and figure."""
+    """Make all runs, and write the record."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder of runs, record and page")
+    parser.add_argument("--out", type=Path, required=True, help="folder of runs and record")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--backend", default="scan")
     parser.add_argument("--device", default="cpu")
@@ -248,8 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, Any]:
     content = record(list(cases_of(plans, chosen.truth, folder)), seconds, time.perf_counter() - started, chosen)
     for line in constants(plans, chosen.truth, folder) if chosen.constants else ():
         print(line, flush=True)
-    write_json(content, chosen.out / FILE)
-    print(page(content).write(chosen.out), json.dumps(content["coverage"]), json.dumps(content["expected"]))
+    print(write_json(content, chosen.out / FILE), json.dumps(content["coverage"]), json.dumps(content["expected"]))
     return content
 
 

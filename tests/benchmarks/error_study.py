@@ -1,10 +1,10 @@
 """The full error study with each curve in a process of its own: for a machine with many cores, in minutes.
 
-    python tests/benchmarks/error_study.py --out DIR [--workers 16]
+    python -m tests.benchmarks.error_study --out DIR [--workers 16]
 
-Times are processor times on one thread, as in `runout bench --error --full`, which does the same one after the other. The
-references come first, then the curves. A part that is done is kept in DIR/parts, and a second run does those
-that are missing. Copy DIR/work_precision.json to tests/benchmarks/records/, then run `python -m runout.studies.documentation`.
+Times are processor times on one thread. The references come first, then the curves. A part that is done is kept in DIR/parts, and
+a second run does those that are missing. Copy DIR/work_precision.json to tests/benchmarks/records/, then run
+`python -m docs.pages`.
 """
 
 import argparse
@@ -39,7 +39,7 @@ def kept(folder: Path, make: Callable[..., Rows], *key: str) -> Rows:
 
 def reference(folder: Path, problem: str) -> Rows:
     """Run that the errors of a problem on terrain are measured from, kept as a file; no rows."""
-    from runout.studies.error_cases.flows import at_reference
+    from tests.benchmarks.error_cases.flows import at_reference
 
     p = _problem(problem)
     result = at_reference(p.measure.reference, p.site)
@@ -49,8 +49,8 @@ def reference(folder: Path, problem: str) -> Rows:
 
 def curve(folder: Path, problem: str, variation: str) -> Rows:
     """Described points of one variation of a problem."""
-    from runout.studies import error_against_time as study
-    from runout.studies.error_cases import flows
+    from tests.benchmarks import error_against_time as study
+    from tests.benchmarks.error_cases import flows
 
     p = _problem(problem)
     if p.site:
@@ -63,7 +63,7 @@ def curve(folder: Path, problem: str, variation: str) -> Rows:
 
 
 def _problem(name: str) -> Any:
-    from runout.studies.error_cases.problems import PROBLEMS
+    from tests.benchmarks.error_cases.problems import PROBLEMS
 
     return PROBLEMS[name.lower()]
 
@@ -89,12 +89,12 @@ def run_parts(pool: ProcessPoolExecutor, folder: Path, problems: Mapping[str, An
 
 
 def main() -> None:
-    """Run all parts, and write record, page, tables and figure."""
-    from runout.studies.error_against_time import FILE, assembled, recorded
-    from runout.studies.error_cases.problems import PROBLEMS
-    from runout.studies.error_cases.terrains import at_hand
-    from runout.studies.error_page import page, rows
+    """Run all parts, and write the record."""
+    from docs.pages.work_precision import rows
     from runout.studies.verification_cases.column_collapse import measured_surface
+    from tests.benchmarks.error_against_time import FILE, assembled, recorded
+    from tests.benchmarks.error_cases.problems import PROBLEMS
+    from tests.benchmarks.error_cases.terrains import at_hand
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
@@ -111,8 +111,7 @@ def main() -> None:
     found = [assembled(p, {v.name: curves[name, v.name] for v in p.variations()}, None) for name, p in problems.items()]
     content = recorded(found, full=True)
     print(rows(content))
-    write_json(content, a.out / FILE)
-    print(page(content).write(a.out))
+    print(write_json(content, a.out / FILE))
 
 
 if __name__ == "__main__":

@@ -132,9 +132,9 @@ def differences_of_file(here: Path, expected: Path) -> dict[str, float]:
 def main() -> None:
     """Run, print and write."""
     from runout.backends.protocol import devices_of
-    from runout.studies.seed_cases.memory_peak import card_name
     from runout.studies.work_precision import available_cores
     from tests.benchmarks.gpu_throughput import driver
+    from tests.benchmarks.seed_cases.memory_peak import card_name
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, required=True)

@@ -24,7 +24,7 @@ LEVELS = (0.1, 0.5, 1.0)  # [m]
 def arguments(site: str) -> dict[str, Any]:
     """Arguments of ``runout.simulate`` but for the grid."""
     import runout
-    from runout.studies.error_cases.terrains import site_arguments
+    from tests.benchmarks.error_cases.terrains import site_arguments
 
     if site == "jacksboro":
         return {**site_arguments(site), "backend": "scan"}

@@ -165,12 +165,6 @@ def test_no_thread_and_no_worker_are_refused_before_anything_runs(option, tmp_pa
     assert f"{option}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("options", [("--published",), ("--json", "numbers.json"), ("--figure", "a.png"), ("--against", "old.py")])
-def test_a_benchmark_with_options_of_another_one_is_refused(options, capsys):
-    assert cli.main(["bench", "--error", *options]) == ExitCode.CONFIGURATION
-    assert options[0] in capsys.readouterr().err
-
-
 @pytest.fixture
 def no_collection():
     """Garbage collection is off, as where the process of a command starts."""

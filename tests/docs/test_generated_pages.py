@@ -2,24 +2,24 @@
 
 import pytest
 
-from runout.studies.documentation import DOCS, RECORDS, pages
-from runout.studies.study_page import TABLES
+from docs.pages.__main__ import DOCS, RECORDS, pages
+from docs.pages.study_page import TABLES
 
 LONGEST = 2000  # words of a page
 MADE = pages()
 
 
-@pytest.fixture(params=sorted(MADE), ids=lambda path: path.name)
+@pytest.fixture(params=MADE, ids=lambda made: made[1].name)
 def made(request):
     """Folder and content of a page."""
-    return request.param.parent, MADE[request.param]
+    return request.param
 
 
 def test_a_page_made_from_its_record_is_the_page_in_the_documentation(made):
     folder, page = made
-    assert (folder / f"{page.name}.md").read_text(encoding="utf-8") == page.text, "run python -m runout.studies.documentation"
+    assert (folder / f"{page.name}.md").read_text(encoding="utf-8") == page.text, "run python -m docs.pages"
     for name, table in page.tables.items():
-        assert (folder / TABLES / name).read_text(encoding="utf-8") == table, "run python -m runout.studies.documentation"
+        assert (folder / TABLES / name).read_text(encoding="utf-8") == table, "run python -m docs.pages"
     for name in page.pictures:
         assert (folder / name).is_file(), name
 
@@ -28,7 +28,7 @@ def test_a_page_is_a_summary_with_one_figure(made):
     _, page = made
     assert len(page.text.split()) < LONGEST
     assert len(page.pictures) == page.text.count("![") == 1
-    assert "python -m runout.studies.documentation" in " ".join(page.text.split())
+    assert "python -m docs.pages" in " ".join(page.text.split())
     assert page.text.endswith(".\n")
 
 
@@ -39,7 +39,7 @@ def test_every_table_is_linked_from_its_page(made):
 
 
 def test_no_table_is_left_that_no_page_makes():
-    expected = {path.parent / TABLES / name for path, page in MADE.items() for name in page.tables}
+    expected = {folder / TABLES / name for folder, page in MADE for name in page.tables}
     assert {path for path in DOCS.rglob("*.csv") if "_build" not in path.parts} == expected
 
 

@@ -96,6 +96,7 @@ def test_backends_move_a_slab_over_zones_alike(name, friction):
 
 def test_a_law_that_drags_columns_uses_the_area_without_saying_so():
     """Columns are found with the areas of their contacts."""
+
     class OverColumns(type(DRAG)):
         drags_column = True
 

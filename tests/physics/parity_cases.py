@@ -284,7 +284,10 @@ CASES = [
     *(
         Case(formula, "sss", "s", (between(0.1, 5.0), speed, between(500.0, 3000.0)))
         for formula in (
-            flow_columns.flow_thickness, flow_columns.flow_speed, flow_columns.dynamic_pressure, flow_columns.momentum_flux
+            flow_columns.flow_thickness,
+            flow_columns.flow_speed,
+            flow_columns.dynamic_pressure,
+            flow_columns.momentum_flux,
         )
     ),
     Case(flow_columns.time_of_passing, "sssss", "s", (between(0.1, 0.2), between(0.0, 0.1), between(0.3, 2.0), speed, speed)),

@@ -19,9 +19,7 @@ PATCHES = FIELD.patches
 def forces(pressure, times=(0.0, 0.5, 1.0)):
     """Forces of pressures (n, patches) [Pa] that press on each patch."""
     duration = np.diff(times)[:, None, None]
-    return StructureForces(
-        STRUCTURES, np.array(times), -duration * (pressure * PATCHES.area)[:, :, None] * PATCHES.normal[None]
-    )
+    return StructureForces(STRUCTURES, np.array(times), -duration * (pressure * PATCHES.area)[:, :, None] * PATCHES.normal[None])
 
 
 def test_hydrostatic_pressure_on_a_wall_has_its_force_and_moment():

@@ -7,19 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runout import cli
-from runout.errors import ExitCode
+from docs.pages.work_precision import page
 from runout.model.surface import Surface
-from runout.studies import error_against_time
-from runout.studies.error_against_time import measured
-from runout.studies.error_cases import choice, flows, problems, solids, terrains
-from runout.studies.error_cases.choice import BASE, VARIATIONS, Variation
-from runout.studies.error_cases.curve import cost_at, fitted, front, on_front
-from runout.studies.error_cases.node_contact import node_contact
-from runout.studies.error_cases.problems import PROBLEMS
 from runout.studies.verification_cases import spreading_cap
 from runout.studies.verification_cases.bodies import free_scene, lattice, particles_at
 from runout.studies.verification_cases.sliding_box import BOX
+from tests.benchmarks import error_against_time
+from tests.benchmarks.error_against_time import measured
+from tests.benchmarks.error_cases import choice, flows, problems, solids, terrains
+from tests.benchmarks.error_cases.choice import BASE, VARIATIONS, Variation
+from tests.benchmarks.error_cases.curve import cost_at, fitted, front, on_front
+from tests.benchmarks.error_cases.node_contact import node_contact
+from tests.benchmarks.error_cases.problems import PROBLEMS
 
 CELLS = np.array([1.0, 0.5, 0.25, 0.125, 0.0625])
 
@@ -144,17 +143,15 @@ def test_snow_of_iseesnow_is_as_thick_across_the_slope_as_it_is_stated():
     assert terrains.FLOWS["coulomb_only"].angle == pytest.approx(21.80, abs=0.01)
 
 
-def test_command_writes_page_figures_and_json(tmp_path, monkeypatch):
+def test_the_record_of_a_problem_makes_page_tables_and_figure(monkeypatch):
     monkeypatch.setattr(problems, "VARIATIONS", VARIATIONS[:2])
     monkeypatch.setattr(error_against_time, "PROBLEMS", {"u7": PROBLEMS["u7"]})
-    assert cli.main(["bench", "--error", "--out", str(tmp_path)]) == ExitCode.OK
-    page = (tmp_path / "work_precision.md").read_text()
-    assert "| 1 particle per axis | " in page
-    assert "| U7 | manufactured waves" in page
-    assert "\nU7,defaults,0.125,32,37," in (tmp_path / "tables" / "work_precision_runs.csv").read_text()
-    assert "\nU7,1 particle per axis," in (tmp_path / "tables" / "work_precision_curves.csv").read_text()
-    assert (tmp_path / "work_precision.png").read_bytes().startswith(b"\x89PNG")
-    assert (tmp_path / "work_precision.json").is_file()
+    made = page(measured(repeats=1))
+    assert "| 1 particle per axis | " in made.text
+    assert "| U7 | manufactured waves" in made.text
+    assert "\nU7,defaults,0.125,32,37," in made.tables["work_precision_runs.csv"]
+    assert "\nU7,1 particle per axis," in made.tables["work_precision_curves.csv"]
+    assert made.pictures["work_precision.png"].startswith(b"\x89PNG")
 
 
 def test_problems_that_are_not_there_are_named():

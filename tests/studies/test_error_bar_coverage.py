@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs.pages.error_bars import coverage, page
 from runout.numerical_error import MAP
 from runout.studies.convergence import Run, plan
-from runout.studies.error_bar_page import coverage, page
 from tests.benchmarks import error_bar_coverage as study
 
 RECORD = Path(__file__).parents[1] / "benchmarks" / "records" / "error_bars.json"
@@ -63,7 +63,7 @@ def test_cases_share_no_shift_and_the_true_value_has_runs_of_its_own():
         assert len(each) == (study.TRUTHS if cells == 3.0 else len(plan()))
 
 
-def test_small_study_writes_record_and_page_and_goes_on_where_it_stopped(tmp_path, capsys):
+def test_small_study_writes_its_record_and_goes_on_where_it_stopped(tmp_path, capsys):
     content = study.main(["--out", str(tmp_path), "--small", "--processes", "1", "--end-time", "20", "--cells", "0.6"])
     made = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").glob("*.npz")}
     assert len(made) == len(plan()) + study.TRUTHS
@@ -71,7 +71,7 @@ def test_small_study_writes_record_and_page_and_goes_on_where_it_stopped(tmp_pat
     assert all(0.0 < case["relative_error"] < 2.0 for case in content["cases"])
     assert content["coverage"]["holds"] >= 0.75
     stored = json.loads((tmp_path / "error_bars.json").read_text())
-    assert page(stored).text == (tmp_path / "error_bars.md").read_text()
+    assert "bars hold" in page(stored).text
     first = next(iter(made))
     first.unlink()
     again = study.main(["--out", str(tmp_path), "--small", "--processes", "1", "--end-time", "20", "--cells", "0.6"])

@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 
+from docs.pages.published import page, tables
+from docs.pages.study_page import TABLES
 from runout import cli
 from runout.backends.protocol import get_backend
-from runout.studies.published_benchmarks import FILE, planned
-from runout.studies.seed_cases import bodies, ladder, published, site_runs
-from runout.studies.seed_cases import synthetic_site as site
-from runout.studies.seed_cases.blocks import count_blocks
-from runout.studies.seed_cases.memory_peak import forget_host_peak, host_peak
-from runout.studies.seed_cases.page import page, tables
 from runout.studies.sloping_layer import Layer
-from runout.studies.study_page import TABLES
+from tests.benchmarks.published_benchmarks import FILE, planned
+from tests.benchmarks.seed_cases import bodies, ladder, published, site_runs
+from tests.benchmarks.seed_cases import synthetic_site as site
+from tests.benchmarks.seed_cases.blocks import count_blocks
+from tests.benchmarks.seed_cases.memory_peak import forget_host_peak, host_peak
 
 SLOPES = [published.SLOPES[0], published.SLOPES[-1]]  # [deg]
 FRICTION_ANGLES = [published.FRICTION_ANGLES[0], published.FRICTION_ANGLES[-1]]  # [deg]

@@ -7,13 +7,13 @@ import socket
 import numpy as np
 import pytest
 
-from runout import cli
-from runout.errors import ConfigError, ExitCode
-from runout.studies import prototype, work_precision
+from runout.errors import ConfigError
+from runout.studies import work_precision
 from runout.studies.sloping_layer import SPACING, Layer
 from runout.studies.timing import Case, TimedRun, take_turns
 from runout.studies.work_precision import Choices
 from runout.studies.work_report import cost_table, table
+from tests.benchmarks import prototype
 
 SMALL = Choices(threads=(1,), precision=("float32",), sizes=(1500,), size=1500, repetitions=2)
 
@@ -119,10 +119,10 @@ def test_choices_that_cannot_be_measured_are_refused(choices, said):
         Choices(**choices)
 
 
-def test_a_script_that_is_no_prototype_is_refused_in_one_sentence(tmp_path, capsys):
+def test_a_script_that_is_no_prototype_is_refused_in_one_sentence(tmp_path):
     script = tmp_path / "other.py"
     script.write_text("nothing = 0\n")
-    assert cli.main(["bench", "--against", str(script)]) == ExitCode.CONFIGURATION
-    assert "has no p2g" in capsys.readouterr().err
-    assert cli.main(["bench", "--against", str(tmp_path / "missing.py")]) == ExitCode.CONFIGURATION
-    assert "does not exist" in capsys.readouterr().err
+    with pytest.raises(ConfigError, match="has no p2g"):
+        prototype.load_prototype(script)
+    with pytest.raises(ConfigError, match="does not exist"):
+        prototype.load_prototype(tmp_path / "missing.py")

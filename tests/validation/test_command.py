@@ -1,4 +1,4 @@
-"""The command ``runout validate``: cases, missing data, pages of records."""
+"""The command ``runout validate``: cases, missing data, records."""
 
 import json
 import runpy
@@ -9,7 +9,6 @@ import pytest
 from runout.cli import main
 from runout.errors import ConfigError, ExitCode, InputError
 from runout.studies import validation
-from runout.studies.study_page import StudyPage
 from runout.studies.validation_cases import CASES
 from runout.studies.validation_cases.case import ValidationCase, data_folder
 
@@ -45,7 +44,7 @@ def fake_case(seen):
         seen.append(full)
         return {"lines": ["  one line"]}
 
-    return ValidationCase("fake", "a title", measure, lambda record: StudyPage("fake", f"# {record['title']}\n"))
+    return ValidationCase("fake", "a title", measure)
 
 
 def test_a_record_says_how_it_was_made(monkeypatch, tmp_path):
@@ -58,13 +57,13 @@ def test_a_record_says_how_it_was_made(monkeypatch, tmp_path):
     assert record["command"] == "runout validate fake --full --out DIR"
     assert record["machine"]["cores"] >= 1
     assert record["versions"]["numpy"]
-    assert (tmp_path / "fake.md").read_text() == "# a title\n"
+    assert record["title"] == "a title"
 
 
 def test_the_script_runs_a_case_at_its_coarse_size(monkeypatch, tmp_path, capsys):
     seen = []
     monkeypatch.setitem(CASES, "fake", fake_case(seen))
-    page = runpy.run_path(str(ROOT / "pipelines" / "validation.py"))["main"](tmp_path, "fake")
+    record = runpy.run_path(str(ROOT / "pipelines" / "validation.py"))["main"](tmp_path, "fake")
     assert seen == [False]
-    assert page.is_file()
+    assert record.is_file()
     assert "one line" in capsys.readouterr().out

@@ -1,15 +1,14 @@
-"""What the verification writes: page, figure, JSON; and what its command says."""
+"""What the verification writes: its record, the page of it; and what its command says."""
 
 import csv
 import json
 
 import pytest
-from matplotlib.image import imread
 
+from docs.pages.verification import page
 from runout.cli import main
 from runout.studies import verification
-from runout.studies.verification_cases.finding import Bound, Case, Convergence, Finding
-from runout.studies.verification_cases.page import as_lines, page
+from runout.studies.verification_cases.finding import Bound, Case, Convergence, Finding, as_lines
 from runout.studies.verification_cases.record import as_json
 from runout.studies.work_precision import commit
 
@@ -70,16 +69,16 @@ def test_json_states_bounds_orders_and_verdicts():
     assert json.loads(json.dumps(content)) == content
 
 
-def test_command_writes_page_figure_and_json(tmp_path):
+def test_command_writes_a_record_that_makes_page_tables_and_figure(tmp_path):
     assert main(["verify", "U1", "U10", "--out", str(tmp_path), "--json", str(tmp_path / "again.json")]) == 0
-    page = (tmp_path / "verification.md").read_text()
-    assert "runout verify U1 U10 --out DIR" in page
-    assert "| U1 | weights |" in page
-    assert "| U10 | element paths |" in page
-    assert (tmp_path / "tables" / "verification.csv").read_text().count("\nU10,") > 5
-    assert imread(tmp_path / "images" / "verification.png").shape[1] > 900
-    assert json.loads((tmp_path / "again.json").read_text()).keys() == {"version", "full", "holds", "cases"}
     record = json.loads((tmp_path / "verification.json").read_text())
+    made = page(record)
+    assert "runout verify U1 U10 --out DIR" in made.text
+    assert "| U1 | weights |" in made.text
+    assert "| U10 | element paths |" in made.text
+    assert made.tables["verification.csv"].count("\nU10,") > 5
+    assert made.pictures["images/verification.png"].startswith(b"\x89PNG")
+    assert json.loads((tmp_path / "again.json").read_text()).keys() == {"version", "full", "holds", "cases"}
     assert record["cases_asked"] == ["U1", "U10"]
     assert record["commit"] == commit()
 
@@ -106,14 +105,14 @@ def measured(monkeypatch, tmp_path):
 
 
 def test_a_run_that_was_broken_off_goes_on_after_its_last_whole_case(measured, tmp_path):
-    assert "Not finished: A2." in (tmp_path / "verification.md").read_text()
+    assert "Not finished: A2." in page(json.loads((tmp_path / "verification.json").read_text())).text
     findings = verification.run(full=True, out=tmp_path)
     assert measured == ["A1", "A2", "A2"]
     assert findings[0].results == findings[1].results
-    page = (tmp_path / "verification.md").read_text()
-    assert "| A1 | a case |" in page
-    assert "| A2 | a case |" in page
-    assert "Not finished" not in page
+    text = page(json.loads((tmp_path / "verification.json").read_text())).text
+    assert "| A1 | a case |" in text
+    assert "| A2 | a case |" in text
+    assert "Not finished" not in text
     verification.run(full=True, out=tmp_path)
     assert measured[3:] == ["A1", "A2"], "a run that had ended is measured again"
 

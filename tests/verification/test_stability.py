@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from docs.pages.stress import page as stability_page
 from runout.backends.protocol import get_backend
 from runout.errors import RunoutError
 from runout.studies import stability_stress
 from runout.studies.stability_cases.invariants import Watch
 from runout.studies.stability_cases.layout import Layout
 from runout.studies.stability_cases.matrix import AXES, PINNED, named, one_at_a_time, pinned, sampled
-from runout.studies.stability_cases.page import page as stability_page
 from runout.studies.stability_cases.trial import LARGEST, attempt
 
 REFUSED = {  # pinned trials that must be refused, and words of the reason
@@ -122,17 +122,17 @@ def test_matrix_covers_every_axis_and_stays_small():
     assert [s.h for s in samples] == [layout.h for _, layout in sampled(200)]
 
 
-def test_page_and_exit_code_tell_what_failed(tmp_path, monkeypatch):
+def test_record_page_and_exit_code_tell_what_failed(tmp_path, monkeypatch):
     monkeypatch.setattr(stability_stress, "pinned", lambda: iter([("bad", Layout(cfl=0.7)), ("good", Layout(keep=1, steps=4))]))
     monkeypatch.setattr(stability_stress, "attempt", lambda name, layout, *_: attempt(name, layout, "reference"))
     assert stability_stress.command(tmp_path, False, "reference") == 0
-    page = (tmp_path / "stress.md").read_text()
+    made = stability_page(json.loads((tmp_path / "stress.json").read_text()))
+    page = made.text
     assert "**1 survived, 1 were refused, 0 failed.**" in page
     assert "| bad | 1 | 0 | 1 | 0 | cfl (1) |" in page
-    assert "unstable above 0.6" in (tmp_path / "tables" / "stress.csv").read_text()
+    assert "unstable above 0.6" in made.tables["stress.csv"]
     assert "runout stress --backend reference --out DIR" in page
-    assert (tmp_path / "images" / "stress.png").read_bytes().startswith(b"\x89PNG")
-    assert stability_page(json.loads((tmp_path / "stress.json").read_text())).text == page, "the record gives the page"
+    assert made.pictures["images/stress.png"].startswith(b"\x89PNG")
     failing = [replace(attempt("x", Layout(cfl=0.7)), verdict="failed", reason="mass 1")]
     monkeypatch.setattr(stability_stress, "stress", lambda *_: failing)
     assert stability_stress.command(None, False, "reference") == 1

@@ -1,6 +1,5 @@
 """The scripts in pipelines/ make what the commands make, and the wheel installs no name but runout."""
 
-import json
 import runpy
 import tomllib
 from pathlib import Path
@@ -38,18 +37,6 @@ def test_the_script_of_one_member_writes_its_snapshots(tmp_path):
     file = runpy.run_path(str(ROOT / "pipelines" / "single_member.py"))["main"](tmp_path, 0, tmp_path / "member.nc")
     with netCDF4.Dataset(file) as member:
         assert member.groups
-
-
-def test_the_script_of_the_published_benchmarks_writes_record_and_page(tmp_path, monkeypatch, capsys):
-    from runout.studies.seed_cases import bodies, site_runs
-
-    monkeypatch.setattr(bodies, "SLOPES", (30.0,))
-    monkeypatch.setattr(bodies, "FRICTION_ANGLES", (30.0,))
-    monkeypatch.setattr(site_runs, "COARSE_TIME", 2.0)
-    page = runpy.run_path(str(ROOT / "pipelines" / "seed_ladder.py"))["main"](tmp_path)
-    assert "## Sparsity ladder" in page.read_text()
-    assert set(json.loads((tmp_path / "published.json").read_text())) >= {"slides", "collapses", "site", "ladder"}
-    assert "Beside the published figures" in capsys.readouterr().out
 
 
 def test_the_wheel_installs_no_top_level_name_but_runout():

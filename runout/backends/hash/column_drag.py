@@ -160,9 +160,7 @@ def _covered_area(columns: ColumnGroup, first: int, n: int, mass: Any, h: Vector
     return h[0] * h[1] * covered_share(mass, around, squares)
 
 
-def _mass_of_release(
-    status: StatusGroup, contacts: ContactGroup, columns: ColumnGroup, first: int, n: int, r: int, releases: int
-):
+def _mass_of_release(status: StatusGroup, contacts: ContactGroup, columns: ColumnGroup, first: int, n: int, r: int, releases: int):
     """Mass [kg] of a release in column ``n`` of the nodes of a block column."""
     many = status.tally[BLOCKS]
     total = real(0.0)

@@ -218,9 +218,7 @@ def _give_share(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile
             add_node(grid.nodes, bases[piece[0]] + piece[1], node4(real(0.0), s[1], s[2], s[3]))
 
 
-def _give_shares(
-    grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int
-):
+def _give_shares(grid: GridGroup, contacts: ContactGroup, tile: Tile, bases: Tile, near_bases: Tile, b: int, lane: int):
     """The same for all nodes, and sums over columns of nodes; for sums in fixed order to the arena of the block."""
     if ORDERED:
         for t in range(lane, TILE, lane_count()):

@@ -58,6 +58,8 @@ STAGE_NODE = """
     else tile.data(wp::tile_coord(place)) = nodes.data[n];
 #endif
 """
+
+
 @wp.func_native(ADD_IN)
 def add_in(tile: Any, i: int, value: Any):  # type: ignore[no-untyped-def]
     """Add to a number of a tile that no other lane changes at the same time; no lane waits."""

@@ -1,8 +1,8 @@
 """Distance of particles from structures: fields of blocks of a lattice, and the blocks of the grid that lie beside a structure.
 
-    structures.fields     scene 0: | blocks east, north, up | first block | first patch | first sum | patches |   scene 1: ...
-    structures.rows       row of each lattice block of a field, -1 where no particle can touch
-    structures.distance   | row 0: 9 x 9 x 9 distances | row 1 | ...       structures.patch   likewise
+structures.fields     scene 0: | blocks east, north, up | first block | first patch | first sum | patches |   scene 1: ...
+structures.rows       row of each lattice block of a field, -1 where no particle can touch
+structures.distance   | row 0: 9 x 9 x 9 distances | row 1 | ...       structures.patch   likewise
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Particles that would still enter a structure after the impulses of contact: a second impulse stops them.
 
-    contacts.pressed    particles that touch --those that would enter move to the front--> particles that would enter
-    contacts.shares     sums of their weights: their compliance is that of these few alone
-    contacts.touching   how many of them a block has
+contacts.pressed    particles that touch --those that would enter move to the front--> particles that would enter
+contacts.shares     sums of their weights: their compliance is that of these few alone
+contacts.touching   how many of them a block has
 """
 
 from __future__ import annotations

@@ -350,9 +350,7 @@ def particles_to_nodes_over_ground(
                 cursors[thread, ROWS] = ((next_row + 15) & ~15) - thread * rows
                 cursors[thread, SHARED] = next_share - thread * places
             for k in range(schedule.due[s], schedule.due[s + 1]):
-                _update_block_over_ground(
-                    arenas, contacts, grid, columns, blocks.down, np.int64(schedule.nodes[k]), constants.dv
-                )
+                _update_block_over_ground(arenas, contacts, grid, columns, blocks.down, np.int64(schedule.nodes[k]), constants.dv)
             _leave_arenas(schedule, arenas, thread, s, giving, arenas.number)
     total = 0
     for t in range(len(cursors)):

@@ -1,7 +1,7 @@
 """Writes particles into the slots of the store, in double precision without fused operations.
 
-    rec       m | p (3)  |  fx | A column 0 (3)  |  fy | A column 1 (3)  |  fz | A column 2 (3)
-    state     B - I (6)  |  history  |  volume
+rec       m | p (3)  |  fx | A column 0 (3)  |  fy | A column 1 (3)  |  fz | A column 2 (3)
+state     B - I (6)  |  history  |  volume
 """
 
 from runout.physics.moments import momentum_at

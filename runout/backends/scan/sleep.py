@@ -47,7 +47,13 @@ def hold_sleepers(
 
 
 def after_step(
-    k: SimpleNamespace, slow: float, store: Store, blocks: Blocks, workspace: Workspace, tables: Tables, totals: Totals,
+    k: SimpleNamespace,
+    slow: float,
+    store: Store,
+    blocks: Blocks,
+    workspace: Workspace,
+    tables: Tables,
+    totals: Totals,
     structures: Structures | None = None,
 ) -> None:
     """Let blocks fall asleep and wake after a step; blocks are slow below ``slow`` [m/s]."""

@@ -1,13 +1,13 @@
 """Phase "contact with structures", second half: impulses on the particles that touch structures, after those of the ground.
 
-    share_structure_contacts   shares    --sum, times inverse mass-->  compliance, inverse, grid.nodes
-    solve_structure_contacts   grid.nodes, compliance  --gather, impulse-->  push[r]    push - given  --scatter-->  shares
-    push_from_structures       shares    --sum, times inverse mass-->  grid.nodes
-    book_structures            push      --sum by patch-->  impulses (patches, 3)
-    find_entering              grid.nodes  --gather-->  the rows that would still enter: 1 | -  --scatter-->  shares
-    share_structure_contacts   as above, for their compliance
-    stop_entering              grid.nodes, compliance  --gather-->  push[r]  --scatter-->  shares
-    push_from_structures, book_structures   as above
+share_structure_contacts   shares    --sum, times inverse mass-->  compliance, inverse, grid.nodes
+solve_structure_contacts   grid.nodes, compliance  --gather, impulse-->  push[r]    push - given  --scatter-->  shares
+push_from_structures       shares    --sum, times inverse mass-->  grid.nodes
+book_structures            push      --sum by patch-->  impulses (patches, 3)
+find_entering              grid.nodes  --gather-->  the rows that would still enter: 1 | -  --scatter-->  shares
+share_structure_contacts   as above, for their compliance
+stop_entering              grid.nodes, compliance  --gather-->  push[r]  --scatter-->  shares
+push_from_structures, book_structures   as above
 """
 
 import numpy as np

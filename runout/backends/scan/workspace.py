@@ -52,9 +52,7 @@ class Workspace:
     columns: NodeColumns
 
     @classmethod
-    def of(
-        cls, blocks: Blocks, schedule: Schedule, scene: Scene, domain: Domain, former: Contacts | None = None
-    ) -> "Workspace":
+    def of(cls, blocks: Blocks, schedule: Schedule, scene: Scene, domain: Domain, former: Contacts | None = None) -> "Workspace":
         """Arrays for the blocks of an index.
 
         Parameters

@@ -1,16 +1,6 @@
 """Cases of the validation: runs beside published tools, experiments and observed events."""
 
-from runout.studies.validation_cases import (
-    avakot,
-    avakot_page,
-    cascades_2021,
-    cascades_2021_page,
-    columns,
-    columns_page,
-    frank_slide,
-    frank_slide_page,
-    iseesnow_cases,
-)
+from runout.studies.validation_cases import avakot, cascades_2021, columns, frank_slide, iseesnow_cases
 from runout.studies.validation_cases.case import ValidationCase
 
 CASES: dict[str, ValidationCase] = {
@@ -18,11 +8,9 @@ CASES: dict[str, ValidationCase] = {
     for case in (
         iseesnow_cases.COULOMB_ONLY,
         iseesnow_cases.IDEALIZED_TOPO,
-        ValidationCase("frank_slide", "Frank Slide beside SHALTOP, frame by frame", frank_slide.measure, frank_slide_page.page),
-        ValidationCase(
-            "cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure, cascades_2021_page.page
-        ),
-        ValidationCase("avakot", "AvaFrame's avaKot with its own friction, beside com1DFA", avakot.measure, avakot_page.page),
-        ValidationCase("columns", "Columns of rods and of sand beside experiments", columns.measure, columns_page.page),
+        ValidationCase("frank_slide", "Frank Slide beside SHALTOP, frame by frame", frank_slide.measure),
+        ValidationCase("cascades_2021", "Cascades 2021 beside the DEM of difference", cascades_2021.measure),
+        ValidationCase("avakot", "AvaFrame's avaKot with its own friction, beside com1DFA", avakot.measure),
+        ValidationCase("columns", "Columns of rods and of sand beside experiments", columns.measure),
     )
 }

@@ -1,7 +1,7 @@
 """A case of the validation, and the files that it needs."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,12 +9,11 @@ from typing import Any
 from runout.config.fetch import DATA_FOLDER, fetch
 from runout.config.remote import RemoteFile
 from runout.errors import InputError
-from runout.studies.study_page import StudyPage
 
 
 @dataclass(frozen=True)
 class ValidationCase:
-    """One case: ``measure(full)`` runs it, coarse for CI or at the sizes of the documentation; ``page(record)`` shows it.
+    """One case: ``measure(full)`` runs it, coarse for CI or at the sizes of the documentation.
 
     Attributes
     ----------
@@ -23,14 +22,11 @@ class ValidationCase:
     title : str
     measure : callable
         Results, ready for JSON.
-    page : callable
-        Page of a record, which holds ``results`` and how they were made.
     """
 
     name: str
     title: str
     measure: Callable[[bool], dict[str, Any]]
-    page: Callable[[Mapping[str, Any]], StudyPage]
 
 
 def data_folder(name: str, source: str) -> Path:

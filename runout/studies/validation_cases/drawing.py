@@ -1,7 +1,4 @@
-"""Outlines of maps and figures of the validation."""
-
-from collections.abc import Sequence
-from typing import Any
+"""Outlines and numbers of maps, ready for the records of the validation."""
 
 import numpy as np
 
@@ -22,19 +19,6 @@ def outline_of(values: np.ndarray, threshold: float, easting: np.ndarray, northi
     lines = Figure().add_subplot().contour(x, y, padded, levels=[threshold]).allsegs[0]
     rings = (LineString(line).simplify(tolerance) for line in lines if len(line) > 3)
     return [[[round(px, 1), round(py, 1)] for px, py in ring.coords] for ring in rings if ring.length > 8 * tolerance]
-
-
-def draw_outline(axes: Any, outline: Outline, **style: Any) -> None:
-    """Draw rings; only the first has the label."""
-    label = style.pop("label", None)
-    for number, ring in enumerate(outline):
-        x, y = np.array(ring).T
-        axes.plot(x, y, label=label if number == 0 else None, **style)
-
-
-def along(values: Sequence[float | None]) -> np.ndarray:
-    """Numbers of a record; None is NaN."""
-    return np.array([np.nan if v is None else v for v in values], float)
 
 
 def rounded(values: np.ndarray, digits: int) -> list[float | None]:

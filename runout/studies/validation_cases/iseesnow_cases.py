@@ -1,21 +1,12 @@
-"""The two cases of ISeeSnow: their runs and the text of their pages."""
+"""The two cases of ISeeSnow: the runs of each."""
 
 from runout.studies.validation_cases.case import ValidationCase
 from runout.studies.validation_cases.iseesnow import Variant, measure
-from runout.studies.validation_cases.iseesnow_numbers import coulomb_numbers, topo_numbers
-from runout.studies.validation_cases.iseesnow_page import page
 from runout.studies.validation_cases.iseesnow_surge import measure_surges
-from runout.studies.validation_cases.iseesnow_text import COULOMB_DIFFERENCES, TOPO_DIFFERENCES
-from runout.studies.validation_cases.wording import told
 
 LEVELLED = (2, 2, 12)  # particles per cell: at 5 m four levels through the slab, as by default
 ONE_LEVEL = (2, 2, 4)
 COARSE = (Variant(10.0, (2, 2, 24)),)
-COULOMB_SETUP = (
-    "Slab of 1.5 m on a parabolic slope with a channel that ends on a cone; Coulomb friction 0.4 (21.8 deg), no other term. "
-    "Snow: 200 kg/m3, internal friction 30 deg, stiffness by default. "
-    "Release: the raster of the case, or its polygon with the same mean thickness or the same mass."
-)
 COULOMB_FULL = (
     Variant(5.0, LEVELLED),
     Variant(5.0, LEVELLED, polygon=True),
@@ -25,10 +16,6 @@ COULOMB_FULL = (
     Variant(2.5),
     Variant(10.0, (2, 2, 24)),
     Variant(10.0, ONE_LEVEL),
-)
-TOPO_SETUP = (
-    "Slab of 1.5 m on a plane of 34 deg that ends on level ground; Voellmy friction with mu = 0.4 and xi = 2000 m/s2. Snow: "
-    "200 kg/m3, stiffness by default. Release: the raster of the case, or its polygon with the same mean thickness."
 )
 TOPO_FULL = (
     Variant(5.0, LEVELLED, drag="column"),
@@ -50,11 +37,9 @@ COULOMB_ONLY = ValidationCase(
     "coulomb_only",
     "ISeeSnow CoulombOnly: a slab with Coulomb friction beside 13 tools",
     lambda full: measure("CoulombOnly", COULOMB_FULL if full else COARSE),
-    lambda record: page(record, COULOMB_SETUP, told(record, COULOMB_DIFFERENCES, coulomb_numbers)),
 )
 IDEALIZED_TOPO = ValidationCase(
     "idealized_topo",
     "ISeeSnow IdealizedTopo: a slab with Voellmy friction beside 12 tools",
     lambda full: measure("IdealizedTopo", TOPO_FULL) | measure_surges(SURGES) if full else measure("IdealizedTopo", TOPO_COARSE),
-    lambda record: page(record, TOPO_SETUP, told(record, TOPO_DIFFERENCES, topo_numbers)),
 )

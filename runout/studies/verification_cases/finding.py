@@ -1,5 +1,6 @@
 """Findings of a case of verification: numbers with bounds, and orders of convergence."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -81,3 +82,33 @@ class Finding:
     def holds(self) -> bool:
         """Whether every bound and order holds."""
         return all(r.holds for r in self.results)
+
+
+def as_lines(finding: Finding) -> list[str]:
+    """Lines for the terminal on a case."""
+    head = f"{finding.case.name} {finding.case.title}: {'holds' if finding.holds else 'DOES NOT HOLD'} ({finding.seconds:.1f} s)"
+    return [head, *(f"  {'' if r.holds else 'NOT: '}{r.quantity}: {measured_text(r)}; {required_text(r)}" for r in finding.results)]
+
+
+def measured_text(r: Result) -> str:
+    """What was measured, in words."""
+    if isinstance(r, Bound):
+        return number_text(r.value)
+    errors = ", ".join(f"{c:g}: {e:.2g}" for c, e in zip(r.cells, r.errors, strict=True))
+    return f"{errors}; order {r.order:.2f}"
+
+
+def required_text(r: Result) -> str:
+    """What is required, in words."""
+    if isinstance(r, Convergence):
+        return f"order {r.declared:g}"
+    if math.isfinite(r.low) and math.isfinite(r.high):
+        return f"{number_text(r.low)} to {number_text(r.high)}"
+    if math.isfinite(r.low):
+        return f"at least {number_text(r.low)}"
+    return f"at most {number_text(r.high)}" if math.isfinite(r.high) else "reported"
+
+
+def number_text(value: float) -> str:
+    """A number with a few digits."""
+    return f"{value:.4g}" if 1e-2 <= abs(value) < 1e4 or value == 0 else f"{value:.2g}"

@@ -1,0 +1,144 @@
+"""Page of the coverage of the error bars: how many hold, and how wide they are beside the true difference."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from statistics import median
+from typing import Any
+
+from docs.pages.study_page import StudyPage, as_csv, as_png, download, markdown
+from runout.accuracy import BOUNDS, PRESETS
+from runout.numerical_error import MAP, MAP_ORDER, ORDER, SAFETY, SCATTERS, SHARE
+from runout.studies.convergence import COARSER
+
+FILE = "error_bars.json"
+COLUMNS = (
+    *("site", "friction", "cells", "quantity", "fine", "trend", "scatter", "error", "relative_error"),
+    *("truth", "difference", "noise", "holds"),
+)
+HEADS = ("", "bars that hold", "", "median bar", "median difference", "ratio")
+OPENING = """# Coverage of the error bars
+
+`runout verify SITE --convergence` gives each quantity an error bar from {runs} runs: the grid of the site and cells
+{coarser} times as large, each shifted against the terrain. {bounds}
+
+A fit through the runs, of order {order:g} in the cell size, gives a trend, which is the difference from a grid of vanishing
+cells, and the scatter of the runs. The order is given: one that is fitted to few runs turns with their scatter. The bar of a
+quantity is {safety:g} times the root of the sum of squares of the trend, of {scatters:g} scatters, and of {share:g} of the error of
+its map. The last part holds where a quantity turns between the grids and has no trend. The bar of a map comes from its
+distances to the maps of the coarser grids, by a fit of order {map_order:g}: their trend, and the noise that leaves a distance
+between equal grids. The option `--constants` of the study prints the coverage with other numbers.
+
+**{held} of {count} bars hold ({part:.0f} %). The median bar is {ratio:.1f} times the median difference.** The difference is
+that from a finer grid with {truth:g} cells through the mean thickness of the release; the bars come from grids with {cells}.
+
+![Difference from the value of the fine grid against the bar](error_bars.png)
+
+*Below the line: the bar holds. Differences below 1e-4 are drawn at 1e-4.*
+
+{quantities}
+
+{sites}
+
+{through}
+
+Bars and differences are medians, relative to the value on the finest grid of a case. Each true value is the mean of two
+shifted runs; half their distance, its noise, has a median of {noise:.2g} %.
+
+## Expected errors
+
+Medians of the bars, brought to the cells of a preset by first order. `runout check`, the report and
+{{doc}}`../guide/choosing` state them for a site that is not measured.
+
+{presets}
+
+## Full table
+
+{table}: value, trend, scatter, bar, true value
+
+## How to make this page
+
+    python -m tests.benchmarks.error_bar_coverage {options}
+
+It writes the record `error_bars.json`. Copy it to `tests/benchmarks/records/`; `python -m docs.pages` then writes this page,
+its table and its figure.
+
+Record: runout {runout}, commit {commit}, numba {numba}, NumPy {numpy}, {engines}, float32; flows of {end_time:g} s;
+{processes} processes on {cores} cores ({architecture}), {run_seconds} s of runs.
+"""
+
+
+def coverage(cases: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Number of bars, share of those that hold, and median bar over median difference."""
+    bars, differences = (median(case[key] for case in cases) for key in ("relative_error", "difference"))
+    held = sum(case["holds"] for case in cases)
+    return {"bars": len(cases), "holds": held / len(cases), "bar": bars, "difference": differences, "ratio": bars / differences}
+
+
+def page(content: Mapping[str, Any]) -> StudyPage:
+    """The page of a record of ``tests/benchmarks/error_bar_coverage.py``."""
+    cases, versions, machine, found = content["cases"], content["versions"], content["machine"], coverage(content["cases"])
+    text = OPENING.format(
+        runs=len(COARSER) + 1,
+        coarser=", ".join(f"{ratio:g}" for ratio in sorted(set(COARSER))),
+        bounds=BOUNDS,
+        safety=SAFETY,
+        scatters=SCATTERS,
+        share=SHARE,
+        order=ORDER,
+        map_order=MAP_ORDER,
+        held=sum(case["holds"] for case in cases),
+        count=len(cases),
+        part=100 * found["holds"],
+        ratio=found["ratio"],
+        cells=" to ".join(f"{limit(case['cells'] for case in cases):g}" for limit in (min, max)),
+        quantities=_table(cases, "quantity", "title"),
+        sites=_table(cases, "site", "site"),
+        through=_table(cases, "cells", "cells", "cells through the thickness"),
+        noise=100 * median(case["noise"] for case in cases),
+        presets=markdown(("preset", "cells through the thickness", "run-out", "thickness map"), _presets(content["expected"])),
+        table=download("error_bars.csv", f"all {len(cases)} bars"),
+        run_seconds=content["seconds"]["runs"],
+        **{name: content[name] for name in ("engines", "processes", "truth", "end_time", "options")},
+        **{name: versions[name] for name in ("runout", "commit", "numba", "numpy")},
+        **{name: machine[name] for name in ("cores", "architecture")},
+    )
+    table = as_csv(COLUMNS, ([case[name] for name in COLUMNS] for case in cases))
+    return StudyPage("error_bars", text, {"error_bars.csv": table}, {"error_bars.png": _figure(cases)})
+
+
+def _presets(expected: Mapping[str, float]) -> Iterator[tuple[str, ...]]:
+    """Rows: expected error bars of each preset."""
+    for name, preset in PRESETS.items():
+        errors = (f"± {100 * expected[quantity] / preset.cells:.2g} %" for quantity in ("f99", MAP))
+        yield f"`{name}`", f"{preset.cells:g}", *errors
+
+
+def _groups(cases: Sequence[Mapping[str, Any]], key: str) -> dict[Any, list[Mapping[str, Any]]]:
+    return {value: [case for case in cases if case[key] == value] for value in dict.fromkeys(case[key] for case in cases)}
+
+
+def _table(cases: Sequence[Mapping[str, Any]], key: str, title: str, head: str = "") -> str:
+    """Coverage by the values of a key, in Markdown."""
+    rows = []
+    for some in _groups(cases, key).values():
+        found = coverage(some)
+        numbers = f"{100 * found['holds']:.0f} %", f"{100 * found['bar']:.2g} %", f"{100 * found['difference']:.2g} %"
+        rows.append((str(some[0][title]), f"{sum(c['holds'] for c in some)} of {len(some)}", *numbers, f"{found['ratio']:.1f}"))
+    return markdown((head or key, *HEADS[1:]), rows)
+
+
+def _figure(cases: Sequence[Mapping[str, Any]]) -> bytes:
+    """PNG of the difference from the true value against the bar, a mark a case and a colour a quantity."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(7.5, 4.2), layout="constrained")
+    axes = canvas.add_subplot()
+    for some in _groups(cases, "quantity").values():
+        bars, differences = [c["relative_error"] for c in some], [max(c["difference"], 1e-4) for c in some]
+        axes.loglog(bars, differences, "o", markersize=4, alpha=0.7, label=some[0]["title"])
+    low, high = axes.get_xlim()
+    axes.plot([low, high], [low, high], color="0.4", lw=0.8)
+    axes.set(xlabel="error bar, relative", ylabel="difference from the value of the fine grid, relative")
+    axes.xaxis.set_minor_formatter("")
+    axes.grid(color="0.9", which="major")
+    canvas.legend(loc="outside right upper", fontsize=8, frameon=False)
+    return as_png(canvas)
