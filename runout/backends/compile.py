@@ -4,13 +4,15 @@ Each function is copied with its globals extended, so that ``real``, ``i64``, ``
 function it calls mean the compiled ones; then numba or warp compiles the copy. The sources of physics are read by two
 compilers and by plain Python, and are written once.
 
-Numba's cache stamps only the file of a kernel. A change of a law would leave stale machine code behind, so the cache
-folder carries a hash of every source that a binding uses.
+Numba finds compiled code by the path and the content of the file of a kernel alone. Here the folder of the cache is named by the
+content of every source that a binding uses, and the copies that numba compiles state a copy of their source in that folder as their
+file. So a change of a law compiles anew, and equal sources compile once on a machine, wherever they are installed.
 """
 
 import contextlib
 import hashlib
 import inspect
+import platform
 import tempfile
 import threading
 from collections import namedtuple
@@ -21,6 +23,7 @@ from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 from runout.caches import compiled_code
+from runout.io.atomic import whole_file
 from runout.model.friction_laws import FrictionLaw
 from runout.model.law_source import functions_of_law
 from runout.model.laws import Law
@@ -203,10 +206,12 @@ class NumbaBinding:
         inline = numba.njit(**self.inlined)
         compiled = dict(self._compiled)
         space = SimpleNamespace()
-        with cache_folder(key):
+        with cache_folder(key) as folder:
             for module in modules:
+                source = _copied_source(module, folder)
                 for function in functions_of(module):
                     copy = rebound(function, {**self.names, **names}, compiled)
+                    copy.__code__ = copy.__code__.replace(co_filename=str(source))
                     if function.__name__.startswith("_"):
                         compiled[function] = inline(copy)
                     else:
@@ -296,11 +301,13 @@ def warp_record(law_name: str, fields: tuple[str, ...], real: Any) -> Any:
 
 
 def source_key(modules: tuple[ModuleType, ...], *labels: str) -> str:
-    """Hash of the sources of modules and of labels: what compiled code depends on."""
+    """Hash of what compiled code depends on: sources of modules, labels, compiler, interpreter and processor."""
     import numba
     import numpy
+    from llvmlite.binding import get_host_cpu_name
 
-    digest = hashlib.sha256("|".join((numba.__version__, numpy.__version__, *labels)).encode())
+    compiler = numba.__version__, numpy.__version__, platform.python_version(), get_host_cpu_name()
+    digest = hashlib.sha256("|".join((*compiler, *labels)).encode())
     for module in (*modules, inspect.getmodule(source_key)):
         digest.update(Path(inspect.getfile(module)).read_bytes())  # type: ignore[arg-type]
     return digest.hexdigest()[:16]
@@ -310,8 +317,18 @@ def _label(value: Any) -> str:
     return getattr(value, "__module__", "") + "." + getattr(value, "__qualname__", repr(value))
 
 
+def _copied_source(module: ModuleType, folder: Path) -> Path:
+    """Copy of the source of a module in a folder of the cache; written whole, since processes share the folder."""
+    source = Path(inspect.getfile(module))
+    copy = folder / source.name
+    if not copy.exists():
+        with whole_file(copy) as temporary:
+            temporary.write_bytes(source.read_bytes())
+    return copy
+
+
 @contextlib.contextmanager
-def cache_folder(key: str) -> Iterator[None]:
+def cache_folder(key: str) -> Iterator[Path]:
     """Numba caches what is decorated inside in a folder of its own; a temporary one where the cache is unwritable.
 
     The folder is a setting of numba for the whole process: other threads wait.
@@ -323,7 +340,7 @@ def cache_folder(key: str) -> Iterator[None]:
         before = config.CACHE_DIR
         config.CACHE_DIR = str(cache_root() / key)
         try:
-            yield
+            yield Path(config.CACHE_DIR)
         finally:
             config.CACHE_DIR = before
 

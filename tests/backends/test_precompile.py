@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 import threading
-from types import SimpleNamespace
+from types import ModuleType
 
 import pytest
 from scenes import ROCK, SAND, box, plane, scene
@@ -82,19 +82,18 @@ def test_what_is_compiled_is_not_another_tree_in_the_working_folder(monkeypatch,
     assert precompile._warm_up_elsewhere(scene(materials=(SAND,), precision="float32"), "plain")
 
 
-def test_sources_that_were_installed_anew_are_compiled_anew(monkeypatch, tmp_path):
-    """Numba does not take what it has cached for a file of another place or time."""
+def test_kernels_are_compiled_anew_for_other_sources_and_not_for_another_place_or_time(monkeypatch, tmp_path):
     started = []
     monkeypatch.setattr(precompile, "cache_root", lambda: tmp_path)
     monkeypatch.setattr(precompile, "_warm_up_elsewhere", lambda *job: not started.append(job))
-    source = tmp_path / "kernels.py"
-    source.write_text("")
-    module = SimpleNamespace(__file__=str(source))
-    monkeypatch.setattr(precompile.inspect, "getfile", lambda m: getattr(m, "__file__", __file__))
-    a_scene = scene(materials=(SAND,))
-    for seconds, processes in ((100, 1), (100, 1), (200, 2)):
+    for place, seconds, text, processes in (("a", 100, "", 1), ("a", 200, "", 1), ("b", 100, "", 1), ("b", 100, "x = 1", 2)):
+        source = tmp_path / place / "kernels.py"
+        source.parent.mkdir(exist_ok=True)
+        source.write_text(text)
         os.utime(source, (seconds, seconds))
-        precompile.ensure_compiled(a_scene, (module,))
+        module = ModuleType("kernels")
+        module.__file__ = str(source)
+        precompile.ensure_compiled(scene(materials=(SAND,)), (module,))
         assert len(started) == processes
 
 

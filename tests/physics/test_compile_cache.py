@@ -50,6 +50,24 @@ def test_changed_kernel_is_compiled_anew_not_taken_from_the_cache(law_file, tmp_
         binding.cache_root.cache_clear()
 
 
+def test_equal_kernels_of_another_place_are_loaded_from_the_cache(law_file, tmp_path, monkeypatch):
+    """A fresh clone, or another virtual environment, has the sources in another folder."""
+    monkeypatch.setenv("RUNOUT_CACHE", str(tmp_path / "cache"))
+    binding.cache_root.cache_clear()
+    other = tmp_path / "other" / law_file.name
+    other.parent.mkdir()
+    other.write_text(law_file.read_text())
+    try:
+        numbers = binding.numba_binding(np.float64, False)
+        first, second = (numbers.kernels(load(path)).twice for path in (law_file, other))
+        assert first(2.0) == second(2.0) == 4.0
+        assert sum(first.stats.cache_misses.values()) == 1
+        assert sum(second.stats.cache_hits.values()) == 1
+        assert not second.stats.cache_misses
+    finally:
+        binding.cache_root.cache_clear()
+
+
 def test_unwritable_cache_folder_falls_back_to_a_temporary_one(tmp_path, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")

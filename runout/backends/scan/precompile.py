@@ -6,7 +6,6 @@ repeat the bits of a process that loads from the cache (docs/decisions/01-packag
 """
 
 import base64
-import inspect
 import logging
 import os
 import pickle
@@ -26,7 +25,7 @@ from runout.model.scene import Scene
 LOGGER = logging.getLogger(__name__)
 IN_THIS_PROCESS = "kernels are compiled where they run; the last bits of the results may differ from those of later runs"
 WARM_UP = "RUNOUT_REHEARSAL"  # the variable that tells the process which compiles from the others
-SOURCE = str(Path(__file__).with_name("warm_up.py"))  # of what that process runs; it imports the backend, which imports this module
+SOURCE = Path(__file__).with_name("warm_up.py")  # of what that process runs; it imports the backend, which imports this module
 
 
 def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> Path | None:
@@ -41,7 +40,7 @@ def ensure_compiled(scene: Scene, sources: tuple[ModuleType, ...]) -> Path | Non
 
     laws = f"{scene.law.name} {scene.law.fingerprint} {scene.basal.law.name} {scene.basal.law.fingerprint}"
     label = f"{laws} {scene.precision} {len(scene.materials) == 1} {variant(scene)}"
-    done = cache_root() / f"{source_key(sources, label, *map(_stamp, [*map(inspect.getfile, sources), SOURCE]))}.done"
+    done = cache_root() / f"{source_key(sources, label, SOURCE.read_text(encoding='utf-8'))}.done"
     if done.exists():
         return done
     with locket.lock_file(str(done.with_suffix(".lock"))):
@@ -59,12 +58,6 @@ def variant(scene: Scene) -> str:
     kind = "gradient_transfer" if uses_gradient_transfer(scene) else "sleeping" if scene.sleep_speed else "plain"
     more = {"free": scene.surface is None, "zones": scene.friction_zones, "structures": scene.structures}
     return " ".join((kind, *(name for name, has in more.items() if has)))
-
-
-def _stamp(path: str) -> str:
-    """What numba compares before it loads a kernel from its cache: path, time and size of the source."""
-    status = os.stat(path)
-    return f"{path} {status.st_mtime_ns} {status.st_size}"
 
 
 def _warm_up_elsewhere(scene: Scene, kind: str) -> bool:
