@@ -42,8 +42,6 @@ def peak_bytes(particles, backend):
 
 @pytest.mark.parametrize("backend", MOST)
 def test_a_run_takes_few_bytes_of_the_host_for_each_particle(backend):
-    if backend == "hash":
-        pytest.importorskip("warp")
     (small, _, few), (large, _, many) = (peak_bytes(n, backend) for n in (SMALL, LARGE))
     assert many > 1.8 * few
     assert large / many < MOST[backend]

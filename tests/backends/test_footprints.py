@@ -206,7 +206,8 @@ def test_drawn_outline_keeps_area_and_place_of_a_smooth_shape_but_is_too_long():
 
 @pytest.mark.parametrize(("cells", "threads"), [(1600, 1), (2**16, 2)])
 def test_loop_over_a_small_window_starts_no_threads(monkeypatch, cells, threads):
-    numba = pytest.importorskip("numba")
+    import numba
+
     if numba.config.NUMBA_NUM_THREADS < 2:
         pytest.skip("one thread only")
     seen, before = [], numba.get_num_threads()

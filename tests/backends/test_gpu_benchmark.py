@@ -1,9 +1,5 @@
 """The benchmark of the hash backend and its control, small and on the CPU: they use inner parts, which may move."""
 
-import pytest
-
-pytest.importorskip("warp")
-
 from tests.benchmarks.gpu_naive import measure_naive
 from tests.benchmarks.gpu_throughput import STAGES, layer, measure
 

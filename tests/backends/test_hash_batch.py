@@ -8,9 +8,9 @@ from scenes import HASH_DEVICE, IN_ORDER, SAND, assert_same_numbers, bowl, plane
 from test_hash_equals_reference import GRAINS
 from test_sparse_equals_dense import CLAY, two_bodies
 
+from runout.backends.hash import batch
 from runout.errors import ConfigError
 
-batch = pytest.importorskip("runout.backends.hash.batch")
 UNIT = (1.0, 1.0, 1.0)
 STEPS = (60, 35, 80)
 DT = (2e-3, 1.5e-3, 2e-3)

@@ -5,12 +5,11 @@ import struct
 from pathlib import Path
 
 import pytest
+import warp as wp
 
+from runout.backends.hash.kernels import compiled_kernels
 from runout.model.friction_laws import FRICTIONS
 from runout.model.laws import LAWS
-
-wp = pytest.importorskip("warp")
-compiled_kernels = pytest.importorskip("runout.backends.hash.kernels").compiled_kernels
 
 ARCHITECTURE = 90
 COULOMB = FRICTIONS.find("coulomb")

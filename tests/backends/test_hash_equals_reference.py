@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from scenes import (
     IN_ORDER,
     SAND,
@@ -45,7 +46,7 @@ def test_hash_equals_reference_in_float64(name, steps, tolerance, deterministic)
 @pytest.mark.parametrize("deterministic", [False, True])
 def test_lanes_of_a_block_share_their_tile_without_conflict(monkeypatch, deterministic):
     """As on a GPU: 64 lanes own the cells of a block, 128 its particles; warp runs them as fibers on the CPU."""
-    config = pytest.importorskip("warp").config
+    config = wp.config
     monkeypatch.setattr(config, "enable_cpu_blocks", True)
     surface, spacing = CASES["rough ground"]
     s = scene(surface, spacing, (SAND, CLAY), (0.4, 0.25))
@@ -60,7 +61,7 @@ def test_lanes_of_a_block_share_their_tile_without_conflict(monkeypatch, determi
 @pytest.mark.parametrize("shared", [False, True], ids=["one lane", "lanes of a GPU"])
 def test_more_particles_may_touch_in_a_block_than_are_held_at_once(monkeypatch, shared, deterministic):
     """Contact of a block goes in rounds: each loads the same velocities, and its impulses add to those of the others."""
-    monkeypatch.setattr(pytest.importorskip("warp").config, "enable_cpu_blocks", shared)
+    monkeypatch.setattr(wp.config, "enable_cpu_blocks", shared)
     from runout.backends.hash.contact_solution import HELD
 
     spacing = (1.0, 1.0, 1.0)

@@ -19,17 +19,12 @@ from scenes import (
 from scenes import scene as any_scene
 
 from runout import Voellmy, VoellmyBase
+from runout.backends.hash import backend as hash_backend
+from runout.backends.hash import batch, index, layout, parts, readback, state
 from runout.backends.protocol import get_backend
 from runout.errors import CapacityError, ConfigError, DeviceError
 from runout.model.particles import Particles
 
-index = pytest.importorskip("runout.backends.hash.index")
-hash_backend = pytest.importorskip("runout.backends.hash.backend")
-batch = pytest.importorskip("runout.backends.hash.batch")
-parts = pytest.importorskip("runout.backends.hash.parts")
-layout = pytest.importorskip("runout.backends.hash.layout")
-readback = pytest.importorskip("runout.backends.hash.readback")
-state = pytest.importorskip("runout.backends.hash.state")
 UNIT = (1.0, 1.0, 1.0)
 WEIGHTLESS = (0.0, 0.0, 0.0)
 COLUMN = Voellmy(mu=0.2, xi=1000.0)

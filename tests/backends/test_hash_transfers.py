@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from scenes import (
     HASH_DEVICE,
     IN_ORDER,
@@ -36,7 +37,7 @@ def rough_scene(**way):
 
 def test_lanes_of_a_block_share_their_tiles_without_conflict_in_fixed_order(monkeypatch):
     """As on a GPU: warp runs the threads of a block as fibers on the CPU."""
-    config = pytest.importorskip("warp").config
+    config = wp.config
     monkeypatch.setattr(config, "enable_cpu_blocks", True)
     p, expected, found = two_bodies(SURFACE, SPACING), [], []
     for way in (EVERYTHING, WAYS["packed with F-bar"]):

@@ -21,9 +21,9 @@ from scipy.spatial import cKDTree
 from test_sparse_equals_dense import CASES, CLAY, run, two_bodies
 
 from runout.backends.protocol import get_backend
+from runout.backends.scan import workers
 from runout.errors import ConfigError
 
-workers = pytest.importorskip("runout.backends.scan.workers")
 SPACING = (1.0, 0.7, 0.5)
 WAYS = {
     "apic": {"transfer": "apic"},

@@ -128,7 +128,6 @@ def test_an_interrupted_run_continues_its_series(tmp_path, caplog):
 
 
 def test_a_scenario_of_a_batch_has_the_series_of_its_own_run():
-    pytest.importorskip("runout.backends.hash.batch")
     from runout.batch import simulate_batch
 
     arguments = {

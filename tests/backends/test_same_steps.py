@@ -7,8 +7,6 @@ from scenes import GRAVITY, HASH_DEVICE, plane, scene
 from runout import DruckerPrager, Elastic, Release, Terrain, simulate
 from runout.run import BATCH, Run, RunControl
 
-pytest.importorskip("runout.backends.hash.batch")
-
 TERRAIN = Terrain(np.tile(60.0 - 3.0 * np.arange(20), (14, 1)), (5.0, 5.0))
 THICKNESS = np.zeros(TERRAIN.shape)
 THICKNESS[5:9, 2:6] = 5.0

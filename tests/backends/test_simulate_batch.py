@@ -11,8 +11,6 @@ from runout import ConfigError, DruckerPrager, Release, Terrain, simulate
 from runout.batch import _Together, simulate_batch
 from runout.errors import CapacityError, MaterialError
 
-pytest.importorskip("runout.backends.hash.batch")
-
 TERRAIN = Terrain(np.tile(40.0 - 2.0 * np.arange(20), (14, 1)), (5.0, 5.0))
 THICKNESS = np.zeros(TERRAIN.shape)
 THICKNESS[5:9, 2:6] = 5.0

@@ -11,10 +11,10 @@ import pytest
 from scenes import SAND, assert_close_bulk, assert_same, assert_same_numbers, bowl, box, plane, scene, single_precision
 
 from runout.backends.protocol import get_backend
+from runout.backends.scan import workers
 from runout.model.particles import Particles
 from runout.model.surface import Surface
 
-workers = pytest.importorskip("runout.backends.scan.workers")
 CLAY = replace(SAND, density=1600.0, cohesion=3e3, friction_angle=20.0)
 
 

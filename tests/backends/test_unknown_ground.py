@@ -101,7 +101,8 @@ def test_blocks_beside_unknown_ground_may_sleep_and_lose_nothing():
 
 
 def test_scenes_of_a_batch_have_each_their_own_unknown_cells():
-    batch = pytest.importorskip("runout.backends.hash.batch")
+    from runout.backends.hash import batch
+
     surface, s = slope(materials=(HARD,))
     scenes = [replace(s, unknown=None), s, replace(s, unknown=np.roll(holes(), 3, axis=0))]
     together = batch.Batch([(one, body(surface)) for one in scenes], "cpu", True)

@@ -5,7 +5,7 @@
     python tests/benchmarks/idealized_topo_com1dfa.py record --out DIR
 
 ``run`` needs AvaFrame in an environment of its own; DIR then holds the maps of each run. ``record`` needs runout. It computes the
-numbers and writes `runout/studies/validation_cases/idealized_topo_com1dfa.json`. Both read RUNOUT_DATA/iseesnow/IdealizedTopo.
+numbers and writes `tests/benchmarks/records/idealized_topo_com1dfa.json`. Both read RUNOUT_DATA/iseesnow/IdealizedTopo.
 
 Configuration: AvaFrame's defaults with cells of 5 m, Voellmy friction with the numbers of the case, type null, no dam. com1DFA
 has no earth pressure coefficients: the script multiplies the pressure force along the velocity of a particle and across it.
@@ -178,8 +178,8 @@ def read(inputs: Any, path: Path) -> np.ndarray:
 
 def numbers(inputs: Any, thickness: np.ndarray, speed: np.ndarray, frames: Sequence[np.ndarray]) -> dict[str, Any]:
     """Numbers of peaks and of the thicknesses [m] at :data:`LOOKS`, all normal to the slope."""
+    from docs.pages.iseesnow_terms import means_along, stretch
     from runout.studies.validation_cases.iseesnow import EXTENT, MOVING
-    from runout.studies.validation_cases.iseesnow_terms import means_along, stretch
 
     east, cell = inputs.terrain.easting, CELLS**2
     sections = [float(frame.sum(axis=0).max()) * CELLS for frame in frames]
@@ -216,8 +216,8 @@ def runout_numbers(inputs: Any, angle: float, law: Any) -> dict[str, Any]:
 
 def record(out: Path) -> None:
     """Write the record of all runs of com1DFA that DIR holds, of those of runout, and of the median of the tools."""
+    from docs.pages.iseesnow_terms import OTHER
     from runout.studies.validation_cases import iseesnow
-    from runout.studies.validation_cases.iseesnow_terms import OTHER
     from runout.studies.validation_cases.whole_column import WholeColumn
 
     inputs = iseesnow.read("IdealizedTopo")

@@ -18,8 +18,6 @@ from runout.materials.drucker_prager import DruckerPrager
 from runout.model.release import Release
 from runout.model.terrain import Terrain
 
-pytest.importorskip("runout.simulation", reason="the simulation is not there yet")
-
 SLOPE = 0.5
 ANGLES = SimpleNamespace(distribution="discrete", values=[5.0, 25.0], frequencies=[1.0, 1.0])
 DENSITY = SimpleNamespace(distribution="discrete", values=[2000.0, -2000.0], frequencies=[3.0, 1.0])

@@ -15,6 +15,4 @@ from runout.backends.protocol import BACKENDS  # noqa: E402
 @pytest.fixture(params=BACKENDS)
 def backend(request):
     """A fresh backend on one thread of the CPU; hash where the environment says."""
-    if request.param == "hash":
-        pytest.importorskip("warp")
     return engine_of(request.param)

@@ -53,8 +53,6 @@ def counted(backend, structured):
 
 @pytest.mark.parametrize("backend", ["scan", "hash"])
 def test_a_run_without_structures_compiles_no_code_of_structures(backend):
-    if backend == "hash":
-        pytest.importorskip("warp")
     bare, structured = counted(backend, False), counted(backend, True)
     assert bare["structures"] == 0
     assert bare["all"] > 0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from boxes import Box, field_of_boxes
 from scenes import (
     HASH_DEVICE,
@@ -19,10 +20,10 @@ from scenes import (
 )
 
 from runout import Voellmy
+from runout.backends.hash import backend as hash_backend
+from runout.backends.hash import batch, layout
 from runout.backends.protocol import get_backend
 
-batch = pytest.importorskip("runout.backends.hash.batch")
-hash_backend = pytest.importorskip("runout.backends.hash.backend")
 GROUND, SPACING, DT = plane(0.05, 0.02), (1.0, 0.9, 0.8), 2e-3
 
 
@@ -56,7 +57,7 @@ def assert_same_run(a, b, tolerance):
 @pytest.mark.parametrize("shared", [False, True], ids=["one lane", "lanes of a GPU"])
 @pytest.mark.parametrize("deterministic", [False, True])
 def test_flow_against_a_wall_is_that_of_the_reference(monkeypatch, deterministic, shared):
-    monkeypatch.setattr(pytest.importorskip("warp").config, "enable_cpu_blocks", shared)
+    monkeypatch.setattr(wp.config, "enable_cpu_blocks", shared)
     a_scene, p = flow(wall())
     reference = loaded(get_backend("reference"), a_scene, p)
     for _ in range(60):
@@ -67,7 +68,7 @@ def test_flow_against_a_wall_is_that_of_the_reference(monkeypatch, deterministic
 
 @pytest.mark.parametrize("shared", [False, True], ids=["one lane", "lanes of a GPU"])
 def test_columns_that_drag_slows_meet_structures_as_in_the_reference(monkeypatch, shared):
-    monkeypatch.setattr(pytest.importorskip("warp").config, "enable_cpu_blocks", shared)
+    monkeypatch.setattr(wp.config, "enable_cpu_blocks", shared)
     a_scene, p = flow(wall(), friction=(Voellmy(mu=0.2, xi=60.0),))
     reference = loaded(get_backend("reference"), a_scene, p)
     for _ in range(40):
@@ -114,7 +115,7 @@ def test_single_precision_comes_close_and_repeats_its_bits():
 
 def launches_of_a_step(monkeypatch, a_scene, p, **choices):
     """Names of the kernels of one step behind the first."""
-    backend, wp, names = loaded(on_cpu(**choices), a_scene, p), pytest.importorskip("warp"), []
+    backend, names = loaded(on_cpu(**choices), a_scene, p), []
     for name in ("launch", "launch_tiled"):
         given = getattr(wp, name)
         monkeypatch.setattr(wp, name, lambda kernel, *a, _given=given, **k: names.append(kernel.key) or _given(kernel, *a, **k))
@@ -133,7 +134,7 @@ def test_structures_take_no_launch_where_there_are_none_or_no_mass_is_near(monke
 
 def test_flow_that_comes_to_a_wall_from_afar_makes_room_and_gives_what_the_reference_gives(monkeypatch):
     """No block is beside a structure at first, so nothing of its contact is launched."""
-    monkeypatch.setattr(pytest.importorskip("runout.backends.hash.layout"), "AMPLE", 0)
+    monkeypatch.setattr(layout, "AMPLE", 0)
     a_scene, p = flow(wall(35.0))
     p.velocity[:, 0] = 20.0
     reference, backend = (loaded(engine, a_scene, p) for engine in (get_backend("reference"), on_cpu(deterministic=IN_ORDER)))
@@ -167,5 +168,5 @@ def test_forecast_of_the_memory_counts_structures_within_two_percent(choices):
     near, beside = (int((a.numpy() >= 0).sum()) for a in (backend.parts.nodes.grounded, backend.parts.structures.grounded))
     ways = a_scene.precision, False, near, a_scene.transfer, a_scene.f_bar, a_scene.structures, beside
     said = hash_backend.bytes_needed(len(p), backend.parts.index.nall, *ways)
-    ground = pytest.importorskip("runout.backends.hash.layout").bytes_of(backend.parts.ground)
+    ground = layout.bytes_of(backend.parts.ground)
     assert said == pytest.approx(backend.bytes_used() - ground, rel=0.02)

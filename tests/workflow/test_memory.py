@@ -132,7 +132,6 @@ class OnCard:
 
 @pytest.mark.parametrize("case", CASES)
 def test_forecast_for_a_gpu_agrees_with_what_the_hash_backend_holds(case):
-    pytest.importorskip("warp")
     cell, thickness, spacing, per_cell = CASES[case]
     terrain, release = valley(cell, thickness)
     seen = []
@@ -145,7 +144,8 @@ def test_forecast_for_a_gpu_agrees_with_what_the_hash_backend_holds(case):
 
 
 def test_forecast_for_a_gpu_counts_the_masses_of_releases_whose_frictions_differ():
-    contact_area = pytest.importorskip("runout.backends.hash.contact_area")
+    from runout.backends.hash import contact_area
+
     terrain, release = valley(10.0, 30.0)
     seen, west = [], np.arange(terrain.shape[1]) < 20
     for xi in (1000.0, 2000.0):
@@ -160,7 +160,6 @@ def test_forecast_for_a_gpu_counts_the_masses_of_releases_whose_frictions_differ
 
 
 def test_forecast_for_a_gpu_is_that_of_its_own_figures():
-    pytest.importorskip("warp")
     terrain, release = valley(10.0, 60.0)
     scene, _ = build_scene(terrain, release, SAND, 20.0, 10.0)
     extent = expected_extent([release], scene.surface, (2.0, 2.0, 2.0), particles_per_axis(8))

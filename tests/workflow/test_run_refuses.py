@@ -57,7 +57,8 @@ def test_run_refuses_a_site_that_does_not_fit_into_memory_as_check_does(tmp_path
 
 def test_check_and_run_refuse_particles_that_a_card_cannot_address(tmp_path, capsys, monkeypatch):
     """The numbers of a card with room for 100; nothing is asked of a card."""
-    limits = pytest.importorskip("runout.backends.hash.limits")
+    from runout.backends.hash import limits
+
     monkeypatch.setattr(limits, "LARGEST_INDEX", 4 * 100)
     monkeypatch.setattr("runout.backends.protocol._cuda_devices", lambda: ("cuda:0",))
     monkeypatch.setattr(plan, "engine_for", lambda arguments: SimpleNamespace(device=SimpleNamespace(is_cuda=True)))
