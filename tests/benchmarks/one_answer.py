@@ -1,14 +1,13 @@
 """Run-out, area and numerical dissipation by grid spacing and by the place of the grid: one answer whatever the grid.
 
-    RUNOUT_DATA=DIR python tests/benchmarks/one_answer.py OUT [--backend hash --device cuda:0] [--processes 4]
+    RUNOUT_DATA=DIR python -m tests.benchmarks.one_answer OUT [--backend hash --device cuda:0] [--processes 4]
 
 Nine spacings between 0.7 and 4 cells of the raster, and at two of them four places of the grid: the raster loses 0 to 3 columns in
 the west and rows in the south. Sites: Frank Slide (20 m), avaKot (5 m, 12 m of rock in place of snow), and the made raster of
-`error_bar_coverage.py` (5 m). Writes one_answer.json and prints its table; the decision on the ground shows it.
+`error_bar_coverage.py` (5 m). Writes one_answer.json; copy it to tests/benchmarks/records/, then run `python -m docs.pages`.
 """
 
 import argparse
-import json
 import os
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -16,6 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from runout.io.atomic import write_json
+from runout.studies.work_precision import machine, versions
 
 RATIOS = (0.7, 1.0, 1.4, 1.7, 2.0, 2.4, 2.83, 3.4, 4.0)  # cells of the raster
 PLACES = {1.7: (1, 2, 3), 2.4: (1, 2, 3)}
@@ -25,9 +27,8 @@ LEVEL = 1.0  # [m] of the area
 
 def scenario(site: str) -> dict[str, Any]:
     """Arguments of ``runout.simulate`` but for the grid; the release has one part."""
-    from error_bar_coverage import made_site
-
     import runout
+    from tests.benchmarks.error_bar_coverage import made_site
 
     data = Path(os.environ["RUNOUT_DATA"])
     if site == "made":
@@ -71,22 +72,8 @@ def run(task: tuple[str, float, int, str, str]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Centre of the deposit [m], area over 1 m [ha] and numerical dissipation [%] by ratio; spread of the places [%]."""
-    lines = ["| site | | " + " | ".join(f"{r:g}" for r in RATIOS) + " |", "|---|---|" + "---|" * len(RATIOS)]
-    for site in dict.fromkeys(row["site"] for row in rows):
-        by = {(row["ratio"], row["place"]): row for row in rows if row["site"] == site}
-        for key, scale, digits in (("centre", 1.0, 0), ("area", 1e-4, 1), ("numerical", 100.0, 1)):
-            cells = [f"{by[r, 0][key] * scale:.{digits}f}" if (r, 0) in by else "" for r in RATIOS]
-            lines.append(f"| {site} | {key} | " + " | ".join(cells) + " |")
-        for ratio, places in PLACES.items():
-            values = [by[ratio, p]["centre"] for p in (0, *places) if (ratio, p) in by]
-            lines.append(f"{site}: places at {ratio:g} spread the centre by {100 * np.ptp(values) / np.mean(values):.2f} %")
-    return "\n".join(lines)
-
-
 def main() -> None:
-    """Make the runs and the table."""
+    """Make the runs and their record."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--backend", default="scan")
@@ -99,8 +86,9 @@ def main() -> None:
     with ProcessPoolExecutor(chosen.processes, mp_context=get_context("spawn")) as pool:
         rows = list(pool.map(run, sorted(tasks, key=lambda t: t[1])))
     rows.sort(key=lambda row: (row["site"], row["ratio"], row["place"]))
-    (chosen.out / "one_answer.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    print(table(rows))
+    engine = f"{chosen.backend} on {chosen.device}"
+    record = {"versions": versions(), "machine": machine(), "engine": engine, "level": LEVEL, "runs": rows}
+    print(write_json(record, chosen.out / "one_answer.json"))
 
 
 if __name__ == "__main__":

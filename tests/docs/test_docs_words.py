@@ -11,6 +11,7 @@ GENERATED = {
     "benchmarks/commands.md",
     "benchmarks/error_bars.md",
     "benchmarks/gpu.md",
+    "benchmarks/one_answer.md",
     "benchmarks/published.md",
     "benchmarks/skip.md",
     "benchmarks/transfers.md",
