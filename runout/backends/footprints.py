@@ -22,7 +22,7 @@ import numpy as np
 
 from runout.backends import column_peaks, spreading
 from runout.backends.compile import numba_binding, threads_at_most
-from runout.backends.protocol import RasterSums
+from runout.backends.protocol import BoxSums, RasterSums
 from runout.map_quantities import peak_quantities
 from runout.model.depth_resolution import SHARING as FEWEST
 from runout.model.particles import Particles
@@ -128,11 +128,11 @@ def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: 
     lanes, count = len(sums), lattice_shape(raster, lattice.cell)
     total = np.empty((lanes + 1, *sums.shape[1:]))
     loop("spread_bands", sums.size, sums, particle_volume / HALVES**2, SHARING, AREAS, total)
-    (east, north) = lattice.first
-    north, total = _inside(total, 1, north, count[0])
-    east, total = _inside(total, 2, east, count[1])
+    (north, east, total), (row, column, boxes) = (_inside(values, lattice.first, count) for values in (total, sums))
     mass = total[4] if lanes > 4 else density * total[0]
-    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes])
+    return RasterSums(
+        total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes], BoxSums(boxes, row, column, density)
+    )
 
 
 def lattice_shape(raster: Raster, cell: tuple[float, float]) -> tuple[int, int]:
@@ -147,7 +147,7 @@ def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> R
         return found
     sums = np.stack([found.volume, found.mass, found.depth_volume, *np.moveaxis(found.momentum, -1, 0)])
     row, column, shared = shared_by_area(sums, (found.row, found.column), raster, cell)
-    return RasterSums(shared[0], shared[1], np.moveaxis(shared[3:], 0, -1), row, column, shared[2])
+    return RasterSums(shared[0], shared[1], np.moveaxis(shared[3:], 0, -1), row, column, shared[2], found.boxes)
 
 
 def shared_by_area(
@@ -168,7 +168,7 @@ def shared_by_area(
 def on_whole(found: RasterSums, raster: Raster) -> RasterSums:
     """The same columns on all cells of the raster."""
     shape = raster.rows, raster.columns
-    whole = RasterSums(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)), flowing=np.zeros(shape))
+    whole = RasterSums(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)), 0, 0, np.zeros(shape), found.boxes)
     for name in ("volume", "mass", "momentum"):
         getattr(whole, name)[found.window] = getattr(found, name)
     whole.depth_volume[found.window] = found.depth_volume
@@ -222,7 +222,17 @@ def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tup
     return low, base - first, part
 
 
-def _inside(values: np.ndarray, axis: int, first: int, count: int) -> tuple[int, np.ndarray]:
+def _inside(values: np.ndarray, first: tuple[int, int], count: tuple[int, int]) -> tuple[int, int, np.ndarray]:
+    """First row and column, and values (lanes, rows, columns), on a lattice of ``count`` rows and columns; the rest is mirrored.
+
+    ``first`` is the cell of the lattice, east and north, of the first of the ``values``.
+    """
+    row, values = _folded(values, 1, first[1], count[0])
+    column, values = _folded(values, 2, first[0], count[1])
+    return row, column, values
+
+
+def _folded(values: np.ndarray, axis: int, first: int, count: int) -> tuple[int, np.ndarray]:
     """First cell and values (n along ``axis``) of a lattice of ``count`` cells; values beyond its ends are mirrored."""
     place = np.arange(first, first + values.shape[axis])
     if place[0] >= 0 and place[-1] < count:
