@@ -13,6 +13,7 @@ Single particles, fewer than share the extent, are mass at a place, not a thickn
 
 import inspect
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
@@ -145,24 +146,26 @@ def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> R
     """Columns over the cells of the raster under columns ``found`` on the lattice of ``cell`` [m]."""
     if not found.mass.size:
         return found
-    sums = np.stack([found.volume, found.mass, found.depth_volume, *np.moveaxis(found.momentum, -1, 0)])
-    row, column, shared = shared_by_area(sums, (found.row, found.column), raster, cell)
+    lanes = found.volume, found.mass, found.depth_volume, *np.moveaxis(found.momentum, -1, 0)
+    row, column, shared = shared_by_area(lanes, (found.row, found.column), raster, cell)
     return RasterSums(shared[0], shared[1], np.moveaxis(shared[3:], 0, -1), row, column, shared[2], found.boxes)
 
 
 def shared_by_area(
-    sums: np.ndarray, first: tuple[int, int], raster: Raster, cell: tuple[float, float]
+    sums: Sequence[np.ndarray], first: tuple[int, int], raster: Raster, cell: tuple[float, float]
 ) -> tuple[int, int, np.ndarray]:
     """First row and column of the raster, and shares (lanes, rows, columns) in its cells, of ``sums`` on the lattice of ``cell``.
 
-    ``sums`` (lanes, rows, columns) has its first row and column, from the south and the west, at ``first``.
+    ``sums``, several times (rows, columns), have their first row and column, from the south and the west, at ``first``.
     """
-    (north, east), size, (_, rows, columns) = first, raster.cell_size, sums.shape
+    (north, east), size, (rows, columns) = first, raster.cell_size, sums[0].shape
     column, *across = _shares(east, columns, cell[0], size[0], raster.columns)
     south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
+    along = [np.ascontiguousarray(values[::-1]) for values in along]  # rows of the raster are from the north
     found = np.empty((len(sums), len(along[0]), len(across[0])))
-    loop("share", sums.size, np.ascontiguousarray(sums), *along, *across, found)
-    return raster.rows - south - found.shape[1], column, np.ascontiguousarray(found[:, ::-1])
+    for lane, shared in zip(sums, found, strict=True):
+        loop("share", lane.size, np.ascontiguousarray(lane), *along, *across, shared)
+    return raster.rows - south - found.shape[1], column, found
 
 
 def on_whole(found: RasterSums, raster: Raster) -> RasterSums:
@@ -223,9 +226,9 @@ def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tup
 
 
 def _inside(values: np.ndarray, first: tuple[int, int], count: tuple[int, int]) -> tuple[int, int, np.ndarray]:
-    """First row and column, and values (lanes, rows, columns), on a lattice of ``count`` rows and columns; the rest is mirrored.
+    """First row and column, and view (lanes, rows, columns), on a lattice of ``count`` rows and columns; the rest is mirrored.
 
-    ``first`` is the cell of the lattice, east and north, of the first of the ``values``.
+    ``first`` is the cell of the lattice, east and north, of the first of the ``values``, which change.
     """
     row, values = _folded(values, 1, first[1], count[0])
     column, values = _folded(values, 2, first[0], count[1])
@@ -233,15 +236,11 @@ def _inside(values: np.ndarray, first: tuple[int, int], count: tuple[int, int]) 
 
 
 def _folded(values: np.ndarray, axis: int, first: int, count: int) -> tuple[int, np.ndarray]:
-    """First cell and values (n along ``axis``) of a lattice of ``count`` cells; values beyond its ends are mirrored."""
-    place = np.arange(first, first + values.shape[axis])
-    if place[0] >= 0 and place[-1] < count:
-        return first, values
-    inside = (place >= 0) & (place < count)
-    place = np.where(place < 0, -1 - place, np.where(place >= count, 2 * count - 1 - place, place)).clip(0, count - 1)
-    turned, low = np.moveaxis(values, axis, 0), int(place.min())
-    folded = np.zeros((int(np.ptp(place)) + 1, *turned.shape[1:]))
-    folded[place[inside] - low] = turned[inside]
-    for k in np.flatnonzero(~inside):
-        folded[place[k] - low] += turned[k]
-    return low, np.ascontiguousarray(np.moveaxis(folded, 0, axis))
+    """First cell, and the part of ``values`` (n along ``axis``) on a lattice of ``count`` cells, to which the rest is added."""
+    low, high = max(first, 0), min(first + values.shape[axis], count)
+    turned = np.moveaxis(values, axis, 0)
+    inside = turned[low - first : high - first]
+    for place in (*range(first, low), *range(high, first + values.shape[axis])):
+        mirrored = -1 - place if place < 0 else 2 * count - 1 - place
+        inside[min(max(mirrored, low), high - 1) - low] += turned[place - first]
+    return low, np.moveaxis(inside, 0, axis)
