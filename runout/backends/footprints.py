@@ -15,7 +15,7 @@ import inspect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -208,6 +208,7 @@ def _box_shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndar
     return np.maximum(covered, 0.0) / width  # type: ignore[no-any-return]
 
 
+@lru_cache(maxsize=64)
 def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tuple[int, np.ndarray, np.ndarray]:
     """First cell of the raster under a row of the lattice; the first of the lattice (n,) in each and parts (n, m) from it on.
 
