@@ -1,18 +1,26 @@
 """Measure what relief costs: ``python docs/measure_relief.py [EVERY]``; with 5, every fifth slab. All take some minutes.
 
+``RUNOUT_DATA=DIR python docs/measure_relief.py rasters`` prints the two-cell shares of real and made rasters instead.
+
 Slabs slide down planes with and without made relief, in a shallow channel that keeps them together. The loss of speed against the
 smooth plane is the extra friction; the law is :func:`runout.physics.numerical_scales.relief_friction` (docs/theory, the ground).
 """
 
 import math
+import os
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from runout import DruckerPrager, Release, Terrain, simulate
 from runout.model.scene import STANDARD_GRAVITY
+from runout.terrain.read import read_terrain
+from runout.terrain.relief import AROUND, two_cell_share
 from runout.terrain.roughness import of_ground
 
 H, ROWS = 10.0, 66  # cells of the grid [m]; rows of the raster, whose cells are a third as large
@@ -89,8 +97,38 @@ def slabs() -> list[Slab]:
     return found + [Slab(35, 18, t, *kind, 7, 26.0) for t in (0.5, 0.25) for kind in ((0, 0.05), (0, 0.1), (3, 0.05))]
 
 
+RASTERS = {
+    "frank_slide": "frank_slide_1903/Frankslide_topography.asc", "cascades_2021": "cascades_2021_landlab/pre_runout_DEM.asc",
+    "avaKot": "avaframe/avaKot/Inputs/avaKot.asc", "avaPfa": "avaframe/avaPfa/Inputs/avaPfa.asc",
+    "maipo": "maipo_debrisflow_runoptGPP/elev_12_5m.tif",
+}  # fmt: skip
+
+
+def rasters() -> Iterator[tuple[str, np.ndarray]]:
+    """Name and elevations [m] of six real rasters, of white noise, an oscillation and a raster of repeated cells."""
+    for name, path in RASTERS.items():
+        yield name, read_terrain(Path(os.environ["RUNOUT_DATA"]) / path).elevation
+    jacksboro = read_terrain("matplotlib:jacksboro_fault_dem").elevation
+    yield "jacksboro", jacksboro
+    row, column = np.indices((200, 200))
+    yield "white noise", np.random.default_rng(1).standard_normal((200, 200))
+    yield "oscillation", 5.0 * (-1.0) ** (row + column) - 3.0 * column
+    yield "jacksboro, cells repeated", np.repeat(np.repeat(jacksboro, 2, axis=0), 2, axis=1)
+
+
+def print_shares() -> None:
+    """Print the median two-cell share of each raster, over windows without unknown cells."""
+    for name, elevation in rasters():
+        known = np.isfinite(elevation)
+        inner = ndimage.binary_erosion(known, np.ones((AROUND + 4, AROUND + 4)))
+        share = two_cell_share(np.where(known, elevation, np.nanmean(elevation)))[inner]
+        print(f"{name}: {np.median(share):.2f}, of nine tenths of the cells below {np.quantile(share, 0.9):.2f}", flush=True)
+
+
 def main() -> None:
     """Print every slab, and the table of docs/theory."""
+    if sys.argv[1:] == ["rasters"]:
+        return print_shares()
     chosen = slabs()[:: int(sys.argv[1]) if len(sys.argv) > 1 else 1]
     ratios = []
     for slab in chosen:

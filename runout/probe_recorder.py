@@ -1,13 +1,13 @@
 """Observer of a run that records time series at points and cross-sections, from the same columns as the maps.
 
 A point has the values of the cell that holds it. The volume that passes a cross-section is the flux of volume through the line,
-summed over every observation of the run: the columns' momentum over their density, bilinear between the middles of the cells. Mass
-and momentum are spread over the same footprint, so that this flux and the change of the volume on either side agree but for
-changes of the footprints. Depths are those of the volume that flows. Particles
-arrive where they are with the velocity of their last step: the flux of that step is that of the columns half a step upstream.
+summed over every observation of the run: the momentum of the particles over their density, each a box of one grid cell, bilinear
+between the cells of the lattice. Footprints of maps follow the number of particles around, so that a sum over them is no balance;
+boxes only move. Widths and depths are those of the maps: of the volume that flows. Particles arrive where they are with the
+velocity of their last step: the flux of that step is that of the boxes half a step upstream.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from runout.backends import footprints
 from runout.backends.compile import array_binding
-from runout.backends.protocol import RasterSums
+from runout.backends.protocol import BoxSums, RasterSums
 from runout.backends.state import State
 from runout.map_quantities import ARRIVAL, peak_quantities
 from runout.model.probe_series import ProbeSeries
@@ -32,7 +32,7 @@ OF_POINT, OF_LINE = 3, 3  # numbers of an observation: depth, speed, density; fl
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of all cross-sections, shorter than a cell, and the cells around each.
+    """Pieces of all cross-sections, shorter than a cell of the lattice, and the cells around each.
 
     Attributes
     ----------
@@ -88,7 +88,8 @@ class ProbeRecorder:
         self.from_south, self.area = on_lattice, self.cell[0] * self.cell[1]
         self.point_cells = _joined([_cells_of_point(p, scene, self.cell) for p in probes.points])
         self.point_area = raster.cell_size[0] * raster.cell_size[1]
-        self.pieces = Pieces.of(probes.cross_sections, self.cell) if probes.cross_sections else None
+        self.lattice_cell = footprints.lattice_cell(scene)
+        self.pieces = Pieces.of(probes.cross_sections, self.lattice_cell) if probes.cross_sections else None
         self.line_cells = _joined([_lengths(line, self.cell, self.shape) for line in probes.cross_sections])
         self.times: list[float] = []
         self.steps: list[float] = []  # [s]
@@ -111,13 +112,8 @@ class ProbeRecorder:
     def _gathered(self, columns: RasterSums, place: np.ndarray) -> np.ndarray:
         """Volume, flowing volume [m3], mass [kg] and momentum (3) [kg m/s] (6, n) of columns at cells (2, n) from the south."""
         row = place[0] if self.from_south else self.shape[0] - 1 - place[0]
-        row, column = row - columns.row, place[1] - columns.column
-        found, (rows, count) = np.zeros((6, place.shape[1])), columns.mass.shape
-        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < count)
-        at = row[inside], column[inside]
-        found[:3, inside] = columns.volume[at], columns.depth_volume[at], columns.mass[at]
-        found[3:, inside] = columns.momentum[at].T
-        return found
+        lanes = columns.volume, columns.depth_volume, columns.mass, *np.moveaxis(columns.momentum, -1, 0)
+        return _at(lanes, row - columns.row, place[1] - columns.column)
 
     def _at_points(self, columns: RasterSums) -> np.ndarray:
         """Depth [m], speed [m/s] and density [kg/m3] of the points, one after another."""
@@ -132,9 +128,9 @@ class ProbeRecorder:
     def _at_lines(self, columns: RasterSums, dt: float) -> np.ndarray:
         """Flux [m3/s], covered width [m] and largest thickness [m] of the lines, one after another."""
         count = len(self.probes.cross_sections)
-        if self.pieces is None or not self._reaches_lines(columns):
-            return np.zeros(OF_LINE * count)
-        flux = np.bincount(self.pieces.owner, self._flux(self.pieces, columns, dt), count)
+        if self.pieces is None:
+            return np.zeros(0)
+        flux = np.bincount(self.pieces.owner, self._flux(self.pieces, columns.boxes, dt), count)
         crossed, cell, length = self.line_cells
         depth = self._gathered(columns, cell)[1] / self.area
         width = np.bincount(crossed, length * (depth >= self.arrival_threshold), count)
@@ -142,26 +138,20 @@ class ProbeRecorder:
         np.maximum.at(largest, crossed, depth)
         return np.concatenate([flux, width, largest])
 
-    def _reaches_lines(self, columns: RasterSums) -> bool:
-        """Whether there is any mass in the rectangle around the lines, or in a cell beside it."""
-        (south, west), (north, east) = self.line_cells[1].min(axis=1) - 1, self.line_cells[1].max(axis=1) + 2
-        low, high = (south, north) if self.from_south else (self.shape[0] - north, self.shape[0] - south)
-        rows, across = (slice(max(a - first, 0), max(b - first, 0)) for a, b, first in (
-            (low, high, columns.row), (west, east, columns.column),
-        ))  # fmt: skip
-        return bool(columns.mass[rows, across].any())
-
-    def _flux(self, pieces: Pieces, columns: RasterSums, dt: float) -> np.ndarray:
+    def _flux(self, pieces: Pieces, boxes: BoxSums | None, dt: float) -> np.ndarray:
         """Flux of volume [m3/s] through every piece of the lines, during the step of ``dt`` [s] before.
 
-        Bilinear between the columns of the nine cells around, each half a step upstream of where it is now.
+        Bilinear between the sums in the nine cells around, each half a step upstream of where it is now.
         """
-        volume, _, mass, *momentum, _ = self._gathered(columns, pieces.cells)
-        velocity = np.array(momentum) / np.maximum(mass, TINY)
-        moved = 0.5 * dt * velocity / np.array(self.cell)[:, None]
+        if boxes is None:
+            return np.zeros(len(pieces.owner))
+        (row, column), cell = pieces.cells, np.array(self.lattice_cell)
+        volume, east, north, mass = _at((*boxes.sums[:3], boxes.mass), row - boxes.row, column - boxes.column)
+        velocity = np.array((east, north)) / np.maximum(mass, TINY)
+        moved = 0.5 * dt * velocity / cell[:, None]
         share_x, share_y = np.maximum(1.0 - np.abs(pieces.apart + np.take(moved, pieces.around, axis=1)), 0.0)
-        east, north = np.take(volume * velocity / self.area, pieces.around, axis=1)
-        crossing = east * pieces.normals[0] + north * pieces.normals[1]
+        flux_east, flux_north = np.take(volume * velocity / cell.prod(), pieces.around, axis=1)
+        crossing = flux_east * pieces.normals[0] + flux_north * pieces.normals[1]
         return (share_x * share_y * crossing).sum(axis=0)  # type: ignore[no-any-return]
 
     def series(self, end_time: float, terrain: Terrain, maps: Mapping[str, np.ndarray]) -> ProbeSeries:
@@ -210,6 +200,16 @@ class ProbeRecorder:
 
 
 Cells = tuple[np.ndarray, np.ndarray, np.ndarray]  # numbers of their probes (n,), places (2, n), weights (n,)
+
+
+def _at(lanes: Sequence[np.ndarray], row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Values (lanes, n) of each of the ``lanes`` (rows, columns) in cells; 0 beyond them."""
+    rows, columns = lanes[0].shape
+    found, inside = np.zeros((len(lanes), len(row))), (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    at = row[inside], column[inside]
+    for k, lane in enumerate(lanes):
+        found[k, inside] = lane[at]
+    return found
 
 
 def _joined(several: list[tuple[np.ndarray, np.ndarray]]) -> Cells:

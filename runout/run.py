@@ -199,7 +199,9 @@ class Run:
         for step in range(1, count + 1):
             self.engine.step(self.dt)
             if step in self.looks:
+                started = clock.perf_counter()
                 self._note(self._time_after(step), self._columns())
+                self.observing += clock.perf_counter() - started
             if self.made + step < self.planned and not self.scene.bears(self.dt, self.engine.max_speed):
                 self._end_series(step)
                 return step

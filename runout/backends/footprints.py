@@ -13,8 +13,9 @@ Single particles, fewer than share the extent, are mass at a place, not a thickn
 
 import inspect
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from runout.backends import column_peaks, spreading
 from runout.backends.compile import numba_binding, threads_at_most
-from runout.backends.protocol import RasterSums
+from runout.backends.protocol import BoxSums, RasterSums
 from runout.map_quantities import peak_quantities
 from runout.model.depth_resolution import SHARING as FEWEST
 from runout.model.particles import Particles
@@ -128,11 +129,11 @@ def spread(sums: np.ndarray, lattice: Lattice, raster: Raster, particle_volume: 
     lanes, count = len(sums), lattice_shape(raster, lattice.cell)
     total = np.empty((lanes + 1, *sums.shape[1:]))
     loop("spread_bands", sums.size, sums, particle_volume / HALVES**2, SHARING, AREAS, total)
-    (east, north) = lattice.first
-    north, total = _inside(total, 1, north, count[0])
-    east, total = _inside(total, 2, east, count[1])
+    (north, east, total), (row, column, boxes) = (_inside(values, lattice.first, count) for values in (total, sums))
     mass = total[4] if lanes > 4 else density * total[0]
-    return RasterSums(total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes])
+    return RasterSums(
+        total[0], mass, np.moveaxis(total[1:4], 0, -1), north, east, total[lanes], BoxSums(boxes, row, column, density)
+    )
 
 
 def lattice_shape(raster: Raster, cell: tuple[float, float]) -> tuple[int, int]:
@@ -145,30 +146,32 @@ def on_raster(found: RasterSums, raster: Raster, cell: tuple[float, float]) -> R
     """Columns over the cells of the raster under columns ``found`` on the lattice of ``cell`` [m]."""
     if not found.mass.size:
         return found
-    sums = np.stack([found.volume, found.mass, found.depth_volume, *np.moveaxis(found.momentum, -1, 0)])
-    row, column, shared = shared_by_area(sums, (found.row, found.column), raster, cell)
-    return RasterSums(shared[0], shared[1], np.moveaxis(shared[3:], 0, -1), row, column, shared[2])
+    lanes = found.volume, found.mass, found.depth_volume, *np.moveaxis(found.momentum, -1, 0)
+    row, column, shared = shared_by_area(lanes, (found.row, found.column), raster, cell)
+    return RasterSums(shared[0], shared[1], np.moveaxis(shared[3:], 0, -1), row, column, shared[2], found.boxes)
 
 
 def shared_by_area(
-    sums: np.ndarray, first: tuple[int, int], raster: Raster, cell: tuple[float, float]
+    sums: Sequence[np.ndarray], first: tuple[int, int], raster: Raster, cell: tuple[float, float]
 ) -> tuple[int, int, np.ndarray]:
     """First row and column of the raster, and shares (lanes, rows, columns) in its cells, of ``sums`` on the lattice of ``cell``.
 
-    ``sums`` (lanes, rows, columns) has its first row and column, from the south and the west, at ``first``.
+    ``sums``, several times (rows, columns), have their first row and column, from the south and the west, at ``first``.
     """
-    (north, east), size, (_, rows, columns) = first, raster.cell_size, sums.shape
+    (north, east), size, (rows, columns) = first, raster.cell_size, sums[0].shape
     column, *across = _shares(east, columns, cell[0], size[0], raster.columns)
     south, *along = _shares(north, rows, cell[1], size[1], raster.rows)
+    along = [np.ascontiguousarray(values[::-1]) for values in along]  # rows of the raster are from the north
     found = np.empty((len(sums), len(along[0]), len(across[0])))
-    loop("share", sums.size, np.ascontiguousarray(sums), *along, *across, found)
-    return raster.rows - south - found.shape[1], column, np.ascontiguousarray(found[:, ::-1])
+    for lane, shared in zip(sums, found, strict=True):
+        loop("share", lane.size, np.ascontiguousarray(lane), *along, *across, shared)
+    return raster.rows - south - found.shape[1], column, found
 
 
 def on_whole(found: RasterSums, raster: Raster) -> RasterSums:
     """The same columns on all cells of the raster."""
     shape = raster.rows, raster.columns
-    whole = RasterSums(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)), flowing=np.zeros(shape))
+    whole = RasterSums(np.zeros(shape), np.zeros(shape), np.zeros((*shape, 3)), 0, 0, np.zeros(shape), found.boxes)
     for name in ("volume", "mass", "momentum"):
         getattr(whole, name)[found.window] = getattr(found, name)
     whole.depth_volume[found.window] = found.depth_volume
@@ -205,6 +208,7 @@ def _box_shares(x: np.ndarray, width: float, cell: float, count: int) -> np.ndar
     return np.maximum(covered, 0.0) / width  # type: ignore[no-any-return]
 
 
+@lru_cache(maxsize=64)
 def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tuple[int, np.ndarray, np.ndarray]:
     """First cell of the raster under a row of the lattice; the first of the lattice (n,) in each and parts (n, m) from it on.
 
@@ -222,16 +226,22 @@ def _shares(first: int, count: int, size: float, cell: float, cells: int) -> tup
     return low, base - first, part
 
 
-def _inside(values: np.ndarray, axis: int, first: int, count: int) -> tuple[int, np.ndarray]:
-    """First cell and values (n along ``axis``) of a lattice of ``count`` cells; values beyond its ends are mirrored."""
-    place = np.arange(first, first + values.shape[axis])
-    if place[0] >= 0 and place[-1] < count:
-        return first, values
-    inside = (place >= 0) & (place < count)
-    place = np.where(place < 0, -1 - place, np.where(place >= count, 2 * count - 1 - place, place)).clip(0, count - 1)
-    turned, low = np.moveaxis(values, axis, 0), int(place.min())
-    folded = np.zeros((int(np.ptp(place)) + 1, *turned.shape[1:]))
-    folded[place[inside] - low] = turned[inside]
-    for k in np.flatnonzero(~inside):
-        folded[place[k] - low] += turned[k]
-    return low, np.ascontiguousarray(np.moveaxis(folded, 0, axis))
+def _inside(values: np.ndarray, first: tuple[int, int], count: tuple[int, int]) -> tuple[int, int, np.ndarray]:
+    """First row and column, and view (lanes, rows, columns), on a lattice of ``count`` rows and columns; the rest is mirrored.
+
+    ``first`` is the cell of the lattice, east and north, of the first of the ``values``, which change.
+    """
+    row, values = _folded(values, 1, first[1], count[0])
+    column, values = _folded(values, 2, first[0], count[1])
+    return row, column, values
+
+
+def _folded(values: np.ndarray, axis: int, first: int, count: int) -> tuple[int, np.ndarray]:
+    """First cell, and the part of ``values`` (n along ``axis``) on a lattice of ``count`` cells, to which the rest is added."""
+    low, high = max(first, 0), min(first + values.shape[axis], count)
+    turned = np.moveaxis(values, axis, 0)
+    inside = turned[low - first : high - first]
+    for place in (*range(first, low), *range(high, first + values.shape[axis])):
+        mirrored = -1 - place if place < 0 else 2 * count - 1 - place
+        inside[min(max(mirrored, low), high - 1) - low] += turned[place - first]
+    return low, np.moveaxis(inside, 0, axis)

@@ -51,6 +51,21 @@ def box_blocks(coordinates: np.ndarray) -> int:
 
 
 @dataclass
+class BoxSums:
+    """Sums over particles, each a box of one grid cell in plan, on cells of the lattice of :mod:`runout.backends.footprints`."""
+
+    sums: np.ndarray  # (4 or 5, rows, columns): volume [m3], momentum (3) [kg m/s] and, unless all have one ``density``, mass [kg]
+    row: int  # first row, from the south, and column of the window
+    column: int
+    density: float  # [kg/m3]
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Mass [kg] (rows, columns)."""
+        return self.sums[4] if len(self.sums) > 4 else self.density * self.sums[0]
+
+
+@dataclass
 class RasterSums:
     """Sums over the particles above each cell of the raster or of a window of it (rows, columns)."""
 
@@ -60,6 +75,7 @@ class RasterSums:
     row: int = 0  # first row and column of the window
     column: int = 0
     flowing: np.ndarray | None = None  # [m3] without single particles, the volume that has a thickness; None: all of it
+    boxes: "BoxSums | None" = None  # the same particles before they are spread; None without any
 
     @property
     def depth_volume(self) -> np.ndarray:
