@@ -26,8 +26,9 @@ STEPS = 40
 
 def same_bits(one, other):
     """Whether two objects hold arrays and numbers of the same bytes under the same names."""
-    names = vars(one).keys() | vars(other).keys()
-    return [n for n in names if np.asarray(getattr(one, n)).tobytes() != np.asarray(getattr(other, n)).tobytes()] == []
+    if not hasattr(one, "__dict__"):
+        return np.asarray(one).tobytes() == np.asarray(other).tobytes()
+    return all(same_bits(getattr(one, name), getattr(other, name)) for name in vars(one).keys() | vars(other).keys())
 
 
 def sliding(precision="float64"):

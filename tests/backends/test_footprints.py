@@ -71,6 +71,10 @@ def test_what_hangs_over_the_edge_comes_back_without_a_spike(backend):
     p = at([(0.1, 0.1, 0.0), (79.9, 74.9, 0.0), (40.0, 74.0, 0.0)], COARSE)
     c = loaded(backend, scene(spacing=COARSE), p).columns()
     assert c.mass.sum() == pytest.approx(750.0, rel=1e-13)
+    assert c.boxes.mass.sum() == pytest.approx(750.0, rel=1e-13)
+    rows, columns = c.boxes.mass.shape
+    assert 0 <= c.boxes.row <= c.boxes.row + rows <= 20  # half cells of 3 m x 3.75 m
+    assert 0 <= c.boxes.column <= c.boxes.column + columns <= 27
     assert c.mass.max() < 8 * 250.0 / (2.5**2 * 9.0)  # four times the middle of a footprint, more where the edge cuts a half cell
     assert c.mass.min() >= 0.0
 

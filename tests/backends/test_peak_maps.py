@@ -1,5 +1,6 @@
 """Peaks over the columns of a flow: on the raster, or on the lattice of footprints where the raster is much finer."""
 
+import time as clock
 from dataclasses import replace
 
 import numpy as np
@@ -69,6 +70,23 @@ def test_cells_count_as_reached_where_the_peak_is_thick_enough(both):
         assert (np.isfinite(maps["arrival_time"]) == (maps["max_flow_thickness"] >= 0.1)).all()
         assert ((maps["max_speed"] > 0) == np.isfinite(maps["arrival_time"])).all()
         assert (maps["max_flow_thickness"] >= maps["deposit_thickness"] * (1 - 1e-12)).all()
+
+
+@pytest.mark.parametrize("name", ["scan", "reference"])
+def test_time_of_every_look_counts_as_that_of_the_observers(name, monkeypatch):
+    engine, columns, seconds = engine_of(name), type(engine_of(name)).flow_columns, []
+
+    def slow(self):
+        seconds.append(0.01)
+        clock.sleep(seconds[-1])
+        return columns(self)
+
+    monkeypatch.setattr(type(engine), "flow_columns", slow)
+    run = Run(engine, scene(), RunControl(0.05, stop=False, crossing=0.0), None, None)
+    run.start(at([(40.0, 30.0, 5.0)], (1.0, 1.0, 1.0)))
+    run.go()
+    assert len(seconds) > 2
+    assert run.observing > sum(seconds[1:])
 
 
 def test_flow_arrives_when_its_thickness_passes_the_threshold_between_two_looks():
