@@ -10,6 +10,7 @@ from runout.config.download import download
 from runout.config.remote import RemoteFile
 from runout.errors import InputError, StorageError
 from runout.io.boundary import exists, require_regular
+from runout.io.source_kinds import file_in, with_file
 
 DATA_FOLDER = "RUNOUT_DATA"
 CACHE_FOLDER = "RUNOUT_CACHE"
@@ -19,12 +20,12 @@ LOGGER = logging.getLogger(__name__)
 
 
 def locate(source: str | RemoteFile, folder: Path) -> str | Path:
-    """Path of an input; the name of a sample raster is returned unchanged.
+    """Path of an input; for one raster of several in a file its GDAL name with that path; the name of a sample is not changed.
 
     Parameters
     ----------
     source : str or RemoteFile
-        Path relative to ``folder``, ``matplotlib:NAME``, or a public file.
+        Path relative to ``folder``, ``NETCDF:"PATH":VARIABLE`` and the like, ``matplotlib:NAME``, or a public file.
     folder : Path
         Folder of the site.
 
@@ -39,10 +40,10 @@ def locate(source: str | RemoteFile, folder: Path) -> str | Path:
         return fetch(source)
     if source.startswith("matplotlib:"):
         return source
-    path = folder / source
+    path = folder / file_in(source)
     if exists(path):  # its reader reports a missing file
         require_regular(path, InputError)
-    return path
+    return path if file_in(source) == source else with_file(source, path)
 
 
 def fetch(remote: RemoteFile) -> Path:

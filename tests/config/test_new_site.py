@@ -116,7 +116,7 @@ def test_empty_folder_is_filled(tmp_path, inputs):
     [
         ("dme.asc", "release.geojson", InputError, r"no such elevation file; did you mean .*dem\.asc"),
         ("dem.asc", "relase.geojson", InputError, r"no such release file; did you mean .*release\.geojson"),
-        ("dem.asc", "notes.txt", InputError, "neither polygons nor a raster by its name; files of these kinds are read: .gpkg"),
+        ("dem.asc", "notes.txt", InputError, r"notes.txt: cannot be read as a raster .* a release is polygons \(GeoPackage,"),
         ("dem.asc", "broken.gpkg", InputError, "cannot be read"),
         ("release.geojson", "release.geojson", DemError, "release.geojson"),
     ],
