@@ -103,8 +103,8 @@ def _require_inputs(dem: str, release: str) -> None:
 def _missing(source: str, what: str) -> str:
     """Message on an input that is no file of this machine; empty if it is one."""
     path = Path(file_in(source))
-    if str(path).startswith("/vsi"):
-        return f"{path}: is a virtual file name of GDAL; name a file on this machine, unpacked"
+    if source.startswith("/vsi") or "://" in source:
+        return f"{source}: is no file on this machine; download or unpack it, and name the file"
     if exists(path) and not (path.is_dir() and not is_dataset(path)):
         return ""
     if exists(path):

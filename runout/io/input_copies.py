@@ -104,7 +104,7 @@ def _copied(source: str, folder: Path, stem: str, difference: Callable[[str, str
             _copy_file(file, folder / name)
         first = Path(next(iter(plan.values())))
         name = str(first.parent) if path.is_dir() else str(first)
-        reason = difference(source, with_file(source, folder / name))
+        reason = _reason(source, with_file(source, folder / name), difference)
         if not reason:
             return with_file(source, name)
         for name in plan.values():
@@ -113,6 +113,16 @@ def _copied(source: str, folder: Path, stem: str, difference: Callable[[str, str
         f"{source}: its copy has another content than the file ({reason or 'its files lie in several folders'}); close it in other "
         "programs, or write it in one file (rasters: `gdal_translate`, to GeoTIFF; polygons: `ogr2ogr`, to GeoPackage)"
     )
+
+
+def _reason(source: str, copy: str, difference: Callable[[str, str], str]) -> str:
+    """In what a copy differs from the original; empty if it is equal."""
+    try:
+        return difference(source, copy)
+    except InputError as error:
+        if file_in(copy) in str(error):
+            return "it cannot be read"
+        raise
 
 
 def _plans(path: Path, files: list[Path], stem: str) -> Iterator[Plan]:
@@ -151,6 +161,7 @@ def _copy_database(source: Path, target: Path) -> None:
             closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", uri=True)) as original,
             closing(sqlite3.connect(target)) as copy,
         ):
+            original.execute("BEGIN").execute("SELECT name FROM sqlite_master")  # refused if locked, where a backup waits for ever
             original.backup(copy)
             copy.execute("PRAGMA journal_mode = DELETE")  # the copy is one file
     except sqlite3.Error as cause:

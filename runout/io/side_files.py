@@ -1,7 +1,7 @@
 """Lists the files that an input depends on: the file, its side files, and the sources of a virtual file.
 
 GDAL lists the side files of a raster (georeference, mask, statistics, header).
-Side files of vector formats are in a table here, since no library lists them. Overviews are left out because they are not read.
+Side files of vector formats, and those that GDAL does not list, are in a table here. Overviews are left out because they are not read.
 """
 
 import os
@@ -13,12 +13,13 @@ from runout.errors import InputError
 from runout.io.opening import open_raster
 from runout.io.source_kinds import SQLITE, file_in
 
-VECTOR_SIDES = {
+SIDES = {
     ".shp": (".shx", ".dbf", ".prj", ".cpg", ".cst"),
     ".tab": (".dat", ".map", ".id", ".ind"),
     ".mif": (".mid",),
     ".gml": (".xsd", ".gfs"),
     ".csv": (".csvt", ".prj"),
+    ".bt": (".prj",),
 }
 NOT_YET_WRITTEN_BACK = ("-wal", "-journal")  # journals of SQLite files such as GeoPackage
 SOURCE = re.compile(r"<(?:SourceFilename|SourceDataset|SrcDataSource)([^>]*)>([^<]+)<", re.IGNORECASE)
@@ -62,7 +63,7 @@ def _collect(path: Path, found: dict[str, Path], depth: int) -> None:
     if depth == 0 or not path.is_file():
         return
     sources = _sources(path)
-    for other in (*sources, *_raster_files(path), *_vector_files(path)):
+    for other in (*sources, *_raster_files(path), *_unlisted_files(path)):
         if sources and _key(other) != _key(path):
             _collect(other, found, depth - 1)
         elif other.suffix.lower() != OVERVIEWS:
@@ -83,9 +84,9 @@ def _raster_files(source: Path | str) -> list[Path]:
     return [p for p in listed if p.is_file()]
 
 
-def _vector_files(path: Path) -> list[Path]:
-    """Side files of a vector file, whatever the case of their suffixes."""
-    sides = VECTOR_SIDES.get(path.suffix.lower(), ())
+def _unlisted_files(path: Path) -> list[Path]:
+    """Side files of :data:`SIDES`, whatever the case of their suffixes, and journals."""
+    sides = SIDES.get(path.suffix.lower(), ())
     named = [p for p in path.parent.glob(f"{_literal(path.stem)}.*") if p.suffix.lower() in sides] if sides else []
     real = path.resolve()  # SQLite looks for the journal beside the file, not beside a link to it
     pending = [real.with_name(real.name + end) for end in NOT_YET_WRITTEN_BACK]
