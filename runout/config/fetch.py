@@ -8,6 +8,7 @@ from pathlib import Path
 
 from runout.config.download import download
 from runout.config.remote import RemoteFile
+from runout.config.stated_at import without_folder
 from runout.errors import InputError, StorageError
 from runout.io.boundary import exists, require_regular
 from runout.io.source_kinds import file_in, with_file
@@ -77,8 +78,8 @@ def without_fetched_folders(text: str) -> str:
     """A message whose files in RUNOUT_DATA are relative to it, and whose files in the cache have the name that their URL has."""
     stated = os.environ.get(DATA_FOLDER)
     if stated:
-        text = re.sub(rf"(?<![\w./-]){re.escape(os.path.normpath(Path(stated).expanduser()))}/", "", text)
-    return re.sub(rf"{re.escape(str(cache_folder()))}/[0-9a-f]{{12}}-", "", text)
+        text = without_folder(text, os.path.normpath(Path(stated).expanduser()))
+    return without_folder(text, str(cache_folder()), "[0-9a-f]{12}-")
 
 
 def _in_data_folder(remote: RemoteFile) -> Path | None:

@@ -67,7 +67,7 @@ def open_raster(name: Path | str, error: type[InputError]) -> Iterator[Any]:
                 require_own_grids(dataset.crs.to_wkt() if dataset.crs else "", name, error)
                 _require_blocks(dataset, name, error)
                 yield dataset
-        except (RasterioError, CRSError, UnicodeDecodeError) as cause:
+        except (RasterioError, CRSError, UnicodeError) as cause:
             remedy = "check it with `gdalinfo`, or write it as GeoTIFF"
             raise error(f"{name}: cannot be read as a raster ({cause}); {remedy}") from cause
 
