@@ -1,6 +1,7 @@
 """A vector file from elsewhere reaches neither the network nor other files; every reader of the project uses the one way in."""
 
 import ast
+import contextlib
 import json
 import os
 import sqlite3
@@ -95,6 +96,17 @@ def test_a_plain_geopackage_is_read_and_one_with_a_view_for_a_layer_is_not(geopa
             "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) VALUES ('seen', 'features', 'seen', 32632)"
         )
     refused(geopackage, terrain, "layer 'seen' is a view; write it as a table")
+
+
+def test_a_view_that_is_only_in_the_journal_of_a_geopackage_is_refused(geopackage, terrain):
+    with contextlib.closing(sqlite3.connect(geopackage)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("PRAGMA wal_autocheckpoint=0")
+        database.execute("CREATE VIEW seen AS SELECT * FROM release")
+        columns = "(table_name, data_type, identifier, srs_id)"
+        database.execute(f"INSERT INTO gpkg_contents {columns} VALUES ('seen', 'features', 'seen', 32632)")
+        database.commit()
+        refused(geopackage, terrain, "layer 'seen' is a view; write it as a table")
 
 
 def test_a_geopackage_with_a_virtual_table_is_refused(geopackage, terrain):
