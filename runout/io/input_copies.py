@@ -22,6 +22,7 @@ from runout.io.opening import NETCDF, open_raster, open_vector
 from runout.io.references import header, is_vrt
 from runout.io.side_files import NOT_YET_WRITTEN_BACK, OVERVIEWS, files_of
 from runout.io.source_kinds import SQLITE, file_in, with_file
+from runout.io.window import LARGEST_WHOLE
 
 CELLS_AT_ONCE = 2**20  # cells of two rasters that are compared at once
 MOST_COMPARED = 2**25  # cells; of a larger raster evenly spaced rows are compared, since its files are compared as well
@@ -179,16 +180,18 @@ def _as_geotiff(source: str, folder: Path, stem: str) -> str:
 
     target = folder / f"{stem}.tif"
     with open_raster(source, InputError) as dataset:
-        needed = dataset.width * dataset.height * sum(np.dtype(kind).itemsize for kind in dataset.dtypes)
-        free = shutil.disk_usage(folder).free
-        if needed > free:
-            size = f"{dataset.width} x {dataset.height} cells of the VRT need {needed / 1e9:.3g} GB as GeoTIFF"
+        rows, columns = dataset.shape
+        if rows * columns > LARGEST_WHOLE:
+            size = f"the VRT has {columns} x {rows} cells, more than are written as GeoTIFF for a site ({LARGEST_WHOLE:,})"
             remedy = f"cut it: `gdal_translate -projwin WEST NORTH EAST SOUTH {source} cropped.tif`"
-            raise InputError(f"{source}: {size}, {free / 1e9:.3g} GB are free; {remedy}")
+            raise InputError(f"{source}: {size}; {remedy}")
+        needed = rows * columns * sum(np.dtype(kind).itemsize for kind in dataset.dtypes)
         with Env(GDAL_TIFF_INTERNAL_MASK=True):
             try:
                 rasterio.shutil.copy(dataset, target, **GEOTIFF)
             except RasterioError as cause:
+                if shutil.disk_usage(folder).free < needed:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target)) from cause
                 raise InputError(f"{source}: the VRT cannot be written as GeoTIFF ({cause}); use `gdal_translate`") from cause
     reason = raster_difference(source, str(target))
     if reason:

@@ -1,7 +1,7 @@
 """Lists the files that an input depends on: the file, its side files, and the sources of a virtual file.
 
 GDAL lists the side files of a raster (georeference, mask, statistics, header).
-Side files of vector formats, and those that GDAL does not list, are in a table here. Overviews are left out because they are not read.
+Side files of vector formats, and those that GDAL does not list, are in a table here. Overviews are not read and left out.
 """
 
 import os

@@ -1,7 +1,6 @@
 """Messages on keys in the wrong place, and on input files: each names line and key of site.yaml."""
 
 import json
-
 from pathlib import Path
 
 import numpy as np

@@ -184,11 +184,25 @@ def test_the_copy_of_a_virtual_raster_refers_to_no_file(tmp_path, target):
         assert copy.files == [str(target / "dem.tif")]
 
 
-def test_a_virtual_raster_that_does_not_fit_on_the_disk_is_refused(tmp_path, target, monkeypatch):
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
-    with pytest.raises(InputError, match=r"30 x 20 cells of the VRT need .* as GeoTIFF, .* are free; cut it"):
-        copy_raster(str(virtual(tmp_path)), target, "dem")
+def test_a_virtual_raster_of_a_nation_is_cut_by_the_user(tmp_path, target):
+    path = virtual(tmp_path)
+    path.write_text(path.read_text().replace('rasterXSize="30" rasterYSize="20"', 'rasterXSize="200000" rasterYSize="100000"'))
+    with pytest.raises(InputError, match=r"has 200000 x 100000 cells, more than are written .*; cut it: `gdal_translate -projwin"):
+        copy_raster(str(path), target, "dem")
     assert not list(target.iterdir())
+
+
+def test_a_full_disk_is_an_error_of_the_disk(tmp_path, target, monkeypatch):
+    def full(*_, **__):
+        raise rasterio.errors.RasterioIOError("write failed")
+
+    path = virtual(tmp_path)
+    monkeypatch.setattr(rasterio.shutil, "copy", full)
+    with pytest.raises(InputError, match="cannot be written as GeoTIFF"):
+        copy_raster(str(path), target, "dem")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
+    with pytest.raises(OSError, match="No space left"):
+        copy_raster(str(path), target, "dem")
 
 
 def test_a_virtual_raster_with_a_source_elsewhere_is_refused(tmp_path, target):
