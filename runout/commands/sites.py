@@ -1,9 +1,9 @@
 """Commands that make, run and compare sites."""
 
 import logging
-import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -28,7 +28,7 @@ def new(
     from runout.config.scaffold import new_site
 
     made = new_site(folder, dem, release, thickness, crs=crs, layer=layer)
-    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, shlex.quote(str(folder)))
+    LOGGER.info("made %s; set thickness and material in site.yaml, then: runout check %s", made, quote(str(folder)))
     return ExitCode.OK
 
 

@@ -65,8 +65,9 @@ def copy_vector(source: str, folder: Path, stem: str) -> str:
 
 def raster_difference(one: str, other: str) -> str:
     """In what two rasters differ: georeference, bands, mask or values; empty if they are equal."""
-    if header(Path(file_in(one))).startswith(NETCDF) and file_in(one) == one:  # its reader looks at no other file
-        return "" if filecmp.cmp(one, other, shallow=False) else "content"
+    files = Path(file_in(one)), Path(file_in(other))
+    if files[0].is_file() and header(files[0]).startswith(NETCDF):  # its reader looks at no other file
+        return "" if filecmp.cmp(*files, shallow=False) else "content"
     with open_raster(one, InputError) as first, open_raster(other, InputError) as second:
         for name in ("shape", "dtypes", "crs", "scales", "offsets", "units"):
             if getattr(first, name) != getattr(second, name):
